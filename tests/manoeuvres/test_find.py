@@ -55,6 +55,46 @@ def test_rest_of_five_seconds_divides(pause_s: float, count: int):
     assert len(found_in(stream(rudder))) == count
 
 
+def ringing(seconds: float, then: float = 25.0) -> np.ndarray:
+    """A yaw rate that moves by 2 with the rudder, by 1 for these seconds after, and rests"""
+    return flown(rest(20), doublets(10, 1.0), doublets(seconds, 0.5), rest(then - seconds))
+
+
+@pytest.mark.parametrize(
+    ("rings_s", "rest_s"), [(0.0, 5.0), (6.0, 10.0), (8.0, 12.0), (20.0, 15.0)]
+)
+def test_it_ends_when_the_yaw_rate_has_moved_little_for_four_seconds_too_or_after_fifteen(
+    rings_s: float, rest_s: float
+):
+    rudder = flown(rest(20), doublets(10), rest(25))
+    found = found_in(stream(rudder, y=ringing(rings_s)))
+    assert spans(found) == [(BEGIN - HZ, END + round(rest_s * HZ) - 1)]
+
+
+def test_a_yaw_rate_that_moves_by_a_tenth_has_decayed():
+    rudder, y = flown(rest(20), doublets(10), rest(25)), ringing(0.0)
+    y[END:] = 0.099 * doublets(25, 1.0)
+    assert spans(found_in(stream(rudder, y=y))) == USUAL
+    y[END:] = 0.11 * doublets(25, 1.0)
+    assert spans(found_in(stream(rudder, y=y))) == [(USUAL[0][0], END + 15 * HZ - 1)]
+
+
+def test_a_turn_that_follows_is_no_decay_to_wait_for():
+    rudder, y = flown(rest(20), doublets(10), rest(25)), ringing(0.0)
+    y[END:] = np.linspace(0.0, 3.0, 25 * HZ)
+    turn = np.where(np.arange(len(y)) < END, 0.0, y)
+    assert spans(found_in(stream(rudder, y=y, turn=turn))) == USUAL
+    assert spans(found_in(stream(rudder, y=y))) != USUAL
+
+
+def test_a_rudder_that_moves_again_ends_the_wait_and_takes_its_newest_second():
+    rudder = flown(rest(20), doublets(10), rest(9), doublets(6), rest(10))
+    y = flown(rest(20), doublets(35, 1.0))
+    again = END + 9 * HZ
+    found = found_in(stream(rudder, y=y))
+    assert spans(found) == [(BEGIN - HZ, again - HZ - 1), (again - HZ, len(rudder) - 1)]
+
+
 def test_a_second_one_begins_no_earlier_than_the_first_ended():
     rudder = flown(rest(20), doublets(10), rest(5.1), doublets(10), rest(20))
     first, second = spans(found_in(stream(rudder)))
@@ -257,6 +297,7 @@ PIECES = st.lists(
             "mixed": st.sampled_from([0.0, 0.5]),
             "held": st.lists(st.tuples(st.integers(0, 500), st.integers(1, 90)), max_size=2),
             "aileron_from": st.sampled_from([0, 30]),
+            "rings": st.sampled_from([0.0, 1.0]),
             "speed_unknown": st.sampled_from([0.0, 0.3]),
             "then": EVENTS,
             "by": st.floats(0.0, 1.0),
@@ -282,7 +323,8 @@ def piece(told: dict[str, Any], **options: Any) -> SampleBlock:
         rudder[at : at + length] = np.nan
     aileron[: told["aileron_from"]] = np.nan
     speed = np.where(rng.random(n) < told["speed_unknown"], np.nan, options.pop("airspeed"))
-    return stream(rudder, aileron=aileron, airspeed=speed, **options)
+    y = told["rings"] * rng.normal(size=n).cumsum()
+    return stream(rudder, aileron=aileron, airspeed=speed, y=y, **options)
 
 
 def built(pieces: list[dict[str, Any]]) -> SampleBlock:

@@ -93,8 +93,12 @@ def test_a_dead_link_stands_in_red_with_how_long() -> None:
             "move the rudder; it takes some seconds",
         ),
         ({}, "move the rudder more"),
-        ({"is_excited": True}, "enough: rudder to neutral, then let go: 5 s of rest end it"),
-        ({"is_excited": True, "rests_s": 1.8}, "let go: the manoeuvre ends after 3 s more of rest"),
+        ({"is_excited": True}, "enough: rudder to neutral, then let go for 5 s or more"),
+        ({"is_excited": True, "rests_s": 1.8}, "let go: the manoeuvre needs 3 s more of rest"),
+        (
+            {"is_excited": True, "rests_s": 5.0},
+            "let go: the manoeuvre ends when the yaw rate has decayed",
+        ),
     ],
 )
 def test_the_pilot_is_told_what_to_do(change: dict[str, object], words: str) -> None:

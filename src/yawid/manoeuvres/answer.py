@@ -46,8 +46,10 @@ OTHER_ORDERS = (*NEXT, 1)
 """Second candidate orders; one of the two is chosen for the whole flight, from all manoeuvres."""
 LEAST_SWINGS = 2
 """The least number of strokes of the rudder, there and back."""
-LEAST_PERIODS = 3.0
-"""The least length of a manoeuvre in periods of its Dutch roll."""
+LEAST_PERIODS, LEAST_PERIODS_SURE = 3.0, 2.5
+"""The least length of a manoeuvre in periods of its Dutch roll, and where wn is surely known."""
+SURE_WN = 0.03
+"""The total sigma of wn, as a part of wn, below which wn is surely known."""
 LEAST_ALONE_PCT = 60.0
 """The least simulated fit in percent where nothing could be held back. Steps of the pedals in turns
 and landings had 40 to 64 %, and were wrong."""
@@ -239,11 +241,13 @@ def short_reasons(fits: Fits, history: SampleHistory, evidence: Evidence) -> Ite
             f"varies with the airspeed: at most {OTHER_SPEED:g} is allowed; choose a stretch by "
             "--from and --to",
         )
-    if periods < LEAST_PERIODS:
+    is_sure = float(evidence.total_std[0]) < SURE_WN * wn_rad_s
+    if periods < (LEAST_PERIODS_SURE if is_sure else LEAST_PERIODS):
         yield Reason(
             "not_converged",
             f"the {seconds:.1f} s hold only {periods:.1f} periods of the Dutch roll found: at "
-            f"least {LEAST_PERIODS:g} are needed",
+            f"least {LEAST_PERIODS:g} are needed, or {LEAST_PERIODS_SURE:g} where the sigma of wn "
+            f"is below {100 * SURE_WN:g} %",
         )
     if math.isnan(evidence.held_back_pct) and simulated < LEAST_ALONE_PCT:
         yield Reason(

@@ -1,8 +1,9 @@
 """The search for manoeuvres: samples in, the samples of each manoeuvre out when it has ended.
 
 A manoeuvre begins 1 s before the rudder's own part first leaves its rest position, and ends when
-that part has rested for 5 s, so it contains the free decay. Decisions are made for each second of
-the grid, from the samples until then: where a stream is cut into blocks changes nothing.
+that part has rested for 5 s and the yaw rate has decayed, or after 15 s of rest. So it contains the
+free decay. Decisions are made for each second of the grid, from the samples until then: where a
+stream is cut into blocks changes nothing.
 """
 
 from collections.abc import Callable
@@ -10,8 +11,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from yawid.blocks import WINDOW_S, Bools, Floats, SampleBlock, extremes, shifted
-from yawid.manoeuvres.candidate import MOVES, Candidate, UnderWay, flown_in
+from yawid.blocks import WINDOW_S, Bools, Floats, SampleBlock, shifted
+from yawid.manoeuvres.candidate import MOVES, Candidate, UnderWay, flown_in, moved_within
 from yawid.results.excitation import (
     CHUNK_S,
     MODE_LATE_S,
@@ -169,16 +170,18 @@ class _Section:
         """
         if not is_bare:
             return self.finish()
+        found = []
+        if self._open is not None and self._open.rings:
+            found = self._end(gives_back=True)
         newest_k = int(self._undecided[-1].k[-1]) if self._undecided else self._decided_k
         if self._open is None and not self._moves_now():
-            found = self._decide_rest()
+            found += self._decide_rest()
             lead = self._before
             self._start()
             self._earlier = None if lead is None else flown_in(mode, lead)
             return found
-        found = []
         if newest_k - self._reach > self._decided_k:
-            found = self._step(newest_k - self._reach, is_last=True)
+            found += self._step(newest_k - self._reach, is_last=True)
         # How the newest rows follow the aileron is not known yet: they count for the new mode.
         left = [flown_in(mode, rows) for rows in self._undecided]
         if self._open is not None and newest_k - self._open.began_k < self._late:
@@ -221,7 +224,7 @@ class _Section:
         rows = SampleBlock.joined(self._undecided)
         seen = np.concatenate([self._past, _measured(rows, self._unit)])
         table = _on_grid(seen, self._decided_k - self._window + 2, end)
-        moving = np.flatnonzero(_stroke(table[:, 0], self._window)[self._window - 1 :] > MOVES)
+        moving = np.flatnonzero(moved_within(table[:, 0], self._window)[self._window - 1 :] > MOVES)
         if len(moving):
             end = (self._decided_k + 1 + int(moving[0])) // self._stride * self._stride
         if end >= self._next_stride:
@@ -264,13 +267,13 @@ class _Section:
         oldest = max(int(places[0]) - self._window + 1, 0)
         end = last_k - first_k + 1
         newest = _on_grid(seen, first_k + oldest, last_k + 1)[:, 0]
-        whole = _stroke(newest, self._window)[places - oldest]
+        whole = moved_within(newest, self._window)[places - oldest]
         if whole.max() <= MOVES:
             return whole
         own = self._own(seen, first_k, slice(oldest, end))
         if own is None:
             return None
-        return np.minimum(_stroke(own, self._window)[places - oldest], whole)
+        return np.minimum(moved_within(own, self._window)[places - oldest], whole)
 
     def _own(self, seen: Floats, first_k: int, rows: slice) -> Floats | None:
         """Return the rudder's own part (rows,) at these rows of the grid from ``first_k`` on.
@@ -328,8 +331,20 @@ class _Section:
             taken, is_over = self._open.feed(rows.select(slice(at, None)), stroke[at:])
             at += taken
             if is_over:
-                found += [self._open.samples()] if self._open.is_excited else []
-                self._open, self._before = None, None
+                moves_again = at < len(rows) and stroke[at] > MOVES
+                found += self._end(gives_back=moves_again)
+        return found
+
+    def _end(self, *, gives_back: bool) -> list[SampleBlock]:
+        """End the manoeuvre under way and return it if it is one.
+
+        With ``gives_back`` the newest second of its wait for the decay is kept for the next one.
+        """
+        assert self._open is not None
+        waited = self._open.rings and gives_back
+        self._before = self._open.given_back(self._lead) if waited else None
+        found = [self._open.samples()] if self._open.is_excited else []
+        self._open = None
         return found
 
     def _lead_of(self, began_k: int) -> SampleBlock | None:
@@ -360,14 +375,6 @@ def _on_grid(seen: Floats, first_k: int, stop_k: int) -> Floats:
     inside = seen[slice(*np.searchsorted(seen[:, 0], (first_k, stop_k)))]
     table[inside[:, 0].astype(np.int64) - first_k] = inside[:, 1:]
     return table
-
-
-def _stroke(x: Floats, window: int) -> Floats:
-    """Return how far x (n,) moved within the last ``window`` rows, by its known values."""
-    known, before = np.isfinite(x), np.full(window - 1, np.inf)
-    high = extremes(np.maximum, np.concatenate([-before, np.where(known, x, -np.inf)]), window)
-    low = extremes(np.minimum, np.concatenate([before, np.where(known, x, np.inf)]), window)
-    return np.asarray(np.maximum(high - low, 0.0), np.float64)
 
 
 def _reached(x: Floats) -> float:

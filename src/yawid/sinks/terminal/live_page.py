@@ -88,9 +88,11 @@ def what_to_do(vehicle: VehicleFacts) -> tuple[str, str]:
     if not vehicle.is_excited:
         return "move the rudder more", "yellow"
     if vehicle.rests_s < MOVING_S:
-        return f"enough: rudder to neutral, then let go: {WINDOW_S:.0f} s of rest end it", "green"
-    left_s = max(WINDOW_S - vehicle.rests_s, 0.0)
-    return f"let go: the manoeuvre ends after {left_s:.0f} s more of rest", "green"
+        return f"enough: rudder to neutral, then let go for {WINDOW_S:.0f} s or more", "green"
+    left_s = WINDOW_S - vehicle.rests_s
+    if left_s < 0.5:
+        return "let go: the manoeuvre ends when the yaw rate has decayed", "green"
+    return f"let go: the manoeuvre needs {left_s:.0f} s more of rest", "green"
 
 
 def _one(facts: LiveFacts, width: int, room: int) -> Group:
