@@ -107,6 +107,25 @@ def test_options_say_what_a_file_does_not(tmp_path: Path) -> None:
     check(settled(tmp_path / "a.csv", spelt, asked))
 
 
+@pytest.mark.parametrize("column", ["airspeed", "on_ground", "unknown"])
+def test_full_rudder_on_the_ground_is_no_scale_of_a_flight(tmp_path: Path, column: str) -> None:
+    """25 deg either way in a control check and in the landing roll, 2 deg in between"""
+    t = np.arange(1200) / 20.0
+    ground = (t < 15) | (t >= 45)
+    rudder = np.where(ground, 25.0, 2.0) * np.sign(np.sin(2 * t))
+    other = {"airspeed": np.where(ground, 12.0, 80.0), "on_ground": ground, "unknown": t}[column]
+    rows = zip(t, rudder, np.sin(t), other, strict=True)
+    text = f"t,rudder_deg,r_deg_s,{column}\n" + "".join(
+        f"{a:.2f},{b:.3f},{c:.4f},{float(d):g}\n" for a, b, c, d in rows
+    )
+    (tmp_path / "a.csv").write_text(text)
+    record = Log(tmp_path / "a.csv", ()).record
+    assert record is not None
+
+    found = record.settle(RIGHT).stroke_rad
+    assert found == pytest.approx(np.deg2rad(50.0 if column == "unknown" else 4.0))
+
+
 def test_parquet_says_its_units_with_its_fields_and_its_dates_by_their_type(tmp_path: Path) -> None:
     t = pa.array([UNIX * 1000 + ms for ms in (0, 20, 40, 60)], pa.timestamp("ms", "UTC"))
     units = ("rudder", RUDDER_DEG, "deg"), ("r", R_DEG_S, "deg/s")

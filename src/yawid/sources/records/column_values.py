@@ -5,13 +5,19 @@ from typing import Final
 
 import numpy as np
 
-from yawid.blocks import Floats, Held, Ints
+from yawid.blocks import Floats, Held, Ints, RecordBlock
 from yawid.errors import ConfigError, SourceError
 from yawid.quantities.table import CHANNELS
 from yawid.quantities.units import HALF_TRAVEL, UNITS, Unit, unit_of
 from yawid.sources.records.find_columns import Asked, Found, Table
 from yawid.sources.records.headers import ANGLES, KINDS, is_column
-from yawid.sources.records.rows import BACK_US, largest, largest_stroke, usual_interval_us
+from yawid.sources.records.rows import (
+    BACK_US,
+    in_flight,
+    largest,
+    largest_stroke,
+    usual_interval_us,
+)
 from yawid.sources.records.times import NO_DATE, NO_TIME, dates_ns_of, is_unix
 
 MOST: Final = {
@@ -166,6 +172,15 @@ def kind_of(found: Found, unit: Unit, own: dict[str, str]) -> str:
     if found.header.kind is not None:
         return KINDS[found.header.kind]
     return own.get("kind") or ("measured" if unit.symbol == "rad" else "commanded")
+
+
+def flown_stroke_rad(rows: RecordBlock) -> float:
+    """Return the largest stroke within 5 s of a rudder in rad, in flight only, as a scale.
+
+    The full deflections of a control check, of taxi and of a landing roll say nothing of a flight.
+    """
+    flown = np.where(in_flight(rows), rows.rudder, np.nan)
+    return max(largest_stroke(rows.t_us, flown), LEAST_STROKE_RAD)
 
 
 def aileron_of(table: Table, found: Found, t_us: Ints) -> Floats:

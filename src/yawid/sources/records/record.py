@@ -6,6 +6,7 @@ it, unless a column has a name of the table and its values fit the unit of the t
 
 import tomllib
 from collections.abc import Iterator
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Final
@@ -22,6 +23,7 @@ from yawid.sources.records.airspeeds import airspeed_of
 from yawid.sources.records.column_values import (
     Settled,
     aileron_of,
+    flown_stroke_rad,
     held_of,
     in_its_unit,
     is_assumed,
@@ -118,6 +120,8 @@ class Record:
         )
         table.load(())  # the table need not keep its columns any longer
         rows = self._rows.block
+        if settled.stroke_rad is not None and "rudder_stroke_rad" not in own:
+            settled = replace(settled, stroke_rad=flown_stroke_rad(rows))
         for name, has in (("rudder", rows.has_surfaces), ("r", rows.has_yaw)):
             if not has.any():
                 raise ChannelError(f"{place_of(table, found[name])}: it holds no value at all")

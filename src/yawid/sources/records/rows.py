@@ -22,6 +22,8 @@ PIECE: Final = 1 << 16
 """The number of rows that are made at a time."""
 STRETCH_S: Final = 1.0
 """The length of the stretches by which the largest stroke is found."""
+SLOW, FAST_PCT = 0.5, 90.0
+"""Below this part of this percentile of its speeds, an aircraft does not fly."""
 WINDOW_S: Final = 5.0
 """The time within which a stroke counts."""
 
@@ -176,6 +178,19 @@ def largest_stroke(t_us: Ints, values: Floats) -> float:
         reach = np.maximum(high[count:] - low[:n], high[:n] - low[count:])[near]
         most = max(most, float(reach.max(initial=0.0)))
     return most
+
+
+def in_flight(block: RecordBlock) -> Bools:
+    """Return which rows (n,) are flown by ``on_ground``, or else by the speed; all where unknown.
+
+    A speed below half of the fastest tenth's is that of taxi, a take-off roll or a landing roll.
+    """
+    speeds = [newest(each) for each in (block.airspeed, block.ground_speed)]
+    speed = next((each for each in speeds if np.isfinite(each).any()), speeds[0])
+    flown: Bools = newest(block.on_ground) != 1.0
+    if np.isfinite(speed).any():
+        flown &= ~(speed < SLOW * np.nanpercentile(speed, FAST_PCT))
+    return flown if flown.any() else ~flown
 
 
 def _seconds(t_us: Ints, values: Floats) -> Iterator[tuple[Ints, Floats, Floats]]:
