@@ -86,7 +86,8 @@ def test_where_such_a_stream_is_cut_into_blocks_changes_nothing(late_s: float):
 
     ((first, last),) = spans(found[0])
     assert BEGIN - HZ <= first < BEGIN
-    assert last == BEGIN + round(5.5 * HZ) - 1
+    # zeta * WN = 1.8: the yaw rate's envelope has fallen to a tenth 1.3 s after the doublet.
+    assert BEGIN + round(5.5 * HZ) - 1 <= last <= BEGIN + round((0.5 + 1.3 + 4.0) * HZ)
     assert set(found[0][0].mode) == {MANUAL}
     for other in found[1:]:
         assert_same(found[0], other)
