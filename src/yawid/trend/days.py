@@ -18,7 +18,7 @@ from yawid.blocks import Bools, Floats, Ints
 HOUR_US: Final = 3_600_000_000
 DAY_US: Final = 24 * HOUR_US
 NIGHT_US: Final = 6 * HOUR_US
-"""A longer time between two flights ends a day; midnight (UTC) does not, as it may be at noon."""
+"""A longer time between two flights ends a day. Midnight in UTC does not: it may be in daylight."""
 LONGEST_US: Final = 18 * HOUR_US
 """Longest day, from its first flight, if no night ends it."""
 YEAR_US: Final = 365.25 * DAY_US
