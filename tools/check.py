@@ -1,4 +1,4 @@
-"""Runs all checks of a developer in the current environment: tests, format, lint and types.
+"""Runs all checks of a developer in the current environment: tests, format, lint, types, words.
 
     python tools/check.py [--fast | --long]
 
@@ -33,6 +33,7 @@ def commands(*, fast: bool = False, long: bool = False) -> list[list[str]]:
         [python, "-m", "ruff", "format", "--check", "."],
         [python, "-m", "ruff", "check", "."],
         [python, "-m", "mypy", "--strict", *TYPED],
+        [python, "tools/checks/words.py"],
     ]
 
 
