@@ -14,7 +14,7 @@ beside = told["beside"]  # ``beside`` is a name, as is that of the key
 
 def f() -> str:
     # That is beside the point.
-    return f"{beside} stands next to it"
+    return f"{beside} stands next to it, {'; '.join(f'{beside} it' for beside in told)}"
 '''
 
 

@@ -36,7 +36,8 @@ _PARTS = {
     ),
 }
 """What of a file is prose: strings, and comments with those that go on in the next line."""
-_NAMES = re.compile(r"``[^`]*``|`[^`\n]*`|\{[^{}\n]*\}")
+_NAMES = re.compile(r"``[^`]*``|`[^`\n]*`|\{(?:[^{}\n]|\{[^{}\n]*\})*\}")
+"""What of prose is code: between backquotes, or a field of an f-string, perhaps with another."""
 
 
 class Word(NamedTuple):
