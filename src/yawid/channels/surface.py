@@ -52,7 +52,7 @@ class Surface:
     ``how`` says how it was found (parameter, option, assumed, ...). ``scale`` converts half travels
     to the unit wanted, with its sign. ``twins`` are further outputs of the same function, which
     should move alike and are only compared. ``column`` is its name in a record without messages;
-    ``measured`` is true of a measured deflection there, false of a command.
+    ``measured`` is True for a measured deflection there, False for a command, else None.
     """
 
     message: str
