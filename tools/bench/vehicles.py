@@ -186,7 +186,7 @@ def main(arguments: list[str]) -> Iterator[str]:
     logs = [list(vehicle(sysid)) for sysid in range(1, 1 + max(options.vehicles))]
     yield (
         "| | frames lost, dropped | CPU %, each | worst latency, ms: p50 / p99 / max "
-        "| reported after: median, last | as replayed |"
+        "| delay: median, last | as replayed |"
     )
     yield "|---" * 6 + "|"
     for vehicles in options.vehicles:
