@@ -8,10 +8,11 @@ hovers or flies on its wings.
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 import numpy as np
 
-from yawid.blocks import Array, Floats, Held, Ints, MessageBlock
+from yawid.blocks import Array, Bools, Floats, Held, Ints, MessageBlock
 from yawid.channels.parameters import ParameterTable
 from yawid.channels.series import Latest
 from yawid.channels.surface import raw_output
@@ -29,6 +30,12 @@ from yawid.quantities.vehicles import (
 
 LEAST_AIRSPEED = 5.0
 """An aircraft with wings does not fly if airspeed and ground speed are below this, in m/s."""
+LEAST_HEIGHT_M = 15.0
+"""A slow aircraft flies from this height above its lowest place on: a barometer drifts by 10 m."""
+LEAP_M = 30.0
+"""An altitude that changes by more than this in one message has a new reference."""
+LEAST_MOTION = 1.0
+"""An aircraft with both speeds below this, in m/s, stands."""
 AP_MOTORS = range(33, 41)
 """The SERVOn_FUNCTION of motors 1 to 8."""
 DRIVEN = 0.05
@@ -114,12 +121,57 @@ class Wings:
 
 
 @dataclass(slots=True)
-class FlightState:
-    """The newest VFR_HUD, HEARTBEAT and EXTENDED_SYS_STATE of the ``vehicle``."""
+class SlowFlight:
+    """The evidence that an aircraft flies although it is slower than ``LEAST_AIRSPEED``.
 
+    It is high above the lowest place so far, it moves, and it has never been twice as fast: a fast
+    aircraft that is slow does not fly.
+    """
+
+    _lowest_m: float = np.inf
+    _last_m: float = np.nan
+    _fastest: float = 0.0
+
+    def shows(self, altitude_m: Floats, airspeed: Floats, over_ground: Floats) -> Bools:
+        """Return where the rows (n,) that follow are flown, by altitude and speeds in m/s.
+
+        NaN is unknown. The rows up to each one decide, however they were cut into blocks.
+        """
+        speeds = np.nan_to_num(np.fmin(airspeed, over_ground))
+        fastest = np.maximum.accumulate(np.append(self._fastest, speeds))
+        self._fastest = float(fastest[-1])
+        slow = fastest[1:] < 2.0 * LEAST_AIRSPEED
+        high = np.zeros(len(altitude_m), bool)
+        rows = np.flatnonzero(np.isfinite(altitude_m))
+        if len(rows) == 0:
+            return high
+        altitude = altitude_m[rows]
+        leaps = np.abs(np.diff(altitude, prepend=self._last_m)) > LEAP_M
+        self._last_m = float(altitude[-1])
+        starts = np.flatnonzero(leaps).tolist()
+        for first, stop in pairwise([0, *starts, len(altitude)]):
+            part = altitude[first:stop]
+            if stop > first:
+                self._lowest_m = np.inf if leaps[first] else self._lowest_m
+                lowest = np.minimum.accumulate(np.append(self._lowest_m, part))[1:]
+                high[rows[first:stop]] = part - lowest >= LEAST_HEIGHT_M
+                self._lowest_m = float(lowest[-1])
+        moves = np.fmax(airspeed, over_ground) >= LEAST_MOTION
+        return high & slow & moves
+
+
+@dataclass(slots=True)
+class FlightState:
+    """The newest VFR_HUD, HEARTBEAT and EXTENDED_SYS_STATE of the ``vehicle``.
+
+    With ``all_flown`` nothing is on the ground.
+    """
+
+    all_flown: bool = False
     vehicle: Vehicle | None = None
+    _slow: SlowFlight = field(default_factory=SlowFlight)
     wings: Wings = field(default_factory=Wings)
-    _hud: Latest = field(default_factory=lambda: Latest(4))
+    _hud: Latest = field(default_factory=lambda: Latest(5))
     _state: Latest = field(default_factory=lambda: Latest(2))
     _system: Latest = field(default_factory=lambda: Latest(2))
 
@@ -157,16 +209,18 @@ class FlightState:
         }
 
     def _hud_columns(self, fields: Array) -> Floats:
-        """Return airspeed, ground speed, altitude and the kind of airspeed, (n, 4).
+        """Return airspeed, ground speed, altitude, kind of airspeed, 1 for slow flight, (n, 5).
 
         An on-board log has the kind itself; for a message the autopilot decides it.
         """
         names = "airspeed", "groundspeed", "alt"
+        air, ground, altitude = _columns(*names)(fields).T
+        flies = self._slow.shows(altitude, air, ground).astype(float)
         if "airspeed_kind" in (fields.dtype.names or ()):
-            return _columns(*names, "airspeed_kind")(fields)
+            return np.column_stack([_columns(*names, "airspeed_kind")(fields), flies])
         autopilot = 0 if self.vehicle is None else self.vehicle.autopilot
         kind = AIRSPEED_GIVEN.get(("VFR_HUD", autopilot), AIRSPEED_GIVEN["VFR_HUD", "airspeed"])
-        return np.column_stack([_columns(*names)(fields), np.full(len(fields), float(kind))])
+        return np.column_stack([air, ground, altitude, np.full(len(fields), float(kind)), flies])
 
     def _on_ground(self, hud: Floats, armed: Floats, landed: Floats) -> Floats:
         """Return 1 on the ground, 0 in the air and NaN where neither is reported, (n,).
@@ -174,14 +228,17 @@ class FlightState:
         A vehicle is on the ground if both speeds are low, or if it is disarmed (ArduPilot alone)
         and slow over ground, since VFR_HUD reports any airspeed at boot. An autopilot that reports
         it has landed is believed unless it is fast over ground: a disarmed PX4 may only be carried
-        along.
+        along. Slower aircraft fly as well: see :class:`SlowFlight`.
         """
+        if self.all_flown:
+            return np.zeros(len(hud))
         air, over_ground = hud[:, 0], hud[:, 1]
         fast, slow = over_ground >= LEAST_AIRSPEED, over_ground < LEAST_AIRSPEED
         counts = self.vehicle is not None and self.vehicle.autopilot == ARDUPILOT
         disarmed = (armed == 0.0) & counts
-        grounded = slow & ((air < LEAST_AIRSPEED) | disarmed) | ~fast & (landed == LANDED)
-        flying = fast | (air >= LEAST_AIRSPEED) | (landed > LANDED)
+        flies = hud[:, 4] == 1.0
+        grounded = slow & ((air < LEAST_AIRSPEED) & ~flies | disarmed) | ~fast & (landed == LANDED)
+        flying = fast | (air >= LEAST_AIRSPEED) | (landed > LANDED) | flies
         return np.where(grounded, 1.0, np.where(flying, 0.0, np.nan))
 
 

@@ -60,10 +60,10 @@ class Channels:
         self.flows = Flow(), Flow()
         self._used: tuple[Surface, ...] = ()
         self._received = ReceivedMessages()
-        self._state_of_flight = FlightState()
+        self._state_of_flight = FlightState(config.airborne == "all")
         self.command = Command(config)
         self.boots = Boots()
-        self.yaw = YawReader(heading_rate=config.output == "heading-rate")
+        self.yaw = YawReader(config.output == "heading-rate", config.airborne == "all")
         self._surface = SurfaceReader(len(config.inputs))
         self.twins = self._surface.twins
         self.is_record = False

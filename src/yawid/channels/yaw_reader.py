@@ -13,7 +13,7 @@ import numpy as np
 
 from yawid.blocks import Array, Floats, Held, Ints, MessageBlock, RecordBlock, euler
 from yawid.channels.clock import OwnClock, boot_us
-from yawid.channels.flight_state import LEAST_AIRSPEED, FlightState
+from yawid.channels.flight_state import LEAST_AIRSPEED, FlightState, SlowFlight
 from yawid.channels.series import Series
 from yawid.channels.stick_fallback import Wait
 from yawid.quantities.airspeed import GRAVITY, known, over_ground
@@ -99,10 +99,12 @@ UNTIMED = "VFR_HUD"
 class YawReader:
     """The reader of the best source received so far.
 
-    With ``heading_rate`` the rate is that of the heading, by Euler's formula, instead of yaw rate.
+    With ``heading_rate`` the rate is that of the heading, by Euler's formula, instead of yaw rate;
+    with ``all_flown`` no row of a record is on the ground.
     """
 
     heading_rate: bool = False
+    all_flown: bool = False
     source: str | None = None
     column: str = ""
     rows: int = 0
@@ -111,6 +113,7 @@ class YawReader:
     _slope: "HeadingRate | None" = None
     _wait: Wait = field(default_factory=Wait)
     _last_us: int | None = None
+    _flight: SlowFlight = field(default_factory=SlowFlight)
 
     @property
     def label(self) -> str:
@@ -196,10 +199,11 @@ class YawReader:
             rate = _heading_rate(block.roll, level, block.q, rate)
         airspeed = known(block.airspeed)
         turn = np.where(told, block.turn_rate, _turn_rate(airspeed, block.roll, level))
-        on_ground = np.where(told, block.on_ground, _grounded(block))
+        on_ground = np.where(told, block.on_ground, self._grounded(block))
         lost = lost + int(Held.YAW_INVALID) * np.isnan(rate)
         held = np.where(block.held > 0, block.held - lost, 0)
         held = held - int(Held.ON_GROUND) * (told & (on_ground == 1.0))
+        on_ground = np.zeros(len(block)) if self.all_flown else on_ground
         steep = ~told & (np.maximum(np.abs(block.roll), np.abs(level)) > UPRIGHT)
         held = held + int(Held.STEEP) * steep
         self.rows += len(block)
@@ -210,6 +214,14 @@ class YawReader:
         columns = (made[name] if name in made else getattr(block, name) for name in ROW)
         values = np.column_stack([*columns])
         return Series(2 * block.order + 1, block.received_us, block.t_us, values)
+
+    def _grounded(self, block: RecordBlock) -> Floats:
+        """Return 1 on the ground, 0 in the air (n,): by speed and height if not in the record."""
+        air = block.airspeed
+        flies = self._flight.shows(block.altitude, air, block.ground_speed)
+        flies |= air >= LEAST_AIRSPEED
+        by_speed = np.where(flies, 0.0, np.where(air < LEAST_AIRSPEED, 1.0, np.nan))
+        return np.where(np.isfinite(block.on_ground), block.on_ground, by_speed)
 
     def _timed_beside(self, block: MessageBlock, clock: OwnClock) -> tuple[MessageBlock, Ints]:
         """Return the rows at which the clock has advanced since the row before, and its times.
@@ -252,13 +264,6 @@ def _turn_rate(airspeed: Floats, roll: Floats, pitch: Floats) -> Floats:
     speed = np.where(airspeed > LEAST_AIRSPEED, airspeed, np.nan)
     turn: Floats = GRAVITY / speed * np.sin(roll) * np.cos(pitch)
     return turn
-
-
-def _grounded(block: RecordBlock) -> Floats:
-    """Return 1 on the ground, 0 in the air (n,): by the airspeed if the record does not say."""
-    slow, fast = block.airspeed < LEAST_AIRSPEED, block.airspeed >= LEAST_AIRSPEED
-    by_speed = np.where(slow, 1.0, np.where(fast, 0.0, np.nan))
-    return np.where(np.isfinite(block.on_ground), block.on_ground, by_speed)
 
 
 @dataclass(slots=True)

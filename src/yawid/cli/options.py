@@ -73,6 +73,12 @@ Option = tuple[str, Callable[[str], Any], str, str]
 SAMPLES: tuple[Option, ...] = (
     ("--from", float, "S", "first second since boot (default: the log's first)"),
     ("--to", float, "S", "last second since boot (default: the log's last)"),
+    (
+        "--airborne",
+        str,
+        "auto|all",
+        "all: take every sample as flown; auto: hold those on the ground (default: auto)",
+    ),
     ("--boot", int, "N", "only the vehicle's Nth boot in the log, from 1 (default: all)"),
 )
 CHANNELS: tuple[Option, ...] = (

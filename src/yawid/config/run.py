@@ -65,6 +65,7 @@ class RunConfig:
     - ``band`` in Hz; None is no filter;
     - ``from_s`` and ``to_s`` in s since boot; ``boot``: the only boot of the vehicle whose samples
       count, from 1; None is all of them;
+    - ``airborne``: "all" takes every sample as flown, None or "auto" holds those on the ground;
     - ``rudder_max_deg``: the full deflection; None makes one unit half the travel;
     - ``servo_tau``: the servo's lag in s; None is unknown;
     - ``manoeuvres``: whether they are searched for. Orders, inputs and turn apply to every
@@ -108,6 +109,7 @@ class RunConfig:
     from_s: Finite | None = None
     to_s: Finite | None = None
     sysid: Annotated[int, Meta(ge=1, le=255, description="be 1 to 255")] | None = None
+    airborne: Annotated[str, one_of("auto", "all")] | None = None
     boot: Annotated[int, Meta(ge=1, description="be at least 1: boots count from 1")] | None = None
     manoeuvres: Annotated[str, one_of("auto", "off")] = "auto"
     given: tuple[str, ...] = ()

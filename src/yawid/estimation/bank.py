@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from yawid.blocks import EstimateBlock, Floats, Ints, SampleBlock
+from yawid.blocks import EstimateBlock, Floats, Held, Ints, SampleBlock
 from yawid.config.run import RunConfig
 from yawid.estimation.reference.estimator import make_estimator
 
@@ -93,12 +93,16 @@ class PastModels:
 
 
 class Bank:
-    """Runs the estimators of a configuration; at each change of epoch all of them start again."""
+    """Runs the estimators of a configuration; at each change of epoch all of them start again.
+
+    ``taken`` counts the samples, and ``grounded`` those of them that were held as on the ground.
+    """
 
     def __init__(self, config: RunConfig, sample_time_s: float) -> None:
         self.config = config
         self.sample_time_s = sample_time_s
         self.methods = config.bank_methods()
+        self.taken, self.grounded = 0, 0
         self._epoch: int | None = None
         self._start_again()
 
@@ -123,6 +127,8 @@ class Bank:
         if self._epoch is not None and epoch != self._epoch:
             self._start_again()
         self._epoch = epoch
+        self.taken += len(samples)
+        self.grounded += int(np.count_nonzero(samples.held & Held.ON_GROUND))
         self.last = {
             method: estimator.run(samples.u, samples.y, covariance=True)
             for method, estimator in self.estimators.items()

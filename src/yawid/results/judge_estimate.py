@@ -398,6 +398,7 @@ def bank_verdict(
     is less than half as large; with ``first_answers`` the others only check it.
     """
     config, history = bank.config, bank.history()
+    grounded = bank.grounded / max(bank.taken, 1) if isinstance(bank, Bank) else 0.0
     judged = judge_methods(bank, evidence, rates_hz)
     sound = [method for method in bank.methods if method not in judged.refused]
     answers = bank.methods[0] if first_answers or not sound else sound[0]
@@ -406,7 +407,7 @@ def bank_verdict(
             answers = method
     reasons = [
         *others,
-        *excitation_reasons(judged.moved, config.travel_said),
+        *excitation_reasons(judged.moved, config.travel_said, grounded),
         *stroke_reasons(judged.moved, config),
         *input_reasons(config.inputs, history.u, config.stop),
         *flight_reasons(history, config.turn),

@@ -43,6 +43,9 @@ LEAST_RESPONSE = 0.5
 """The part of the yaw rate that a rudder must explain to move it clearly. It was 0.64 where a
 receiver moved the servos of a disarmed autopilot, and 0.36 where an autopilot was only carried
 along."""
+MOSTLY_GROUNDED = 0.5
+"""The share of samples on the ground above which the refusal of a rudder at rest says so."""
+IF_IT_FLEW = "if the aircraft flew, take them by --airborne all"
 ROUNDING = 1e-9
 """The relative variation up to which a signal only varies by rounding."""
 UNCERTAIN_WN, UNCERTAIN_ZETA = 0.1, 0.15
@@ -108,18 +111,23 @@ def changed_rates(
             return
 
 
-def excitation_reasons(found: Movement, travel: str = "half its travel") -> Iterator[Reason]:
+def excitation_reasons(
+    found: Movement, travel: str = "half its travel", grounded: float = 0.0
+) -> Iterator[Reason]:
     """Judge whether the rudder moved, and whether it moved by itself or as the aileron's copy.
 
     It must have moved far enough within any five seconds: ten doublets in an hour are enough to
-    learn from, a slow drift of the trim is not. ``travel`` names what the strokes are parts of.
+    learn from, a slow drift of the trim is not. ``travel`` names what the strokes are parts of;
+    ``grounded`` is the share (0 to 1) of the samples that are held because they are on the ground.
     """
-    needed = f"at least {100 * LEAST_STROKE:.0f} % is needed"
+    needed, held = f"at least {100 * LEAST_STROKE:.0f} % is needed", ""
+    if grounded > MOSTLY_GROUNDED:
+        held = f"; {100 * grounded:.0f} % of the samples are held as on the ground: {IF_IT_FLEW}"
     if found.most_whole < LEAST_STROKE:
         yield Reason(
             "not_excited",
             f"the rudder's largest movement within {WINDOW_S:g} s is {100 * found.most_whole:.1f} "
-            f"% of {travel}: {needed}",
+            f"% of {travel}: {needed}{held}",
         )
     elif found.most_own < LEAST_STROKE:
         yield Reason(

@@ -24,7 +24,7 @@ from yawid.answers.run_summary import (
     Value,
     VerdictSummary,
 )
-from yawid.blocks import WINDOW_S, Floats, finite, strokes, window_of, words
+from yawid.blocks import WINDOW_S, Floats, Held, finite, strokes, window_of, words
 from yawid.config.run import RunConfig
 from yawid.estimation.bank import Bank, PastModels, SampleHistory
 from yawid.estimation.fit import LEAST_SAMPLES, TRAINING, fit_percent, simulate
@@ -38,7 +38,7 @@ from yawid.quantities.table import REDUCTION_ERROR
 from yawid.results.advice import advised
 from yawid.results.excitation import LEAST_STROKE
 from yawid.results.judge_estimate import Estimates, Evidence, bank_verdict
-from yawid.results.judge_samples import changed_rates, why_believed
+from yawid.results.judge_samples import IF_IT_FLEW, changed_rates, why_believed
 from yawid.results.reasons import Reason, Verdict
 from yawid.results.structures import (
     NEWEST,
@@ -156,7 +156,8 @@ def _basis(pipeline: Finished, report: ChannelReport, link: LinkStats) -> Basis:
         return Basis([*found, Reason("not_excited", text)])
     if report.used == 0:
         why = ", ".join(words(flag) for flag in report.held)
-        found.append(Reason("not_excited", f"every sample is held: {why}"))
+        cure = f"; {IF_IT_FLEW}" if Held.ON_GROUND in report.held else ""
+        found.append(Reason("not_excited", f"every sample is held: {why}{cure}"))
     found += changed_rates(*report.rates_hz, *report.later_hz)
     return Basis(found, report.rates_hz)
 
