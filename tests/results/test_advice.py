@@ -7,7 +7,10 @@ from hand_flights import forty, four_of_a_flight, summary
 from msgspec.structs import replace
 
 from yawid.answers.run_summary import ReasonSummary, VehicleSeen
+from yawid.estimation.free_run import RudderEffect
 from yawid.results.advice import Situation, advised, next_step, remedy, to_do
+from yawid.results.judge_rudder import rudder_reasons
+from yawid.results.judge_samples import damper_reasons
 from yawid.results.reasons import ARDUPILOT, KINDS, PX4
 
 PLANE, QUADROTOR = 1, 2
@@ -76,3 +79,15 @@ def test_every_verdict_that_is_not_usable_says_what_to_do_next_and_no_other() ->
 
     assert len({each.usable for each in verdicts}) == 2
     assert [each.next is None for each in verdicts] == [each.usable for each in verdicts]
+
+
+def test_advice_fits_what_the_judge_found() -> None:
+    situation = Situation(None, has_flight=False, moved_enough=True)
+    late = RudderEffect(chance=0.0, fit_pct=90.0, without_pct=0.0, shifted_s=4.0, ratio=0.9)
+    damper, shifted = (
+        remedy(reason(found.id, found.text), [], situation)
+        for found in (*damper_reasons(0.9, -1.0), *rudder_reasons(late))
+    )
+
+    assert "YAW2SRV_DAMP" in damper
+    assert "--rudder" in shifted

@@ -21,6 +21,15 @@ _FLOWN_ENOUGH = {
     "mode_not_driven": "The rudder moved enough: use --band to keep what it drives, or choose the "
     "calmest stretch by --from and --to.",
 }
+_BY_TEXT = {
+    ("mode_not_driven", "damper"): "Switch the yaw damper off for the manoeuvre (ArduPlane: "
+    "YAW2SRV_DAMP = 0).",
+    ("mode_not_driven", "does not belong to"): "Check the rudder's channel (--rudder) and that "
+    "its times are those of the yaw rate.",
+    ("not_converged", "periods of the Dutch roll"): "Choose a longer stretch, or fly longer "
+    "manoeuvres.",
+}
+"""Advice that depends on which finding a reason's text (its words are the key) states."""
 
 
 def what_to_record(reasons: Iterable[str], report: ChannelReport) -> list[str]:
@@ -122,10 +131,9 @@ def remedy(reason: ReasonSummary, reasons: Sequence[ReasonSummary], situation: S
             return "If one of these outputs does move a rudder, name it: --rudder servo:N."
     if reason.id == "turn_dominated" and not COPIES.isdisjoint(each.id for each in reasons):
         return "Choose a stretch of straight flight by --from and --to."
-    if reason.id == "mode_not_driven" and "damper" in reason.text:
-        return "Switch the yaw damper off for the manoeuvre (ArduPlane: YAW2SRV_DAMP = 0)."
-    if reason.id == "not_converged" and "periods of the Dutch roll" in reason.text:
-        return "Choose a longer stretch, or fly longer manoeuvres."
+    for (id_, words), advice in _BY_TEXT.items():
+        if reason.id == id_ and words in reason.text:
+            return advice
     if reason.id == "airspeed_changed" and situation.has_flight:
         return "Fly at a steady airspeed, or choose a manoeuvre that was, by --from and --to."
     if reason.id in ("rate_too_low", "rate_low") and autopilot in kind.record_on:
