@@ -5,26 +5,26 @@ takes all memory, does so to this one; the worker survives, knows which log it w
 another child.
 """
 
-import contextlib
-import ctypes
 import gc
 import os
 import pickle
+import queue
 import shutil
 import signal
 import sys
+import threading
 from pathlib import Path
 from typing import Any, BinaryIO
 
 from yawid.dataset.values import FAILED, failed
 from yawid.fleet.one_log import rows_of
 from yawid.fleet.spec import Spec
+from yawid.system import die_with_parent
 
 READY = "ready"
 """The first answer, sent when all imports are done: a log's timeout starts after it."""
 GARBAGE_AFTER = 50_000
 """The first threshold of the garbage collector, in objects: a high one saves time."""
-_DIE_WITH_PARENT = 1  # PR_SET_PDEATHSIG of prctl(2)
 
 
 def main() -> None:
@@ -36,10 +36,7 @@ def main() -> None:
     os.dup2(2, 1)
     for number in (signal.SIGINT, signal.SIGTERM):  # the worker handles them and closes the pipe
         signal.signal(number, signal.SIG_IGN)
-    ctypes.CDLL(None).prctl(_DIE_WITH_PARENT, signal.SIGKILL)
-    with contextlib.suppress(OSError):
-        # When memory runs out, the system should end this process and no other.
-        Path("/proc/self/oom_score_adj").write_text("1000", encoding="ascii")
+    die_with_parent()
     gc.freeze()  # imported modules never become garbage
     gc.set_threshold(GARBAGE_AFTER)
     pickle.dump(READY, answers)
@@ -48,13 +45,21 @@ def main() -> None:
 
 
 def _answer(orders: BinaryIO, answers: BinaryIO) -> None:
+    waiting: queue.SimpleQueue[Any] = queue.SimpleQueue()
+    threading.Thread(target=_take, args=(orders, waiting), daemon=True).start()
     while True:
-        try:
-            path, spec, scratch, data = pickle.load(orders)
-        except EOFError:
-            return
+        path, spec, scratch, data = waiting.get()
         pickle.dump(rows_here(path, spec, Path(scratch), data), answers)
         answers.flush()
+
+
+def _take(orders: BinaryIO, waiting: "queue.SimpleQueue[Any]") -> None:
+    """Take orders until stdin ends; then the worker has ended, and this process ends at once."""
+    try:
+        while True:
+            waiting.put(pickle.load(orders))
+    finally:
+        os._exit(0)
 
 
 def rows_here(path: str, spec: Spec, scratch: Path, data: bytes | None) -> Any:

@@ -6,7 +6,6 @@ at the end of the run, after an interrupt, and at the start of the next run. A l
 incomplete is ignored: its log is run again.
 """
 
-import fcntl
 import json
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -18,6 +17,7 @@ from yawid.dataset.places import MANIFEST, read_manifest
 from yawid.dataset.schema import TABLES
 from yawid.dataset.values import Entry, ReadRow
 from yawid.errors import SinkError, SourceError
+from yawid.system import lock
 
 FINISHED: Final = "finished.jsonl"
 LOCK: Final = ".lock"
@@ -160,17 +160,17 @@ def _locked(folder: Path) -> BinaryIO:
     check_ours(folder)
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        lock = (folder / LOCK).open("ab")
+        file = (folder / LOCK).open("ab")
     except OSError as error:
         raise SinkError(f"cannot write {folder}: {error.strerror}") from error
     try:
-        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        lock(file.fileno())
     except OSError as error:
-        lock.close()
+        file.close()
         raise SinkError(
             f"another yawid fleet is writing to {folder}: wait until it has ended"
         ) from error
-    return lock
+    return file
 
 
 _BEFORE_MANIFEST: Final = frozenset({LOCK, FINISHED, f"{MANIFEST}.part"})

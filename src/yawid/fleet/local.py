@@ -4,9 +4,7 @@ They open no port and take work from no other process. Dask's local workers woul
 and its status page one that the whole network can reach.
 """
 
-import os
 import queue
-import signal
 import threading
 from collections.abc import Generator, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -17,6 +15,7 @@ from typing import Any, Final
 from yawid.errors import SinkError
 from yawid.fleet.worker import POLL_S, QUEUED, Child, Task, warm
 from yawid.runs.stop import SIGNALS, StopFlag
+from yawid.system import block, cores
 
 HERE: Final = "this machine"
 
@@ -85,10 +84,8 @@ def local_workers(count: int | None) -> Iterator[LocalWorkers]:
     """
     ready = threading.Thread(target=warm)
     ready.start()
-    children = [Child() for _ in range(count or len(os.sched_getaffinity(0)))]
-    pool = ThreadPoolExecutor(
-        len(children), "yawid-fleet", signal.pthread_sigmask, (signal.SIG_BLOCK, SIGNALS)
-    )
+    children = [Child() for _ in range(count or cores())]
+    pool = ThreadPoolExecutor(len(children), "yawid-fleet", block, (SIGNALS,))
     ready.join()
     try:
         yield LocalWorkers(pool, children)

@@ -20,6 +20,7 @@ from typing import Any
 
 from yawid.dataset.values import failed
 from yawid.errors import YawidError
+from yawid.system import OWN_GROUP
 from yawid.version import __version__
 
 MOST_DEATHS = 3
@@ -90,6 +91,7 @@ class Child:
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
+            creationflags=OWN_GROUP,
             env={k: v for k, v in os.environ.items() if k != TRIMMED} | ONE_THREAD,
         )
         if self._is_over:  # another thread called end() before there was a process to kill

@@ -21,6 +21,7 @@ from yawid.errors import SinkError, SourceError
 from yawid.sinks.mcap.reader import McapRun, open_run
 from yawid.sinks.mcap.schemas import FLIGHT, MANOEUVRE, MODES, SAMPLE, VERDICT, estimate_topics
 from yawid.sinks.rerun.sink import RerunSink
+from yawid.system import OWN_GROUP
 
 NEAR_S: Final = 2.0
 """A manoeuvre's first and last sample lie at most this far from its date; boot time selects them.
@@ -154,8 +155,9 @@ def _start(program: str, *arguments: str) -> None:
     quiet = subprocess.DEVNULL
     try:
         process = subprocess.Popen(
-            [program, *arguments], stdin=quiet, stdout=quiet, stderr=quiet, start_new_session=True
-        )
+            [program, *arguments], stdin=quiet, stdout=quiet, stderr=quiet,
+            start_new_session=True, creationflags=OWN_GROUP,
+        )  # fmt: skip
     except OSError as error:
         raise SinkError(f"cannot start {program}: {error.strerror}") from error
     try:

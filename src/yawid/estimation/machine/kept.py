@@ -5,7 +5,6 @@ its keys, a file counts only if it belongs to the user or to root, no other user
 the same holds for its folder. A lock lets one process in the background compile at a time.
 """
 
-import fcntl
 import hashlib
 import os
 import stat
@@ -18,11 +17,10 @@ from pathlib import Path
 from yawid.blocks import INNOVATION, NOISE_STD, RESIDUAL, SCALARS, STATUS, Y_HAT
 from yawid.estimation import kernel
 from yawid.estimation.machine.object_code import processor
+from yawid.system import SAFE_OPEN, lock, who_else_writes
 
 _DIGEST = hashlib.sha256().digest_size
 _SETTLED = (Y_HAT, INNOVATION, RESIDUAL, NOISE_STD, STATUS)
-_FOR_OTHERS = stat.S_IWGRP | stat.S_IWOTH
-_NOT_FOLLOWED = os.O_NOFOLLOW | os.O_CLOEXEC
 _FOLDER, _OF_USER, _FILE, _LOCK = 0o755, 0o700, 0o644, 0o600
 """File modes: other users may load code that root compiled; a user's own is for that user."""
 
@@ -67,16 +65,13 @@ def why_not(folder: Path) -> str | None:
     """Return in words who else could change files in a folder (not a link); None: nobody."""
     for each in (folder, *folder.parents):
         try:
-            about = each.stat(follow_symlinks=False)
+            about: os.stat_result | None = each.stat(follow_symlinks=False)
         except (FileNotFoundError, NotADirectoryError):
-            continue  # it does not exist yet; once made it is checked again
+            about = None  # it does not exist yet; once made it is checked again
         except OSError as error:
             return f"{each}: {error.strerror}"
-        if about.st_uid not in (0, os.geteuid()):
-            return f"{each} belongs to user {about.st_uid}"
-        # Where the sticky bit is set, a user cannot rename files of another user.
-        if about.st_mode & _FOR_OTHERS and (each == folder or not about.st_mode & stat.S_ISVTX):
-            return f"{each} can be written to by others"
+        if why := who_else_writes(each, about, is_above=each != folder):
+            return why
     return None
 
 
@@ -100,10 +95,9 @@ def _open(path: Path, flags: int, mode: int = 0) -> int:
     Raises:
         OSError: the file cannot be opened, or others can change it.
     """
-    opened = os.open(path, flags | _NOT_FOLLOWED | os.O_NONBLOCK, mode)
+    opened = os.open(path, flags | SAFE_OPEN, mode)
     about = os.fstat(opened)
-    is_safe = about.st_uid in (0, os.geteuid()) and not about.st_mode & _FOR_OTHERS
-    if not (stat.S_ISREG(about.st_mode) and is_safe):
+    if not stat.S_ISREG(about.st_mode) or who_else_writes(path, about):
         os.close(opened)
         raise PermissionError(f"{path} can be changed by others, or is not a file")
     return opened
@@ -157,18 +151,18 @@ def alone(name: str) -> Iterator[bool]:
 
     The lock ends with the process that has it.
     """
-    lock = _opened(f"{name}-{_version()}.lock")
-    if lock is None:
+    opened = _opened(f"{name}-{_version()}.lock")
+    if opened is None:
         yield False
         return
     try:
-        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        lock(opened)
     except OSError:
         yield False
     else:
         yield True
     finally:
-        os.close(lock)
+        os.close(opened)
 
 
 def _opened(name: str) -> int | None:

@@ -22,6 +22,7 @@ from yawid.estimation.kernel import entry_points
 from yawid.estimation.kernel.state import Unpacked
 from yawid.estimation.machine import kept
 from yawid.estimation.machine.object_code import ADD_PRODUCTS, RUN, loaded
+from yawid.system import OWN_GROUP, run_last
 
 PATIENCE_S = 6.0
 """A process compiles after this much time in plain Python: compiling takes about as long."""
@@ -124,6 +125,7 @@ class Runner:
             self._child = subprocess.Popen(
                 [sys.executable, "-W", "ignore", "-c", _BEHIND], text=True,
                 stdin=nowhere, stdout=subprocess.PIPE, stderr=nowhere, start_new_session=True,
+                creationflags=OWN_GROUP,
             )  # fmt: skip
         return self._child is not None
 
@@ -202,7 +204,7 @@ def compile_behind() -> None:
 
     Where that fails, one line on stdout gives the reason to the process that started this one.
     """
-    os.nice(19)
+    run_last()
     with kept.alone(RUN) as is_alone:
         if is_alone and not RUNNER.is_compiled():
             try:

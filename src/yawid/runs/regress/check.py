@@ -5,7 +5,6 @@ For machines the result is written as JUnit XML and JSON.
 
 import json
 import multiprocessing
-import os
 import re
 import signal
 import time
@@ -24,6 +23,7 @@ from yawid.errors import ConfigError, SinkError, YawidError
 from yawid.runs.regress.case import Case, Replayed
 from yawid.runs.regress.compare import Mismatch, compare_summaries, compare_tables, split_tolerances
 from yawid.runs.regress.table import csv_of, read_csv
+from yawid.system import cores
 
 ACTUAL, PICTURE = "actual.csv", "actual.svg"
 PARALLEL_BYTES = 50_000_000
@@ -69,7 +69,7 @@ def regress(cases: Sequence[Case], workers: int | None = None) -> Iterator[Outco
 
 def _worthwhile(cases: Sequence[Case]) -> int:
     size = sum(case.log.stat().st_size for case in cases if case.log.is_file())
-    return (os.cpu_count() or 1) if size > PARALLEL_BYTES else 1
+    return cores() if size > PARALLEL_BYTES else 1
 
 
 def _in_processes(cases: Sequence[Case], workers: int) -> Iterator[Outcome]:

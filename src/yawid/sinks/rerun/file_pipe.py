@@ -9,26 +9,33 @@ from pathlib import Path
 from threading import Thread
 from typing import Final
 
+from yawid.system import HAS_DESCRIPTOR_NAMES
+
 _PIECE: Final = 1 << 16  # bytes; a pipe of Linux holds no more
 
 
 class FilePipe:
     """Writes all that comes through a pipe to a file; ``name`` opens the pipe like a file.
 
-    After a failed write the pipe is still read to its end, so that its writer never waits.
+    After a failed write the pipe is still read to its end, so that its writer never waits. Where a
+    pipe has no name (Windows), ``name`` is the file itself, and a failed write is not noticed.
     """
 
     def __init__(self, path: Path) -> None:
         self._failed = ""
+        self._thread = Thread(target=self._pass_on, name="rrd", daemon=True)
+        if not HAS_DESCRIPTOR_NAMES:
+            self.name, self._own = str(path), -1
+            return
         self._file = path.open("wb", buffering=0)
         self._end, self._own = os.pipe()
         self.name = f"/dev/fd/{self._own}"
-        self._thread = Thread(target=self._pass_on, name="rrd", daemon=True)
         self._thread.start()
 
     def release(self) -> None:
         """Close the own end: the pipe then ends as soon as whoever opened ``name`` closes it."""
-        os.close(self._own)
+        if self._own >= 0:
+            os.close(self._own)
 
     def check(self) -> None:
         """Check that no write has failed until now.
@@ -45,7 +52,8 @@ class FilePipe:
         Raises:
             RuntimeError: a write has failed, or the disk needs more than ``timeout_s``.
         """
-        self._thread.join(timeout_s)
+        if self._own >= 0:
+            self._thread.join(timeout_s)
         self.check()
         if self._thread.is_alive():
             raise RuntimeError(f"the disk took more than {timeout_s:g} s")

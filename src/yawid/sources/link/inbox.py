@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator, Mapping
 from itertools import accumulate, chain, compress, takewhile
 
 from yawid.sources.link.endpoints import written
+from yawid.system import steady_ns
 
 Address = tuple[str, int]
 """Host and port; a link-local IPv6 host has the number of its link: ``fe80::1%2``."""
@@ -29,14 +30,6 @@ TOGETHER_US = 5_000_000
 """Two addresses received within this time of each other are two senders, not one that moved."""
 
 
-def _steady_ns() -> int:
-    """Return the time of a clock that never steps, and where possible counts suspended time."""
-    return time.clock_gettime_ns(_STEADY)
-
-
-_STEADY = getattr(time, "CLOCK_BOOTTIME", time.CLOCK_MONOTONIC)
-
-
 class Stamps:
     """Receive stamps in us of Unix time: from the wall clock once, then from a steady clock.
 
@@ -45,7 +38,7 @@ class Stamps:
     """
 
     def __init__(
-        self, wall_ns: Callable[[], int] = time.time_ns, steady_ns: Callable[[], int] = _steady_ns
+        self, wall_ns: Callable[[], int] = time.time_ns, steady_ns: Callable[[], int] = steady_ns
     ) -> None:
         self._wall_ns, self._steady_ns = wall_ns, steady_ns
         self._base_ns = wall_ns() - steady_ns()

@@ -67,7 +67,7 @@ class OneByOne:
     def wait(self) -> Arrivals:
         """Return the next datagram, and others that are there; none after the time-out."""
         # An error means silence, or that the other end of udpout is not there yet.
-        with contextlib.suppress(BlockingIOError, TimeoutError, ConnectionRefusedError):
+        with contextlib.suppress(BlockingIOError, TimeoutError, ConnectionError):
             data, sender = self._socket.recvfrom(_LONGEST)
             return _without_time([(data, _address(*sender))])
         return NOTHING
@@ -75,7 +75,7 @@ class OneByOne:
     def get(self) -> Arrivals:
         """Return the datagrams that are there, ``MOST`` at most."""
         received: list[tuple[bytes, Address]] = []
-        with contextlib.suppress(BlockingIOError, ConnectionRefusedError):
+        with contextlib.suppress(BlockingIOError, ConnectionError):
             while len(received) < MOST:
                 data, sender = self._socket.recvfrom(_LONGEST, _DONT_WAIT)
                 received.append((data, _address(*sender)))
@@ -146,6 +146,7 @@ class ManyAtOnce:
     can_gather = True
 
     def __init__(self, udp: socket.socket) -> None:
+        assert sys.platform == "linux"
         self._call = ctypes.CDLL(None, use_errno=True).recvmmsg
         self._call.argtypes = [ctypes.c_int, ctypes.c_size_t, ctypes.c_uint, ctypes.c_int,
                                ctypes.c_void_p]  # fmt: skip

@@ -122,7 +122,7 @@ def open_socket(endpoint: Endpoint) -> socket.socket:
         elif endpoint.kind == "mcast":
             # Every listener of a group receives everything: here the port is meant to be shared.
             tap.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-            tap.bind((endpoint.host, endpoint.port))
+            tap.bind((endpoint.host if os.name == "posix" else "", endpoint.port))
             group = socket.inet_aton(endpoint.host) + socket.inet_aton("0.0.0.0")
             tap.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, group)
         else:

@@ -1,0 +1,130 @@
+"""Windows and macOS as yawid's files see them (support/other_system.py): the answers are the same.
+
+This is no run on these systems: what Python and the libraries do there is not tested.
+"""
+
+from __future__ import annotations
+
+import json
+import socket
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import other_system
+import pytest
+from fleet_cluster import make_logs
+from live_link import frames
+
+FOREIGN = ("darwin", "win32")
+LOG, FLEET = "logs/00.tlog", ("fleet", "logs", "--out", "out/data", "--workers", "1")
+RUNS = f"""
+import contextlib, io, json, sys
+from yawid.cli.main import main
+for words in (
+    ("replay", "{LOG}", "--out", "out", "--rerun", "save", "--json"),
+    ("replay", "logs/nothing.tlog"), {FLEET}, {FLEET},
+):
+    with contextlib.redirect_stdout(io.StringIO()) as said:
+        code = main(words)
+    answer = json.loads(said.getvalue()) if "--json" in words else None
+    print(json.dumps([code, answer]))
+"""
+LIVE = "import sys; from yawid.cli.main import main; sys.exit(main(sys.argv[1:]))"
+PAGES = f"""
+import pathlib, sys, yawid
+from yawid.cli.main import main
+pages = [["replay", "{LOG}"], ["inspect", "{LOG}"], ["inspect", "--card", "{LOG}"], ["explain"]]
+manual = pathlib.Path(yawid.__file__).parent / "manual"
+sys.exit(max(*map(main, pages), *(bool(print(p.read_text("utf-8"))) for p in manual.glob("*.md"))))
+"""
+KEPT = """
+from yawid.estimation.machine import kept
+with kept.alone("one") as first, kept.alone("one") as second:
+    code = bytes(range(256))
+    print(first, second, kept.keep("code", code), kept.find("code") == code)
+print(kept.passed_by())
+"""
+
+
+def started(
+    platform: str, folder: Path, *command: str, encoding: str = "utf-8", **more: str
+) -> subprocess.Popen[str]:
+    environment = other_system.environment(folder / "hook", platform)
+    environment |= {"NUMBA_DISABLE_JIT": "1", "HOME": str(folder), "XDG_CACHE_HOME": ""} | more
+    return subprocess.Popen(
+        [sys.executable, *command], env=environment, cwd=folder, encoding=encoding,
+        stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+    )  # fmt: skip
+
+
+def ended(run: subprocess.Popen[str], code: int = 0) -> str:
+    said, errors = run.communicate(timeout=120)
+    assert "Traceback" not in errors, errors
+    assert run.returncode == code, errors
+    return said
+
+
+@pytest.mark.slow
+def test_a_replay_and_a_fleet_give_the_same_answers_and_files_on_each_system(tmp_path: Path):
+    make_logs(tmp_path / "logs", 2)
+    found: dict[str, Any] = {}
+    for platform in ("linux", *FOREIGN):
+        folder = tmp_path / platform
+        folder.mkdir()
+        (folder / "logs").symlink_to(tmp_path / "logs")
+        said = ended(started(platform, folder, "-c", RUNS)).replace(str(folder), "")
+        answers = [json.loads(line) for line in said.splitlines()]
+        outcomes = json.loads((folder / "out/data/manifest.json").read_text(encoding="utf-8"))
+        names = {path.relative_to(folder).as_posix() for path in folder.rglob("out/**/*")}
+        found[platform] = answers, outcomes["outcomes"], names
+
+    answers, outcomes, names = found["linux"]
+    assert [code for code, _ in answers] == [answers[0][0], 6, 0, 0]
+    assert sum(outcomes.values()) == 2
+    assert {"out/00.mcap", "out/00.rrd", "out/data/manifest.json"} <= names
+    assert found["darwin"] == found["win32"] == found["linux"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("platform", FOREIGN)
+def test_a_live_session_takes_datagrams_on_each_system(platform: str, tmp_path: Path):
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as vehicle:
+        vehicle.bind(("127.0.0.1", 0))
+        address = f"udpout:127.0.0.1:{vehicle.getsockname()[1]}"
+        words = ("live", address, "--seconds", "2", "--json", "--request-rates", "--out", "out")
+        run = started(platform, tmp_path, "-c", LIVE, *words)
+        vehicle.settimeout(60)
+        _, asker = vehicle.recvfrom(2000)
+        sent = frames(1.0)
+        for frame in sent:
+            vehicle.sendto(frame, asker)
+        said, errors = run.communicate(timeout=60)
+
+    assert "Traceback" not in errors
+    summary = json.loads(said)
+    assert summary["link"]["frames"] == len(sent)
+    assert {path.suffix for path in (tmp_path / "out").iterdir()} == {".tlog", ".mcap"}
+
+
+def test_compiled_code_is_kept_in_the_users_folder_and_locked_on_windows(tmp_path: Path):
+    home, other = tmp_path / "home", tmp_path / "other"
+    home.mkdir()
+    mine = ended(started("win32", home, "-c", KEPT, NUMBA_CACHE_DIR=str(home / "mine")))
+    assert mine.splitlines() == [f"True False {home / 'mine'} True", "None"]
+    others = ended(started("win32", home, "-c", KEPT, NUMBA_CACHE_DIR=str(other))).splitlines()
+    assert others[0] == f"True False {home / '.cache' / 'yawid'} True"
+    assert others[1] == f"NUMBA_CACHE_DIR is passed by: {other} is not in your own folder {home}"
+    assert not other.exists()
+
+
+def test_a_console_of_cp1252_shows_every_page(tmp_path: Path):
+    """The code page has ± and no zeta, box or arrow; what it lacks must not end the command."""
+    make_logs(tmp_path / "logs", 1)
+    run = started("win32", tmp_path, "-c", PAGES, PYTHONIOENCODING="cp1252", encoding="cp1252")
+    said, errors = run.communicate(timeout=120)
+
+    assert "Traceback" not in errors
+    assert run.returncode == 0, errors
+    assert "\u00b1" in said
