@@ -115,7 +115,7 @@ def test_compiled_code_is_kept_in_the_users_folder_and_locked_on_windows(tmp_pat
     assert mine.splitlines() == [f"True False {home / 'mine'} True", "None"]
     others = ended(started("win32", home, "-c", KEPT, NUMBA_CACHE_DIR=str(other))).splitlines()
     assert others[0] == f"True False {home / '.cache' / 'yawid'} True"
-    assert others[1] == f"NUMBA_CACHE_DIR is passed by: {other} is not in your own folder {home}"
+    assert others[1] == f"NUMBA_CACHE_DIR is not used: {other} is not in your own folder {home}"
     assert not other.exists()
 
 
