@@ -6,10 +6,9 @@ import math
 
 import numpy as np
 import pytest
-from scipy.signal import cont2discrete, lfilter
+from scipy.signal import butter, cont2discrete, lfilter
 
-from yawid.results.coherence import coherence_at
-from yawid.results.judge_estimate import coherence_reasons
+from yawid.results.coherence import Coherence, coherence_at, coherence_reasons
 
 TS = 0.05
 RNG_RUNS = 300
@@ -74,6 +73,32 @@ def test_a_vibration_line_is_not_driven_and_the_band_asked_for_leaves_it_out():
     assert "2.40 Hz" in reason.text
     assert "try --band" in reason.text
     assert list(coherence_reasons(2.0, at_mode)) == []
+
+
+def test_a_line_at_the_mode_itself_is_not_called_vibration():
+    """Gusts move the Dutch roll of 2 rad/s, and the rudder only moves slowly"""
+    rng = np.random.default_rng(6)
+    b, a = butter(3, 0.15 * 2 * TS)
+    u = lfilter(b, a, rng.standard_normal(4800))
+    slow = plant(u)
+    y = slow + 4.0 * slow.std() * plant(rng.standard_normal(4800)) / plant(u).std() * u.std()
+    found = coherence_at(u, y, 2.0, TS)
+
+    assert not found.driven
+    assert found.peak_hz == pytest.approx(2.0 / (2.0 * np.pi), abs=0.1)
+    (reason,) = coherence_reasons(2.0, found)
+    assert "the Dutch roll itself" in reason.text
+    assert "vibration or gusts" not in reason.text
+
+
+def test_a_mode_within_the_rudders_band_is_not_cured_by_a_band():
+    found = Coherence(0.1, 0.3, 20, 0.3, 0.6, (0.1, 0.6))
+    (reason,) = coherence_reasons(2.0, found)
+    assert "it may be the Dutch roll itself" in reason.text
+    assert "vibration" not in reason.text
+    assert reason.remedy == {}
+    (reason,) = coherence_reasons(9.0, found)
+    assert "vibration or gusts; try --band 0.1,0.6" in reason.text
 
 
 def test_a_record_too_short_for_eight_segments_abstains():

@@ -178,9 +178,26 @@ def test_an_input_that_only_reacts_is_named():
 
 
 def test_what_opposes_the_yaw_and_follows_it_is_a_damper_and_not_the_aircraft():
-    assert ids(damper_reasons(0.85, -0.2)) == {"mode_not_driven"}
-    assert ids(damper_reasons(0.85, 0.2)) == set()  # a rudder that reacts and turns the nose
-    assert ids(damper_reasons(0.6, -0.2)) == set()  # a reversed servo that somebody moves
+    base = history()
+    damper = history(u=-base.y[:, None], y=base.y)
+
+    (found,) = damper_reasons(damper, 0.85, -0.2)
+    assert found.id == "mode_not_driven"
+    assert "opposes the yaw as a yaw damper does" in found.text
+    assert ids(damper_reasons(damper, 0.85, 0.2)) == set()  # it reacts and turns the nose
+    assert ids(damper_reasons(damper, 0.6, -0.2)) == set()  # a reversed servo that somebody moves
+
+
+def test_what_goes_with_the_yaw_is_no_damper():
+    """A correlation of +0.8, as of a rudder that coordinates turns"""
+    base = history()
+    noise = 0.75 * np.random.default_rng(9).standard_normal(1000)
+    with_it = history(u=(base.y + noise)[:, None], y=base.y)
+
+    (found,) = damper_reasons(with_it, 0.85, -0.2)
+    assert found.id == "mode_not_driven"
+    assert "correlation +0.79" in found.text
+    assert "damper" not in found.text
 
 
 def test_a_roll_hold_taken_for_an_input_is_told_apart_from_an_excited_aileron():

@@ -286,7 +286,7 @@ def test_a_reversed_servo_is_a_warning_in_the_whole_run():
 @pytest.mark.parametrize(
     ("changes", "said", "unsaid"),
     [
-        ({"simulation_pct": 20.0}, "at least 40 % is needed; turns or gusts", "30"),
+        ({"simulation_pct": 20.0}, "at least 40 % is needed; turns or gusts may", "30"),
         ({"held_back_pct": 10.0}, "at least 30 % is needed; the rudder rested there", "gusts"),
         (
             {"simulation_pct": 20.0, "held_back_pct": 10.0},
@@ -301,6 +301,15 @@ def test_a_poor_fit_names_the_limit_that_it_misses_and_a_cause_that_fits(changes
     assert found.id == "poor_fit"
     assert said in found.text
     assert unsaid not in found.text
+
+
+def test_a_record_has_no_servo_that_could_be_reversed():
+    turned = evidence(early_response=-0.3)
+    (found,) = estimate_reasons("els", turned, only_sign="nose-left")
+    assert "--rudder-sign nose-left is wrong" in found.text
+    assert "servo" not in found.text
+    (found,) = estimate_reasons("els", turned)
+    assert "the servo is reversed or" in found.text
 
 
 def test_what_to_do_about_a_wrong_sign_does_not_name_the_sign_that_may_stand_there_already():

@@ -28,6 +28,13 @@ _BY_TEXT = {
     "its times are those of the yaw rate.",
     ("not_converged", "periods of the Dutch roll"): "Choose a longer stretch, or fly longer "
     "manoeuvres.",
+    ("mode_not_driven", "follows the yaw rate"): "Move the rudder by itself, in straight flight, "
+    "and check --rudder-sign.",
+    ("wrong_sign", "this record"): "Give the other --rudder-sign.",
+    ("poor_fit", "clocks"): "Shift one of the channels in the record until both have the same "
+    "clock.",
+    ("poor_fit", "--turn remove"): "Replay it with --turn remove.",
+    ("poor_fit", "is rounded to"): "Record the rudder in finer steps.",
 }
 """Advice that depends on which finding a reason's text (its words are the key) states."""
 

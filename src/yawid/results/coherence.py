@@ -6,11 +6,13 @@ the aircraft's response to its rudder.
 """
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
 from yawid.blocks import Floats, runs_of
+from yawid.results.reasons import Reason
 
 SEGMENTS = 8
 """The least number of Welch segments: with fewer, the test gives no result."""
@@ -28,6 +30,11 @@ BAND_MARGIN = 1.4
 """The factor by which a recommended band is wider than the coherent part, on either side."""
 HIGHEST = 0.9
 """The highest upper corner of a recommended band, as a part of half the sample rate."""
+RATE_OF_BAND = 5.0
+"""The sample rate for a band, in multiples of its upper corner: on a finer grid, neighbouring
+samples differ too little."""
+NEAR = 2.0
+"""A mode up to this many times the upper corner of the recommended band may be the Dutch roll."""
 SHORTEST = 16
 """The least length of a segment in samples."""
 FINE_S = 25.0
@@ -99,6 +106,39 @@ def coherence_at(u: Floats, y: Floats, wn_rad_s: float, sample_time_s: float) ->
         float(fine.frequency[peak]),
         float(fine.power[line].sum() / fine.power.sum()),
         _coherent_band(fine),
+    )
+
+
+def coherence_reasons(wn_rad_s: float, found: Coherence | None) -> Iterator[Reason]:
+    """Judge whether the rudder drives the mode found; too short a record gives no reason.
+
+    Far above the band in which the rudder moves the yaw, the mode may be a vibration, which a band
+    leaves out. Near that band it may well be the Dutch roll, and something else moves it.
+    """
+    if found is None or found.driven:
+        return
+    mode_hz, band, remedy = wn_rad_s / (2.0 * math.pi), found.band_hz, {}
+    if band is None:
+        why = "rudder and yaw rate are coherent at no frequency, so something else moves the yaw"
+    elif band[0] <= mode_hz <= band[1]:
+        why = (
+            "it may be the Dutch roll itself, moved by gusts, by the aileron or by a free "
+            "oscillation: the rudder must move more at this frequency"
+        )
+    else:
+        rate = float(f"{RATE_OF_BAND * band[1]:.2g}")
+        what = "vibration or gusts" if mode_hz > band[1] else "a slow motion such as a turn"
+        if band[1] < mode_hz <= NEAR * band[1]:
+            what = "the Dutch roll itself, moved by gusts, or a vibration, which a band leaves out"
+        why = f"{what}; try --band {band[0]:.2g},{band[1]:.2g} with --rate {rate:g}"
+        remedy = {"band": tuple(float(f"{edge:.2g}") for edge in band), "rate": rate}
+    yield Reason(
+        "mode_not_driven",
+        f"the rudder does not drive the mode found at {wn_rad_s:.3g} rad/s ({mode_hz:.2f} Hz): its "
+        f"squared coherence is {found.squared:.2f}, and chance alone gives {found.limit:.2f}; "
+        f"{100 * found.peak_share:.0f} % of the yaw rate's power is at {found.peak_hz:.2f} Hz: "
+        f"{why}",
+        remedy,
     )
 
 

@@ -13,8 +13,9 @@ from yawid.config.run import RunConfig
 from yawid.estimation.bank import Bank, SampleHistory
 from yawid.estimation.methods import METHODS
 from yawid.physics.modes import modes
-from yawid.results.coherence import Coherence, coherence_at
+from yawid.results.coherence import Coherence, coherence_at, coherence_reasons
 from yawid.results.excitation import Movement, around, excitation
+from yawid.results.hidden import UNSEEN, Cause, what_hides
 from yawid.results.judge_rudder import stroke_reasons
 from yawid.results.judge_samples import (
     UNCERTAIN_WN,
@@ -45,9 +46,6 @@ DISAGREE_SIGMAS = 3.0
 DISAGREE_SHARE = 0.05
 """Two methods disagree if they differ by more than this many sigmas, and more than this part of the
 value."""
-RATE_OF_BAND = 5.0
-"""The sample rate for a band, in multiples of its upper corner: on a finer grid, neighbouring
-samples differ too little."""
 MOVING_SHARE = 0.08
 """The part of itself by which an estimate may still move at the end, even beyond 3 sigma."""
 CLEAR = 0.1
@@ -146,13 +144,19 @@ class Evidence:
 
 
 def estimate_reasons(
-    method: str, evidence: Evidence, *, is_driven: bool = False
+    method: str,
+    evidence: Evidence,
+    *,
+    is_driven: bool = False,
+    hidden: Cause | None = None,
+    only_sign: str = "",
 ) -> Iterator[Reason]:
     """Judge one estimate by itself.
 
     ``is_driven`` says that rudder and yaw rate are clearly coherent at the mode found, that the
     rudder does not merely react, and that the methods agree on wn. Then a low fit may be due to
-    gusts although wn is right.
+    gusts although wn is right. ``hidden`` is what hides the rudder's effect, None where unknown.
+    ``only_sign`` is the --rudder-sign given where nothing else can be wrong, as in a record.
     """
     if evidence.status == Status.DIVERGED:
         yield Reason(
@@ -166,13 +170,18 @@ def estimate_reasons(
             "not_excited", "rudder and yaw rate never moved enough for the estimation to begin"
         )
         return
-    against = [*_convergence(evidence), *_fit_reasons(evidence, is_driven)]
+    against = [*_convergence(evidence), *_fit_reasons(evidence, is_driven, hidden or Cause(UNSEEN))]
     yield from against
     yield from _residual_reasons(evidence)
     if evidence.early_response < 0.0 and not against:
         yield Reason(
             "wrong_sign",
-            "positive rudder turns the nose left: the servo is reversed or --rudder-sign is wrong",
+            "positive rudder turns the nose left: "
+            + (
+                f"--rudder-sign {only_sign} is wrong for this record"
+                if only_sign
+                else "the servo is reversed or --rudder-sign is wrong"
+            ),
         )
 
 
@@ -200,7 +209,7 @@ def _convergence(evidence: Evidence) -> Iterator[Reason]:
         yield from _still_moving(evidence)
 
 
-def _fit_reasons(evidence: Evidence, is_driven: bool) -> Iterator[Reason]:
+def _fit_reasons(evidence: Evidence, is_driven: bool, hidden: Cause) -> Iterator[Reason]:
     """Judge how much of the yaw rate the model explains; an unknown fit gives no reason."""
     simulated, held_back = evidence.simulation_pct, evidence.held_back_pct
     wn, wn_std = float(evidence.dutch_roll[0]), float(evidence.total_std[0])
@@ -214,13 +223,13 @@ def _fit_reasons(evidence: Evidence, is_driven: bool) -> Iterator[Reason]:
         low.append(f"{max(held_back, 0.0):.0f} % of the last third, which was held back")
         least.append(f"{LEAST_HELD_BACK_PCT:.0f}")
     if low:
-        why = "turns or gusts hide the rudder's effect"
         if simulated >= LEAST_SIMULATION_PCT:
-            why = "the rudder rested there, or the aircraft was flown differently"
+            hidden = Cause("the rudder rested there, or the aircraft was flown differently")
         yield Reason(
             "poor_fit",
             f"the inputs explain only {' and '.join(low)}: at least {' and '.join(least)} % "
-            f"{'is' if len(least) == 1 else 'are'} needed; {why}",
+            f"{'is' if len(least) == 1 else 'are'} needed; {hidden.text}",
+            hidden.remedy,
         )
 
 
@@ -246,25 +255,6 @@ def _by_effect(reasons: Iterator[Reason], evidence: Evidence) -> Iterator[Reason
             yield reason
         elif evidence.matters(moves):
             yield evidence.moved(reason, moves, what)
-
-
-def coherence_reasons(wn_rad_s: float, found: Coherence | None) -> Iterator[Reason]:
-    """Judge whether the rudder drives the mode found; too short a record gives no reason."""
-    if found is None or found.driven:
-        return
-    band, advice, remedy = found.band_hz, "", {}
-    if band is not None:
-        rate = float(f"{RATE_OF_BAND * band[1]:.2g}")
-        advice = f"; try --band {band[0]:.2g},{band[1]:.2g} with --rate {rate:g}"
-        remedy = {"band": tuple(float(f"{edge:.2g}") for edge in band), "rate": rate}
-    yield Reason(
-        "mode_not_driven",
-        f"the rudder does not drive the mode found at {wn_rad_s:.3g} rad/s "
-        f"({wn_rad_s / (2.0 * math.pi):.2f} Hz): its squared coherence is {found.squared:.2f}, and "
-        f"chance alone gives {found.limit:.2f}; {100 * found.peak_share:.0f} % of the yaw rate's "
-        f"power is at {found.peak_hz:.2f} Hz: vibration or gusts{advice}",
-        remedy,
-    )
 
 
 def _still_moving(evidence: Evidence) -> Iterator[Reason]:
@@ -370,6 +360,9 @@ def judge_methods(
     alike = bool(found_wn.max() < ALIKE * found_wn.min())
     reacts = reaction_shares(history)[0]
     excites = reacts < REACTS and alike
+    low = any(each.simulation_pct < LEAST_SIMULATION_PCT for each in evidence.values())
+    hidden = what_hides(history, bank.config, bank.sample_time_s) if low else None
+    only_sign = bank.config.rudder_sign if bank.config.rudder_unit is not None else ""
     for method in bank.methods:
         mode = evidence[method].dutch_roll
         wn = float(mode[0])
@@ -378,7 +371,9 @@ def judge_methods(
         is_driven = excites and found is not None and found.squared > found.limit + CLEAR
         reasons[method] = [
             *_by_effect(rate_reasons(*rates_hz, 1.0 / bank.sample_time_s, mode), evidence[method]),
-            *estimate_reasons(method, evidence[method], is_driven=is_driven),
+            *estimate_reasons(
+                method, evidence[method], is_driven=is_driven, hidden=hidden, only_sign=only_sign
+            ),
             *coherence_reasons(wn, found),
         ]
     return JudgedMethods(moved, reacts, coherence, reasons)
@@ -412,7 +407,7 @@ def bank_verdict(
         *input_reasons(config.inputs, history.u, config.stop),
         *flight_reasons(history, config.turn),
         *_by_effect(feedback_reasons(config.inputs, history), evidence[answers]),
-        *damper_reasons(judged.reacts, evidence[answers].early_response),
+        *damper_reasons(history, judged.reacts, evidence[answers].early_response),
         *judged.reasons[answers],
     ]
     if not (first_answers and answers in judged.refused):

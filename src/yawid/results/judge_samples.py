@@ -205,14 +205,26 @@ def feedback_reasons(inputs: tuple[str, ...], history: SampleHistory) -> Iterato
         yield Reason("closed_loop", text)
 
 
-def damper_reasons(share: float, early_response: float) -> Iterator[Reason]:
-    """Judge whether a yaw damper was identified in place of the aircraft.
+def damper_reasons(history: SampleHistory, share: float, early_response: float) -> Iterator[Reason]:
+    """Judge whether a controller was identified in place of the aircraft.
 
-    A rudder that yaw rate and roll explain, and that turns the nose the other way, opposes the yaw:
-    the model found is then the inverse of the controller. ``share`` is the rudder's part from
-    :func:`reaction_shares`; ``early_response`` is that of an estimate's ``Evidence``.
+    A rudder that yaw rate and roll explain, and that turns the nose the other way, only reacts: the
+    model found is then the inverse of the controller. It is a yaw damper if the rudder opposes the
+    yaw rate. ``share`` is the rudder's part from :func:`reaction_shares`; ``early_response`` is
+    that of an estimate's ``Evidence``.
     """
-    if share > CLOSED_LOOP and early_response < 0.0:
+    if not (share > CLOSED_LOOP and early_response < 0.0):
+        return
+    rows = np.isfinite(history.u[:, 0]) & np.isfinite(history.y)
+    r = _correlation(history.u[rows, 0], history.y[rows])
+    if r > 0.0:
+        yield Reason(
+            "mode_not_driven",
+            f"the rudder follows the yaw rate (correlation {r:+.2f}; yaw rate and roll explain "
+            f"{100 * share:.0f} % of it), but in the model it turns the nose the other way: it "
+            "moves as in a coordinated turn, or --rudder-sign is wrong",
+        )
+    else:
         yield Reason(
             "mode_not_driven",
             f"the rudder opposes the yaw as a yaw damper does (yaw rate and roll explain "
