@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 from hand_flights import forty, four_of_a_flight, summary
 from msgspec.structs import replace
 
 from yawid.answers.run_summary import ReasonSummary, VehicleSeen
+from yawid.estimation.bank import SampleHistory
 from yawid.estimation.free_run import RudderEffect
 from yawid.results.advice import Situation, advised, next_step, remedy, to_do
 from yawid.results.judge_rudder import rudder_reasons
@@ -84,9 +86,11 @@ def test_every_verdict_that_is_not_usable_says_what_to_do_next_and_no_other() ->
 def test_advice_fits_what_the_judge_found() -> None:
     situation = Situation(None, has_flight=False, moved_enough=True)
     late = RudderEffect(chance=0.0, fit_pct=90.0, without_pct=0.0, shifted_s=4.0, ratio=0.9)
+    rates, none = np.random.default_rng(1).standard_normal(100), np.full(100, np.nan)
+    opposes = SampleHistory(-rates[:, None], rates, none, none, none, none, none, {})
     damper, shifted = (
         remedy(reason(found.id, found.text), [], situation)
-        for found in (*damper_reasons(0.9, -1.0), *rudder_reasons(late))
+        for found in (*damper_reasons(opposes, 0.9, -1.0), *rudder_reasons(late))
     )
 
     assert "YAW2SRV_DAMP" in damper

@@ -94,6 +94,7 @@ def test_a_turn_that_hides_the_rudder_is_told_with_its_cure():
     found = what_hides(history(u, y + turn, turn), IN_DEG, TS_S)
     assert "try --turn remove" in found.text
     assert found.remedy == {"turn": "remove"}
+    assert what_hides(history(u, y + turn, turn), IN_DEG, TS_S, is_copy=True).text == UNSEEN
     removed = replace(IN_DEG, turn="remove")
     assert said(u, y + turn, turn, removed) == UNSEEN  # it was tried
     assert said(u, y + gusts(4.0, y), turn) == UNSEEN  # it is none of the turn

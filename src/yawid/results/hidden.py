@@ -45,8 +45,14 @@ class Cause:
     remedy: Mapping[str, object] = field(default_factory=dict)
 
 
-def what_hides(history: SampleHistory, config: RunConfig, sample_time_s: float) -> Cause:
-    """Return why the rudder explains little of the yaw rate, the first cause that is seen."""
+def what_hides(
+    history: SampleHistory, config: RunConfig, sample_time_s: float, *, is_copy: bool = False
+) -> Cause:
+    """Return why the rudder explains little of the yaw rate, the first cause that is seen.
+
+    With ``is_copy`` the rudder is a copy of the aileron: to remove the turn, which the aileron
+    makes, is no cure then.
+    """
     history = _newest(history)
     u, y = history.u[:, 0], history.y
     late_s = clock_difference_s(u, y, sample_time_s)
@@ -62,7 +68,8 @@ def what_hides(history: SampleHistory, config: RunConfig, sample_time_s: float) 
             f"the rudder is rounded to {step_deg:g} deg, which is {100.0 * share:.0f} % of its "
             "range: record it in finer steps"
         )
-    parts = turn_hides(history, sample_time_s) if config.turn == "keep" else None
+    keeps = config.turn == "keep" and not is_copy
+    parts = turn_hides(history, sample_time_s) if keeps else None
     if parts is not None:
         return Cause(
             f"a turn hides the rudder's effect: the rudder explains {100.0 * parts[0]:.0f} % of "

@@ -14,7 +14,7 @@ from yawid.estimation.bank import Bank, SampleHistory
 from yawid.estimation.methods import METHODS
 from yawid.physics.modes import modes
 from yawid.results.coherence import Coherence, coherence_at, coherence_reasons
-from yawid.results.excitation import Movement, around, excitation
+from yawid.results.excitation import LEAST_STROKE, Movement, around, excitation
 from yawid.results.hidden import UNSEEN, Cause, what_hides
 from yawid.results.judge_rudder import stroke_reasons
 from yawid.results.judge_samples import (
@@ -361,7 +361,8 @@ def judge_methods(
     reacts = reaction_shares(history)[0]
     excites = reacts < REACTS and alike
     low = any(each.simulation_pct < LEAST_SIMULATION_PCT for each in evidence.values())
-    hidden = what_hides(history, bank.config, bank.sample_time_s) if low else None
+    is_copy = moved.most_own < LEAST_STROKE
+    hidden = what_hides(history, bank.config, bank.sample_time_s, is_copy=is_copy) if low else None
     only_sign = bank.config.rudder_sign if bank.config.rudder_unit is not None else ""
     for method in bank.methods:
         mode = evidence[method].dutch_roll
