@@ -61,6 +61,14 @@ def test_clocks_that_differ_are_found_by_how_much(late_s: float):
     assert f"{when}: the clocks" in said(u, y)
 
 
+def test_a_rudder_that_follows_the_yaw_is_not_only_a_matter_of_clocks():
+    """An autopilot that is carried along computes its rudder from a yaw rate of gusts"""
+    y = gusts(1.0, yawing(rudder()))
+    u = -0.2 * np.roll(y, 6) + 0.02 * rudder(4)
+    assert "earlier: the clocks" in said(u, y)
+    assert "or the rudder reacts to the yaw" in said(u, y)
+
+
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_one_clock_is_not_called_two_even_in_gusts(seed: int):
     u = rudder(seed)

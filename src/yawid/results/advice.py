@@ -31,8 +31,8 @@ _BY_TEXT = {
     ("mode_not_driven", "follows the yaw rate"): "Move the rudder by itself, in straight flight, "
     "and check --rudder-sign.",
     ("wrong_sign", "this record"): "Give the other --rudder-sign.",
-    ("poor_fit", "clocks"): "Shift one of the channels in the record until both have the same "
-    "clock.",
+    ("poor_fit", "clocks"): "Check that rudder and yaw rate have the same clock; if not, shift "
+    "one of them in the record.",
     ("poor_fit", "--turn remove"): "Replay it with --turn remove.",
     ("poor_fit", "is rounded to"): "Record the rudder in finer steps.",
 }

@@ -57,10 +57,12 @@ def what_hides(
     u, y = history.u[:, 0], history.y
     late_s = clock_difference_s(u, y, sample_time_s)
     if late_s:
-        when = "later" if late_s > 0.0 else "earlier"
+        when, other = "later", "the rudder acts with a delay"
+        if late_s < 0.0:
+            when, other = "earlier", "the rudder reacts to the yaw"
         return Cause(
             f"the yaw rate answers a rudder that moves {abs(late_s):.2g} s {when}: the clocks of "
-            "the two channels differ"
+            f"the two channels differ, or {other}"
         )
     if _in_angles(config) and (step_deg := rounding_deg(u)):
         share = math.radians(step_deg) / float(np.nanmax(u) - np.nanmin(u))
