@@ -13,8 +13,8 @@ from yawid.results.judge_rudder import rudder_reasons, rudder_shifts
 @pytest.mark.parametrize(("effect", "says"), [
     (RudderEffect(0.002, 90.0, 10.0), "no significant effect"),
     (RudderEffect(0.0, 69.0, 60.0), "its free decay alone reaches 60 %"),
-    (RudderEffect(0.0, 90.0, 10.0, -0.4, 1.1), "moves 0.4 s earlier"),
-    (RudderEffect(0.0, 90.0, 10.0, 0.4, 1.1), "moves 0.4 s later"),
+    (RudderEffect(0.0, 90.0, 10.0, -0.4, 1.1, 5.0), "moves 0.4 s earlier"),
+    (RudderEffect(0.0, 90.0, 10.0, 0.4, 1.1, 5.0), "moves 0.4 s later"),
 ])  # fmt: skip
 def test_each_test_refuses(effect: RudderEffect, says: str):
     (reason,) = rudder_reasons(effect)
@@ -27,7 +27,8 @@ def test_each_test_refuses(effect: RudderEffect, says: str):
 @pytest.mark.parametrize("effect", [
     RudderEffect(math.nan, math.nan, math.nan),
     RudderEffect(0.0, 90.0, 80.0),
-    RudderEffect(0.001, 90.0, 10.0, 0.4, 1.4),
+    RudderEffect(0.001, 90.0, 10.0, 0.4, 1.4, 5.0),
+    RudderEffect(0.001, 90.0, 10.0, 0.4, 1.1, 2.9),
 ])  # fmt: skip
 def test_what_passes_or_is_unknown_is_not_refused(effect: RudderEffect):
     assert not list(rudder_reasons(effect))

@@ -4,5 +4,6 @@ from typing import Final
 
 ELS: Final = "els"
 RML: Final = "rml"
+OE: Final = "oe"
 RECURSIVE: Final = (ELS, RML)
 """The methods that recurse; ``estimation/methods.py`` has their other properties."""

@@ -21,8 +21,9 @@ class RudderEffect(NamedTuple):
 
     ``chance`` is the probability of so large a B by noise alone; ``fit_pct`` the free-run fit and
     ``without_pct`` that without the rudder. Where it was asked for, ``shifted_s`` is the shift in
-    time, by an eighth of a period or more, at which the same rudder fits best, and ``ratio`` the
-    sum of squared residuals there over that of the rudder as it was measured.
+    time, by an eighth of a period or more, at which the same rudder fits best, ``ratio`` the
+    sum of squared residuals there over that of the rudder as it was measured, and ``excess`` the
+    latter over that of the innovations.
     """
 
     chance: float
@@ -30,6 +31,7 @@ class RudderEffect(NamedTuple):
     without_pct: float
     shifted_s: float = math.nan
     ratio: float = math.nan
+    excess: float = math.nan
 
 
 def rudder_fits(record: RecordFit, theta: Floats) -> tuple[float, float]:
@@ -46,20 +48,21 @@ def rudder_fits(record: RecordFit, theta: Floats) -> tuple[float, float]:
     return fits[0], fits[1]
 
 
-def best_shift(record: RecordFit, theta: Floats, least: int, most: int) -> tuple[int, float]:
-    """Return the shift of the rudder in samples that fits best, and its loss over that of none.
+def best_shift(record: RecordFit, theta: Floats, least: int, most: int) -> tuple[int, float, float]:
+    """Return the shift of the rudder in samples that fits best, its loss and that of no shift.
 
-    Shifts of ``least`` to ``most`` samples either way are tried; A is that of ``theta``
-    (n_theta,), all else is fitted again. A rudder that did not move the aircraft has no reason to
-    fit best at the time at which it was measured.
+    Shifts of ``least`` to ``most`` samples either way are tried, half of ``least`` apart. A is that
+    of ``theta`` (n_theta,), all else is fitted again. A rudder that did not move the
+    aircraft has no reason to fit best at the time at which it was measured.
     """
     losses = {}
-    for shift in (0, *range(least, most + 1), *range(-most, -least + 1)):
+    later = range(least, most + 1, max(1, least // 2))
+    for shift in (0, *later, *(-each for each in later)):
         rest = _driven(record, theta, shift)
         losses[shift] = float(np.sum(without(rest[:, 1:], rest[:, :1]) ** 2))
     unshifted = losses.pop(0)
     found = min(losses, key=lambda shift: losses[shift])
-    return found, losses[found] / unshifted
+    return found, losses[found], unshifted
 
 
 def _driven(record: RecordFit, theta: Floats, shift: int) -> Floats:

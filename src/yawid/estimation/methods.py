@@ -9,7 +9,12 @@ from dataclasses import dataclass
 from typing import Final
 
 from yawid.blocks import Floats
-from yawid.config.names import ELS, RML
+from yawid.config.names import ELS, OE, RML
+from yawid.estimation.output_error import (
+    free_run_residuals,
+    output_error,
+    output_error_scores,
+)
 from yawid.estimation.prediction_error import RecordFit, Scores
 
 
@@ -23,10 +28,13 @@ class Method:
       reduces the loss by a smaller share than its second argument;
     - ``scores`` returns the :data:`Scores` from which the covariance at theta is computed, given
       theta and the residuals of each stretch there;
+    - ``residuals`` returns the errors of each stretch at theta whose squares the fit minimises;
     - ``filters``: the regressor of the recursion is phi filtered by 1/C(q);
     - ``checked_by``: the methods whose answers are compared with it, where its answer is given;
     - ``needs_spr``: convergence to the true theta is certain only where 1/C - 1/2 is strictly
-      positive real; where it is not, or the method itself is not usable, it does not check others.
+      positive real; where it is not, or the method itself is not usable, it does not check others;
+    - ``runs_free``: its errors are those of a free run, so it is fitted, and then answers, only in
+      calm air.
     """
 
     name: str
@@ -38,6 +46,8 @@ class Method:
     filters: bool = False
     checked_by: tuple[str, ...] = ()
     needs_spr: bool = False
+    residuals: Callable[[RecordFit, Floats], list[Floats]] = RecordFit.residuals
+    runs_free: bool = False
 
 
 _ROWS = (
@@ -50,16 +60,23 @@ _ROWS = (
         name=RML, words="recursive maximum likelihood", colour="#6e45d6", shade="violet",
         fit=RecordFit.gauss_newton, scores=RecordFit.scores, filters=True, checked_by=(ELS,),
     ),
+    Method(
+        name=OE, words="output error", colour="#446688", shade="steel blue", fit=output_error,
+        scores=output_error_scores, residuals=free_run_residuals, runs_free=True,
+    ),
 )  # fmt: skip
 METHODS: Final[Mapping[str, Method]] = {row.name: row for row in _ROWS}
-"""All methods by name. The last one answers for a record; the others are shown next to it."""
+"""All methods by name. The last one that is allowed answers for a record, with the others shown."""
+IN_CALM_AIR: Final = next(name for name, row in METHODS.items() if row.runs_free)
 OF_STRUCTURES: Final = RML
 """The method with which structures are fitted to be compared: it has the smallest loss."""
 
 
 def of_a_record(asked: tuple[str, ...] = ()) -> tuple[str, ...]:
-    """Return the methods for a record, the one that answers first.
+    """Return the methods for a record in any air, the one that answers first.
 
     ``asked`` are the methods of the stream: where ELS is the only one, it is so for records too.
     """
-    return asked if asked == (ELS,) else tuple(METHODS)[::-1]
+    if asked == (ELS,):
+        return asked
+    return tuple(name for name, row in METHODS.items() if not row.runs_free)[::-1]

@@ -131,7 +131,7 @@ def _fitted_model(method: Method, record: _Record, settled: float) -> FittedMode
     config, fit, good, factors = record.config, record.fit, record.good, record.factors
     n = len(fit.y)
     theta = _theta(method, fit, settled)
-    residuals = [] if theta is None else fit.residuals(theta)
+    residuals = [] if theta is None else method.residuals(fit, theta)
     found = None if theta is None else _covariances(method, record, theta, residuals)
     if theta is None or found is None:
         return _nothing(config, len(good), Status.DIVERGED)
@@ -164,11 +164,20 @@ def rudder_effect(
     try:
         effect = float(model.theta[b] @ np.linalg.solve(model.covariance[b, b], model.theta[b]))
         fits = rudder_fits(record.fit, theta)
-        found = (0, math.nan) if shifts is None else best_shift(record.fit, theta, *shifts)
+        chance = chi_square_tail(effect, orders.nb[0])
+        if shifts is None:
+            return RudderEffect(chance, *fits)
+        shift, shifted, unshifted = best_shift(record.fit, theta, *shifts)
     except np.linalg.LinAlgError:  # an unstable A, or signals that are linearly dependent
         return RudderEffect(math.nan, math.nan, math.nan)
-    chance = chi_square_tail(effect, orders.nb[0])
-    return RudderEffect(chance, *fits, found[0] * config.sample_time_s, found[1])
+    innovations = len(record.fit.y) * (model.innovation_std * record.factors[0]) ** 2
+    return RudderEffect(
+        chance,
+        *fits,
+        shifted_s=shift * config.sample_time_s,
+        ratio=shifted / unshifted,
+        excess=unshifted / innovations,
+    )
 
 
 @np.errstate(all="ignore")
@@ -196,6 +205,9 @@ def held_back_pct(
     if record is None or theta is None:
         return float("nan")
     theta, u, y = theta * _units(config, record.factors), u[row:], y[row:]
+    if row_of.runs_free and (rest := _made_ready(config, u, y)) is not None:
+        residuals = row_of.residuals(rest.fit, theta / _units(config, rest.factors))
+        return fit_percent(rest.fit.y, rest.fit.y - np.concatenate(residuals))
     return fit_percent(y, simulate(theta, config.orders, config.bias, u, y))
 
 
@@ -205,7 +217,10 @@ def _theta(method: Method, fit: RecordFit, settled: float) -> Floats | None:
         theta = method.fit(fit, settled)
     except np.linalg.LinAlgError:  # signals that are linearly dependent
         return None
-    if theta is None or not fit.loss(theta) < fit.loss(np.zeros_like(theta)):
+    if theta is None:
+        return None
+    nothing = np.zeros_like(theta)
+    if not fit.loss(theta, method.residuals(fit, theta)) < fit.loss(nothing):
         return None
     return theta
 

@@ -16,14 +16,16 @@ from yawid.config.run import BOTH, RunConfig
 from yawid.estimation.bank import SampleHistory
 from yawid.estimation.fit import fit_percent, simulate
 from yawid.estimation.free_run import RudderEffect
-from yawid.estimation.methods import OF_STRUCTURES, of_a_record
+from yawid.estimation.methods import IN_CALM_AIR, OF_STRUCTURES, of_a_record
 from yawid.estimation.record_fit import (
     FittedModel,
     fit_methods,
+    fit_record,
     held_back_pct,
     rudder_effect,
 )
 from yawid.manoeuvres.airspeed_check import of_one_manoeuvre
+from yawid.manoeuvres.calm_air import apart_reasons, is_calm
 from yawid.manoeuvres.candidate import OTHER_SPEED, speed_factors, speed_rows
 from yawid.manoeuvres.conditions import conditions, without_airspeed
 from yawid.results.excitation import LEAST_STROKE, excitation, own_part
@@ -127,6 +129,18 @@ class Fits:
         models: list[FittedModel] = fit_methods(self.estimator, self.methods, self.u, self.y)
         self.estimators = dict(zip(self.methods, models, strict=True))
 
+    def in_calm_air(self) -> None:
+        """Let output error answer where the air is calm and the rudder moved by itself."""
+        others, first = self.methods, self.methods[0]
+        wn = float(dutch_roll_told(self, first, self.estimators[first].theta)[0])
+        if first != OF_STRUCTURES or not wn > 0.0:
+            return
+        model = fit_record(self.estimator, self.u, self.y, method=IN_CALM_AIR)
+        left, innovations = (self.y - each.y_hat for each in (model, self.estimators[first]))
+        if is_calm(left, innovations, self.u[:, 0], self.y, wn, self.sample_time_s):
+            self.methods = (IN_CALM_AIR, *others)
+            self.estimators = {IN_CALM_AIR: model, **self.estimators}
+
     @property
     def last(self) -> dict[str, EstimateBlock]:
         """The estimates by method, each a block of one row."""
@@ -147,12 +161,15 @@ class Fits:
         wn = float(dutch_roll_told(self, first, model.theta)[0])
         if not wn > 0.0:
             return NOTHING_KNOWN
-        own = model if first == OF_STRUCTURES else None
-        return spread_of(self.config, self.sample_time_s, self.u, self.y, wn, own, held_back)
+        if first in (OF_STRUCTURES, IN_CALM_AIR):
+            return spread_of(
+                self.config, self.sample_time_s, self.u, self.y, wn, model, held_back, first
+            )
+        return spread_of(self.config, self.sample_time_s, self.u, self.y, wn)
 
     def rudder_effect(self, wn_rad_s: float, *, shifted: bool) -> RudderEffect:
-        """Return what the rudder adds to the answering fit; it is also ``shifted`` if asked."""
-        model = self.estimators[self.methods[0]]
+        """Return what the rudder adds to the fit of all; it is also ``shifted`` if asked."""
+        model = self.estimators.get(OF_STRUCTURES, self.estimators[self.methods[0]])
         nb = model.config.orders.nb[0]
         shifts = rudder_shifts(wn_rad_s, self.sample_time_s, nb) if shifted else None
         return rudder_effect(model, self.u, self.y, shifts)
@@ -176,6 +193,7 @@ def answer(samples: SampleBlock, n: int, setting: ManoeuvreSetting) -> Answered:
         both = Fits(setting, replace(config, inputs=BOTH), samples)
         if both.simulation_pct() > fits.simulation_pct() + WORTH_PCT:
             fits = both
+    fits.in_calm_air()
     first, history = fits.methods[0], fits.history()
     pct = {first: held_back_pct(fits.estimator, fits.u, fits.y, method=first)}
     spread = fits.spread(pct[first])
@@ -188,6 +206,8 @@ def answer(samples: SampleBlock, n: int, setting: ManoeuvreSetting) -> Answered:
         estimates = {method: each.without_level() for method, each in estimates.items()}
     alone = list(short_reasons(fits, history, evidence[first]))
     wn_rad_s = float(evidence[first].dutch_roll[0])
+    if first == IN_CALM_AIR:
+        alone += apart_reasons(wn_rad_s, float(evidence[OF_STRUCTURES].dutch_roll[0]))
     # What held-back samples or a check cannot confirm has to pass one more test.
     unchecked = math.isnan(pct[first]) or any(
         math.isnan(each.dutch_roll[0]) for each in evidence.values()

@@ -9,7 +9,7 @@ does not shrink.
 
 import math
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -175,7 +175,7 @@ def _together(
     if apart:
         text = _disagreement(apart, wn.mean * unit, wn.std * unit, speed, len(used))
         reasons.append(Reason("manoeuvres_disagree", text, warns=share >= LEAST_AGREEING))
-    verdict = Verdict.of(reasons, used[0].verdict.method)
+    verdict = Verdict.of(reasons, _most_common(each.verdict.method for each in used))
     loop = used[0].found.loop
     flight = Flight(
         method=verdict.method,
@@ -216,6 +216,11 @@ def _averages(
     x = pooled(wn, wn_std, TAU_WN_SHARE * float(np.median(wn)), wn_beyond)
     rest = pooled(zeta, zeta_std, TAU_ZETA, zeta_beyond)
     return replace(x, least=float(moves[0]) * x.mean), replace(rest, least=float(moves[1]))
+
+
+def _most_common(methods: Iterable[str | None]) -> str | None:
+    """Return the method that answered the most manoeuvres, of several the first one."""
+    return Counter(methods).most_common(1)[0][0]
 
 
 def _common(values: set[str | None]) -> str | None:

@@ -21,6 +21,9 @@ LEAST_POINTS = 10.0
 LEAST_RATIO = 1.4
 """Squared residuals with the rudder shifted in time, over those with it as measured. It was 1.47
 or more, mostly above 4, in right answers, and below 1.35 with another flight's rudder."""
+LEAST_EXCESS = 3.0
+"""... and only where the free run leaves so many times the variance of the innovations: where it
+leaves no more than noise, a shift changes little. It was 4 or more with another flight's rudder."""
 PERIODS = (0.125, 1.5)
 """The least and the largest shift that is tried, in periods of the mode."""
 
@@ -55,7 +58,7 @@ def rudder_shifts(wn_rad_s: float, sample_time_s: float, nb: int) -> tuple[int, 
 
 def rudder_reasons(found: RudderEffect) -> Iterator[Reason]:
     """Judge what the rudder adds to the model; what is unknown is not judged."""
-    if found.ratio < LEAST_RATIO:
+    if found.ratio < LEAST_RATIO and found.excess > LEAST_EXCESS:
         when = "later" if found.shifted_s > 0.0 else "earlier"
         yield Reason(
             "mode_not_driven",

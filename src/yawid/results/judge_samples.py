@@ -236,7 +236,7 @@ def reaction_shares(history: SampleHistory) -> list[float]:
     """Return the part (0 to 1) of each input that yaw rate, roll and the previous roll explain."""
     before = np.concatenate([[np.nan], history.roll[:-1]])
     causes = np.column_stack([history.y, history.roll, before])
-    return [_explained(u, causes) for u in history.u.T]
+    return [explained(u, causes) for u in history.u.T]
 
 
 def why_believed(config: RunConfig, bank: Bank | None) -> str:
@@ -258,7 +258,7 @@ def why_rudder_moves_yaw(history: SampleHistory, sample_time_s: float) -> str:
     if np.count_nonzero(np.isfinite(u + history.y)) < ROWS_PER_LAG * len(lags):
         return ""
     before, after = (
-        _explained(history.y, np.column_stack([shifted(u, sign * i) for i in lags]))
+        explained(history.y, np.column_stack([shifted(u, sign * i) for i in lags]))
         for sign in (1, -1)
     )
     if before < LEAST_RESPONSE or before <= after:
@@ -278,7 +278,7 @@ def _correlation(a: Floats, b: Floats) -> float:
     return float(np.corrcoef(a, b)[0, 1])
 
 
-def _explained(target: Floats, causes: Floats) -> float:
+def explained(target: Floats, causes: Floats) -> float:
     """Return R^2 of a linear regression with intercept, 0 for a target that hardly varies."""
     good = np.isfinite(causes).all(axis=1) & np.isfinite(target)
     target, causes = target[good], causes[good]

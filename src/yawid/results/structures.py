@@ -74,7 +74,8 @@ class Spread:
     ``Opinion.values``. ``next`` is the richer structure on the same grid, ``slower`` the answer's
     own structure, or a similar one, at a lower rate. ``own`` is the own structure fitted like the
     others, where that fit is not the answer. ``held_back_pct`` is the own structure's fit of held
-    back samples in percent. ``is_slow`` says that the verdict may warn of the rate.
+    back samples in percent. ``is_slow`` says that the verdict may warn of the rate. ``method`` is
+    the one that all were fitted by.
     """
 
     told: tuple[Opinion, ...]
@@ -84,6 +85,7 @@ class Spread:
     own: Opinion | None = None
     held_back_pct: float = math.nan
     is_slow: bool = False
+    method: str = OF_STRUCTURES
 
     def around(self, wn: float) -> "Spread":
         """Return it with only those structures that know a mode near wn rad/s to 10 %."""
@@ -166,7 +168,7 @@ class Spread:
         scatter = self.scatter.get(name, 0.0)
         own = max(noise, scatter) if math.isfinite(scatter) else noise
         apart = self.beyond(name, value)
-        if method == OF_STRUCTURES:
+        if method == self.method:
             return math.hypot(own, apart)
         return max(own, apart) if math.isfinite(own) else own
 
@@ -183,7 +185,13 @@ def _forgetting_nothing(config: RunConfig, sample_time_s: float) -> EstimatorCon
 
 
 def _told(
-    config: RunConfig, sample_time_s: float, model: FittedModel, u: Floats, y: Floats, every: int
+    config: RunConfig,
+    sample_time_s: float,
+    model: FittedModel,
+    u: Floats,
+    y: Floats,
+    every: int,
+    method: str,
 ) -> Opinion | None:
     """Return the result of a fit of the configuration's orders to u (n, inputs) and y (n,).
 
@@ -192,7 +200,7 @@ def _told(
     dutch_roll, values, sigmas = _said(config, sample_time_s, model, model.covariance)
     if not np.isfinite(dutch_roll[0]):
         return None
-    pct = held_back_pct(model.config, u, y, NEAR_ENOUGH)
+    pct = held_back_pct(model.config, u, y, NEAR_ENOUGH, method)
     return Opinion(config.four_orders, every, dutch_roll, values, sigmas, pct)
 
 
@@ -226,18 +234,21 @@ def spread_of(
     wn: float,
     answer: FittedModel | None = None,
     held_back: float = math.nan,
+    method: str = OF_STRUCTURES,
 ) -> Spread:
     """Return the spread around an answer of wn rad/s, from the samples u (n, inputs) and y (n,).
 
     ``answer`` is the fit of the configuration's own orders to these samples, if that is the answer,
     and ``held_back`` its held-back fit in percent. If it is not, that fit is one more structure.
-    All structures have the own nk, which is converted to the coarse grid.
+    All structures are fitted by ``method`` and have the own nk, which is converted to the coarse
+    grid.
     """
-    tell, orders = partial(_others, config, sample_time_s, u, y), config.four_orders[:3]
+    tell, orders = partial(_others, config, sample_time_s, u, y, method), config.four_orders[:3]
     every = round(2.0 * math.pi / (wn * sample_time_s * COARSE_PER_PERIOD))
     richer = tell([AFTER_NEXT if orders == NEXT else NEXT], 1)
     if every > 1:
-        coarse = tell(COARSE, every)
+        # A free run hardly tells five poles from four, and takes long to find them.
+        coarse = tell(COARSE if method == OF_STRUCTURES else COARSE[:2], every)
         told = [*tell([SIMPLE], 1), *richer, *coarse]
         slower = [each for each in coarse if each.orders[:3] == orders] or coarse
     else:
@@ -245,14 +256,14 @@ def spread_of(
         slower = tell([orders], 2)
     own, own_told = answer, None
     if own is None:
-        own = fit_record(_forgetting_nothing(config, sample_time_s), u, y, NEAR_ENOUGH)
-        own_told = _told(config, sample_time_s, own, u, y, 1)
+        own = fit_record(_forgetting_nothing(config, sample_time_s), u, y, NEAR_ENOUGH, method)
+        own_told = _told(config, sample_time_s, own, u, y, 1, method)
     if own_told is not None:
         told, held_back = [*told, own_told], own_told.held_back_pct
     _, _, scatter = _said(config, sample_time_s, own, own.scatter)
     return Spread(
         tuple(told), scatter, next(iter(richer), None), next(iter(slower), None), own_told,
-        held_back, _is_slow(config, sample_time_s, wn),
+        held_back, _is_slow(config, sample_time_s, wn), method,
     )  # fmt: skip
 
 
@@ -270,6 +281,7 @@ def _others(
     sample_time_s: float,
     u: Floats,
     y: Floats,
+    method: str,
     structures: Iterable[tuple[int, int, int]],
     every: int,
 ) -> list[Opinion]:
@@ -285,8 +297,9 @@ def _others(
     for each in structures:
         other = replace(config, orders=(*each, nk))
         if every > 1 or other.orders != config.orders:
-            model = fit_record(_forgetting_nothing(other, sample_time_s), u, y, NEAR_ENOUGH)
-            found.append(_told(other, sample_time_s, model, u, y, every))
+            settings = _forgetting_nothing(other, sample_time_s)
+            model = fit_record(settings, u, y, NEAR_ENOUGH, method)
+            found.append(_told(other, sample_time_s, model, u, y, every, method))
     return [each for each in found if each is not None]
 
 

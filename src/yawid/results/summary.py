@@ -28,6 +28,7 @@ from yawid.blocks import WINDOW_S, Floats, Held, finite, strokes, window_of, wor
 from yawid.config.run import RunConfig
 from yawid.estimation.bank import Bank, PastModels, SampleHistory
 from yawid.estimation.fit import LEAST_SAMPLES, TRAINING, fit_percent, simulate
+from yawid.estimation.methods import METHODS
 from yawid.estimation.polynomials import c_of, parameter_names, spr_margin
 from yawid.estimation.whiteness import largest_autocorrelation
 from yawid.physics.derivatives import summary_of
@@ -291,7 +292,10 @@ def _fit(bank: Estimates, method: str, history: SampleHistory) -> dict[str, floa
     estimator = bank.estimators[method]
     theta, config = bank.last[method].theta[-1], estimator.config
     y, y_hat = history.y, history.y_hat[method]
-    simulated = simulate(theta, config.orders, config.bias, history.u, y)
+    if METHODS[method].runs_free:
+        simulated = y_hat
+    else:
+        simulated = simulate(theta, config.orders, config.bias, history.u, y)
     return {
         "one_step_pct": fit_percent(y, y_hat),
         "simulation_pct": fit_percent(y, simulated),
