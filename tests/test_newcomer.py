@@ -65,8 +65,8 @@ def arx(record: RecordFit, _settled: float) -> Floats:
                 "    ),\n",
             ),
             (
-                "from yawid.config.names import ELS, RML\n",
-                "from yawid.config.names import ELS, RML\nfrom yawid.estimation.arx import arx\n",
+                "from yawid.config.names import ELS, OE, RML\n",
+                "from yawid.config.names import ELS, OE, RML\nfrom yawid.estimation.arx import arx\n",
             ),
         )
     },
@@ -74,8 +74,8 @@ def arx(record: RecordFit, _settled: float) -> Floats:
     + """
 found = json.loads(yawid("replay", LOG, "--out", "out", "--json"))
 estimates = found["manoeuvres"][0]["estimates"]
-assert set(estimates) == {"arx", "els", "rml"}, set(estimates)
-assert found["flight"]["method"] == "rml"
+assert set(estimates) == {"arx", "els", "rml", "oe"}, set(estimates)
+assert found["flight"]["method"] == "oe"
 assert abs(estimates["arx"]["dutch_roll"]["wn_rad_s"] - 2.4) < 0.5
 assert '"arx"' in yawid("schema", "replay")
 again = json.loads(yawid("replay", "out/log.mcap", "--out", "again", "--json"))

@@ -58,8 +58,8 @@ def test_it_is_the_plants_dutch_roll():
     assert manoeuvre.inputs == ["rudder"]
     assert str(manoeuvre.orders) == "3,3,2,1"
     assert not manoeuvre.turn_removed
-    assert list(manoeuvre.estimates) == ["rml", "els"]
-    assert manoeuvre.verdict.method == "rml"
+    assert list(manoeuvre.estimates) == ["oe", "rml", "els"]
+    assert manoeuvre.verdict.method == "oe"
     assert manoeuvre.verdict.usable
     assert found.span_ns == (int(flight().unix_ns[0]), int(flight().unix_ns[-1]))
     els = manoeuvre.estimates["els"].dutch_roll
@@ -215,23 +215,24 @@ def test_the_other_structure_tells_the_same_plant():
     other = told(flight()).structures[OTHER_ORDERS]
 
     assert other.dutch_roll[0] == pytest.approx(WN, rel=0.03)
-    assert other.gain[0] == pytest.approx(0.3, rel=0.1)
+    # A spare slow pole takes a part of the gain at rest.
+    assert other.gain[0] == pytest.approx(0.3, rel=0.2)
 
 
 def test_each_structure_bears_its_own_distance_from_the_others():
     """Of wn, zeta and K, as a sigma: what a flight adds to noise and scatter"""
     found = told(flight())
     own, other = found.structures[(3, 3, 2, 1)], found.structures[OTHER_ORDERS]
-    rml = found.found.estimates["rml"]
+    answer = found.found.estimates["oe"]
 
     for each in (own, other):
         assert each.beyond[0] >= 0.005 * each.dutch_roll[0]
         assert each.beyond[1] >= 0.005
     assert own.beyond != other.beyond
-    assert rml.dutch_roll.wn_std_noise == own.dutch_roll[1]
-    assert rml.dutch_roll.wn_std >= math.hypot(own.dutch_roll[1], own.beyond[0]) * (1.0 - 1e-12)
-    assert own.gain == (rml.physics["K"].value, rml.physics["K"].std_noise)
-    assert rml.physics["K"].std >= math.hypot(own.gain[1], own.beyond[2]) * (1.0 - 1e-12)
+    assert answer.dutch_roll.wn_std_noise == own.dutch_roll[1]
+    assert answer.dutch_roll.wn_std >= math.hypot(own.dutch_roll[1], own.beyond[0]) * (1.0 - 1e-12)
+    assert own.gain == (answer.physics["K"].value, answer.physics["K"].std_noise)
+    assert answer.physics["K"].std >= math.hypot(own.gain[1], own.beyond[2]) * (1.0 - 1e-12)
 
 
 def test_els_answers_where_it_is_asked_for_alone():
@@ -241,7 +242,7 @@ def test_els_answers_where_it_is_asked_for_alone():
     assert alone.dutch_roll.wn_rad_s == pytest.approx(WN, rel=0.05)
     for options in ({"method": "els"}, {"method": "rml", "also": "none"}, {"method": "rml"}):
         found = told(flight(), **options).found
-        assert found.verdict.method == "rml"
+        assert found.verdict.method == "oe"
         assert "rml" in found.estimates
 
 
@@ -273,7 +274,7 @@ def test_a_level_of_flying_qualities_is_the_airframes_alone(mode: float, has_lev
 
 
 def held_back_pct(found: Answered) -> float | None:
-    return found.found.estimates["rml"].fit.simulation_held_back_pct
+    return found.found.estimates[found.verdict.method].fit.simulation_held_back_pct
 
 
 @pytest.mark.parametrize(("strong", "seconds"), [(0.1, 12.0), (0.2, 3.0)])

@@ -119,7 +119,7 @@ def test_inspect_prints_the_card_of_a_log_and_puts_it_into_the_json(capsys):
         assert capsys.readouterr().out.startswith("TEST CARD")
     assert main(["inspect", str(C172P), "--card", "--json", "--rudder-max-deg", "16"]) == 0
     card = printed("inspect", capsys.readouterr().out)["card"]
-    assert card["manoeuvre"]["wn_rad_s"] == pytest.approx(2.43, abs=0.02)
+    assert card["manoeuvre"]["wn_rad_s"] == pytest.approx(2.40, abs=0.02)
     assert card["manoeuvre"]["amplitude"][1]["deg"] == pytest.approx(4.8)
     assert card["live"] == f"{LIVE} --rudder-max-deg 16.0"
 
