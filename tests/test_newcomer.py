@@ -66,7 +66,8 @@ def arx(record: RecordFit, _settled: float) -> Floats:
             ),
             (
                 "from yawid.config.names import ELS, OE, RML\n",
-                "from yawid.config.names import ELS, OE, RML\nfrom yawid.estimation.arx import arx\n",
+                "from yawid.config.names import ELS, OE, RML\n"
+                "from yawid.estimation.arx import arx\n",
             ),
         )
     },
