@@ -9,8 +9,8 @@ from scipy.signal import lfilter
 
 from yawid import ArmaxOrders, EstimatorConfig
 from yawid.blocks import Floats
+from yawid.estimation.free_run import free_run_residuals, output_error, output_error_scores
 from yawid.estimation.methods import METHODS
-from yawid.estimation.output_error import free_run_residuals, output_error, output_error_scores
 from yawid.estimation.prediction_error import RecordFit, stretches_of
 from yawid.estimation.record_fit import fit_record, held_back_pct
 

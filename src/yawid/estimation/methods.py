@@ -10,7 +10,7 @@ from typing import Final
 
 from yawid.blocks import Floats
 from yawid.config.names import ELS, OE, RML
-from yawid.estimation.output_error import (
+from yawid.estimation.free_run import (
     free_run_residuals,
     output_error,
     output_error_scores,
