@@ -3,10 +3,11 @@
 It works on scaled signals, as ``prediction_error.py`` does. What an initial state can explain is a
 free decay: a combination of the responses of 1/A to past values of 1, one for each lag of A.
 
-Output error is the fit of A and B whose free run is nearest to y. Its model is y = B(q)/A(q) u + bias + e, without C. ARMAX weighs the misfit one step ahead, so high
-frequencies count most there; a free run weighs it where the aircraft moves most, at its mode. Where
-three poles cannot hold all of an aircraft, that is the better criterion in calm air. In gusts it is
-the worse one: without a noise model the fit takes a gust for a response to the rudder.
+Output error is the fit of A and B whose free run is nearest to y. Its model is y = B(q)/A(q) u +
+bias + e, without C. ARMAX weighs the misfit one step ahead, so high frequencies count most there; a
+free run weighs it where the aircraft moves most, at its mode. Where three poles cannot hold all of
+an aircraft, that is the better criterion in calm air. In gusts it is the worse one: without a noise
+model the fit takes a gust for a response to the rudder.
 """
 
 import math
