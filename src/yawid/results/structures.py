@@ -116,6 +116,19 @@ class Spread:
         weights: Floats = np.where(np.isfinite(pct), np.exp((pct - best) / WEIGHT_PCT), 1.0)
         return weights
 
+    def two_poles(self) -> dict[str, dict[str, float]]:
+        """Return the numbers of eq. 22-23 by a fit of two poles; empty where there is none.
+
+        They stand in where the other poles of an answer lie too near the mode to be divided out.
+        """
+        told = [each for each in self.told if each.every == 1 and each.orders[:3] == SIMPLE]
+        return {
+            name: {"value": value, "std": each.sigmas[name]}
+            for each in told
+            for name, value in each.values.items()
+            if name not in (*MOVED, *EQUAL)
+        }
+
     def next_moves(self, wn: float, zeta: float) -> Floats:
         """Return how far the next richer structure moves wn and zeta (2,); NaN where unknown.
 

@@ -220,6 +220,9 @@ def described(
         theta, estimator.covariance, orders, sample_time_s,
         mean_output=mean_output, servo_tau_s=bank.config.servo_tau,
     )  # fmt: skip
+    if not physics and METHODS[method].runs_free and (physics := spread.two_poles()):
+        physics["omega_beta"] = {"value": wn, "std": wn_noise}
+        physics["xi_beta"] = {"value": zeta, "std": zeta_noise}
     fit = _fit(bank, method, history) | {"simulation_held_back_pct": held_back_pct}
     names = parameter_names(orders, bank.config.inputs, bias=estimator.config.bias)
     described = MethodSummary(
