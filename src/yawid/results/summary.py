@@ -216,13 +216,7 @@ def described(
     spread = spread.around(wn)
     pairs = (("wn_rad_s", wn, wn_noise), ("zeta", zeta, zeta_noise))
     total = np.array([spread.total(method, *pair) for pair in pairs])
-    physics = summary_of(
-        theta, estimator.covariance, orders, sample_time_s,
-        mean_output=mean_output, servo_tau_s=bank.config.servo_tau,
-    )  # fmt: skip
-    if not physics and METHODS[method].runs_free and (physics := spread.two_poles()):
-        physics["omega_beta"] = {"value": wn, "std": wn_noise}
-        physics["xi_beta"] = {"value": zeta, "std": zeta_noise}
+    physics = _physics(bank, method, noise, spread)
     fit = _fit(bank, method, history) | {"simulation_held_back_pct": held_back_pct}
     names = parameter_names(orders, bank.config.inputs, bias=estimator.config.bias)
     described = MethodSummary(
@@ -257,6 +251,26 @@ def described(
         before=before,
     )
     return described, evidence
+
+
+def _physics(
+    bank: Estimates, method: str, dutch_roll: Floats, spread: Spread
+) -> dict[str, dict[str, float]]:
+    """Return the numbers of eq. 22-23 with their sigmas of noise; empty where there are none.
+
+    ``dutch_roll`` (4,) is that of the estimate.
+    """
+    estimator = bank.estimators[method]
+    found = summary_of(
+        bank.last[method].theta[-1], estimator.covariance, estimator.config.orders,
+        bank.sample_time_s, mean_output=bank.config.output == "yaw",
+        servo_tau_s=bank.config.servo_tau,
+    )  # fmt: skip
+    if not found and METHODS[method].runs_free and (found := spread.two_poles()):
+        wn, wn_std, zeta, zeta_std = dutch_roll.tolist()
+        found["omega_beta"] = {"value": wn, "std": wn_std}
+        found["xi_beta"] = {"value": zeta, "std": zeta_std}
+    return found
 
 
 def _value(method: str, name: str, each: dict[str, float], spread: Spread) -> Value:
