@@ -15,6 +15,7 @@ from yawid.blocks import Bools, Floats, Ints, SampleBlock
 from yawid.config.run import RunConfig
 from yawid.errors import ConfigError
 from yawid.estimation.fit import simulate
+from yawid.estimation.methods import METHODS
 from yawid.estimation.record_fit import fit_record
 from yawid.report.model_data import Judged, Model
 from yawid.results.reasons import KINDS
@@ -101,6 +102,9 @@ class Rows:
         if not np.isfinite(fitted.covariance).all() or not np.isfinite(fitted.theta).all():
             return None
         theta, same = fitted.theta, fitted.theta.tolist() == list(answer.theta.values())
-        simulated = simulate(theta, fit.orders, fit.bias, u, y)
+        if METHODS[answer.method].runs_free:
+            simulated = fitted.y_hat
+        else:
+            simulated = simulate(theta, fit.orders, fit.bias, u, y)
         model = Model(theta, fitted.covariance, fit.orders, sample_time_s, same)
         return Drawn(self.found, model, Judged(t, u, y, fitted.y_hat, simulated, y - fitted.y_hat))
