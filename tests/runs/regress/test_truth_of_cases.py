@@ -63,7 +63,8 @@ def test_each_manoeuvre_of_the_three_speeds_lies_as_near_its_truth_as_stated():
     assert len(found["manoeuvres"]) == len(truth["manoeuvres"]) == 12
     for told, true in zip(found["manoeuvres"], truth["manoeuvres"], strict=True):
         assert told["from_s"] == pytest.approx(true["from_s"] - 1.0, abs=0.2)
-        assert 3.0 < told["to_s"] - true["to_s"] < 6.0  # a sweep's or PRBS's last step is a rest
+        # A sweep's or PRBS's last step is a rest; the free decay afterwards belongs to it.
+        assert 3.0 < told["to_s"] - true["to_s"] < 15.0
         assert (told["mode"], told["loop"]) == (true["mode"], true["loop"])
         assert told["airspeed_m_s"] == pytest.approx(true["airspeed_m_s"], rel=0.005)
         if told["verdict"]["usable"]:
