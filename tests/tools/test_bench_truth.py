@@ -85,9 +85,13 @@ def test_the_figures_of_two_rows_are_those_by_hand() -> None:
     line = bench.condition_line("two", rows)
     met = {what: is_met for what, _, _, is_met in bench.criteria(rows)}
 
-    assert line == "| two | 2 | 50 | 3.20 / - | 2.17 / - | 1.41 / - | 0.00 / - | 100 100 / - - |"
+    assert line == (
+        "| two | 2 | 50 | 3.20 / 3.20 | +3.20 / +3.20 | 2.17 / 2.17 "
+        "| 1.41 / 1.41 | 0.00 / 0.00 | 100 100 / 100 100 |"
+    )
     assert not met["answered, calm"]
-    assert not met["RML, RMS z of wn"]  # 1.4135
+    assert not met["answer, RMS z of wn"]  # 1.4135
+    assert not met["RML, RMS z of wn"]
     assert not met["ELS, RMS z of wn"]  # nothing was measured
     assert met["RML, wn within 2 sigma"]
     assert not met["RML, median sigma of wn, calm"]

@@ -260,7 +260,7 @@ def spread_of(
     every = round(2.0 * math.pi / (wn * sample_time_s * COARSE_PER_PERIOD))
     richer = tell([AFTER_NEXT if orders == NEXT else NEXT], 1)
     if every > 1:
-        # A free run hardly tells five poles from four, and takes long to find them.
+        # A free run hardly distinguishes five poles from four, and takes long to find them.
         coarse = tell(COARSE if method == OF_STRUCTURES else COARSE[:2], every)
         told = [*tell([SIMPLE], 1), *richer, *coarse]
         slower = [each for each in coarse if each.orders[:3] == orders] or coarse
