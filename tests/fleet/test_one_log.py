@@ -113,7 +113,7 @@ def test_what_a_machine_or_a_store_lacks_is_failed_and_says_nothing_of_the_log(
     key.write_text("other\n")
     assert told(rows_of(log_of("no_rudder"), spec)) == (
         "failed",
-        f"signing key file {key}: another key than when the fleet was started",
+        f"signing key file {key}: it holds another key than when the fleet was started",
     )
     key.unlink()
     assert told(rows_of(log_of("no_rudder"), spec)) == (

@@ -85,7 +85,9 @@ def test_every_verdict_that_is_not_usable_says_what_to_do_next_and_no_other() ->
 
 def test_advice_fits_what_the_judge_found() -> None:
     situation = Situation(None, has_flight=False, moved_enough=True)
-    late = RudderEffect(chance=0.0, fit_pct=90.0, without_pct=0.0, shifted_s=4.0, ratio=0.9)
+    late = RudderEffect(
+        chance=0.0, fit_pct=90.0, without_pct=0.0, shifted_s=4.0, ratio=0.9, excess=10.0
+    )
     rates, none = np.random.default_rng(1).standard_normal(100), np.full(100, np.nan)
     opposes = SampleHistory(-rates[:, None], rates, none, none, none, none, none, {})
     damper, shifted = (

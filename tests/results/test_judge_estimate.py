@@ -62,9 +62,10 @@ def test_inspect_finds_the_band_in_which_the_rudder_does_drive_the_mode(lined: P
         to_s=report.recommend["to"],
     )
     summary, again = summarised(lined, config)
-    answer = summary.estimates[again.method].dutch_roll
     assert again == verdict
-    assert answer.wn_rad_s == pytest.approx(TRUE_WN, rel=0.03)
+    assert summary.flight is not None
+    assert summary.flight.dutch_roll is not None
+    assert summary.flight.dutch_roll.wn_rad_s == pytest.approx(TRUE_WN, rel=0.03)
 
 
 REMEDY = RunConfig(forgetting=1.0, turn="remove", band=(0.15, 3.0))
