@@ -94,7 +94,7 @@ def test_the_figures_of_two_rows_are_those_by_hand() -> None:
     assert not met["RML, RMS z of wn"]
     assert not met["ELS, RMS z of wn"]  # nothing was measured
     assert met["RML, wn within 2 sigma"]
-    assert not met["RML, median sigma of wn, calm"]
+    assert not met["answer, median sigma of wn, calm"]
 
 
 def test_a_wrong_flight_must_be_warned_of_or_refused_and_a_right_one_must_not() -> None:
