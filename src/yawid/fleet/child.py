@@ -19,7 +19,7 @@ from typing import Any, BinaryIO
 from yawid.dataset.values import FAILED, failed
 from yawid.fleet.one_log import rows_of
 from yawid.fleet.spec import Spec
-from yawid.system import die_with_parent
+from yawid.system.processes import die_with_parent
 
 READY = "ready"
 """The first answer, sent when all imports are done: a log's timeout starts after it."""

@@ -17,7 +17,7 @@ from yawid.dataset.places import MANIFEST, read_manifest
 from yawid.dataset.schema import TABLES
 from yawid.dataset.values import Entry, ReadRow
 from yawid.errors import SinkError, SourceError
-from yawid.system import lock
+from yawid.system.files import lock
 
 FINISHED: Final = "finished.jsonl"
 LOCK: Final = ".lock"

@@ -15,7 +15,7 @@ from typing import Any, Final
 from yawid.errors import SinkError
 from yawid.fleet.worker import POLL_S, QUEUED, Child, Task, warm
 from yawid.runs.stop import SIGNALS, StopFlag
-from yawid.system import block, cores
+from yawid.system.processes import block, cores
 
 HERE: Final = "this machine"
 

@@ -20,7 +20,7 @@ from typing import Any
 
 from yawid.dataset.values import failed
 from yawid.errors import YawidError
-from yawid.system import OWN_GROUP
+from yawid.system.processes import OWN_GROUP
 from yawid.version import __version__
 
 MOST_DEATHS = 3

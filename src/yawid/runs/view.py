@@ -21,7 +21,7 @@ from yawid.errors import SinkError, SourceError
 from yawid.sinks.mcap.reader import McapRun, open_run
 from yawid.sinks.mcap.schemas import FLIGHT, MANOEUVRE, MODES, SAMPLE, VERDICT, estimate_topics
 from yawid.sinks.rerun.sink import RerunSink
-from yawid.system import OWN_GROUP
+from yawid.system.processes import OWN_GROUP
 
 NEAR_S: Final = 2.0
 """A manoeuvre's first and last sample lie at most this far from its date; boot time selects them.

@@ -17,7 +17,7 @@ from pathlib import Path
 from yawid.blocks import INNOVATION, NOISE_STD, RESIDUAL, SCALARS, STATUS, Y_HAT
 from yawid.estimation import kernel
 from yawid.estimation.machine.object_code import processor
-from yawid.system import SAFE_OPEN, lock, who_else_writes
+from yawid.system.files import SAFE_OPEN, lock, who_else_writes
 
 _DIGEST = hashlib.sha256().digest_size
 _SETTLED = (Y_HAT, INNOVATION, RESIDUAL, NOISE_STD, STATUS)

@@ -22,7 +22,7 @@ from yawid.estimation.kernel import entry_points
 from yawid.estimation.kernel.state import Unpacked
 from yawid.estimation.machine import kept
 from yawid.estimation.machine.object_code import ADD_PRODUCTS, RUN, loaded
-from yawid.system import OWN_GROUP, run_last
+from yawid.system.processes import OWN_GROUP, run_last
 
 PATIENCE_S = 6.0
 """A process compiles after this much time in plain Python: compiling takes about as long."""

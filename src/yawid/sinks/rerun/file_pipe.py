@@ -9,7 +9,7 @@ from pathlib import Path
 from threading import Thread
 from typing import Final
 
-from yawid.system import HAS_DESCRIPTOR_NAMES
+from yawid.system.files import HAS_DESCRIPTOR_NAMES
 
 _PIECE: Final = 1 << 16  # bytes; a pipe of Linux holds no more
 

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Mapping
 from itertools import accumulate, chain, compress, takewhile
 
 from yawid.sources.link.endpoints import written
-from yawid.system import steady_ns
+from yawid.system.processes import steady_ns
 
 Address = tuple[str, int]
 """Host and port; a link-local IPv6 host has the number of its link: ``fe80::1%2``."""

@@ -1,27 +1,18 @@
-"""What Windows and macOS lack or do differently: all other files ask here, and run on all three."""
+"""Files: locks, flags to open them safely, and who else may write to them."""
 
 import os
-import signal
 import stat
-import subprocess
 import sys
-import time
-from collections.abc import Sequence
-from contextlib import suppress
 from pathlib import Path
 from typing import Final
 
-OWN_GROUP: Final = getattr(subprocess, "CREATE_NEW_PROCESS_GROUP", 0)
-"""``creationflags`` of a process that a Ctrl-C in Windows' console must not reach."""
 SAFE_OPEN: Final = sum(
     getattr(os, name, 0) for name in ("O_NOFOLLOW", "O_CLOEXEC", "O_NONBLOCK", "O_BINARY")
 )
 """Flags that open a regular file, unchanged, without following a link or waiting for a pipe."""
 HAS_DESCRIPTOR_NAMES: Final = sys.platform != "win32"
 """Whether ``/dev/fd/N`` opens the descriptor N."""
-_DIE_WITH_PARENT, _FOR_OTHERS = 1, stat.S_IWGRP | stat.S_IWOTH  # PR_SET_PDEATHSIG of prctl(2)
-_STEADY = getattr(time, "CLOCK_BOOTTIME", getattr(time, "CLOCK_MONOTONIC", 0))
-_MOST_PROCESSES = 60  # Windows waits for 63 at a time
+_FOR_OTHERS = stat.S_IWGRP | stat.S_IWOTH
 
 
 def lock(descriptor: int) -> None:
@@ -62,40 +53,3 @@ def who_else_writes(
     if about.st_mode & _FOR_OTHERS and not (is_above and about.st_mode & stat.S_ISVTX):
         return f"{path} can be written to by others"
     return None
-
-
-def die_with_parent() -> None:
-    """Have Linux kill this process when its parent ends, and choose it when memory runs out."""
-    if sys.platform == "linux":
-        import ctypes
-
-        ctypes.CDLL(None).prctl(_DIE_WITH_PARENT, signal.SIGKILL)
-        with suppress(OSError):
-            Path("/proc/self/oom_score_adj").write_text("1000", encoding="ascii")
-
-
-def block(signals: Sequence[signal.Signals]) -> None:
-    """Have no signal of these reach this thread and its processes; on Windows none reaches it."""
-    if sys.platform != "win32":
-        signal.pthread_sigmask(signal.SIG_BLOCK, signals)
-
-
-def run_last() -> None:
-    """Let all other processes run first, where the system can do that."""
-    if sys.platform != "win32":
-        os.nice(19)
-
-
-def cores() -> int:
-    """Return how many cores this process may use."""
-    if sys.platform != "linux":
-        return min(os.cpu_count() or 1, _MOST_PROCESSES)
-    else:  # noqa: RET505 # without it mypy finds the line unreachable
-        return len(os.sched_getaffinity(0))
-
-
-def steady_ns() -> int:
-    """Return the time of a clock that never steps, and where possible counts suspended time."""
-    if sys.platform == "win32":
-        return time.perf_counter_ns()  # there monotonic_ns goes in steps of 16 ms
-    return time.clock_gettime_ns(_STEADY)
