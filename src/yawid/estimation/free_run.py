@@ -55,22 +55,23 @@ class RudderEffect(NamedTuple):
     excess: float = math.nan
 
 
-def rudder_fits(record: RecordFit, theta: Floats) -> tuple[float, float]:
-    """Return the free-run fits in percent: with the rudder, and without it.
+def rudder_fits(record: RecordFit, theta: Floats) -> tuple[float, float, float]:
+    """Return the free-run fits in percent, with the rudder and without it, and the loss with it.
 
     A is that of ``theta`` (n_theta,). B, bias and initial states are the best ones in both cases,
     so that without the rudder the free decay explains as much as it can.
     """
     rest, of_rudder = _driven(record, theta, 0), record.orders.nb[0]
-    fits = []
-    for columns in (rest[:, 1:], rest[:, 1 + of_rudder :]):
-        eps = without(columns, rest[:, :1])[:, 0]
-        fits.append(fit_percent(record.y, record.y - eps) if np.isfinite(eps).all() else math.nan)
-    return fits[0], fits[1]
+    left = [without(rest[:, first:], rest[:, :1])[:, 0] for first in (1, 1 + of_rudder)]
+    with_it, alone = (
+        fit_percent(record.y, record.y - eps) if np.isfinite(eps).all() else math.nan
+        for eps in left
+    )
+    return with_it, alone, float(np.sum(left[0] ** 2))
 
 
-def best_shift(record: RecordFit, theta: Floats, least: int, most: int) -> tuple[int, float, float]:
-    """Return the shift of the rudder in samples that fits best, its loss and that of no shift.
+def best_shift(record: RecordFit, theta: Floats, least: int, most: int) -> tuple[int, float]:
+    """Return the shift of the rudder in samples that fits best, and its loss.
 
     Shifts of ``least`` to ``most`` samples either way are tried, half of ``least`` apart. A is that
     of ``theta`` (n_theta,), all else is fitted again. A rudder that did not move the
@@ -78,12 +79,11 @@ def best_shift(record: RecordFit, theta: Floats, least: int, most: int) -> tuple
     """
     losses = {}
     later = range(least, most + 1, max(1, least // 2))
-    for shift in (0, *later, *(-each for each in later)):
+    for shift in (*later, *(-each for each in later)):
         rest = _driven(record, theta, shift)
         losses[shift] = float(np.sum(without(rest[:, 1:], rest[:, :1]) ** 2))
-    unshifted = losses.pop(0)
     found = min(losses, key=lambda shift: losses[shift])
-    return found, losses[found], unshifted
+    return found, losses[found]
 
 
 def _driven(record: RecordFit, theta: Floats, shift: int) -> Floats:

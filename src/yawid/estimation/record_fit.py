@@ -163,17 +163,18 @@ def rudder_effect(
     theta = model.theta / _units(config, record.factors)
     try:
         effect = float(model.theta[b] @ np.linalg.solve(model.covariance[b, b], model.theta[b]))
-        fits = rudder_fits(record.fit, theta)
+        with_it, alone, unshifted = rudder_fits(record.fit, theta)
         chance = chi_square_tail(effect, orders.nb[0])
         if shifts is None:
-            return RudderEffect(chance, *fits)
-        shift, shifted, unshifted = best_shift(record.fit, theta, *shifts)
+            return RudderEffect(chance, with_it, alone)
+        shift, shifted = best_shift(record.fit, theta, *shifts)
     except np.linalg.LinAlgError:  # an unstable A, or signals that are linearly dependent
         return RudderEffect(math.nan, math.nan, math.nan)
     innovations = len(record.fit.y) * (model.innovation_std * record.factors[0]) ** 2
     return RudderEffect(
         chance,
-        *fits,
+        with_it,
+        alone,
         shifted_s=shift * config.sample_time_s,
         ratio=shifted / unshifted,
         excess=unshifted / innovations,

@@ -13,6 +13,7 @@ from yawid.blocks import Bools, Floats, shifted
 from yawid.config.run import RunConfig
 from yawid.estimation.bank import SampleHistory
 from yawid.results.excitation import ROWS_PER_LAG
+from yawid.results.judge_samples import variance_left
 
 MOST = 6000
 """The greatest number of samples in which causes are looked for."""
@@ -150,7 +151,5 @@ def _in_angles(config: RunConfig) -> bool:
 
 
 def _left(target: Floats, columns: list[Floats], rows: Bools) -> float:
-    """Return the variance of the target's rows that a regression with intercept leaves."""
-    table = np.column_stack([*columns, np.ones(len(target))])[rows]
-    coefficients = np.linalg.lstsq(table, target[rows], rcond=None)[0]
-    return float(np.var(target[rows] - table @ coefficients))
+    """Return the variance of the target's rows that a regression on the columns leaves."""
+    return variance_left(target[rows], np.column_stack(columns)[rows])
