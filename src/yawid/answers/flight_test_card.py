@@ -3,7 +3,8 @@
 What the log does not give is None: the card leaves a blank for it, to be filled in by hand.
 """
 
-from yawid.answers.run_summary import DutchRoll, Number, Part, Positive
+from yawid.answers.part import Number, Part, Positive
+from yawid.answers.run_summary import DutchRoll
 
 
 class ParameterToSet(Part, frozen=True, kw_only=True):

@@ -5,7 +5,8 @@ from typing import Any
 from msgspec import field
 
 from yawid.answers.flight_test_card import FlightTestCard
-from yawid.answers.run_summary import Flight, Manoeuvre, Origin, Part, VerdictSummary
+from yawid.answers.part import Part
+from yawid.answers.run_summary import Flight, Manoeuvre, Origin, VerdictSummary
 
 
 class MessageRate(Part, frozen=True):

@@ -3,7 +3,8 @@
 As in a summary, what does not apply is None and has no key.
 """
 
-from yawid.answers.run_summary import Count, DutchRoll, Number, Orders, Part, VerdictSummary
+from yawid.answers.part import Count, Number, Part
+from yawid.answers.run_summary import DutchRoll, Orders, VerdictSummary
 
 
 class OrdersTried(Orders, frozen=True, kw_only=True):

@@ -7,30 +7,15 @@ have the order of the keys.
 import json
 import math
 from collections.abc import Sequence
-from operator import methodcaller
-from typing import Annotated, Any, Final, Self
+from typing import Self
 
 import msgspec
-from msgspec import Meta, Struct, field
+from msgspec import field
 
+from yawid.answers.part import Count, Number, Part, Positive
+from yawid.answers.session import LiveFacts, Recovered
 from yawid.quantities.flying_qualities import dutch_roll_level
 from yawid.quantities.vehicles import autopilot_name, type_name
-
-LARGEST: Final = 1e300
-"""The largest number in a summary: an estimate that diverged is still shown, infinity is not."""
-Number = Annotated[float, Meta(ge=-LARGEST, le=LARGEST)]
-Positive = Annotated[float, Meta(gt=0.0, le=LARGEST)]
-Count = Annotated[int, Meta(ge=0, le=2**63 - 1)]
-
-
-class Part(Struct, frozen=True, omit_defaults=True):
-    """A part of a summary: an object in JSON."""
-
-    def to_json(self) -> dict[str, Any]:
-        """Return it for ``json.dumps``, as dicts, lists, texts and numbers."""
-        # NumPy's scalars become numbers.
-        found: dict[str, Any] = msgspec.to_builtins(self, enc_hook=methodcaller("item"))
-        return found
 
 
 class VehicleSeen(Part, frozen=True):
@@ -337,30 +322,6 @@ class Source(Part, frozen=True):
     log: str | None = None
     sha256: str | None = None
     bytes_read: Count | None = None
-
-
-class LiveFacts(Part, frozen=True, kw_only=True):
-    """The facts of a live session: the tap's counts, its events, failures and latency.
-
-    ``rates`` holds, by message, the rate asked for, the answer, and the rate achieved.
-    """
-
-    datagrams: Count | None = None
-    skipped_bytes: Count | None = None
-    receive_buffer_bytes: Count | None = None
-    dropped: dict[str, Count]
-    events: list[str]
-    rates: dict[str, dict[str, Number | str]] | None = None
-    failed: list[str] | None = None
-    latency_ms: dict[str, Number] | None = None
-    viewer_skipped: Count | None = None
-
-
-class Recovered(Part, frozen=True):
-    """The samples of a file recovered from a torn one, and what was left out, in words."""
-
-    samples: Count
-    left_out: str
 
 
 class Origin(Part, frozen=True, kw_only=True):

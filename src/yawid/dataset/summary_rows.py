@@ -3,11 +3,11 @@
 from collections.abc import Iterator, Sequence
 from datetime import datetime
 
+from yawid.answers.part import Part
 from yawid.answers.run_summary import (
     Flight,
     Manoeuvre,
     MethodSummary,
-    Part,
     RunSummary,
     Value,
     VerdictSummary,

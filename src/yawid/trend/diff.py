@@ -15,7 +15,8 @@ from typing import Final
 
 import numpy as np
 
-from yawid.answers.run_summary import Part, Value
+from yawid.answers.part import Part
+from yawid.answers.run_summary import Value
 from yawid.dataset.summary_rows import flight_row
 from yawid.dataset.values import serial_of
 from yawid.sinks.mcap.reader import McapRun, open_run

@@ -15,7 +15,8 @@ from typing import Final
 
 import numpy as np
 
-from yawid.answers.run_summary import Part, Value
+from yawid.answers.part import Part
+from yawid.answers.run_summary import Value
 from yawid.errors import ConfigError
 from yawid.quantities.table import QUANTITIES
 from yawid.trend.changes import Change, Fitted, fit_fleets, profile

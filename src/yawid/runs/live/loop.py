@@ -9,7 +9,7 @@ from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
 
-from yawid.answers.run_summary import LiveFacts
+from yawid.answers.session import LiveFacts
 from yawid.config.run import RunConfig
 from yawid.errors import ConfigError, SinkError, SourceError
 from yawid.estimation.machine.runner import RUNNER

@@ -8,7 +8,8 @@ from typing import NamedTuple, TypeVar
 
 import msgspec
 
-from yawid.answers.run_summary import LiveFacts, Manoeuvre, RunSummary
+from yawid.answers.run_summary import Manoeuvre, RunSummary
+from yawid.answers.session import LiveFacts
 from yawid.config.run import RunConfig
 from yawid.errors import UNFORESEEN, ConfigError, SinkError
 from yawid.estimation.bank import Bank

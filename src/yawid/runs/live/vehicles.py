@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
 
-from yawid.answers.run_summary import LiveFacts
+from yawid.answers.session import LiveFacts
 from yawid.errors import ConfigError
 from yawid.quantities.vehicles import AUTOPILOT_INVALID, NOT_A_VEHICLE
 from yawid.runs.live.bulkhead import cause_of

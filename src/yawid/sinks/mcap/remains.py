@@ -21,10 +21,10 @@ from yawid.answers.run_summary import (
     MethodSummary,
     Orders,
     ReasonSummary,
-    Recovered,
     RunSummary,
     VerdictSummary,
 )
+from yawid.answers.session import Recovered
 from yawid.blocks import finite
 from yawid.config.run import RunConfig, check_settings
 from yawid.sinks.base import Grid

@@ -1,0 +1,23 @@
+"""The base of every object of an answer, a struct that is an object in JSON, and its numbers."""
+
+from operator import methodcaller
+from typing import Annotated, Any, Final
+
+import msgspec
+from msgspec import Meta, Struct
+
+LARGEST: Final = 1e300
+"""The largest number in a summary: an estimate that diverged is still shown, infinity is not."""
+Number = Annotated[float, Meta(ge=-LARGEST, le=LARGEST)]
+Positive = Annotated[float, Meta(gt=0.0, le=LARGEST)]
+Count = Annotated[int, Meta(ge=0, le=2**63 - 1)]
+
+
+class Part(Struct, frozen=True, omit_defaults=True):
+    """A part of a summary: an object in JSON."""
+
+    def to_json(self) -> dict[str, Any]:
+        """Return it for ``json.dumps``, as dicts, lists, texts and numbers."""
+        # NumPy's scalars become numbers.
+        found: dict[str, Any] = msgspec.to_builtins(self, enc_hook=methodcaller("item"))
+        return found
