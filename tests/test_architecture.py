@@ -26,6 +26,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "channels": {"config"},
     "estimation": {"config"},
     "physics": {"config", "estimation"},
+    "lateral": set(),
     "offline": {"config", "estimation", "physics"},
     "results": {"config", "estimation", "physics"},
     "manoeuvres": {"config", "estimation", "results"},

@@ -1,0 +1,61 @@
+"""The bare airframe as the fit finds it: modes and derivatives with sigma, and the verdict."""
+
+import math
+from dataclasses import dataclass
+
+from yawid.blocks import Floats
+
+
+@dataclass(frozen=True, slots=True)
+class Known:
+    """A value and its sigma; NaN is what is not known."""
+
+    value: float = math.nan
+    std: float = math.nan
+
+
+@dataclass(frozen=True, slots=True)
+class FailedGate:
+    """A gate that stops the airframe: its name in ``gates.GATES``, what was found and the limit."""
+
+    name: str
+    found: float
+    limit: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Airframe:
+    """The bare airframe at one airspeed. Inputs are in the unit of their channel.
+
+    ``wn_rad_s`` and ``zeta`` are the Dutch roll's, ``roll_s`` and ``spiral_s`` time constants in s
+    (negative: it diverges). ``derivatives`` are those of eq. 20-22 in the field's symbols, by
+    DESIGN's names: dimensional, in 1/s (of rates, and Y_beta and Y_delta_r per airspeed) or 1/s^2,
+    with Ixz folded in. ``gust_std_rad`` is the sideslip of the gusts and ``rho1`` the largest
+    autocorrelation of the innovations at one sample. ``theta`` (n,) are the free parameters by
+    ``names``, with ``covariance`` (n, n). ``failed`` is empty where the airframe is known.
+    """
+
+    wn_rad_s: Known
+    zeta: Known
+    roll_s: Known
+    spiral_s: Known
+    derivatives: dict[str, Known]
+    servo_lag_s: Known
+    delay_s: Known
+    roll_delay_s: Known
+    gust_std_rad: float
+    rho1: float
+    airspeed_m_s: float
+    aileron_fed_back: float
+    """R squared of the aileron on roll and p: over .95 it is feedback alone."""
+    names: tuple[str, ...]
+    theta: Floats
+    covariance: Floats
+    criterion: float
+    """Twice the negative logarithm of the likelihood, up to a constant."""
+    failed: tuple[FailedGate, ...] = ()
+
+    @property
+    def is_known(self) -> bool:
+        """Return whether all gates let the airframe pass."""
+        return not self.failed

@@ -1,0 +1,73 @@
+"""What the fit of the bare airframe is given: one stretch of lateral motion, and its commands.
+
+Measurements are on the grid of the attitude messages. Commands have a grid of their own, which is
+finer, so that the fit can delay them and send them through the servo's lag exactly.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from yawid.blocks import Floats
+from yawid.errors import ConfigError
+
+COMMAND_STEP_S = 0.005
+"""Step of the commands' grid in s."""
+LEAD_S = 0.5
+"""Commands needed before the first measurement in s: three servo lags and the delay."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Motion:
+    """One manoeuvre in SI units; times are in s since the first measurement.
+
+    ``p``, ``r``, ``roll``, ``pitch`` and ``q`` (n,) are on the grid k ``sample_time_s``, in rad/s
+    and rad, NaN where a sample is missing. ``rudder`` and ``aileron`` (m,) are the commands at
+    ``commands_start_s`` + k COMMAND_STEP_S, in the unit of their channel, linear between the
+    stamps of the messages and never NaN; they begin LEAD_S before the first measurement where the
+    log has them. ``airspeed_m_s`` is the mean true airspeed. With ``commands_exact`` False the
+    commands are known on the grid of the measurements only. ``aileron_known`` is False where no
+    aileron was found; ``aileron`` is 0 then. ``ay_m_s2`` (l,) is the lateral acceleration at
+    ``ay_t_s`` (l,), if there is one.
+
+    Raises:
+        ConfigError: lengths differ, the commands have gaps or do not cover the measurements, or
+            sample time or airspeed is not > 0.
+    """
+
+    sample_time_s: float
+    p: Floats
+    r: Floats
+    roll: Floats
+    pitch: Floats
+    q: Floats
+    commands_start_s: float
+    rudder: Floats
+    aileron: Floats
+    airspeed_m_s: float
+    commands_exact: bool = True
+    aileron_known: bool = True
+    ay_t_s: Floats | None = None
+    ay_m_s2: Floats | None = None
+
+    def __post_init__(self) -> None:
+        if not (0.0 < self.sample_time_s < math.inf and 0.0 < self.airspeed_m_s < math.inf):
+            given = f"{self.sample_time_s!r} s and {self.airspeed_m_s!r} m/s"
+            raise ConfigError(f"sample time and airspeed must be > 0 and finite, got {given}")
+        n = len(self.p)
+        if any(len(x) != n for x in (self.r, self.roll, self.pitch, self.q)):
+            raise ConfigError("p, r, roll, pitch and q must have the same length")
+        commands = np.stack([self.rudder, self.aileron])
+        if not np.isfinite(commands).all():
+            raise ConfigError("rudder and aileron commands must be finite")
+        end_s = self.commands_start_s + (commands.shape[1] - 1) * COMMAND_STEP_S
+        last_s = (n - 1) * self.sample_time_s
+        if self.commands_start_s > 0.0 or end_s < last_s - COMMAND_STEP_S:
+            covered = f"{self.commands_start_s:.3f} to {end_s:.3f} s"
+            raise ConfigError(f"commands must cover 0 to {last_s:.3f} s, got {covered}")
+
+    def command_times_s(self) -> Floats:
+        """Return the times (m,) of the commands in s."""
+        k = np.arange(len(self.rudder))
+        return np.asarray(self.commands_start_s + COMMAND_STEP_S * k, np.float64)
