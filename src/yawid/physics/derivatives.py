@@ -93,7 +93,7 @@ def yaw_channel(
         if orders.na > 2:
             terms = numerator_terms(theta, orders, z)
             cancelled = np.abs(terms.sum(axis=2)) <= CANCELLED * np.abs(terms).sum(axis=2)
-            p, residues = _without_alternating(z, p, residues, cancelled)
+            p, residues = without_alternating(z, p, residues, cancelled)
             yaw, servo = _yaw_and_servo(p, residues, sample_time_s, servo_tau_s)
         mode = np.take_along_axis(p, yaw, axis=1)
         omega = np.sqrt(mode.prod(axis=1).real)
@@ -109,7 +109,7 @@ def yaw_channel(
     return values, error
 
 
-def _without_alternating(
+def without_alternating(
     z: Complexes, p: Complexes, residues: Complexes, cancelled: NDArray[np.bool_]
 ) -> tuple[Complexes, Complexes]:
     """Return s-plane poles and residues in which poles with z <= 0 are moved to z = 0.
@@ -169,7 +169,7 @@ def _numerator(
         return n1, n0, np.zeros(len(p))
     lags = p.copy()
     np.put_along_axis(lags, yaw, -1.0, axis=1)
-    wanted = _numerator_polynomial(p, residues) * np.prod(-1.0 / lags, axis=1).real[:, None]
+    wanted = numerator_polynomial(p, residues) * np.prod(-1.0 / lags, axis=1).real[:, None]
     w = omega[:, None] * _BAND
     # At s = jw the even powers are the real part; the odd ones times w are the imaginary part.
     even, odd = (polyval(-(w**2), wanted.T[i::2, :, None], tensor=False) for i in (0, 1))
@@ -181,7 +181,7 @@ def _numerator(
     return n1, n0, np.sqrt(misfit.mean(axis=1))
 
 
-def _numerator_polynomial(p: Complexes, residues: Complexes) -> Floats:
+def numerator_polynomial(p: Complexes, residues: Complexes) -> Floats:
     """Return the coefficients (n, na), lowest first, of sum_i R_i prod_(j != i) (s - p_j)."""
     n, na = p.shape
     total = np.zeros((n, na), complex)

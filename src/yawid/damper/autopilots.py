@@ -1,0 +1,186 @@
+"""The yaw dampers of the autopilots as their sources define them: one row for each.
+
+ArduPlane, libraries/APM_Control/AP_YawController.cpp and ArduPlane/Attitude.cpp: with the yaw
+rate r and the wanted turn (g/V) sin(roll) RLL in deg/s,
+
+    h = washout(r - turn),    u = -DAMP S^2 (h + INT * integral of h)    in degrees of 45,
+
+and the washout is h <- 0.996008 h + (change of its input) at each call. S is SCALING_SPEED over the
+airspeed (equivalent), within [min(.5, SCALING_SPEED / (2 AIRSPEED_MAX)), max(2, SCALING_SPEED / (.7
+AIRSPEED_MIN))]. yawid's unit of rudder, half the travel, is 45 degrees there.
+
+PX4, src/modules/fw_rate_control/FixedwingRateControl.cpp: u = S^2 (FW_YR_P e + FW_YR_I *
+integral of e) with e = -r in straight flight, S = FW_AIRSPD_TRIM over the calibrated airspeed, held
+within [FW_AIRSPD_STALL, FW_AIRSPD_MAX]; S = 1 where FW_ARSP_SCALE_EN is 0. Half the travel is 1.
+"""
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+
+from yawid.physics.modes import Complexes
+from yawid.quantities.vehicles import ARDUPILOT, PX4
+
+Parameters = Mapping[str, float]
+KEPT_A_CALL: Final = 0.996008
+"""The part of its output that ArduPlane's washout keeps at each call."""
+LEAST_AIRSPEED_MIN: Final = 5.0
+"""ArduPlane's MIN_AIRSPEED_MIN in m/s."""
+
+
+@dataclass(frozen=True, slots=True)
+class Law:
+    """A damper at one airspeed: u = -K(s) r in half travels, for every gain g of its parameter.
+
+    With a washout or an integral that g scales::
+
+        K(s) = scaling (g (s + integral) / (s + washout) + fixed / s) exp(-s delay)
+
+    ``washout`` and ``integral`` in rad/s; ``fixed`` is an integrator that g does not scale, in
+    rad/s per unit of g. Without a washout and an integral K is scaling (g + fixed / s).
+    """
+
+    scaling: float
+    washout: float
+    integral: float
+    fixed: float
+    delay_s: float
+
+    def at(self, s: Complexes, gain: float) -> Complexes:
+        """Return K at points s of any shape."""
+        scaled: Complexes = np.full(np.shape(s), gain, complex)
+        if self.washout or self.integral:
+            scaled = gain * (s + self.integral) / (s + self.washout)
+        if self.fixed:
+            scaled = scaled + self.fixed / s
+        return np.asarray(self.scaling * scaled * np.exp(-s * self.delay_s))
+
+
+@dataclass(frozen=True, slots=True)
+class Unknown:
+    """What is missing before the loop is known (``needed``), or what stands against it (``text``).
+
+    ``id`` names the reason; ``needed`` holds the names of parameters.
+    """
+
+    id: str
+    text: str
+    needed: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Autopilot:
+    """One autopilot's yaw damper.
+
+    ``gain`` is the parameter that is advised, ``loop_rate`` the one with the loop's rate in Hz.
+    ``needs`` returns the parameters that the loop needs, each by its newest name with older ones
+    after it. ``against`` returns why the loop cannot be modelled, ``law`` the loop at an airspeed
+    in m/s, ``turn`` is the parameter of the turn's term, None without one.
+    """
+
+    name: str
+    words: str
+    number: int
+    gain: str
+    loop_rate: str
+    needs: Callable[[Parameters], tuple[tuple[str, ...], ...]]
+    against: Callable[[Parameters], Unknown | None]
+    scaling: Callable[[Parameters, float], float]
+    law: Callable[[Parameters, float], Law]
+    turn: str | None
+
+
+def first(values: Parameters, names: tuple[str, ...]) -> float | None:
+    """Return the first of these parameters that is known and finite."""
+    found = (values[name] for name in names if name in values)
+    return next((value for value in found if math.isfinite(value)), None)
+
+
+SCALING, LOWEST, HIGHEST = (
+    ("SCALING_SPEED",),
+    ("AIRSPEED_MIN", "ARSPD_FBW_MIN"),
+    ("AIRSPEED_MAX", "ARSPD_FBW_MAX"),
+)
+
+
+def _arduplane_scaling(values: Parameters, airspeed_m_s: float) -> float:
+    speed, low, high = (first(values, each) or math.nan for each in (SCALING, LOWEST, HIGHEST))
+    least = min(0.5, speed / (2.0 * high))
+    most = max(2.0, speed / (0.7 * max(low, LEAST_AIRSPEED_MIN)))
+    return min(max(speed / airspeed_m_s, least), most)
+
+
+def _arduplane_law(values: Parameters, loop_hz: float) -> Law:
+    washout = -math.log(KEPT_A_CALL) * loop_hz
+    integral = values.get("YAW2SRV_INT", 0.0)
+    return Law(math.degrees(1.0) / 45.0, washout, integral, 0.0, 0.5 / loop_hz)
+
+
+def _arduplane_against(values: Parameters) -> Unknown | None:
+    if values.get("YAW_RATE_ENABLE", 0.0):
+        return Unknown("other_loop", "YAW_RATE_ENABLE is on: a rate PID moves the rudder next to "
+                       "the damper, and its part is not modelled; set it to 0")  # fmt: skip
+    if values.get("YAW2SRV_INT", 0.0) and values.get("YAW2SRV_SLIP", 0.0):
+        return Unknown("other_loop", "YAW2SRV_SLIP and YAW2SRV_INT are set: they feed back the "
+                       "lateral acceleration, of which rudder to yaw rate says nothing; set "
+                       "YAW2SRV_SLIP to 0")  # fmt: skip
+    return None
+
+
+def _px4_scaling(values: Parameters, airspeed_m_s: float) -> float:
+    if not values.get("FW_ARSP_SCALE_EN", 1.0):
+        return 1.0
+    low = first(values, ("FW_AIRSPD_STALL", "FW_AIRSPD_MIN")) or 0.1
+    high = values.get("FW_AIRSPD_MAX", math.inf)
+    return values.get("FW_AIRSPD_TRIM", math.nan) / min(max(airspeed_m_s, low), high)
+
+
+def _px4_law(values: Parameters, loop_hz: float) -> Law:
+    return Law(1.0, 0.0, 0.0, values.get("FW_YR_I", 0.0), 0.5 / loop_hz)
+
+
+def _px4_against(values: Parameters) -> Unknown | None:
+    if values.get("FW_YR_D", 0.0):
+        return Unknown("other_loop", "FW_YR_D is set: it feeds back the yaw acceleration, which is "
+                       "not modelled; set it to 0")  # fmt: skip
+    shares = [abs(value) for name, value in values.items()
+              if name.startswith("CA_SV_CS") and name.endswith("_TRQ_Y") and value]  # fmt: skip
+    if len(shares) > 1 or any(abs(share - 1.0) > 1e-3 for share in shares):
+        return Unknown("other_loop", "several surfaces share the yaw torque, or one takes it by "
+                       "another factor than 1 (CA_SV_CSi_TRQ_Y): what reaches the rudder is "
+                       "not known")  # fmt: skip
+    return None
+
+
+def _px4_needs(values: Parameters) -> tuple[tuple[str, ...], ...]:
+    scaled = values.get("FW_ARSP_SCALE_EN", 1.0)
+    return (("FW_YR_P",), *((("FW_AIRSPD_TRIM",),) if scaled else ()))
+
+
+AUTOPILOTS: Final = {
+    row.name: row
+    for row in (
+        Autopilot(
+            "ardupilot", "ArduPlane", ARDUPILOT, "YAW2SRV_DAMP", "SCHED_LOOP_RATE",
+            lambda values: (("YAW2SRV_DAMP",), SCALING, LOWEST, HIGHEST),
+            _arduplane_against, _arduplane_scaling, _arduplane_law, "YAW2SRV_RLL",
+        ),
+        Autopilot(
+            "px4", "PX4", PX4, "FW_YR_P", "IMU_GYRO_RATEMAX",
+            _px4_needs, _px4_against, _px4_scaling, _px4_law, None,
+        ),
+    )
+}  # fmt: skip
+"""The dampers by name, as ``--autopilot`` takes them."""
+
+
+def law_at(autopilot: Autopilot, values: Parameters, loop_hz: float, airspeed_m_s: float) -> Law:
+    """Return the damper at an equivalent airspeed in m/s, for a loop of ``loop_hz``.
+
+    Its delay is half a period of the loop: the mean age of a command held until the next call.
+    """
+    law, scaling = autopilot.law(values, loop_hz), autopilot.scaling(values, airspeed_m_s)
+    return replace(law, scaling=law.scaling * scaling**2)

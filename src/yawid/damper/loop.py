@@ -1,0 +1,140 @@
+"""The damper's loop in continuous time: margins of the open loop, and the closed Dutch roll.
+
+With G from rudder to yaw rate (without the damper: see the manual) and the damper K, both with
+their delays, the open loop is L(s) = K(s) G(s) and the closed poles are the roots of 1 + L(s).
+The delay is exact in both: margins come from L(jw), and the Dutch roll is followed from gain 0 by
+Newton's method on (s - p) (1 + L(s)), which has no pole at its start p.
+"""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from yawid.blocks import Bools, Floats
+from yawid.damper.autopilots import Law
+from yawid.physics.continuous import Transfer
+from yawid.physics.modes import Complexes
+
+STEPS: Final = 8
+"""The steps of the gain from one row to the next, in which Newton's method follows the pole."""
+NEWTON: Final = 6
+CONVERGED: Final = 1e-8
+REAL: Final = 1e-3
+"""A pair whose imaginary part is less than this share of |s| has become two real poles."""
+LOWEST, HIGHEST_OF_WN, HIGHEST_OF_RATE = 0.1, 3.0, 0.2
+"""Where G is known: from this part of wn to this multiple of wn, and to this part of the rate."""
+POINTS: Final = 600
+
+
+def closed_dutch_roll(G: Transfer, law: Law, gains: Floats) -> Complexes:  # noqa: N803  as in text
+    """Return the closed loop's Dutch roll (m, n) in rad/s for gains (m,), ascending from 0 on.
+
+    It is the pole that begins at the open Dutch roll; NaN from where it becomes two real poles.
+    """
+    start = G.dutch_roll
+    s, found = start.copy(), np.full((len(gains), len(G)), np.nan, complex)
+    loop, lost = _Between(law, None, None), ~np.isfinite(start)
+    for row, gain in enumerate(gains.tolist()):
+        loop, move = _Between(law, loop.last, gain), np.zeros(len(G), complex)
+        for step in range(1, STEPS + 1):
+            before = s
+            s = _newton(G, loop, step / STEPS, start, s + move)
+            move = s - before
+            lost |= ~(s.imag > REAL * np.abs(s))
+        found[row] = np.where(lost, np.nan, s)
+    return found
+
+
+@dataclass(frozen=True, slots=True)
+class _Between:
+    """The damper on the way from one gain to the next; a gain of None is no damper at all."""
+
+    law: Law
+    first: float | None
+    last: float | None
+
+    def at(self, s: Complexes, part: float) -> Complexes:
+        ends = ((self.first, 1.0 - part), (self.last, part))
+        known = [share * self.law.at(s, gain) for gain, share in ends if gain is not None]
+        found: Complexes = np.sum(known, axis=0)
+        return found
+
+
+def _newton(G: Transfer, loop: _Between, part: float, start: Complexes, s: Complexes) -> Complexes:  # noqa: N803
+    """Return the roots (n,) of (s - start) (1 + K G) near s (n,); NaN where none is reached."""
+
+    def error(at: Complexes) -> Complexes:
+        near = np.where(at == start, at * (1.0 + 1e-9), at)
+        return np.asarray((near - start) * (1.0 + loop.at(near, part) * G.at(near[:, None])[:, 0]))
+
+    size = np.abs(start)
+    with np.errstate(all="ignore"):
+        for _ in range(NEWTON):
+            step = 1e-6 * size
+            slope = (error(s + step) - error(s - step)) / (2.0 * step)
+            change = error(s) / slope
+            # A step of more than a tenth of wn would jump to another branch.
+            s = s - change * np.minimum(1.0, 0.1 * size / np.maximum(np.abs(change), 1e-300))
+        return np.where(np.abs(change) < CONVERGED * size, s, np.nan)
+
+
+@dataclass(frozen=True, slots=True)
+class Margins:
+    """The open loop's margins (m, n) for m gains and n models, infinite where nothing crosses.
+
+    ``phase_deg`` is the least over all frequencies at which |L| = 1, on both sides of the mode;
+    ``gain_db`` the least over those at which L is negative. ``beyond`` (m, n) says that |L| is
+    still above 1 at the highest frequency where G is known: then both are unknown.
+    """
+
+    phase_deg: Floats
+    gain_db: Floats
+    beyond: Bools
+
+
+def known_frequencies(wn_rad_s: float, sample_time_s: float) -> Floats:
+    """Return the frequencies (k,) in rad/s over which G is known."""
+    highest = min(HIGHEST_OF_WN * wn_rad_s, HIGHEST_OF_RATE * 2.0 * np.pi / sample_time_s)
+    return np.geomspace(LOWEST * wn_rad_s, max(highest, 1.2 * wn_rad_s), POINTS)
+
+
+def margins(G: Transfer, law: Law, gains: Floats, w: Floats) -> Margins:  # noqa: N803
+    """Return the margins for gains (m,) over the frequencies w (k,) in rad/s."""
+    s: Complexes = (1j * w).astype(np.complex128)
+    aircraft = G.at(s)
+    shape = (len(gains), len(G))
+    phase, gain_db, beyond = np.full(shape, np.inf), np.full(shape, np.inf), np.zeros(shape, bool)
+    for row, gain in enumerate(gains.tolist()):
+        L = law.at(s, gain) * aircraft  # noqa: N806
+        if not (L != 0.0).any():
+            continue
+        over, angle = np.log(np.abs(L)), np.unwrap(np.angle(L), axis=1)
+        phase[row], gain_db[row] = _phase_margin(over, angle), _gain_margin(over, angle)
+        beyond[row] = over[:, -1] > 0.0
+    return Margins(phase, gain_db, beyond)
+
+
+def _phase_margin(over: Floats, angle: Floats) -> Floats:
+    """Return the least phase margin (n,) in degrees; ``over`` is ln |L|, both (n, k).
+
+    Where |L| falls through 1, the angle left is that down to -180 degrees; where it rises through
+    1, that up to 180 degrees.
+    """
+    crosses = (over[:, :-1] > 0.0) != (over[:, 1:] > 0.0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        part = np.where(crosses, over[:, :-1] / (over[:, :-1] - over[:, 1:]), 0.0)
+    left = np.degrees(np.angle(-np.exp(1j * (angle[:, :-1] + part * np.diff(angle, axis=1)))))
+    margin = np.where(over[:, :-1] > 0.0, left, -left)
+    return np.asarray(np.min(np.where(crosses, margin, np.inf), axis=1))
+
+
+def _gain_margin(over: Floats, angle: Floats) -> Floats:
+    """Return the least gain margin (n,) in dB, at the frequencies where L is negative."""
+    turns = np.floor((angle - np.pi) / (2.0 * np.pi))
+    crosses = turns[:, :-1] != turns[:, 1:]
+    goal = (np.maximum(turns[:, :-1], turns[:, 1:]) * 2.0 + 1.0) * np.pi
+    with np.errstate(divide="ignore", invalid="ignore"):
+        part = np.where(crosses, (goal - angle[:, :-1]) / np.diff(angle, axis=1), 0.0)
+    at = over[:, :-1] + part * np.diff(over, axis=1)
+    return np.asarray(-20.0 / np.log(10.0) * np.max(np.where(crosses, at, -np.inf), axis=1))

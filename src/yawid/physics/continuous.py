@@ -1,0 +1,153 @@
+"""The continuous transfer function from rudder to yaw rate, as poles and residues.
+
+The zero-order hold is undone exactly (:func:`yawid.physics.modes.residues_of`), so that::
+
+    G(s) = (sum of R_i / (s - p_i) + D) exp(-s delay)
+
+with p_i in rad/s and R_i in rad/s^2 per unit of rudder; D is 0 for every identified model. This
+form can be evaluated anywhere in the s plane, for many models at once.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from yawid.blocks import Floats
+from yawid.config.estimator import ArmaxOrders
+from yawid.physics.derivatives import CANCELLED, numerator_polynomial, without_alternating
+from yawid.physics.modes import (
+    Complexes,
+    dutch_roll_index,
+    numerator_terms,
+    poles_of,
+    residues_of,
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Transfer:
+    """Transfer functions of n models: poles and residues (n, m), direct terms (n,), a delay in s.
+
+    ``pair`` (n,) is the column of the Dutch roll's pole in the upper half plane, -1 without one.
+    """
+
+    poles: Complexes
+    residues: Complexes
+    direct: Floats
+    delay_s: float
+    pair: Floats
+
+    def __len__(self) -> int:
+        return len(self.poles)
+
+    @property
+    def dutch_roll(self) -> Complexes:
+        """The Dutch roll's pole (n,) in the upper half plane in rad/s, NaN where there is none."""
+        found = self.poles[np.arange(len(self)), self.pair.astype(int)]
+        return np.where(self.pair >= 0, found, np.nan)
+
+    def at(self, s: Complexes) -> Complexes:
+        """Return G(s) (n, k) at points ``s`` (k,) of all models, or (n, k) of each."""
+        s = np.broadcast_to(s, (len(self), np.shape(s)[-1]))
+        terms = self.residues[:, None, :] / (s[:, :, None] - self.poles[:, None, :])
+        found: Complexes = terms.sum(axis=2) + self.direct[:, None]
+        return found * np.exp(-s * self.delay_s)
+
+    def select(self, rows: slice | Floats) -> "Transfer":
+        """Return the transfer functions of these rows."""
+        return replace(self, poles=self.poles[rows], residues=self.residues[rows],
+                       direct=self.direct[rows], pair=self.pair[rows])  # fmt: skip
+
+    def polynomials(self, row: int = 0) -> tuple[Floats, Floats]:
+        """Return numerator and denominator of one model without its delay, highest power first."""
+        p, residues = self.poles[row], self.residues[row]
+        kept = residues != 0.0
+        p, residues = p[kept], residues[kept]
+        den = np.real(np.poly(p)).reshape(-1) if len(p) else np.ones(1)
+        num = numerator_polynomial(p[None], residues[None])[0][::-1]
+        return np.polyadd(num, self.direct[row] * den), den
+
+    def faster(self, factor: float, lag: Floats | None = None) -> "Transfer":
+        """Return them at an airspeed higher by ``factor``, as the derivatives of eq. 22 scale.
+
+        a_z and a_my_omega_y go as V, a_my_beta and a_my_delta_h as V^2, so that G becomes
+        factor G(s / factor). ``lag`` (n,) is the column of a lag that does not scale, such as the
+        servo's, -1 without one.
+        """
+        if factor == 1.0:
+            return self
+        rows = np.arange(len(self))
+        has = np.zeros(len(self), bool) if lag is None else lag >= 0
+        column = np.where(has, 0 if lag is None else lag, 0).astype(int)
+        pole = np.where(has, self.poles[rows, column], -1.0)
+        # Without its lag: (s - pole) / -pole times G; the lag's own residue vanishes.
+        inside = self.residues * (self.poles - pole[:, None]) / -pole[:, None]
+        inside = np.where(has[:, None], inside, self.residues)
+        total = self.residues.sum(axis=1).real
+        direct = np.where(has, total / -pole.real, self.direct)
+        scaled = replace(self, poles=self.poles * factor, residues=inside * factor**2,
+                         direct=direct * factor)  # fmt: skip
+        # The lag again: G -pole / (s - pole), whose residue at the lag is that of a new pole.
+        at_lag = np.where(np.arange(self.poles.shape[1]) == column[:, None], 0.0, scaled.residues)
+        apart = pole[:, None] - scaled.poles
+        value = (at_lag / np.where(apart == 0.0, 1.0, apart)).sum(axis=1) + scaled.direct
+        again = at_lag * -pole[:, None] / np.where(apart == 0.0, 1.0, -apart)
+        again[rows, column] = -pole * value
+        poles = scaled.poles.copy()
+        poles[rows, column] = pole
+        return replace(
+            self,
+            poles=np.where(has[:, None], poles, scaled.poles),
+            residues=np.where(has[:, None], again, scaled.residues),
+            direct=np.where(has, 0.0, scaled.direct),
+        )
+
+    def with_pair(self, pole: Complexes) -> "Transfer":
+        """Return them with the Dutch roll's pole (n,) moved; zeros and the high end stay."""
+        rows, column = np.arange(len(self)), self.pair.astype(int)
+        old = self.dutch_roll
+        twin = np.argmin(np.abs(self.poles - np.conj(old)[:, None]), axis=1)
+
+        def without(s: Complexes) -> Complexes:
+            """Return G (s - p) (s - conj p) at s (n,)."""
+            near, far = s - old, s - np.conj(old)
+            found = self.residues[rows, column] * far + self.residues[rows, twin] * near
+            rest = s[:, None] - self.poles
+            rest[rows, column] = rest[rows, twin] = 1.0
+            others = self.residues / rest
+            others[rows, column] = others[rows, twin] = 0.0
+            return np.asarray(found + near * far * (others.sum(axis=1) + self.direct))
+
+        shift = (self.poles - old[:, None]) * (self.poles - np.conj(old)[:, None])
+        shift = shift / ((self.poles - pole[:, None]) * (self.poles - np.conj(pole)[:, None]))
+        residues, poles = self.residues * shift, self.poles.copy()
+        poles[rows, column], poles[rows, twin] = pole, np.conj(pole)
+        residues[rows, column] = without(pole) / (pole - np.conj(pole))
+        residues[rows, twin] = np.conj(residues[rows, column])
+        return replace(self, poles=poles, residues=residues)
+
+
+def transfer(
+    theta: Floats, orders: ArmaxOrders, sample_time_s: float, *, mean_output: bool = False
+) -> Transfer:
+    """Return the transfer functions from the first input of models ``theta`` (n, p).
+
+    A dead time beyond one sample (nk > 1) is the delay. Poles that alternate from sample to sample
+    have no continuous counterpart and are divided out at DC, as
+    in :mod:`yawid.physics.derivatives`. ``mean_output`` is that of :func:`residues_of`.
+
+    Raises:
+        ValueError: the model has no B, or more coefficients of B than of A.
+    """
+    if not orders.nb or not 1 <= orders.nb[0] <= orders.na:
+        raise ValueError(f"nb must be 1 to na = {orders.na} for a continuous model: {orders.nb}")
+    prompt = ArmaxOrders(na=orders.na, nb=orders.nb, nc=orders.nc, nk=(1,) * len(orders.nk))
+    poles = poles_of(theta[:, : orders.na], prompt, sample_time_s)
+    found = residues_of(theta, poles, prompt, sample_time_s, mean_output=mean_output)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        terms = numerator_terms(theta, prompt, poles.z)
+        cancelled = np.abs(terms.sum(axis=2)) <= CANCELLED * np.abs(terms).sum(axis=2)
+        p, residues = without_alternating(poles.z, poles.s, found, cancelled)
+    pair = dutch_roll_index(p, residues, sample_time_s)
+    delay_s = (orders.nk[0] - 1) * sample_time_s
+    return Transfer(p, residues, np.zeros(len(p)), delay_s, pair.astype(float))

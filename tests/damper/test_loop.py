@@ -1,0 +1,170 @@
+"""The damper's loop: margins and closed poles by hand, the law against the autopilot's steps."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+
+from yawid.damper.autopilots import AUTOPILOTS, Law, law_at
+from yawid.damper.loop import closed_dutch_roll, known_frequencies, margins
+from yawid.physics.continuous import Transfer
+
+PLANE = {"SCALING_SPEED": 15.0, "AIRSPEED_MIN": 10.0, "AIRSPEED_MAX": 30.0}
+PLAIN = Law(1.0, 0.0, 0.0, 0.0, 0.0)
+
+
+def of_poles(*poles: complex, gain: float = 1.0, pair: int = -1) -> Transfer:
+    """Return gain / product of (s - p), by its partial fractions."""
+    p = np.array([poles], complex)
+    others = p[0][:, None] - p[0][None, :]
+    np.fill_diagonal(others, 1.0)
+    return Transfer(p, gain / np.prod(others, axis=1)[None], np.zeros(1), 0.0, np.array([pair]))
+
+
+def test_the_margins_of_three_lags() -> None:
+    # 1/((s+1)(s+2)(s+3)) is on the limit with a gain of 60, at sqrt(11) rad/s.
+    G, w = of_poles(-1.0, -2.0, -3.0), np.geomspace(0.01, 30.0, 3000)
+
+    found = margins(G, PLAIN, np.array([0.0, 10.0, 30.0, 120.0]), w)
+
+    assert found.gain_db[1:, 0] == pytest.approx(20.0 * np.log10([6.0, 2.0, 0.5]), abs=1e-3)
+    crossing = brentq(lambda x: (x**2 + 1) * (x**2 + 4) * (x**2 + 9) - 30.0**2, 0.1, 10.0)
+    angle = sum(math.degrees(math.atan2(crossing, p)) for p in (1.0, 2.0, 3.0))
+    assert found.phase_deg[2, 0] == pytest.approx(180.0 - angle, abs=0.01)
+    assert found.phase_deg[3, 0] < 0.0
+    assert np.isinf(found.phase_deg[0, 0])
+    assert np.isinf(found.gain_db[0, 0])
+
+
+def test_a_washed_out_loop_has_its_phase_margin_on_either_side_of_the_mode() -> None:
+    # Below the mode the washout leads: there the phase left to +180 degrees counts.
+    law, w = Law(1.0, 6.0, 0.0, 0.0, 0.05), np.geomspace(0.05, 40.0, 4000)
+    pole = complex(-0.3, 3.0)
+    G = of_poles(pole, pole.conjugate(), gain=1.0, pair=0)
+
+    found = margins(G, law, np.array([8.0]), w).phase_deg[0, 0]
+
+    L = law.at(1j * w, 8.0) / ((1j * w - pole) * (1j * w - pole.conjugate()))
+    at = np.flatnonzero(np.diff(np.abs(L) > 1.0))
+    assert len(at) == 2
+    left = [abs(math.degrees(np.angle(-L[i]))) for i in at]
+    assert found == pytest.approx(min(left), abs=0.2)
+
+
+def test_what_still_crosses_above_the_known_frequencies_is_marked() -> None:
+    G = of_poles(-1.0, gain=5.0)
+
+    assert margins(
+        G, PLAIN, np.array([1.0, 3.0]), np.geomspace(0.1, 9.0, 50)
+    ).beyond.T.tolist() == [[False, True]]
+    assert known_frequencies(10.0, 0.05)[-1] == pytest.approx(0.2 * 20.0 * math.tau)
+    assert known_frequencies(2.0, 0.05)[[0, -1]] == pytest.approx([0.2, 6.0])
+
+
+def test_the_closed_pair_is_a_root_of_the_characteristic_polynomial() -> None:
+    pole = complex(-1.0, 5.0)
+    G = of_poles(pole, pole.conjugate(), -7.0, gain=60.0, pair=0)
+    law, gains = Law(0.6, 0.8, 0.0, 0.0, 0.0), np.array([0.0, 0.5, 1.0, 2.0])
+
+    found = closed_dutch_roll(G, law, gains)[:, 0]
+
+    open_loop = np.polymul(np.real(np.poly(G.poles[0])), [1.0, 0.8])
+    for gain, s in zip(gains, found, strict=True):
+        roots = np.roots(np.polyadd(open_loop, 60.0 * 0.6 * gain * np.array([1.0, 0.0])))
+        assert np.min(np.abs(roots - s)) < 1e-6
+    assert found[0] == pytest.approx(pole, rel=1e-9)
+    assert np.all(np.diff(np.abs(found)) > 0.0)
+
+
+def test_the_delay_is_exact_in_the_closed_pair() -> None:
+    pole = complex(-0.4, 5.0)
+    G = of_poles(pole, pole.conjugate(), gain=10.0, pair=0)
+    law = Law(1.0, 0.5, 0.0, 0.2, 0.06)
+
+    s = complex(closed_dutch_roll(G, law, np.array([0.1, 0.5]))[1, 0])
+
+    loop = (0.5 * s / (s + 0.5) + 0.2 / s) * np.exp(-0.06 * s) * 10.0
+    assert abs((s - pole) * (s - pole.conjugate()) + loop) < 1e-5
+    assert s.imag > 0.0
+
+
+def test_a_pair_that_becomes_two_real_poles_is_left_out() -> None:
+    # s^2 + (2 + 10 g) s + 25: real from g = 0.8 on.
+    pole = complex(-1.0, math.sqrt(24.0))
+    G = Transfer(np.array([[pole, pole.conjugate()]]), np.array([[10.0, 10.0]], complex),
+                 np.zeros(1), 0.0, np.array([0]))  # fmt: skip
+    residue = 10.0 * pole / (pole - pole.conjugate())
+    G.residues[0] = residue, residue.conjugate()
+
+    s = closed_dutch_roll(G, PLAIN, np.array([0.0, 0.4, 0.79, 1.0, 2.0]))[:, 0]
+
+    assert (-s.real / np.abs(s))[:3] == pytest.approx([0.2, 0.6, 0.99], abs=1e-6)
+    assert np.isnan(s[3:]).all()
+
+
+@pytest.mark.parametrize("loop_hz", [50.0, 400.0])
+def test_arduplanes_damper_is_the_one_of_its_source(loop_hz: float) -> None:
+    values = PLANE | {"YAW2SRV_DAMP": 0.3, "YAW2SRV_INT": 0.5}
+    law = law_at(AUTOPILOTS["ardupilot"], values, loop_hz, 20.0)
+    scaler, w = 15.0 / 20.0, 4.0
+
+    # The source's steps, at the loop's rate, for a yaw rate of sin(w t); see AP_YawController.cpp.
+    times = np.arange(round(60.0 * loop_hz)) / loop_hz
+    put_out, before_in, washed, integrator = [], 0.0, 0.0, 0.0
+    for r in np.degrees(np.sin(w * times)):
+        washed = 0.9960080 * washed + r - before_in
+        before_in = r
+        integrator += -0.5 * washed / loop_hz
+        put_out.append(0.3 * scaler**2 * (integrator - washed) / 45.0)
+    later = times > 30.0
+    wave = np.exp(-1j * w * times[later])
+    u = np.array(put_out)[later]
+    u = u - u.mean()
+    found = 2.0j * np.mean(u * wave)
+    # Held until the next call, it comes half a period later.
+    found *= np.exp(-0.5j * w / loop_hz)
+
+    assert -law.at(np.array([1j * w]), 0.3)[0] == pytest.approx(found, rel=0.02)
+
+
+def test_the_scaling_is_held_as_in_the_sources() -> None:
+    plane, px4 = AUTOPILOTS["ardupilot"], AUTOPILOTS["px4"]
+    speeds = (1.0, 15.0, 22.0, 100.0)
+
+    assert [plane.scaling(PLANE, v) for v in speeds] == pytest.approx(
+        [15.0 / 7.0, 1.0, 15.0 / 22.0, 0.25]
+    )
+    old = {"SCALING_SPEED": 15.0, "ARSPD_FBW_MIN": 10.0, "ARSPD_FBW_MAX": 30.0}
+    assert plane.scaling(old, 22.0) == pytest.approx(15.0 / 22.0)
+    trim = {"FW_AIRSPD_TRIM": 15.0, "FW_AIRSPD_STALL": 7.0, "FW_AIRSPD_MAX": 20.0}
+    assert [px4.scaling(trim, v) for v in (3.0, 10.0, 40.0)] == [15.0 / 7.0, 1.5, 0.75]
+    assert px4.scaling(trim | {"FW_ARSP_SCALE_EN": 0.0}, 10.0) == 1.0
+
+
+def test_px4s_integrator_stays_as_it_is_while_p_is_raised() -> None:
+    values = {"FW_YR_I": 0.1, "FW_AIRSPD_TRIM": 15.0}
+    law = law_at(AUTOPILOTS["px4"], values, 400.0, 10.0)
+
+    assert law.at(np.array([2.0j]), 0.3)[0] == pytest.approx(
+        2.25 * (0.3 + 0.1 / 2.0j) * np.exp(-2.0j * 0.00125)
+    )
+
+
+@pytest.mark.parametrize(
+    ("name", "values", "says"),
+    [
+        ("ardupilot", {"YAW_RATE_ENABLE": 1.0}, "YAW_RATE_ENABLE"),
+        ("ardupilot", {"YAW2SRV_SLIP": 1.0, "YAW2SRV_INT": 0.5}, "YAW2SRV_SLIP"),
+        ("px4", {"FW_YR_D": 0.1}, "FW_YR_D"),
+        ("px4", {"CA_SV_CS0_TRQ_Y": 0.5, "CA_SV_CS1_TRQ_Y": -0.5}, "TRQ_Y"),
+    ],
+)
+def test_a_loop_that_is_not_modelled_is_named(name: str, values: dict, says: str) -> None:
+    against = AUTOPILOTS[name].against(values)
+
+    assert against is not None
+    assert says in against.text
+    assert AUTOPILOTS[name].against({"YAW2SRV_SLIP": 1.0, "CA_SV_CS0_TRQ_Y": -1.0}) is None
