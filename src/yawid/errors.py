@@ -1,5 +1,6 @@
 """The exceptions that yawid raises on purpose, with exit codes; only ``cli/`` prints them."""
 
+from collections.abc import Iterable
 from typing import Final
 
 UNFORESEEN: Final = 70
@@ -54,3 +55,12 @@ class NotIdentifiable(YawidError):  # noqa: N818 it names a finding, not a fault
     """A record without an answer: it has not the form asked for, or shows too little of it."""
 
     exit_code = 5
+
+
+def did_you_mean(name: str, names: Iterable[str]) -> str:
+    """Return "; did you mean X?" with the one of ``names`` that is most like ``name``, else ""."""
+    from difflib import get_close_matches  # only an error needs it
+
+    by_plain = {each.lower().replace("_", "-"): each for each in names}
+    near = get_close_matches(name.lower().replace("_", "-"), by_plain, n=1, cutoff=0.6)
+    return f"; did you mean {by_plain[near[0]]}?" if near else ""

@@ -11,6 +11,7 @@ import pytest
 from yawid.answers.run_summary import ReasonSummary, VerdictSummary
 from yawid.cli import main as command_line
 from yawid.cli.explain import explained, listed, parts_of
+from yawid.cli.options import ALIASES
 from yawid.config.run import KEPT_ONLY, RunConfig
 from yawid.errors import EXIT_CODES
 from yawid.quantities.table import QUANTITIES
@@ -59,6 +60,7 @@ def test_every_option_has_its_part_and_those_of_a_run_their_default():
     (commands,) = [a.choices for a in command_line._parser()._actions if a.dest == "==SUPPRESS=="]
     options = {o for each in commands.values() for o in each._option_string_actions}
 
+    options -= {other for others in ALIASES.values() for other in others}
     assert words_of("options") == {option for option in options if option.startswith("--")}
     for field in fields(RunConfig):
         if field.name not in KEPT_ONLY:

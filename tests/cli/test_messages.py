@@ -11,12 +11,17 @@ import pytest
 from finished_runs import replayed
 from places import REPLAY_LOGS
 
+import yawid
 from yawid.answers.reports import OrdersReport
 from yawid.cli.main import _parser, main
+from yawid.cli.options import given_options
+from yawid.config.run import check_settings
+from yawid.errors import ConfigError
 from yawid.sinks.terminal.summary_table import print_orders
 
 QUIET = str(REPLAY_LOGS / "sitl_auto" / "log.tlog")
 C172P = str(REPLAY_LOGS / "c172p_3211" / "log.tlog")
+REBOOT = str(REPLAY_LOGS / "c172p_reboot" / "log.tlog")
 NO_RUDDER = str(REPLAY_LOGS / "no_rudder" / "log.tlog")
 
 
@@ -24,7 +29,11 @@ NO_RUDDER = str(REPLAY_LOGS / "no_rudder" / "log.tlog")
     ("arguments", "named"),
     [
         ([], "COMMAND"),
-        (["fly"], "'fly'"),
+        (["replya"], "no command 'replya'; did you mean replay? yawid --help lists the commands"),
+        (["replay", "x", "--rudder-sing", "y"], "--rudder-sing; did you mean --rudder-sign? "),
+        (["inspect", "x", "--publish", "y"], "has no option --publish: it belongs to live;"),
+        (["inspect", "x", "y"], "y: too many arguments, usage: yawid inspect LOG [options];"),
+        (["view", "x", "--in", "reru"], "foxglove, got 'reru'; did you mean rerun? "),
         (["replay"], "LOG"),
         (["replay", "x.tlog", "--rat", "3", "--also"], "--also"),
         (["replay", "x.tlog", "--rate", "fast"], "'fast'"),
@@ -154,7 +163,9 @@ def test_a_replay_with_orders_auto_of_a_log_without_rudder_writes_its_verdict(tm
 def test_orders_takes_no_option_that_it_would_not_use(option: str, capsys):
     with pytest.raises(SystemExit, match="2"):
         main(["orders", C172P, option, "2"])
-    assert f"unrecognized arguments: {option} 2; yawid orders --help" in capsys.readouterr().err
+    said = capsys.readouterr().err
+    assert f"yawid orders has no option {option}: it belongs to replay, " in said
+    assert "yawid orders --help" in said
 
 
 @pytest.mark.parametrize("seconds", ["1e12", "nan", "0.001", "inf"])
@@ -202,3 +213,38 @@ def test_every_command_stands_in_the_overview_and_has_two_examples(capsys):
         assert examples.count(f"yawid {name}") >= 2, name
         for action in command._actions:
             assert action.help, f"{name}: {action.dest}"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["replay", C172P, "--boot", "7"], "the log, which holds 1 boot: 30.0 to 150.0 s"),
+        (["inspect", REBOOT, "--boot", "7"], "the log, which holds 2 boots: boot 1 from "),
+        (["regress", "nope", "--folder", str(REPLAY_LOGS)], "the cases there are c172p_3211, "),
+        (["regress", "c172_3211", "--folder", str(REPLAY_LOGS)], "; did you mean c172p_3211?"),
+        (["view", "x.mcap", "--save", "x.txt"], "name ends with .rrd, got x.txt; a table is"),
+        (["report", "x.mcap", "-o", "x.pdf"], "must end with .html, got x.pdf"),
+    ],
+)
+def test_a_name_that_is_not_there_is_answered_with_those_that_are(arguments, said, capsys):
+    assert main(arguments) == 2
+    told = capsys.readouterr().err
+    assert said in told
+    assert told.count("\n") == 1
+
+
+def test_a_setting_of_toml_or_python_is_answered_with_the_nearest_one():
+    with pytest.raises(ConfigError, match="unknown setting 'memry'; did you mean memory\\?"):
+        check_settings({"memry": 3}, "x.toml")
+    with pytest.raises(ConfigError, match=r"yawid.replay: unknown .*did you mean rudder-max-deg"):
+        yawid.replay(C172P, rudder_maxdeg=3)
+
+
+def test_the_american_spelling_is_the_same_option():
+    both = [
+        given_options(_parser().parse_args(["inspect", "x", spelt, "off"]))
+        for spelt in ("--manoeuvres", "--maneuvers")
+    ]
+
+    assert both == [{"manoeuvres": "off"}] * 2
+    assert check_settings({"maneuvers": "off"}, "x.toml")["manoeuvres"] == "off"

@@ -198,8 +198,10 @@ class Boots:
         if not self.spans_us:
             return
         if config.boot is not None and config.boot not in self.spans_us:
+            count = len(self.spans_us)
             raise ConfigError(
-                f"--boot {config.boot} is not in the log, which covers {self.text} since boot"
+                f"--boot {config.boot} is not in the log, which holds {count} "
+                f"{'boot' if count == 1 else 'boots'}: {self.text} since boot"
             )
         asked = [self.spans_us[n] for n in self.spans_us if config.boot in (None, n)]
         low, high = config.window_us

@@ -4,11 +4,11 @@ One file may serve several commands: options that the present command does not h
 """
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from yawid.errors import ConfigError
+from yawid.errors import ConfigError, did_you_mean
 
 NEVER = {"help", "version", "config"}
 WORDS = {"sysid": "all"}
@@ -29,7 +29,7 @@ def parsed(parser: argparse.ArgumentParser, argv: Sequence[str] | None) -> argpa
     if unknown and hasattr(arguments, "word"):  # yawid explain --band: it has options for words
         arguments.word += unknown
     elif unknown:
-        command.error(f"unrecognized arguments: {' '.join(unknown)}")
+        command.error(_not_known(unknown, command, parser))
     if file is None:
         return arguments
     from yawid.config.run import check_settings, read_toml
@@ -43,13 +43,36 @@ def parsed(parser: argparse.ArgumentParser, argv: Sequence[str] | None) -> argpa
     return arguments
 
 
+def _not_known(
+    unknown: Sequence[str], command: argparse.ArgumentParser, whole: argparse.ArgumentParser
+) -> str:
+    """Return in words which arguments a command does not have, and what they may have meant."""
+    options = [each.partition("=")[0] for each in unknown if each.startswith("-")]
+    if not options:
+        return f"{' '.join(unknown)}: too many arguments, {command.format_usage().strip()}"
+    said = []
+    for option in options:
+        near = did_you_mean(option, [each for each in command._option_string_actions if each[2:]])
+        others = [
+            name for name, each in commands_of(whole) if option in each._option_string_actions
+        ]
+        of = f": it belongs to {', '.join(others)}" if others else near
+        said.append(f"{command.prog} has no option {option}{of}")
+    return "; ".join(said)
+
+
+def commands_of(whole: argparse.ArgumentParser) -> Iterator[tuple[str, argparse.ArgumentParser]]:
+    """Yield the commands of the whole parser by name."""
+    for action in whole._actions:
+        if isinstance(action, argparse._SubParsersAction):
+            yield from action.choices.items()
+
+
 def _options_of_all(parser: argparse.ArgumentParser) -> set[str]:
     """Return the names of all options of all commands, except those in ``NEVER``."""
     found: set[str] = set()
-    for action in parser._actions:
-        if isinstance(action, argparse._SubParsersAction):
-            for command in action.choices.values():
-                found |= {each.dest for each in command._actions if each.option_strings}
+    for _, command in commands_of(parser):
+        found |= {each.dest for each in command._actions if each.option_strings}
     return found - NEVER
 
 

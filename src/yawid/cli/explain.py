@@ -17,6 +17,7 @@ from itertools import chain
 from pathlib import Path
 from typing import Final
 
+from yawid.cli.config_file import commands_of
 from yawid.cli.options import Commands, add_command
 from yawid.errors import EXIT_CODES, ConfigError
 from yawid.sinks.door import WIDTH, tell_whole
@@ -127,21 +128,15 @@ def _exit_codes() -> Iterator[tuple[str, str, str]]:
         yield f"exit code {code}", _filled(says[0].upper() + says[1:] + "."), reasons
 
 
-def _each_command(whole: argparse.ArgumentParser) -> Iterator[tuple[str, argparse.ArgumentParser]]:
-    for action in whole._actions:
-        if isinstance(action, argparse._SubParsersAction):
-            yield from action.choices.items()
-
-
 def _commands(whole: argparse.ArgumentParser) -> Iterator[tuple[str, str, str]]:
-    for name, command in _each_command(whole):
+    for name, command in commands_of(whole):
         usage = command.format_usage()[1:].strip()
         yield f"yawid {name}", f"U{usage}", f"All options: yawid {name} --help"
 
 
 def _options(whole: argparse.ArgumentParser) -> Iterator[tuple[str, str, str]]:
     of: dict[str, dict[str, list[str]]] = defaultdict(lambda: defaultdict(list))
-    for name, command in _each_command(whole):
+    for name, command in commands_of(whole):
         for action in command._actions:
             if long := [each for each in action.option_strings if each.startswith("--")]:
                 form = " ".join([", ".join(action.option_strings), str(action.metavar or "")])

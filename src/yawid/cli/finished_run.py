@@ -87,6 +87,11 @@ def _view(arguments: argparse.Namespace) -> int:
             )
         tell(str(VIEWERS[arguments.viewer](arguments.mcap)))
         return 0
+    if arguments.save is not None and arguments.save.suffix.lower() != ".rrd":
+        raise ConfigError(
+            f"--save writes a Rerun recording, whose name ends with .rrd, got {arguments.save}; a "
+            "table is written by yawid export, a page by yawid report"
+        )
     if arguments.save is not None and arguments.to is not None:
         raise ConfigError("give --save or --to, not both")
     if arguments.to is not None and not arguments.to.startswith("rerun+http"):
@@ -98,6 +103,13 @@ def _view(arguments: argparse.Namespace) -> int:
 
 
 def _report(arguments: argparse.Namespace) -> int:
+    from yawid.errors import ConfigError
+
+    if arguments.out is not None and arguments.out.suffix.lower() not in (".html", ".htm"):
+        raise ConfigError(
+            f"a report is one HTML file: -o must end with .html, got {arguments.out}; a browser "
+            "prints it as PDF"
+        )
     hush("matplotlib")  # it makes a folder for its cache where there is none, and logs that
     from yawid.report.write import write_report
     from yawid.sinks.terminal.progress import progress

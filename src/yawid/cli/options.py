@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn, TypeAlias
 
 from yawid.config.names import ELS, RECURSIVE, RML
-from yawid.errors import ConfigError
+from yawid.errors import ConfigError, did_you_mean
 from yawid.sinks.door import plain, tell_whole
 
 if TYPE_CHECKING:
@@ -56,7 +56,18 @@ class OneLineParser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         """Write the line to stderr and exit with 2."""
-        self.exit(2, f"yawid: {plain(message)}; {self.prog} --help lists the options\n")
+        lists = "commands" if self.prog == "yawid" else "options"
+        end = "" if message.endswith("?") else ";"
+        self.exit(2, f"yawid: {plain(message)}{end} {self.prog} --help lists the {lists}\n")
+
+    def _check_value(self, action: argparse.Action, value: Any) -> None:
+        """Refuse a value that is not a choice, with the one it is most like."""
+        if action.choices is not None and value not in action.choices:
+            near = did_you_mean(str(value), names := [str(each) for each in action.choices])
+            one_of = f"must be one of {', '.join(names)}, got {value!r}"
+            is_command = isinstance(action, argparse._SubParsersAction)
+            said = f"there is no command {value!r}" if is_command else one_of
+            raise argparse.ArgumentError(None if is_command else action, said + near)
 
 
 def _sysid(text: str) -> int | str:
@@ -120,6 +131,8 @@ RECORD: tuple[Option, ...] = (
     ("--least-stroke-deg", float, "DEG",
      "rudder stroke needed, in deg, where its travel is unknown (default: 1)"),
 )  # fmt: skip
+ALIASES = {"--manoeuvres": ("--maneuvers",)}
+"""Other spellings of options."""
 ESTIMATOR_OPTIONS = (*SAMPLES, *CHANNELS, *MODEL)
 TITLES = {SAMPLES: "which samples", CHANNELS: "the aircraft", MODEL: "the model"}
 
@@ -189,7 +202,8 @@ def add_estimator_options(
         group = parser.add_argument_group(title)
         for name, kind, metavar, text in options:
             if name not in without:
-                group.add_argument(name, type=kind, metavar=metavar, help=text)
+                names = (name, *ALIASES.get(name, ()))
+                group.add_argument(*names, type=kind, metavar=metavar, help=text)
 
 
 def add_record_options(parser: argparse.ArgumentParser) -> None:

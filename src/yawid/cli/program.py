@@ -7,6 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from yawid.cli.config_file import commands_of
 from yawid.cli.options import Commands, add_command
 from yawid.errors import SinkError
 from yawid.sinks.door import tell, tell_whole
@@ -98,9 +99,7 @@ def _completion(whole: argparse.ArgumentParser, arguments: argparse.Namespace) -
 
 def _complete_paths(parser: argparse.ArgumentParser, complete: Any) -> None:
     """Mark the arguments that become a Path, so that shtab completes files for them."""
-    for action in parser._actions:
-        if isinstance(action, argparse._SubParsersAction):
-            for command in action.choices.values():
-                _complete_paths(command, complete)
-        elif action.type is Path:
-            action.complete = complete  # type: ignore[attr-defined] # shtab's mark on an action
+    for _, command in commands_of(parser):
+        for action in command._actions:
+            if action.type is Path:
+                action.complete = complete  # type: ignore[attr-defined] # shtab's mark

@@ -18,7 +18,7 @@ from yawid.config.estimator import (
 )
 from yawid.config.fields import Finite, Positive, Share, check_fields, fits, one_of
 from yawid.config.names import ELS, RECURSIVE, RML
-from yawid.errors import ConfigError
+from yawid.errors import ConfigError, did_you_mean
 
 BOTH = ("rudder", "aileron")
 INPUTS = (("rudder",), BOTH)
@@ -53,6 +53,8 @@ _KINDS = {float: "a number", int: "a whole number", str: "a text"}
 KEPT_ONLY = frozenset({"given", "rudder_stroke_rad"})
 """Settings that are in a run's file only: there is no option for them."""
 FORGETTING = frozenset({"memory", "forgetting"})
+ALIASES = {"from": "from_s", "to": "to_s", "maneuvers": "manoeuvres"}
+"""Other names of settings: those of the command line, and the American spelling."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -295,12 +297,13 @@ def check_settings(loaded: dict[str, Any], where: str) -> dict[str, Any]:
     known = {field.name for field in fields(RunConfig)}
     settings = {}
     for raw, value in loaded.items():
-        name = {"from": "from_s", "to": "to_s"}.get(raw, raw.replace("-", "_"))
+        name = ALIASES.get(raw, raw.replace("-", "_"))
         if name not in known:
             options = sorted(
                 each.removesuffix("_s").replace("_", "-") for each in known - KEPT_ONLY
             )
-            raise ConfigError(f"{where}: unknown setting {raw!r}; known are {', '.join(options)}")
+            said = did_you_mean(raw, options) or f"; known are {', '.join(options)}"
+            raise ConfigError(f"{where}: unknown setting {raw!r}{said}")
         settings[name] = _typed(name, value, where)
     given = (name for name in GIVEN if settings.get(name, "auto") != "auto")
     settings.setdefault("given", tuple(given))

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import bz2
 import gzip
 import hashlib
 import os
+import sqlite3
+import zipfile
 from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.io import savemat
 from sources.tlog_records import BY_NAME, START_US, message, pack, random_records, record, sender
 
 from yawid.errors import SourceError
@@ -78,6 +82,29 @@ def test_what_is_no_telemetry_log_is_refused_in_one_line(tmp_path: Path, name: s
     with pytest.raises(SourceError, match=verdict) as caught:
         Log(path, (), ReadOptions("tlog"))
     assert_one_line(caught.value, path)
+
+
+def written_by_others(folder: Path) -> dict[str, str]:
+    """Write files in formats of others, by their own libraries where there is one."""
+    savemat(folder / "a.mat", {"t": np.arange(9.0)})
+    np.save(folder / "a.npy", np.arange(9.0))
+    sqlite3.connect(folder / "a.db3").execute("create table topics (id)").connection.close()
+    with zipfile.ZipFile(folder / "a.xlsx", "w") as book:
+        book.writestr("xl/workbook.xml", "<workbook/>")
+    (folder / "a.csv.bz2").write_bytes(bz2.compress(b"t,rudder,r"))
+    (folder / "page.tlog").write_bytes(b"\xef\xbb\xbf\r\n<!DOCTYPE html><title>Sign in</title>")
+    (folder / "7.log").write_text("FMT, 128, 89, FMT, BBnNZ, Type,Length,Name,Format,Columns\n")
+    return {
+        "a.mat": "MATLAB file.*writetable", "a.npy": "NumPy array.*savetxt", "a.db3": "SQLite",
+        "a.xlsx": "Excel.*CSV", "a.csv.bz2": "bunzip2", "page.tlog": "web page", "7.log": r"\.BIN",
+    }  # fmt: skip
+
+
+def test_a_file_in_a_known_format_is_named_with_the_way_to_convert_it(tmp_path: Path) -> None:
+    for name, said in written_by_others(tmp_path).items():
+        with pytest.raises(SourceError, match=f"{name} is .*{said}") as caught:
+            Log(tmp_path / name, ())
+        assert_one_line(caught.value, tmp_path / name)
 
 
 def test_a_missing_file_and_a_directory_are_refused_in_one_line(tmp_path: Path) -> None:

@@ -148,7 +148,7 @@ REFUSED: dict[str, tuple[str, Asked, type[YawidError], str]] = {
         "t,rudder_deg,YawRate\n" + BODY,
         RIGHT,
         ChannelError,
-        "no column is r .*--columns 'r=YawRate'; there are t, rudder_deg, YawRate",
+        "no column is r .*--columns 'r=YawRate' --units deg/rad, .* are t, rudder_deg, YawRate",
     ),
     "no time and no rate": (
         "Time,rudder_deg,Yaw Rate\n" + BODY,
@@ -163,6 +163,27 @@ REFUSED: dict[str, tuple[str, Asked, type[YawidError], str]] = {
         "column rudder: .*--rudder-unit half-travel, rad or deg",
     ),
     "no sign": (HEAD + BODY, Asked(), ConfigError, "column rudder_deg: .*--rudder-sign"),
+    "all three names, both units and the sign": (
+        "Time,DeltaR,YawRate\n" + BODY,
+        Asked(),
+        ChannelError,
+        "--columns 't=Time,rudder=DeltaR,r=YawRate' --rudder-unit half-travel/rad/deg "
+        "--rudder-sign nose-right/nose-left --units deg/rad, with one of the values at each /",
+    ),
+    "names, but neither units nor a sign": (
+        "t,rudder,gyro,V\n" + BODY.replace("\n", ",20\n"),
+        Asked(("r=gyro", "airspeed=V")),
+        ConfigError,
+        r"not given are the unit of rudder, .*; the unit of gyro \(up to 30\); the unit of V .*: "
+        r"add --columns 'r=gyro,airspeed=V\[UNIT\]' --rudder-unit half-travel/rad/deg "
+        "--rudder-sign nose-right/nose-left --units deg/rad",
+    ),
+    "rows that were shuffled": (
+        HEAD + "".join(f"{i * 37 % 100},1,1\n" for i in range(100)),
+        RIGHT,
+        SourceError,
+        "the rows are not in the order of time: it falls back at 36 of 100 rows, first in line 5",
+    ),
     "two units of the rudder": (
         HEAD + BODY,
         IN_RAD,

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from yawid.config.run import RunConfig, check_settings
-from yawid.errors import ConfigError
+from yawid.errors import ConfigError, did_you_mean
 from yawid.runs.choose_orders import with_orders
 from yawid.runs.job import open_log, run
 from yawid.runs.regress.compare import NOT_COMPARED
@@ -121,10 +121,16 @@ def find_cases(folder: Path, names: Sequence[str]) -> list[Case]:
     Raises:
         ConfigError: a case does not exist, or there is no case at all.
     """
-    if names:
-        paths = [Path(n) if (Path(n) / "case.toml").exists() else folder / n for n in names]
-    else:
-        paths = sorted(path.parent for path in folder.glob("*/case.toml"))
-    if not paths:
-        raise ConfigError(f"{folder} holds no case: a case is a folder with a case.toml")
-    return [Case.read(path) for path in paths]
+    known = {path.parent.name: path.parent for path in sorted(folder.glob("*/case.toml"))}
+    if not known and not names:
+        raise ConfigError(
+            f"{folder} holds no case: a case is a folder with a case.toml; --folder names another"
+        )
+    paths = [Path(n) if (Path(n) / "case.toml").exists() else folder / n for n in names]
+    for name, path in zip(names, paths, strict=True):
+        if not (path / "case.toml").exists():
+            has = f"the cases there are {', '.join(known)}" if known else "there are none"
+            raise ConfigError(
+                f"no case {name} in {folder}{did_you_mean(name, known) or f': {has}'}"
+            )
+    return [Case.read(path) for path in paths or known.values()]

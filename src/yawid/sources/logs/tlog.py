@@ -13,6 +13,7 @@ from yawid.blocks import FrameBlock
 from yawid.errors import SourceError
 from yawid.quantities.link import LinkStats
 from yawid.sources.logs.bare_frames import Stamper
+from yawid.sources.logs.foreign import foreign
 from yawid.sources.mavlink.decoder import Decoder
 from yawid.sources.mavlink.definitions import definitions
 from yawid.sources.mavlink.framing import SLACK, STAMP_SIZE, find_frames, frame_size
@@ -23,10 +24,6 @@ FORMS: tuple[Form, ...] = ("auto", "tlog", "raw")
 CHUNK = 1 << 20  # half as much would save 2 MB, twice as much would cost 20
 _HEAD = 1 << 20  # a log has an intact record in its first MiB
 _BARE_SUFFIXES = (".rlog", ".raw")
-_OTHER_FORMATS = (
-    (b"\x1f\x8b", "is compressed by gzip: unpack it first (gunzip)"),
-    (b"PK\x03\x04", "is a zip archive: unpack it first (unzip)"),
-)
 
 
 class Digest(Protocol):
@@ -130,7 +127,7 @@ def _is_bare(path: Path, head: bytes, form: Form) -> bool:
         return False
     if is_bare and _has_bare_frames(head):
         return True
-    raise SourceError(f"{path} {_what_it_is(head)}")
+    raise SourceError(f"{path} {_what_it_is(path, head)}")
 
 
 def _has_record(head: bytes) -> bool:
@@ -140,16 +137,16 @@ def _has_record(head: bytes) -> bool:
     return decoder.link.frames > 0
 
 
-def _what_it_is(head: bytes) -> str:
+def _what_it_is(path: Path, head: bytes) -> str:
     """Return what a file is that is no telemetry log, and what to do."""
     if not head:
         return "is empty: nothing was recorded"
-    for magic, verdict in _OTHER_FORMATS:
-        if head.startswith(magic):
-            return verdict
+    if (known := foreign(path, head)) is not None:
+        return known
     if _is_text(head):
         return (
-            "is a text file, not MAVLink (MSBuild calls its files .tlog too): give a telemetry log"
+            "is a text file, neither MAVLink (MSBuild calls its files .tlog too) nor a table with "
+            "a line of names (t, rudder, r) above its numbers: give a log or such a table"
         )
     if _has_bare_frames(head):
         return (

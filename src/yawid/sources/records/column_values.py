@@ -11,6 +11,8 @@ from yawid.quantities.table import CHANNELS
 from yawid.quantities.units import HALF_TRAVEL, UNITS, Unit, unit_of
 from yawid.sources.records.find_columns import Asked, Found, Table
 from yawid.sources.records.headers import ANGLES, KINDS, is_column
+from yawid.sources.records.lacking import RUDDER_UNIT, SIGN, LackingError
+from yawid.sources.records.lacking import UNITS as ANGLE_UNITS
 from yawid.sources.records.rows import (
     BACK_US,
     in_flight,
@@ -81,26 +83,28 @@ def in_its_unit(table: Table, name: str, found: Found) -> Floats:
     if found.unit is not None:
         values = values * found.unit.factor if found.unit.factor != 1.0 else values
         return possible(name, values)
-    own = CHANNELS[name].unit
+    own, most = CHANNELS[name].unit, largest(values)
     option = f"--columns '{name}={header.name}[UNIT]'"
     if own in ANGLES:
         option = f"--units deg or --units rad, or only for it by {option}"
+    why = None
     if is_column(header.name) != name and name != "on_ground":
-        raise ConfigError(
-            f"{place_of(table, found)}: the unit of this {name} is not given: give it by {option}"
+        why = f"the unit of this {name} is not given: give it by {option}"
+    elif most > MOST.get(name, np.inf):
+        why = (
+            f"it goes up to {most:.4g}, which is too much in {own}, and no other unit is given: "
+            f"give it by {option}"
         )
-    most = largest(values)
-    if most > MOST.get(name, np.inf):
-        raise ConfigError(
-            f"{place_of(table, found)}: it goes up to {most:.4g}, which is too much in {own}, and "
-            f"no other unit is given: give it by {option}"
+    elif name == "r" and most >= EITHER:
+        why = (
+            f"it goes up to {most:.4g}, which may be rad/s or deg/s, and the unit is not given: "
+            f"give it by --columns 'r={header.name}[deg/s]' or 'r={header.name}[rad/s]'"
         )
-    if name == "r" and most >= EITHER:
-        raise ConfigError(
-            f"{place_of(table, found)}: it goes up to {most:.4g}, which may be rad/s or deg/s, and "
-            f"the unit is not given: give it by --columns 'r={header.name}[deg/s]' or "
-            f"'r={header.name}[rad/s]'"
-        )
+    if why is not None:
+        options = ANGLE_UNITS if own in ANGLES else {}
+        columns = () if own in ANGLES else (f"{name}={header.name}[UNIT]",)
+        what = f"the unit of {header.name} (up to {most:.4g})"
+        raise LackingError(f"{place_of(table, found)}: {why}", what, options, columns)
     return possible(name, values)
 
 
@@ -129,10 +133,16 @@ def rudder_of(
     where, option = place_of(table, found), asked.rudder_unit
     if found.unit is not None and option is not None and unit_of(option) != found.unit:
         raise ConfigError(f"{where}: it is in {found.spelt}, but --rudder-unit is {option}")
+    sign = asked.rudder_sign or found.header.sign or own.get("rudder_sign")
+    turns = "to which positive rudder turns the nose"
     if found.unit is None and option is None:
-        raise ConfigError(
+        lacks_sign = {} if sign else SIGN
+        side = "" if sign else f", and, if that is rad or deg, the side {turns}"
+        raise LackingError(
             f"{where}: its unit is not given: give --rudder-unit half-travel, rad or deg, and for "
-            "rad or deg also --rudder-sign"
+            "rad or deg also --rudder-sign",
+            f"the unit of {found.header.name}{side}",
+            RUDDER_UNIT | lacks_sign,
         )
     unit = found.unit or UNITS[option or HALF_TRAVEL]
     name = next(each for each in MOST_RUDDER if UNITS[each] == unit)
@@ -144,12 +154,12 @@ def rudder_of(
             f"{where}: it goes up to {most:.4g}, which is too much in {name}: give another unit by "
             f"{other}, or leave missing values empty"
         )
-    sign = asked.rudder_sign or found.header.sign or own.get("rudder_sign")
     if sign is None and unit.symbol == "rad":
-        raise ConfigError(
+        raise LackingError(
             f"{where}: its sign is not given: give --rudder-sign nose-right or nose-left, the side "
-            "to which positive rudder turns the nose (flight test often has trailing edge left "
-            "positive, which is nose-left)"
+            f"{turns} (flight test often has trailing edge left positive, which is nose-left)",
+            f"the side {turns}",
+            SIGN,
         )
     max_deg, said = asked.rudder_max_deg, own.get("rudder_max_deg")
     if max_deg is None and said is not None:
@@ -260,16 +270,18 @@ def times_of(table: Table, found: dict[str, Found]) -> tuple[Ints, Ints | None]:
     if unix_ns is not None:
         _must_have_all(table, t, unix_ns != NO_DATE)
         t_us = (unix_ns - unix_ns[0]) // 1000
-    step_s, back = usual_interval_us(t_us) / 1e6, int((np.diff(t_us) <= -BACK_US).sum())
+    steps_us, step_s = np.diff(t_us), usual_interval_us(t_us) / 1e6
+    is_slow = t.unit is None and not LEAST_STEP_S <= step_s <= MOST_STEP_S
+    back = steps_us < 0 if step_s == 0.0 or is_slow else steps_us <= -BACK_US
+    if (count := int(back.sum())) > max(MOST_BACK, MOST_BACK_SHARE * len(t_us)):
+        raise SourceError(
+            f"{where}: the rows are not in the order of time: it falls back at {count} of "
+            f"{len(t_us)} rows, first in {table.line(int(back.argmax()) + 1)}: sort them by it"
+        )
     if step_s == 0.0:
         raise SourceError(f"{where}: the time does not advance in it")
-    if t.unit is None and not LEAST_STEP_S <= step_s <= MOST_STEP_S:
+    if is_slow:
         raise ConfigError(f"{where}: its median step is {step_s:g} s{_say_unit(t)}")
-    if back > max(MOST_BACK, MOST_BACK_SHARE * len(t_us)):
-        raise SourceError(
-            f"{where}: the time falls back at {back} of {len(t_us)} rows: the rows must be in the "
-            "order of time"
-        )
     if unix_ns is None and "time" in found and found["time"].place != t.place:
         unix_ns = dates_of(table, found["time"])
     return t_us, unix_ns

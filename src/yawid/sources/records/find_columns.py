@@ -18,6 +18,8 @@ from yawid.sources.records.headers import (
     header_of,
     is_column,
 )
+from yawid.sources.records.lacking import RUDDER_UNIT, SIGN, line_of
+from yawid.sources.records.lacking import UNITS as UNITS_OPTION
 
 LIKELY: Final = {
     "t": "time timestamp sec",
@@ -122,7 +124,7 @@ def find_columns(table: Table, asked: Asked) -> dict[str, Found]:
         found["t"] = found["time"]
     missing = [name for name in ("t", "rudder", "r", *asked.needs) if name not in found]
     if missing:
-        raise ChannelError(_missing(table, missing, headers, taken))
+        raise ChannelError(_missing(table, missing, headers, found, asked))
     return found
 
 
@@ -179,20 +181,40 @@ def _with_unit(
     return Found(place, header, unit, said)
 
 
-def _missing(table: Table, names: list[str], headers: list[Header], taken: set[int]) -> str:
-    """Return in words which columns are missing, and which others may be meant."""
+def _missing(
+    table: Table, missing: list[str], headers: list[Header], found: dict[str, Found], asked: Asked
+) -> str:
+    """Return in words which columns are missing, which others may be meant, and what to type."""
+    taken = {found[said.partition("=")[0].strip()].place for said in asked.columns}
     plain = {
         place: re.sub(r"[^a-z0-9]", "", header.name.lower())
         for place, header in enumerate(headers)
         if place not in taken
     }
-    options = []
-    for name in names:
+    near: dict[str, Header] = {}
+    for name in missing:
         begins = tuple(LIKELY.get(name, name).split())
-        near = next((i for i, text in plain.items() if text.startswith(begins)), None)
-        options.append(f"{name}={'COLUMN' if near is None else headers[near].name}")
-    means = ", ".join(f"{name} ({CHANNELS[name].words})" for name in names)
+        place = next((i for i, text in plain.items() if text.startswith(begins)), None)
+        near[name] = Header("COLUMN", None) if place is None else headers[place]
+    columns = [*asked.columns, *(f"{name}={header.name}" for name, header in near.items())]
+    means = ", ".join(f"{name} ({CHANNELS[name].words})" for name in missing)
     return (
-        f"{table.path}: no column is {means}: name it by --columns '{','.join(options)}'; there "
-        f"are {', '.join(table.names)}"
+        f"{table.path}: no column is {means}: name it by "
+        f"{line_of(columns, _also_lacking(near, found, asked))}; there are {', '.join(table.names)}"
     )
+
+
+def _also_lacking(near: dict[str, Header], found: dict[str, Found], asked: Asked) -> dict[str, str]:
+    """Return the options for units and sign that will be asked for once the columns are named."""
+    units = {name: header.unit or by_suffix(header.name, name) for name, header in near.items()}
+    units |= {name: each.spelt for name, each in found.items()}
+    signs = {name: header.sign for name, header in near.items()}
+    signs |= {name: each.header.sign for name, each in found.items()}
+    unit = units.get("rudder") or asked.rudder_unit
+    options = {} if unit else dict(RUDDER_UNIT)
+    if unit != HALF_TRAVEL and not (signs.get("rudder") or asked.rudder_sign):
+        options |= SIGN
+    angles = [name for name in near if CHANNELS[name].unit in ANGLES]
+    if asked.units is None and not all(units[name] for name in angles):
+        options |= UNITS_OPTION
+    return options

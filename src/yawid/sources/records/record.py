@@ -35,6 +35,7 @@ from yawid.sources.records.column_values import (
 )
 from yawid.sources.records.csv_table import CsvTable
 from yawid.sources.records.find_columns import Asked, Found, Table, find_columns
+from yawid.sources.records.lacking import LackingError, gathered, raise_all
 from yawid.sources.records.modes import modes_of
 from yawid.sources.records.parquet_table import MAGIC, ParquetTable
 from yawid.sources.records.rows import Rows, same
@@ -90,9 +91,14 @@ class Record:
         own, nothing = _own_facts(table.facts), same(np.nan, table.rows)
         if "held" in found:  # a run's export, whose deflections are means over a sample
             own["kind"] = "commanded"
-        rudder, settled = rudder_of(table, found["rudder"], asked, own, t_us)
         held = held_of(table, found["held"]) if "held" in found else same(-1, table.rows)
-        have = {name: in_its_unit(table, name, found[name]) for name in MEASURED & found.keys()}
+        lacking, have = list[LackingError](), dict[str, Floats]()
+        with gathered(lacking):
+            rudder, settled = rudder_of(table, found["rudder"], asked, own, t_us)
+        for name in (each for each in CHANNELS if each in MEASURED & found.keys()):
+            with gathered(lacking):
+                have[name] = in_its_unit(table, name, found[name])
+        raise_all(self.path, lacking, asked.columns)
         airspeed = airspeed_of(table, found, have, told="held" in found)
         mode, whose = _modes(table, found, own.get("autopilot"))
         measured = MEASURED & {*RecordBlock.__slots__} - airspeed._asdict().keys()
