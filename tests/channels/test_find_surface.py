@@ -12,6 +12,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from yawid.blocks import Held, MessageBlock
 from yawid.channels.find_surface import find_surface, why_no_surface
 from yawid.channels.parameters import ParameterTable
+from yawid.channels.report import report_of
 from yawid.channels.surface import Surface, SurfacePart
 from yawid.channels.vehicle import Vehicle
 from yawid.config.run import RunConfig
@@ -59,11 +60,11 @@ def test_a_selector_that_names_no_channel_is_refused(text):
         RunConfig(rudder=text)
 
 
-def log_with_parameters(parameters: dict[str, float], pwm: list[int]) -> bytes:
+def log_with_parameters(parameters: dict[str, float], pwm: list[int], count: int = 1) -> bytes:
     log = FlightLog()
     log.heartbeat(10.0)
     for name, value in parameters.items():
-        log.parameter(10.0, name, value)
+        log.parameter(10.0, name, value, count)
     for i in range(400):
         log.attitude(10.0 + 0.02 * i, 0.1)
         log.servos(10.002 + 0.02 * i, pwm)
@@ -102,6 +103,55 @@ def test_functions_that_name_no_rudder_leave_no_rudder():
 
     assert found.channels.surfaces == ()
     assert len(found) == 0
+
+
+@pytest.mark.parametrize("count", [2, 3])
+def test_a_list_that_lacks_the_stock_channels_function_leaves_the_stock_channel(count: int):
+    # A torn download: what is missing may be SERVO4_FUNCTION. Two of two is the whole list.
+    parameters = {"SERVO8_FUNCTION": 0, "SERVO9_FUNCTION": 0}
+    found = samples_of(log_with_parameters(parameters, [1500, 0, 0, 1700], count))
+    report = report_of(found.channels)
+
+    if count == 2:
+        assert found.channels.surfaces == ()
+        assert [id_ for id_, _ in report.missing] == ["no_rudder"]
+    else:
+        np.testing.assert_allclose(found.u[:, 0], 0.5, rtol=1e-12)
+        (reason,) = report.reasons
+        assert reason[0] == "rudder_assumed"
+        assert "1 of its parameters are missing" in reason[1]
+
+
+def test_a_torn_list_whose_stock_channel_does_something_else_has_no_rudder():
+    found = samples_of(log_with_parameters({"SERVO4_FUNCTION": 19}, [1500, 0, 0, 1700], 900))
+
+    assert found.channels.surfaces == ()
+    ((id_, text),) = report_of(found.channels).missing
+    assert id_ == "no_rudder"
+    assert "899 parameters are missing" in text
+
+
+@pytest.mark.parametrize(
+    ("values", "said"),
+    [
+        ((0.0,), None),
+        ((0.2,), "YAW2SRV_DAMP 0.2"),
+        ((0.5, 8.0, 0.0), "YAW2SRV_DAMP 0 to 8"),
+    ],
+)
+def test_the_channels_report_the_gain_of_the_yaw_damper(values: tuple[float, ...], said: str):
+    log = FlightLog()
+    log.heartbeat(10.0)
+    for i in range(400):
+        if i % 100 == 0 and values:
+            log.parameter(10.0 + 0.02 * i, "YAW2SRV_DAMP", values[0])
+            values = values[1:]
+        log.attitude(10.0 + 0.02 * i, 0.1)
+        log.servos(10.002 + 0.02 * i, [1500, 0, 0, 1700])
+
+    rudder = report_of(samples_of(log.data).channels).channels["rudder"]
+
+    assert rudder.yaw_loop == said
 
 
 def test_rudder_and_aileron_come_side_by_side():

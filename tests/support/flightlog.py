@@ -51,8 +51,8 @@ class FlightLog:
     ) -> None:
         self.add(t_s, mavlink.MAVLink_heartbeat_message(kind, autopilot, 0, 0, 4, 3), sender)
 
-    def parameter(self, t_s: float, name: str, value: float) -> None:
-        message = mavlink.MAVLink_param_value_message(name.encode(), value, 9, 1, 0)
+    def parameter(self, t_s: float, name: str, value: float, count: int = 1) -> None:
+        message = mavlink.MAVLink_param_value_message(name.encode(), value, 9, count, 0)
         self.add(t_s, message)
 
     def attitude(self, t_s: float, rate: float, yaw: float = 0.0, roll: float = 0.0) -> None:

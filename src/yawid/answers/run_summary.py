@@ -74,10 +74,9 @@ class LinkCounts(Part, frozen=True):
 class ChannelFound(Part, frozen=True):
     """The source of a channel, how it was found, its travel, and its message rate.
 
-    ``rate_hz`` is the rate of the first seconds, which chose the grid. If ``first_rate_hz`` is
-    given, then that is the rate of the first seconds, and ``rate_hz`` that of the whole run.
-    ``measured`` is there for a surface of a record: whether it is a measured deflection, on
-    straight lines between rows, or a command, held from row to row.
+    ``rate_hz`` is the rate of the first seconds, which chose the grid, or of the whole run if
+    ``first_rate_hz`` is given, which is then that of the first seconds. ``measured`` is there for a
+    record: a deflection on straight lines, or a held command; ``yaw_loop`` has a damper's gains.
     """
 
     source: str
@@ -87,6 +86,7 @@ class ChannelFound(Part, frozen=True):
     max_us: Number | None = None
     reversed: bool | None = None
     measured: bool | None = None
+    yaw_loop: str | None = None
     rate_hz: Positive | None = None
     first_rate_hz: Positive | None = None
 
@@ -247,8 +247,8 @@ class Manoeuvre(Part, frozen=True, kw_only=True):
 
     ``date`` is the UTC time of its first sample (ISO 8601), None where no date is known. ``loop``
     says what the answer is of: ``airframe``, ``with_roll_loop`` in a flight mode that holds roll,
-    or ``unknown`` without a known mode. ``airspeed_source`` is ``airspeed`` or, in a log without
-    any, ``ground speed``; ``airspeed_kind`` is the kind of airspeed that the source gives.
+    or ``unknown`` without a known mode; ``yaw_loop`` what it leaves out of a yaw damper.
+    ``airspeed_source`` is ``airspeed`` or ``ground speed``, ``airspeed_kind`` the kind it gives.
     """
 
     n: Count
@@ -258,6 +258,7 @@ class Manoeuvre(Part, frozen=True, kw_only=True):
     date: str | None = None
     mode: str | None = None
     loop: str
+    yaw_loop: str | None = None
     airspeed_m_s: Number | None = None
     airspeed_std_m_s: Number | None = None
     airspeed_source: str | None = None
@@ -307,6 +308,7 @@ class Flight(Part, frozen=True, kw_only=True):
     altitude_m: Number | None = None
     date: str | None = None
     loop: str | None = None
+    yaw_loop: str | None = None
     dutch_roll: DutchRoll | None = None
     kappa_rad_m: Value | None = None
     K_per_V: Value | None = None

@@ -39,7 +39,9 @@ def find_surface(
     """Return where to read the ``rudder`` or ``aileron`` from now on, None while nothing names it.
 
     With ``auto`` these are the outputs that the parameters name. On an ArduPilot fixed-wing that
-    has reported no SERVOn_FUNCTION at all, the stock channel is assumed. On another autopilot that
+    has reported no SERVOn_FUNCTION at all, the stock channel is assumed; likewise where none of
+    those reported names it, the list is incomplete, and that of the stock channel is among what is
+    missing. On another autopilot that
     has named no output, it is ACTUATOR_CONTROL_TARGET if that is ``received`` and the vehicle has
     wings. For a fixed-wing that sends no output at all, the pilot's stick is the substitute, unless
     its parameters name other surfaces and not this one. A vehicle whose type has no rudder gets
@@ -152,17 +154,19 @@ class _Outputs:
 def _ardupilot(what: str, vehicle: Vehicle, table: ParameterTable) -> Surface | None:
     outputs = _Outputs.of(vehicle, table)
     functions = outputs.functions
+    assumed = None
+    if vehicle.type == FIXED_WING:
+        assumed = Surface("SERVO_OUTPUT_RAW", "assumed", (outputs.servo(STOCK_SERVO[what]),))
     if not functions:
-        if vehicle.type != FIXED_WING:
-            return None
-        return Surface("SERVO_OUTPUT_RAW", "assumed", (outputs.servo(STOCK_SERVO[what]),))
+        return assumed
     servo_of: dict[int, int] = {}
     for servo, function in functions.items():
         servo_of.setdefault(function, servo)
     twins = [n for n, function in functions.items() if function == AP_SINGLE[what]][1:]
     parts = _ap_parts(what, servo_of, outputs)
     if not parts:
-        return None
+        is_torn = table.missing and STOCK_SERVO[what] not in functions and not outputs.is_old
+        return assumed if is_torn else None
     reported = all(table.travel(f"{outputs.prefix}{part.number}")[2] for part in parts)
     how = "parameter" if reported else "parameter, travel assumed"
     alike = tuple(outputs.servo(number) for number in twins)
@@ -228,9 +232,10 @@ def why_no_surface(what: str, vehicle: Vehicle, table: ParameterTable) -> str:
             "VTAIL_OUTPUT mixes rudder and elevator, but the log does not say which way: name the "
             "outputs by --rudder vtail:L,R, or by --rudder servo:N one that is only the rudder"
         )
+    torn = f"; {table.missing} parameters are missing: download them again" if table.missing else ""
     if functions:
         found = ", ".join(f"{outputs.prefix}{n}={f}" for n, f in functions.items())
-        return f"none of the servo functions is a {what}; those found are {found}"
+        return f"none of the servo functions is a {what}; those found are {found}{torn}"
     if vehicle.type in WITHOUT_RUDDER:
         return (
             f"the vehicle is a {vehicle.type_name} on {vehicle.autopilot_name}, which has no "
@@ -238,5 +243,5 @@ def why_no_surface(what: str, vehicle: Vehicle, table: ParameterTable) -> str:
         )
     return (
         f"no parameter or message names a {what}; the vehicle is a {vehicle.type_name} "
-        f"on {vehicle.autopilot_name}"
+        f"on {vehicle.autopilot_name}{torn}"
     )

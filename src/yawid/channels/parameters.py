@@ -8,6 +8,7 @@ import numpy as np
 
 from yawid.blocks import Array, Floats, MessageBlock
 from yawid.channels.surface import Travel
+from yawid.quantities.vehicles import ARDUPILOT, PX4
 
 STOCK_TRAVEL_US: Travel = (1100.0, 1500.0, 1900.0)
 """ArduPilot's defaults of SERVOn_MIN, SERVOn_TRIM and SERVOn_MAX."""
@@ -25,7 +26,9 @@ _SERVO = re.compile(r"SERVO[1-9]\d?_.*")
 _OLD_REVERSE = re.compile(r"RC[1-9]\d?_REV")
 AP_RUDDER, AP_AILERON = 21, 4
 """SERVOn_FUNCTION of a rudder and an aileron."""
-
+YAW_LOOP = {ARDUPILOT: ("YAW2SRV_DAMP", "YAW_RATE_ENABLE"), PX4: ("FW_YR_P",)}
+"""Parameters, by autopilot, that are not 0 where it feeds the yaw rate back to the rudder."""
+_GAINS = {name for names in YAW_LOOP.values() for name in names}
 
 _INTEGERS = range(1, 9)
 """MAV_PARAM_TYPE_UINT8 to MAV_PARAM_TYPE_INT64."""
@@ -51,19 +54,44 @@ class ParameterTable:
 
     def __init__(self) -> None:
         self.values: dict[str, float] = {}
+        self._count = 0
+        self._gains: dict[str, list[float]] = {}
         self._functions: dict[int, int] | None = None
         self._is_old: bool | None = None
 
     def changes(self, block: MessageBlock) -> Iterator[int]:
         """Take PARAM_VALUE rows in, one by one; yield the places where a surface may change."""
-        columns = (block.order, block.fields["param_id"], _values(block.fields))
-        for order, raw, value in zip(*(column.tolist() for column in columns), strict=True):
+        fields = block.fields
+        has_count = "param_count" in (fields.dtype.names or ())  # an on-board log has none
+        counts = fields["param_count"] if has_count else np.zeros(len(block), int)
+        columns = (block.order, fields["param_id"], _values(fields), counts)
+        for order, raw, value, of in zip(*(column.tolist() for column in columns), strict=True):
             name = raw.split(b"\0", 1)[0].decode("ascii", "replace")
-            changed = self.values.get(name) != value
-            self.values[name] = value
-            if changed and _RELEVANT.fullmatch(name):
+            changed, had_all = self.values.get(name) != value, not self.missing
+            self.values[name], self._count = value, of or self._count
+            if name in _GAINS and math.isfinite(value):
+                self._gains.setdefault(name, []).append(value)
+            if (changed and _RELEVANT.fullmatch(name)) or had_all == bool(self.missing):
                 self._functions = self._is_old = None
                 yield order
+
+    @property
+    def missing(self) -> int:
+        """The number of parameters that the vehicle has and the log lacks, 0 if unknown."""
+        return max(self._count - len(self.values), 0)
+
+    def yaw_loop(self, autopilot: int) -> str | None:
+        """Return the gains of the feedback from yaw rate to rudder, None where there is none.
+
+        A gain that changed is given from the least to the largest value that was received.
+        """
+        gains = {name: self._gains.get(name, [0.0]) for name in YAW_LOOP.get(autopilot, ())}
+        said = [
+            f"{name} {min(of):.3g}" + (f" to {max(of):.3g}" if min(of) < max(of) else "")
+            for name, of in gains.items()
+            if any(of)
+        ]
+        return ", ".join(said) or None
 
     def get(self, name: str, default: float) -> float:
         """Return a value, or the default where it was not reported or is not finite."""

@@ -60,6 +60,9 @@ def _sources(channels: Channels) -> dict[str, ChannelFound]:
         name: _source_of(surface, channels.twins, surface_rate)
         for name, surface in zip(channels.config.inputs, channels.surfaces, strict=False)
     }
+    if "rudder" in found and channels.lock.vehicle is not None:
+        yaw_loop = channels.parameters.yaw_loop(channels.lock.vehicle.autopilot)
+        found["rudder"] = replace(found["rudder"], yaw_loop=yaw_loop)
     if channels.yaw.rows:
         found["yaw"] = replace(yaw_rate, source=channels.yaw.label)
     return found
@@ -106,18 +109,19 @@ def _assumed(channels: Channels) -> Iterator[Said]:
         text = f"the unit of {', '.join(channels.units_assumed)} is not given: rad and rad/s are"
         texts["unit_assumed"] = [f"{text} assumed"]
     for name, surface in zip(channels.config.inputs, channels.surfaces, strict=False):
-        for id_, text in _surface_texts(name, surface, channels.twins):
+        for id_, text in _surface_texts(name, surface, channels.twins, channels.parameters.missing):
             texts.setdefault(id_, []).append(text)
     for id_, found in texts.items():
         yield id_, "; ".join(found)
 
 
-def _surface_texts(name: str, surface: Surface, twins: Twins) -> Iterator[Said]:
+def _surface_texts(name: str, surface: Surface, twins: Twins, missing: int) -> Iterator[Said]:
     if "assumed" in surface.how:
+        lacks = f" ({missing} of its parameters are missing)" if missing else ""
         low, trim, high = surface.parts[0].travel_us or STOCK_TRAVEL_US
         yield (
             "rudder_assumed",
-            f"the log does not say which channel moves the {name}, nor how far: "
+            f"the log does not say which channel moves the {name}, nor how far{lacks}: "
             f"{surface.source} with {low:g}/{trim:g}/{high:g} us is assumed",
         )
     for twin in surface.twins:

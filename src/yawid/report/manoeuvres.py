@@ -24,6 +24,7 @@ from yawid.sinks.words import (
     plus_minus,
     sigma_means,
     utc,
+    whose,
 )
 
 MOST_COLUMNS: Final = 2
@@ -116,7 +117,7 @@ def _facts(flight: Flight, rudder_unit: str) -> Iterator[tuple[str, str]]:
     if mode is not None:
         yield "ωn, rad/s", plus_minus(mode.wn_rad_s, mode.wn_std, mode.wn_std_noise)
         yield "ζ", plus_minus(mode.zeta, mode.zeta_std, mode.zeta_std_noise)
-        yield "of", loop_of(flight.loop).whose
+        yield "of", whose(flight)
     if flight.airspeed_m_s is not None:
         source = flight.airspeed_source or "the ground speed of some"
         yield "at", f"{flight.airspeed_m_s:.1f} m/s ({source}), the median of those used"

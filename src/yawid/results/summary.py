@@ -48,6 +48,7 @@ from yawid.results.structures import (
     Spread,
     spread_of,
 )
+from yawid.results.yaw_loop import with_yaw_loop
 
 
 class Finished(Protocol):
@@ -96,7 +97,7 @@ def summarise(
         manoeuvres=pipeline.manoeuvres,
         flight=None if flight is None else flight[0],
     )
-    return advised(summary), verdict if flight is None else flight[1]
+    return advised(with_yaw_loop(summary)), verdict if flight is None else flight[1]
 
 
 def of_the_log(reasons: Iterable[Reason]) -> list[Reason]:

@@ -23,6 +23,7 @@ from yawid.results.advice import advised
 from yawid.results.judge_estimate import bank_verdict
 from yawid.results.reasons import KINDS, Reason, Verdict
 from yawid.results.summary import as_summary, bank_summaries
+from yawid.results.yaw_loop import with_yaw_loop
 from yawid.sinks.mcap.reader import McapRun, open_run
 from yawid.sources.formats import RUN
 
@@ -137,7 +138,7 @@ class FinishedRun:
             manoeuvres=pipeline.manoeuvres,
             flight=None if flight is None else flight[0],
         )
-        return advised(summary), verdict if flight is None else flight[1]
+        return advised(with_yaw_loop(summary)), verdict if flight is None else flight[1]
 
     def close(self) -> None:
         """Do nothing: the file is opened and closed at each reading."""

@@ -26,7 +26,7 @@ from yawid.sinks.words import (
     duration,
     dutch_roll,
     kappa,
-    loop_of,
+    whose,
     with_sigma,
 )
 
@@ -60,7 +60,7 @@ def cards(summary: RunSummary) -> list[Card]:
         return [frequency, damping, _sure(summary), use(summary)]
     if mode is not None:
         slope = kappa(flight) and f"ωn = {kappa(flight)}"
-        more = conditions(flight), slope, loop_of(flight.loop).whose
+        more = conditions(flight), slope, whose(flight)
         notes = (*frequency.notes, *(note for note in more if note))
         frequency = dataclasses.replace(frequency, notes=notes)
     return [frequency, damping, _sure_of_flight(summary, flight), use(summary)]
@@ -101,7 +101,7 @@ def headline(summary: RunSummary, stretch: Stretch = (None, None)) -> str:
     if flight is None:
         return said
     facts = (
-        loop_of(flight.loop).whose,
+        whose(flight),
         conditions(flight),
         counted(flight, summary.manoeuvres or ()),
     )

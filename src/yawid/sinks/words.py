@@ -144,6 +144,11 @@ def loop_of(loop: str | None) -> Loop:
     return _LOOPS.get(loop or "", _NO_LOOP)
 
 
+def whose(found: Manoeuvre | Flight) -> str:
+    """Return what an answer is of, in a phrase for a sentence."""
+    return ", ".join(filter(None, (loop_of(found.loop).whose, found.yaw_loop)))
+
+
 def count(manoeuvres: int) -> str:
     """Return a number of manoeuvres in words."""
     return "one manoeuvre" if manoeuvres == 1 else f"{manoeuvres} manoeuvres"
@@ -232,7 +237,7 @@ def flight_rows(summary: RunSummary) -> Iterator[Row]:
         if noise := of_noise(mode):
             yield Row("", noise, "dim")
         yield Row("", ", ".join(filter(None, (conditions(flight), count))))
-        yield Row("", f"this is {loop_of(flight.loop).whose}")
+        yield Row("", f"this is {whose(flight)}")
     if slope := kappa(flight):
         kind = flight.airspeed_kind if flight.airspeed_kind in _AS_GIVEN else "equivalent"
         yield Row("", f"wn = {slope}, where V is the {kind} airspeed")

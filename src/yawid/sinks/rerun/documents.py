@@ -27,6 +27,7 @@ from yawid.sinks.words import (
     of_noise,
     plus_minus,
     sigma_means,
+    whose,
 )
 
 _UNUSABLE = "Do not use the numbers: they are shown only to find out why."
@@ -115,7 +116,7 @@ def flight_line(flight: Flight) -> str:
     answer = _answer(flight.dutch_roll, usable=flight.verdict.usable)
     noise = of_noise(flight.dutch_roll, GREEK)
     facts = [f"The flight: {answer}{f' ({noise})' if noise else ''}", conditions(flight)]
-    facts += [] if flight.loop is None else [loop_of(flight.loop).whose]
+    facts += [] if flight.loop is None else [whose(flight)]
     facts += [f"of manoeuvre {_listed(flight.used)}"] if flight.used else []
     disagree = f"; {_listed(flight.disagree)} disagree" if flight.disagree else ""
     return f"{', '.join(filter(None, facts))}{disagree}: {_usable(flight.verdict)}."

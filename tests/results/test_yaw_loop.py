@@ -1,0 +1,68 @@
+"""What an answer leaves out where the autopilot feeds the yaw rate back to the rudder."""
+
+from __future__ import annotations
+
+import msgspec
+import pytest
+from hand_flights import flight, manoeuvre
+from hand_flights import summary as flight_summary
+
+from yawid.answers.run_summary import ChannelFound, RunSummary
+from yawid.results.yaw_loop import with_yaw_loop
+from yawid.sinks.answers import cards, headline
+from yawid.sinks.rerun.documents import flight_line
+from yawid.sinks.terminal.flight_table import table_notes
+from yawid.sinks.words import flight_rows
+
+OF_A_SERVO = "without its yaw damper (YAW2SRV_DAMP 0.2): the servo output holds its part"
+
+
+def flown(
+    loop: str, yaw_loop: str | None, source: str = "SERVO_OUTPUT_RAW.servo4_raw"
+) -> RunSummary:
+    run = flight_summary([manoeuvre(1, loop=loop)], flight(used=[1], loop=loop))
+    rudder = ChannelFound(source, yaw_loop=yaw_loop)
+    return with_yaw_loop(msgspec.structs.replace(run, channels={"rudder": rudder}))
+
+
+def test_every_place_says_that_the_answer_is_without_the_yaw_damper() -> None:
+    run = flown("with_roll_loop", "YAW2SRV_DAMP 0.2")
+    whole = f"the aircraft with its roll loop, {OF_A_SERVO}"
+    assert run.flight is not None
+
+    assert whole in headline(run)
+    assert cards(run)[0].notes[-1] == whole
+    assert f"this is {whole}" in [row.text for row in flight_rows(run)]
+    assert whole in flight_line(run.flight)
+    assert whole in table_notes(run.manoeuvres or ())
+    assert run.manoeuvres is not None
+    assert run.manoeuvres[0].yaw_loop == run.flight.yaw_loop == OF_A_SERVO
+
+
+@pytest.mark.parametrize(
+    ("loop", "yaw_loop", "source", "said"),
+    [
+        ("airframe", "YAW2SRV_DAMP 0.2", "SERVO_OUTPUT_RAW.servo4_raw", None),
+        ("with_roll_loop", None, "SERVO_OUTPUT_RAW.servo4_raw", None),
+        ("unknown", "YAW2SRV_DAMP 0.2", "SERVO_OUTPUT_RAW.servo4_raw", OF_A_SERVO),
+        (
+            "with_roll_loop",
+            "FW_YR_P 0.05",
+            "ACTUATOR_CONTROL_TARGET.controls[2]",
+            "without its yaw-rate loop (FW_YR_P 0.05): the servo output holds its part",
+        ),
+        (
+            "with_roll_loop",
+            "YAW2SRV_DAMP 0.2",
+            "RC_CHANNELS.chan4_raw",
+            "with its yaw damper (YAW2SRV_DAMP 0.2): the stick does not hold its part",
+        ),
+    ],
+)
+def test_it_depends_on_the_mode_the_gain_and_the_channel(
+    loop: str, yaw_loop: str | None, source: str, said: str | None
+) -> None:
+    run = flown(loop, yaw_loop, source)
+
+    assert run.flight is not None
+    assert run.flight.yaw_loop == said
