@@ -10,7 +10,7 @@ from yawid.answers.channel_report import ChannelReport, Said
 from yawid.answers.run_summary import BootSpan, ChannelFound, LinkCounts, VehicleSeen
 from yawid.channels.find_surface import why_no_surface
 from yawid.channels.grid_rate import RATE_TOLERANCE
-from yawid.channels.parameters import STOCK_TRAVEL_US
+from yawid.channels.parameters import STOCK_TRAVEL_US, ParameterTable
 from yawid.channels.stage import Channels
 from yawid.channels.surface import STICKS, Surface
 from yawid.channels.surface_reader import LEAST_SHARE, TOLERANCE, Twins
@@ -109,15 +109,18 @@ def _assumed(channels: Channels) -> Iterator[Said]:
         text = f"the unit of {', '.join(channels.units_assumed)} is not given: rad and rad/s are"
         texts["unit_assumed"] = [f"{text} assumed"]
     for name, surface in zip(channels.config.inputs, channels.surfaces, strict=False):
-        for id_, text in _surface_texts(name, surface, channels.twins, channels.parameters.missing):
+        for id_, text in _surface_texts(name, surface, channels.twins, channels.parameters):
             texts.setdefault(id_, []).append(text)
     for id_, found in texts.items():
         yield id_, "; ".join(found)
 
 
-def _surface_texts(name: str, surface: Surface, twins: Twins, missing: int) -> Iterator[Said]:
+def _surface_texts(
+    name: str, surface: Surface, twins: Twins, table: ParameterTable
+) -> Iterator[Said]:
     if "assumed" in surface.how:
-        lacks = f" ({missing} of its parameters are missing)" if missing else ""
+        is_torn = table.missing and table.functions()
+        lacks = f" ({table.missing} of its parameters are missing)" if is_torn else ""
         low, trim, high = surface.parts[0].travel_us or STOCK_TRAVEL_US
         yield (
             "rudder_assumed",
