@@ -26,7 +26,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "channels": {"config"},
     "estimation": {"config"},
     "physics": {"config", "estimation"},
-    "lateral": set(),
+    "lateral": {"estimation"},
     "offline": {"config", "estimation", "physics"},
     "damper": {"physics"},
     "results": {"config", "estimation", "physics"},

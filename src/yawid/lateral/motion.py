@@ -8,10 +8,12 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from yawid.blocks import Floats
 from yawid.errors import ConfigError
 
+Flags = NDArray[np.bool_]
 COMMAND_STEP_S = 0.005
 """Step of the commands' grid in s."""
 LEAD_S = 0.5

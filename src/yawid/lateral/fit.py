@@ -1,0 +1,187 @@
+"""The fit: Levenberg's and Marquardt's steps to the parameters of largest likelihood."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from yawid.blocks import Floats
+from yawid.estimation.products import cross
+from yawid.lateral.criterion import Criterion
+from yawid.lateral.model import NAMES, Guess
+from yawid.lateral.record import Record
+from yawid.lateral.start import equation_error
+
+ITERATIONS, TRIALS = 30, 8
+LONGEST_STEP = 2.0
+"""Of a parameter in its scales."""
+_DAMPING, _HARDER, _SOFTER, _LEAST = 1e-3, 6.0, 8.0, 1e-9
+_SHRINK, _GROW = 0.95, 20.0
+"""The largest share by which a variance falls and grows in a step."""
+_SMALL_GAIN = 0.02
+"""The expected gain of twice the log-likelihood below which the steps end."""
+_EARLY = 5
+"""Steps after which what the noise would still gain no longer counts."""
+_DIFFERENCE = 1e-5
+"""Step of the slopes in scales."""
+
+
+@dataclass(frozen=True, slots=True)
+class Fit:
+    """Where the steps ended: the point in scales (n,), its covariance (n, n), and the criterion.
+
+    ``criterion`` is twice the negative logarithm of likelihood and priors. ``errors`` (l,) are the
+    innovations over their ``scale``.
+    """
+
+    of: Criterion
+    x: Floats
+    covariance: Floats
+    criterion: float
+    scale: float
+    errors: Floats
+    settled: bool
+    steps: int
+
+
+def guess_from(records: Sequence[Record], lag_s: float) -> Guess:
+    """Return start values, from equation error with this servo lag and from the signals' sizes."""
+    start = equation_error(records, lag_s)
+    wn = max(math.sqrt(abs(start["N_beta"])), 0.5)
+    Ts = records[0].sample_time_s
+    p, r, roll = np.sqrt(np.mean([np.mean(each.y**2, axis=0) for each in records], axis=0))
+    noise = [max(float(np.mean([_fine(each.y[:, i]) for each in records])), 0.01 * rms, least)
+             for i, rms, least in ((0, p, 1e-6), (1, r, 1e-6), (2, roll, 1e-4))]  # fmt: skip
+    tiny = np.finfo(float).tiny
+    values = start | {
+        "log_Y_beta": math.log(max(-start["Y_beta"], 0.02 * wn)),
+        "Y_delta_r": 0.0, "servo_lag": lag_s, "delay": 0.0, "roll_delay": 0.0,
+        "alpha": float(np.mean([each.pitch for each in records])),
+        "log_sigma_p": math.log(noise[0]), "log_sigma_r": math.log(noise[1]),
+        "log_sigma_roll": math.log(noise[2]),
+        "log_roll_gust": math.log(0.9 * p * math.sqrt(Ts) + tiny),
+        "log_yaw_gust": math.log(0.9 * r * math.sqrt(Ts) + tiny),
+        "log_gust": math.log(0.075 * r + tiny),
+        "log_gust_rate": math.log(0.15 * wn), "log_roll_gust_rate": math.log(1.5 * wn),
+    }  # fmt: skip
+    return Guess({name: float(values[name]) for name in NAMES}, wn, values["alpha"])
+
+
+def _fine(x: Floats) -> float:
+    """Return the size of white noise in x, from fourth differences."""
+    d = np.diff(x, 4) / math.sqrt(70.0)
+    return float(1.4826 * np.median(np.abs(d - np.median(d)))) if len(d) else 0.0
+
+
+def fit(criterion: Criterion) -> Fit:
+    """Return the fit from the criterion's start.
+
+    The Hessian's block of the noise parameters is doubled: Gauss and Newton's has half of their
+    information. Parameters at their least value stay there while the criterion would push them on.
+
+    Raises:
+        numpy.linalg.LinAlgError: there is no predictor at the start.
+    """
+    x, damping, settled = criterion.start(), _DAMPING, False
+    e = criterion.errors(x[None])[0]
+    step = 0
+    for step in range(ITERATIONS):
+        variance = float(e @ e) / criterion.count
+        loss = _loss(criterion, x, e, variance)
+        H, score = _curvature(criterion, x, e, variance)
+        held = (x <= criterion.least) & (score > 0.0)
+        gain, motion_gain = _gains(H, score, held, criterion.is_noise)
+        if gain < _SMALL_GAIN or (step >= _EARLY and motion_gain < _SMALL_GAIN):
+            settled = True
+            break
+        better = None
+        for _ in range(TRIALS):
+            tried = _moved(criterion, x, _step(H, score, held, damping))
+            left = _errors_or_none(criterion, tried)
+            after = math.inf if left is None else _loss(criterion, tried, left, variance)
+            if after < loss:
+                better = left
+                break
+            damping *= _HARDER
+        if better is None:
+            settled = gain < 1.0  # nothing is gained within the rounding of the slopes
+            break
+        expected = _expected(H, score, tried - x)
+        x, e = tried, better
+        if loss - after > 0.5 * expected:
+            damping = max(damping / _SOFTER, _LEAST)
+    return _ended(criterion, x, e, settled, step)
+
+
+def _ended(criterion: Criterion, x: Floats, e: Floats, settled: bool, steps: int) -> Fit:
+    variance = float(e @ e) / criterion.count
+    H, _ = _curvature(criterion, x, e, variance)
+    size = np.sqrt(np.diag(H))
+    inverse = np.linalg.inv(H / np.outer(size, size) + 1e-12 * np.eye(len(x)))
+    unbiased = criterion.count / max(criterion.count - len(x), 1)
+    covariance = unbiased * inverse / np.outer(size, size)
+    surprise = criterion.surprise(x[None])[0]
+    total = criterion.count * math.log(variance) + float(surprise @ surprise)
+    scale = math.sqrt(variance)
+    return Fit(criterion, x, covariance, total, scale, e / scale, settled, steps)
+
+
+def _loss(criterion: Criterion, x: Floats, e: Floats, variance: float) -> float:
+    surprise = criterion.surprise(x[None])[0]
+    return float(e @ e) / variance + float(surprise @ surprise)
+
+
+def _errors_or_none(criterion: Criterion, x: Floats) -> Floats | None:
+    try:
+        return np.asarray(criterion.errors(x[None])[0], np.float64)
+    except np.linalg.LinAlgError:
+        return None
+
+
+def _curvature(
+    criterion: Criterion, x: Floats, e: Floats, variance: float
+) -> tuple[Floats, Floats]:
+    """Return the Hessian (n, n) and the slope (n,) of half the criterion, over the variance."""
+    n = len(x)
+    points = x + _DIFFERENCE * np.eye(n)
+    J = (criterion.errors(points) - e).T / _DIFFERENCE
+    H, score = cross(J, J) / variance, cross(J, e) / variance
+    H[np.ix_(criterion.is_noise, criterion.is_noise)] *= 2.0
+    H += np.diag(1.0 / (criterion.spread / criterion.scale) ** 2)
+    score += criterion.surprise(x[None])[0] * criterion.scale / criterion.spread
+    return H, score
+
+
+def _expected(H: Floats, score: Floats, step: Floats) -> float:
+    """Return what a step should gain in twice the log-likelihood, if the criterion is square."""
+    return float(-2.0 * score @ step - step @ H @ step)
+
+
+def _moved(criterion: Criterion, x: Floats, step: Floats) -> Floats:
+    """Return the point after a step, which a variance of noise takes as itself, not as logarithm.
+
+    The likelihood is nearly square in a variance that is small next to others (Fisher's scoring).
+    """
+    twice, tried = 2.0 * criterion.scale, x + np.clip(step, -LONGEST_STEP, LONGEST_STEP)
+    share = np.log1p(np.clip(twice * step, -_SHRINK, _GROW)) / twice
+    tried = np.where(criterion.is_size, x + share, tried)
+    return np.asarray(np.maximum(tried, criterion.least), np.float64)
+
+
+def _step(H: Floats, score: Floats, held: np.ndarray, damping: float) -> Floats:
+    step, on = np.zeros(len(score)), ~held
+    some = H[np.ix_(on, on)]
+    step[on] = -np.linalg.solve(some + damping * np.diag(np.diag(some)), score[on])
+    return step
+
+
+def _gains(H: Floats, score: Floats, held: np.ndarray, is_noise: np.ndarray) -> tuple[float, float]:
+    """Return what the full step would gain, and what its part along the motion would gain."""
+    on = ~held
+    some = H[np.ix_(on, on)] + _LEAST * np.diag(np.diag(H)[on])
+    inverse, noise = np.linalg.inv(some), is_noise[on]
+    full = -inverse @ score[on]
+    motion = full[~noise]
+    kept = np.linalg.solve(inverse[np.ix_(~noise, ~noise)], motion)
+    return float(-score[on] @ full), float(motion @ kept)

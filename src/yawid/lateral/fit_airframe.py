@@ -1,0 +1,127 @@
+"""The entry of the room: manoeuvres of one speed to the bare airframe, its sigma and verdict."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from yawid.blocks import Floats
+from yawid.lateral.airframe import Airframe, Known
+from yawid.lateral.criterion import Criterion
+from yawid.lateral.fit import Fit, fit, guess_from
+from yawid.lateral.gates import failed_gates
+from yawid.lateral.model import AT, DERIVATIVES, NAMES, modes
+from yawid.lateral.motion import Motion
+from yawid.lateral.record import Record
+
+START_LAGS_S = (0.04, 0.1, 0.16)
+GIVEN_LAG_STD_S = 0.005
+"""How well a servo lag is known that the user gives."""
+FLOORS = (0.01, 0.0, 0.1, 0.0)
+"""Least sigma of wn, zeta, roll mode and spiral as a share of them: what a linear model of an
+aircraft is worth, measured on flights of JSBSim."""
+ZETA_FLOOR = 0.007
+NATS = 3.0
+"""Starts whose log-likelihood is this near to the best one's count as answers, too."""
+AGREES_SIGMAS = 0.5
+_STEP = 1e-4
+"""Step of the modes' slopes, in scales of the parameters."""
+
+
+def fit_airframe(motions: Sequence[Motion], *, servo_lag_s: float | None = None) -> Airframe:
+    """Return the bare airframe that these manoeuvres of one airspeed show.
+
+    State at the start and trims are each manoeuvre's own, all else is shared. With ``servo_lag_s``
+    the fit starts there and stays near; else it starts from each of START_LAGS_S. Whether the
+    result may be used is in ``failed``.
+
+    Raises:
+        ValueError: there is no manoeuvre, or no start has a predictor.
+    """
+    records = [Record(motion) for motion in motions]
+    given = servo_lag_s is not None
+    lags = (servo_lag_s,) if servo_lag_s is not None else START_LAGS_S
+    fits = [found for lag_s in lags if (found := _from(records, lag_s, given)) is not None]
+    if not fits:
+        raise ValueError("the fit of the bare airframe found no predictor from any start")
+    fits.sort(key=lambda each: each.criterion)
+    airspeed_m_s = float(np.mean([each.airspeed_m_s for each in records]))
+    airframe = _airframe(fits, records, airspeed_m_s)
+    agreeing = None if given else _agreeing(fits, airframe, airspeed_m_s)
+    gates = failed_gates(airframe, records, fits[0].settled, agreeing)
+    return replace(airframe, failed=tuple(gates))
+
+
+def _from(records: Sequence[Record], lag_s: float, given: bool) -> Fit | None:
+    """Return the fit from one start; None if there is no predictor there."""
+    priors = {"servo_lag": (lag_s, GIVEN_LAG_STD_S)} if given else {}
+    try:
+        return fit(Criterion(records, guess_from(records, lag_s), priors))
+    except np.linalg.LinAlgError:
+        return None
+
+
+def _values(found: Fit, airspeed_m_s: float) -> tuple[Floats, Floats]:
+    """Return modes and parameters (4 + len(PARAMETERS),), Y_beta as itself, and their slopes."""
+    points = np.vstack([found.x, found.x + _STEP * np.eye(len(found.x))])
+    theta = found.of.theta(points)
+    values = np.hstack([modes(theta, airspeed_m_s), theta])
+    values[:, 4 + AT["log_Y_beta"]] = -np.exp(theta[:, AT["log_Y_beta"]])
+    return values[0], (values[1:] - values[0]).T / _STEP
+
+
+def _airframe(fits: Sequence[Fit], records: Sequence[Record], airspeed_m_s: float) -> Airframe:
+    best = fits[0]
+    values, slopes = _values(best, airspeed_m_s)
+    variances = np.einsum("ij,jk,ik->i", slopes, best.covariance, slopes)
+    near = [each for each in fits if each.criterion - best.criterion < 2.0 * NATS]
+    others = np.array([_values(each, airspeed_m_s)[0] for each in near])
+    variances += np.mean((others - values) ** 2, axis=0)
+    variances[:4] += (np.array(FLOORS) * values[:4]) ** 2
+    variances[1] += ZETA_FLOOR**2
+    stds = np.sqrt(variances)
+    wn, zeta, roll, spiral = map(Known, values[:4].tolist(), stds[:4].tolist())
+    by_name = dict(zip(NAMES, map(Known, values[4:].tolist(), stds[4:].tolist()), strict=True))
+    by_name["Y_beta"] = by_name["log_Y_beta"]
+    for name in {"L_delta_a", "N_delta_a"} - set(best.of.names):
+        by_name[name] = Known()
+    gust = math.exp(by_name["log_gust"].value) * best.scale
+    return Airframe(
+        wn_rad_s=wn, zeta=zeta, roll_s=_time_constant(roll), spiral_s=_time_constant(spiral),
+        derivatives={name: by_name[name] for name in DERIVATIVES},
+        servo_lag_s=by_name["servo_lag"], delay_s=by_name["delay"],
+        roll_delay_s=by_name["roll_delay"], gust_std_rad=gust, rho1=_rho1(best, records),
+        airspeed_m_s=airspeed_m_s, aileron_fed_back=max(each.fed_back for each in records),
+        names=best.of.names, theta=best.x * best.of.scale,
+        covariance=best.covariance * np.outer(best.of.scale, best.of.scale),
+        criterion=best.criterion,
+    )  # fmt: skip
+
+
+def _time_constant(pole: Known) -> Known:
+    """Return the time constant in s of a real pole in 1/s."""
+    if not math.isfinite(pole.value) or pole.value == 0.0:
+        return Known()
+    return Known(-1.0 / pole.value, pole.std / pole.value**2)
+
+
+def _rho1(found: Fit, records: Sequence[Record]) -> float:
+    """Return the largest autocorrelation at one sample of the innovations of p, r and roll."""
+    start, products, power = 0, np.zeros(3), np.zeros(3)
+    for each in records:
+        n = len(each.y)
+        e = found.errors[start : start + 3 * n].reshape(n, 3)
+        both = ~(each.missing[1:] | each.missing[:-1])
+        products += (e[1:] * e[:-1])[both].sum(axis=0)
+        power += (e**2).sum(axis=0)
+        start += 3 * n
+    rho = products / np.maximum(power, np.finfo(float).tiny)
+    return float(rho[np.argmax(np.abs(rho))])
+
+
+def _agreeing(fits: Sequence[Fit], airframe: Airframe, airspeed_m_s: float) -> int:
+    """Return how many starts end within half a sigma of the best one's wn, itself among them."""
+    wn = airframe.wn_rad_s
+    found = [_values(each, airspeed_m_s)[0][0] for each in fits]
+    return sum(abs(each - wn.value) <= AGREES_SIGMAS * wn.std for each in found)

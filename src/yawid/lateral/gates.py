@@ -1,0 +1,120 @@
+"""The gates that an airframe has to pass, each with what it means and what to do."""
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from yawid.lateral.airframe import Airframe, FailedGate
+from yawid.lateral.record import Record
+
+COPIED, COLOURED, TOO_COARSE = 0.98, 0.35, 0.25
+WN_KNOWN, AILERON_KNOWN, RUDDER_SIGMAS = 0.05, 0.25, 3.0
+LEAST_STARTS_AGREEING = 2
+_COPY_DELAYS_S = (0.0, 0.05, 0.1, 0.15)
+
+
+@dataclass(frozen=True, slots=True)
+class Gate:
+    """A gate's words: a sentence with ``{found}`` and ``{limit}``, and what to do."""
+
+    sentence: str
+    remedy: str
+
+
+GATES = {
+    "no_aileron": Gate(
+        "no aileron was found", "name the aileron's output, or record all servo outputs"
+    ),
+    "commands_on_grid": Gate(
+        "the commands are known on the grid of the samples only",
+        "replay the log itself, whose servo messages have their own stamps",
+    ),
+    "rudder_copies_aileron": Gate(
+        "the aileron explains {found:.3f} of the rudder's variance (limit {limit:g})",
+        "move the rudder on its own",
+    ),
+    "not_settled": Gate(
+        "the fit did not settle within {found:g} steps", "repeat the manoeuvre in calmer air"
+    ),
+    "lag_unknown": Gate(
+        "only {found:g} starts of the servo lag agree with the best one ({limit:g} needed)",
+        "give the servo's lag (--servo-lag), or pool several manoeuvres of one speed",
+    ),
+    "coloured": Gate(
+        "the innovations of one sample predict {found:.2f} of the next (limit {limit:g})",
+        "send the attitude without smoothing, at a higher rate",
+    ),
+    "too_slow": Gate(
+        "in one sample the fastest mode turns or decays by {found:.2f} rad (limit {limit:g})",
+        "send the attitude at a higher rate",
+    ),
+    "wn_uncertain": Gate(
+        "sigma of wn is {found:.3f} of it (limit {limit:g})",
+        "move the rudder more, and the aileron on its own",
+    ),
+    "aileron_uncertain": Gate(
+        "sigma of L_delta_a is {found:.2f} of it (limit {limit:g})",
+        "move the aileron on its own, not by the roll hold alone",
+    ),
+    "rudder_without_effect": Gate(
+        "N_delta_r is {found:.1f} sigma from 0 ({limit:g} needed)", "move the rudder more"
+    ),
+    "no_dutch_roll": Gate("no mode of the airframe oscillates", "check the channels' signs"),
+}
+"""Every gate by its name."""
+
+
+def failed_gates(
+    airframe: Airframe, records: Sequence[Record], settled: bool, starts_agreeing: int | None
+) -> Iterator[FailedGate]:
+    """Yield the gates that stop an airframe; ``starts_agreeing`` is None where the lag is given."""
+    if not all(each.motion.aileron_known for each in records):
+        yield FailedGate("no_aileron", math.nan, math.nan)
+    if not all(each.motion.commands_exact for each in records):
+        yield FailedGate("commands_on_grid", math.nan, math.nan)
+    if (copied := copied_share(records)) > COPIED:
+        yield FailedGate("rudder_copies_aileron", copied, COPIED)
+    if not settled:
+        yield FailedGate("not_settled", math.nan, math.nan)
+    if starts_agreeing is not None and starts_agreeing < LEAST_STARTS_AGREEING:
+        yield FailedGate("lag_unknown", starts_agreeing, LEAST_STARTS_AGREEING)
+    if not airframe.rho1 < COLOURED:
+        yield FailedGate("coloured", airframe.rho1, COLOURED)
+    if not math.isfinite(airframe.wn_rad_s.value):
+        yield FailedGate("no_dutch_roll", math.nan, math.nan)
+        return
+    fastest = max(airframe.wn_rad_s.value, abs(1.0 / airframe.roll_s.value))
+    if not (turned := records[0].sample_time_s * fastest) < TOO_COARSE:
+        yield FailedGate("too_slow", turned, TOO_COARSE)
+    yield from _uncertain(airframe, any(each.aileron_moves for each in records))
+
+
+def _uncertain(airframe: Airframe, aileron_moves: bool) -> Iterator[FailedGate]:
+    share = airframe.wn_rad_s.std / airframe.wn_rad_s.value
+    if not share < WN_KNOWN:
+        yield FailedGate("wn_uncertain", share, WN_KNOWN)
+    aileron, rudder = (airframe.derivatives[name] for name in ("L_delta_a", "N_delta_r"))
+    if aileron_moves and not (share := aileron.std / abs(aileron.value)) < AILERON_KNOWN:
+        yield FailedGate("aileron_uncertain", share, AILERON_KNOWN)
+    if not (sigmas := abs(rudder.value) / rudder.std) > RUDDER_SIGMAS:
+        yield FailedGate("rudder_without_effect", sigmas, RUDDER_SIGMAS)
+
+
+def copied_share(records: Sequence[Record]) -> float:
+    """Return R squared of the rudder on the aileron of up to 0.15 s before."""
+    left = power = 0.0
+    for each in records:
+        if not each.aileron_moves:
+            return 0.0
+        columns = np.stack(
+            [each.commanded(0.0, delay_s)[:, 0] for delay_s in _COPY_DELAYS_S]
+            + [np.ones(len(each.times_s))],
+            axis=1,
+        )
+        rudder = each.commanded(0.0, 0.0)[:, 1]
+        found, *_ = np.linalg.lstsq(columns, rudder, rcond=1e-9)
+        left += float(np.sum((rudder - columns @ found) ** 2))
+        power += float(np.sum((rudder - rudder.mean()) ** 2))
+    return 1.0 - left / max(power, np.finfo(float).tiny)

@@ -1,0 +1,150 @@
+"""A manoeuvre as the criterion needs it: measurements, inputs after lag and delay, the roll law."""
+
+import math
+
+import numpy as np
+
+from yawid.blocks import Floats
+from yawid.estimation.all_pole import all_pole
+from yawid.lateral.model import Law
+from yawid.lateral.motion import COMMAND_STEP_S, Flags, Motion
+
+FED_BACK = 0.95
+"""R squared of the aileron on roll and p above which its roll law is put into the model."""
+AT_REST = 2e-3
+"""Standard deviation of an aileron that does not move, in the unit of its channel."""
+_NO_LAG_S = 1e-9
+
+
+class Record:
+    """One manoeuvre. ``y`` (n, 3) are p, r and roll about their means, 0 where ``missing`` (n,).
+
+    ``turn`` are means and slopes (n, 2) of f1 and f2 over each step; ``law`` is the roll law, if
+    the aileron is feedback; ``fed_back`` the R squared of the aileron on roll and p.
+    """
+
+    def __init__(self, motion: Motion) -> None:
+        self.motion, self.sample_time_s = motion, motion.sample_time_s
+        self.airspeed_m_s = motion.airspeed_m_s
+        columns = np.stack([motion.p, motion.r, motion.roll], axis=1)
+        self.missing: Flags = np.isnan(columns.sum(axis=1))
+        self.times_s = np.asarray(np.arange(len(columns)) * self.sample_time_s, np.float64)
+        self._filled = np.stack([self._fill(x) for x in (*columns.T, motion.pitch, motion.q)])
+        self.mean = self._filled[:3].mean(axis=1)
+        self.pitch = float(self._filled[3].mean())
+        self.y = np.where(self.missing[:, None], 0.0, self._filled[:3].T - self.mean)
+        self.turn = self._turn()
+        times = motion.command_times_s()
+        inside = (times >= 0.0) & (times <= self.times_s[-1])
+        commands = np.stack([motion.aileron, motion.rudder])
+        self.commands = commands - commands[:, inside].mean(axis=1)[:, None]
+        self.aileron_moves = motion.aileron_known and bool(self.commands[0, inside].std() > AT_REST)
+        self.given = self.commands
+        self.law, self.fed_back = self._roll_law(times, inside)
+
+    def _fill(self, x: Floats) -> Floats:
+        """Return x with lines over its gaps."""
+        known = np.isfinite(x)
+        if not known.any():
+            return np.zeros_like(x)
+        return np.asarray(np.interp(self.times_s, self.times_s[known], x[known]), np.float64)
+
+    def _turn(self) -> tuple[Floats, Floats]:
+        _, r, roll, _, q = self._filled
+        force = math.cos(self.pitch) * (np.sin(roll) - roll)
+        rolling = math.tan(self.pitch) * (q * np.sin(roll) + r * (np.cos(roll) - 1.0))
+        both = np.stack([force, rolling], axis=1)
+        both -= both.mean(axis=0)
+        after = np.vstack([both[1:], both[-1:]])
+        mean, slope = 0.5 * (both + after), (after - both) / self.sample_time_s
+        return np.asarray(mean, np.float64), np.asarray(slope, np.float64)
+
+    def _roll_law(self, times: Floats, inside: np.ndarray) -> tuple[Law, float]:
+        """Find the roll law by least squares; where it is all, the aileron is what it leaves."""
+        if not self.aileron_moves:
+            return Law(), 0.0
+        roll, p = (np.interp(times, self.times_s, self._filled[i] - self.mean[i]) for i in (2, 0))
+        columns = np.stack([np.ones(len(times)), roll, p], axis=1)
+        aileron = self.commands[0]
+        law, *_ = np.linalg.lstsq(columns[inside], aileron[inside], rcond=None)
+        left = np.where(inside, aileron - columns @ law, 0.0)
+        explained = 1.0 - float(left[inside].var() / aileron[inside].var())
+        if explained <= FED_BACK:
+            return Law(), explained
+        self.commands = np.stack([left, self.commands[1]])
+        return Law(-float(law[1]), -float(law[2])), explained
+
+    def inputs(self, lag_s: float, delay_s: float) -> Floats:
+        """Return the inputs (n, 8) over each step: aileron, rudder, f1 and f2, then their slopes.
+
+        Each is the line with the input's area and first moment over the step.
+        """
+        mean, slope = self._lines(lag_s, delay_s)
+        return np.hstack([mean, self.turn[0], slope, self.turn[1]])
+
+    def commanded(self, lag_s: float, delay_s: float) -> Floats:
+        """Return aileron and rudder (n, 2) at each instant, the aileron with its feedback."""
+        at, into = self._places(np.asarray(self.times_s - delay_s, np.float64))
+        lagged = _lagged(self.given, lag_s)
+        pairs = zip(self.given, lagged, strict=True)
+        return np.stack([_between(u, x, at, into, lag_s)[0] for u, x in pairs], axis=1)
+
+    def _lines(self, lag_s: float, delay_s: float) -> tuple[Floats, Floats]:
+        """Return means and slopes (n, 2) of the commands over each step after delay and lag.
+
+        They are exact for commands on lines and a lag of first order: lag x' = u - x, so that the
+        integrals of x and t x follow from those of u and from x at both ends.
+        """
+        step_s = self.sample_time_s
+        edges = np.append(self.times_s, self.times_s[-1] + step_s) - delay_s
+        at, into = self._places(np.asarray(edges, np.float64))
+        begins, ends = COMMAND_STEP_S * at, COMMAND_STEP_S * at + into
+        means, slopes = [], []
+        for u, x in zip(self.commands, _lagged(self.commands, lag_s), strict=True):
+            value, slope = _between(u, x, at, into, lag_s)
+            area, moment = (sums[at] for sums in _sums(u))
+            some = into * (u[at] + 0.5 * into * slope)
+            moment = moment + begins * some + into**2 * (u[at] / 2.0 + slope * into / 3.0)
+            area = area + some - lag_s * value
+            moment = moment - lag_s * (ends * value - area)
+            means.append(np.diff(area) / step_s)
+            middle = 0.5 * (ends[1:] + ends[:-1])
+            slopes.append((np.diff(moment) - middle * np.diff(area)) * 12.0 / step_s**3)
+        return np.stack(means, axis=1), np.stack(slopes, axis=1)
+
+    def _places(self, times_s: Floats) -> tuple[np.ndarray, Floats]:
+        """Return for each time the command before it, and the time since then in s."""
+        since = np.maximum(times_s - self.motion.commands_start_s, 0.0)
+        at = np.minimum((since / COMMAND_STEP_S + 1e-9).astype(int), self.commands.shape[1] - 2)
+        return at, np.minimum(since - at * COMMAND_STEP_S, 2.0 * COMMAND_STEP_S)
+
+
+def _sums(u: Floats) -> tuple[Floats, Floats]:
+    """Return the integrals (m,) of u and of t u from the first command to each."""
+    h, begins = COMMAND_STEP_S, COMMAND_STEP_S * np.arange(len(u) - 1)
+    area = 0.5 * h * (u[1:] + u[:-1])
+    moment = begins * area + h**2 * (u[:-1] / 6.0 + u[1:] / 3.0)
+    return np.append(0.0, np.cumsum(area)), np.append(0.0, np.cumsum(moment))
+
+
+def _lagged(commands: Floats, lag_s: float) -> Floats:
+    """Return commands (2, m), linear between their instants, after a lag of first order."""
+    if lag_s < _NO_LAG_S:
+        return commands
+    stays = math.exp(-COMMAND_STEP_S / lag_s)
+    mean = lag_s / COMMAND_STEP_S * (1.0 - stays)
+    u = commands.T
+    before = np.vstack([u[:1], u[:-1]])
+    drive = (mean - stays) * before + (1.0 - mean) * u
+    return np.asarray(all_pole(np.array([-stays]), drive, u[:1]).T, np.float64)
+
+
+def _between(
+    u: Floats, x: Floats, at: np.ndarray, into: Floats, lag_s: float
+) -> tuple[Floats, Floats]:
+    """Return the lagged x at ``into`` s after the commands ``at``, and the slope of u there."""
+    slope = (u[at + 1] - u[at]) / COMMAND_STEP_S
+    if lag_s < _NO_LAG_S:
+        return u[at] + slope * into, slope
+    stays = np.exp(-into / lag_s)
+    return stays * x[at] + (1.0 - stays) * (u[at] - lag_s * slope) + slope * into, slope

@@ -1,0 +1,118 @@
+"""The start of the fit: equation error on finite Fourier transforms, with kinematic sideslip.
+
+In the frequency domain the first equation of ``model.py`` gives the sideslip that p, r and roll
+imply, for a given Y_beta. With it, the equations of p and r are linear in their derivatives
+(Morelli and Klein 2016, chapter 7). Roll is no regressor: it does not enter the moments, and under
+a roll hold it would pass for the aileron.
+"""
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from yawid.blocks import Floats
+from yawid.lateral.model import GRAVITY_M_S2
+from yawid.lateral.record import Record
+
+_SHARES = (0.02, 0.05, 0.08, 0.12, 0.17, 0.23, 0.3, 0.4, 0.55, 0.75)
+"""Values of -Y_beta that are tried, as shares of the middle frequency."""
+_FREQUENCIES = 60
+_P_ROW = ("L_beta", "L_p", "L_r", "L_delta_a", "L_delta_r")
+_R_ROW = ("N_beta", "N_p", "N_r", "N_delta_a", "N_delta_r")
+
+
+class _Transforms(NamedTuple):
+    """One manoeuvre's transforms (f,): signals, the derivatives of p and r, exp(-jwT), that of 1.
+
+    ``turn`` is g/V.
+    """
+
+    p: np.ndarray
+    r: np.ndarray
+    roll: np.ndarray
+    aileron: np.ndarray
+    rudder: np.ndarray
+    p_slope: np.ndarray
+    r_slope: np.ndarray
+    end: np.ndarray
+    one: np.ndarray
+    turn: float
+
+
+def equation_error(records: Sequence[Record], lag_s: float) -> dict[str, float]:
+    """Return Y_beta and the derivatives of p and r by name, for this servo lag."""
+    w = _band(records)
+    parts = [_transforms(record, w, lag_s) for record in records]
+    pitch = float(np.mean([record.pitch for record in records]))
+    aileron_moves = any(record.aileron_moves for record in records)
+    best = math.inf
+    found: dict[str, float] = {}
+    for share in _SHARES:
+        Y_beta = -share * float(np.median(w))
+        columns = np.vstack(
+            [_columns(each, w, Y_beta, pitch, i, len(parts)) for i, each in enumerate(parts)]
+        )
+        if not aileron_moves:
+            columns[:, 3] = 0.0
+        p_row, p_left = _least_squares(columns, np.concatenate([each.p_slope for each in parts]))
+        r_row, r_left = _least_squares(columns, np.concatenate([each.r_slope for each in parts]))
+        if (misfit := math.log(p_left + 1e-9) + math.log(r_left + 1e-9)) < best:
+            best = misfit
+            found = {"Y_beta": Y_beta} | dict(zip(_P_ROW, p_row, strict=True))
+            found |= dict(zip(_R_ROW, r_row, strict=True))
+    return found
+
+
+def _band(records: Sequence[Record]) -> Floats:
+    """Return frequencies (f,) in rad/s: from a quarter of r's middle to where its power ends."""
+    Ts = records[0].sample_time_s
+    w = np.arange(0.25, 0.8 * math.pi / Ts, 0.05)
+    power = np.zeros(len(w))
+    for record in records:
+        r = record.y[:, 1] * np.hanning(len(record.y))
+        power += np.abs(np.exp(-1j * np.outer(w, record.times_s)) @ r) ** 2
+    power = np.maximum(power - np.median(power[len(w) // 2 :]), 0.0)  # less the noise's
+    share = np.cumsum(power) / max(float(np.sum(power)), np.finfo(float).tiny)
+    middle, last = (float(w[np.count_nonzero(share[:-1] < x)]) for x in (0.5, 0.95))
+    high = min(max(3.0 * middle, 1.3 * last), 0.8 * math.pi / Ts)
+    longest = max(float(record.times_s[-1]) for record in records)
+    return np.linspace(max(0.25 * middle, math.tau / longest), high, _FREQUENCIES)
+
+
+def _transforms(record: Record, w: Floats, lag_s: float) -> _Transforms:
+    y, last = record.y, record.times_s[-1]
+    kernel = np.exp(-1j * np.outer(w, record.times_s)) * record.sample_time_s
+    kernel[:, [0, -1]] *= 0.5
+    end = np.exp(-1j * w * last)
+    u = record.commanded(lag_s, 0.0)
+    p, r, roll, aileron, rudder = (kernel @ np.column_stack([y, u - u.mean(axis=0)])).T
+    p_slope, r_slope = (1j * w * x + y[-1, i] * end - y[0, i] for i, x in ((0, p), (1, r)))
+    one = (1.0 - end) / (1j * w)
+    turn = GRAVITY_M_S2 / record.airspeed_m_s
+    return _Transforms(p, r, roll, aileron, rudder, p_slope, r_slope, end, one, turn)
+
+
+def _columns(
+    of: _Transforms, w: Floats, Y_beta: float, pitch: float, number: int, count: int
+) -> np.ndarray:
+    """Return the regressors (f, 5 + 3 count): beta, p, r, inputs, and each manoeuvre's nuisances.
+
+    These are the sideslip at start and end, and the trim.
+    """
+    lag = 1.0 / (1j * w - Y_beta)
+    beta = (pitch * of.p - of.r + of.turn * of.roll) * lag
+    found = np.zeros((len(w), 5 + 3 * count), complex)
+    found[:, :5] = np.stack([beta, of.p, of.r, of.aileron, of.rudder], axis=1)
+    found[:, 5 + 3 * number : 8 + 3 * number] = np.stack([lag, lag * of.end, of.one], axis=1)
+    return found
+
+
+def _least_squares(columns: np.ndarray, y: np.ndarray) -> tuple[list[float], float]:
+    """Return the first five real coefficients, and the share of y that is left."""
+    both, target = np.vstack([columns.real, columns.imag]), np.concatenate([y.real, y.imag])
+    size = np.linalg.norm(both, axis=0) + 1e-12
+    found, *_ = np.linalg.lstsq(both / size, target, rcond=1e-9)
+    left = target - both / size @ found
+    return (found / size)[:5].tolist(), float(left @ left / max(target @ target, 1e-300))

@@ -1,0 +1,116 @@
+"""Motions of a linear aircraft with known derivatives, by their own equations of motion."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import expm
+
+from yawid.lateral.motion import COMMAND_STEP_S, Motion
+
+Floats = NDArray[np.float64]
+AIRSPEED_M_S, GRAVITY_M_S2 = 50.0, 9.80665
+BETA, P, R, ROLL, B, W = range(6)
+DERIVATIVES = {
+    "Y_beta": -0.25, "L_beta": -9.0, "L_p": -4.0, "L_r": 1.2, "L_delta_a": 8.0, "L_delta_r": -0.5,
+    "N_beta": 4.0, "N_p": -0.15, "N_r": -0.6, "N_delta_a": 0.1, "N_delta_r": 1.5,
+    "Y_delta_r": -0.05,
+}  # fmt: skip
+"""Of a light aircraft at 50 m/s, as the answers name them."""
+GUST_RATE, ROLL_GUST_RATE = 0.3, 4.0
+GYRO, ANGLE = 0.003, 0.001
+SHAPE = ((1.0, 0), (1.2, 1), (0.8, -1), (0.4, 1), (0.4, -1), (8.2, 0))
+
+
+def airframe(of: dict[str, float]) -> tuple[Floats, Floats]:
+    """Return A (4, 4) of beta, p, r, roll and B (4, 2) of aileron and rudder."""
+    A = np.array([
+        [of["Y_beta"], 0.0, -1.0, GRAVITY_M_S2 / AIRSPEED_M_S],
+        [of["L_beta"], of["L_p"], of["L_r"], 0.0],
+        [of["N_beta"], of["N_p"], of["N_r"], 0.0],
+        [0.0, 1.0, 0.0, 0.0],
+    ])  # fmt: skip
+    controls = np.array([
+        [0.0, of["Y_delta_r"]], [of["L_delta_a"], of["L_delta_r"]],
+        [of["N_delta_a"], of["N_delta_r"]], [0.0, 0.0],
+    ])  # fmt: skip
+    return A, controls
+
+
+def modes(A: Floats) -> tuple[float, float, float]:
+    """Return wn, zeta and the time constant of the roll mode of A (4, 4)."""
+    poles = np.linalg.eigvals(A)
+    pair = poles[poles.imag > 1e-6][0]
+    return float(abs(pair)), float(-pair.real / abs(pair)), float(-1.0 / poles.real.min())
+
+
+def moves(n: int, start_s: float, amplitude: float) -> Floats:
+    """Return a 3-2-1-1 (n,) on the commands' grid, again and again, on lines between its points."""
+    times, values, at = [-10.0], [0.0], start_s
+    while at < n * COMMAND_STEP_S:
+        for length_s, value in SHAPE:
+            times += [at + 0.08, at + length_s]
+            values += [amplitude * value] * 2
+            at += length_s
+    return np.interp(np.arange(n) * COMMAND_STEP_S, times, values)
+
+
+def flown(
+    seed: int | None = None,
+    *,
+    seconds: float = 30.0,
+    rate_hz: float = 25.0,
+    lag_s: float = 0.0,
+    gust: float = 0.0,
+    amplitude: float = 0.15,
+    derivatives: dict[str, float] = DERIVATIVES,
+    hold: tuple[float, float] = (0.0, 0.0),
+    aileron: float = 0.1,
+    **changed: Any,
+) -> Motion:
+    """Return a motion; without a seed it has no noise. ``hold`` are the roll hold's two gains.
+
+    The state is exact for commands on lines between the points of their grid. Gusts have the
+    sideslip ``gust`` in rad. The roll hold hears what is measured.
+    """
+    lead, every = round(1.0 / COMMAND_STEP_S), round(1.0 / rate_hz / COMMAND_STEP_S)
+    n = lead + round(seconds / COMMAND_STEP_S) + 1
+    rudder, own = moves(n, 1.52, amplitude), moves(n, 4.52, aileron)
+    A, controls = airframe(derivatives)
+    whole = np.zeros((8, 10))  # beta, p, r, roll, gusts, aileron, rudder; then the commands
+    whole[:4, :4], whole[:4, 6:8] = A, controls
+    whole[:3, B], whole[P, W] = A[:3, BETA], 1.0
+    whole[B, B], whole[W, W] = -GUST_RATE, -ROLL_GUST_RATE
+    fast = max(lag_s, 1e-12)
+    whole[[6, 7], [6, 7]], whole[[6, 7], [8, 9]] = -1.0 / fast, 1.0 / fast
+    if lag_s == 0.0:
+        whole[:4, 8:10], whole[:4, 6:8], whole[6:] = controls, 0.0, 0.0
+    # the commands and their slopes are states of a larger system, whose exponential is exact
+    larger = np.zeros((12, 12))
+    larger[:8, :10], larger[8, 10], larger[9, 11] = whole, 1.0, 1.0
+    step = expm(larger * COMMAND_STEP_S)[:8]
+    rng = np.random.default_rng(seed)
+    noisy = 0.0 if seed is None else 1.0
+    sizes = noisy * np.array([GYRO, GYRO, ANGLE])
+    kicks = np.sqrt(2.0 * COMMAND_STEP_S * np.array([GUST_RATE, ROLL_GUST_RATE]))
+    kicks = kicks * gust * np.array([1.0, 5.0])
+    x, commands, seen = np.zeros(8), np.stack([own, rudder]), []
+    for k in range(n):
+        heard = x[[P, R, ROLL]] + sizes * rng.normal(size=3)
+        if any(hold):
+            commands[0, k] = own[k] - hold[0] * heard[2] - hold[1] * heard[0]
+        if k >= lead and (k - lead) % every == 0:
+            seen.append(heard)
+        now, after = commands[:, k], commands[:, min(k + 1, n - 1)]
+        slope = np.zeros(2) if any(hold) else (after - now) / COMMAND_STEP_S
+        x = step @ np.concatenate([x, now, slope])
+        x[[B, W]] += kicks * rng.normal(size=2)
+    p, r, roll = np.array(seen).T
+    given: dict[str, Any] = {
+        "sample_time_s": 1.0 / rate_hz, "p": p, "r": r, "roll": roll,
+        "pitch": np.zeros(len(p)), "q": np.zeros(len(p)), "commands_start_s": -1.0,
+        "rudder": commands[1], "aileron": commands[0], "airspeed_m_s": AIRSPEED_M_S,
+    }  # fmt: skip
+    return Motion(**(given | changed))

@@ -1,0 +1,114 @@
+"""The bare airframe is found again from motions of an aircraft that is known."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from lateral.flown import DERIVATIVES, airframe, flown, modes
+from scipy.linalg import expm
+
+from yawid.lateral.airframe import Airframe
+from yawid.lateral.fit_airframe import fit_airframe
+from yawid.lateral.motion import COMMAND_STEP_S, Motion
+from yawid.plant.lateral import LateralCoefficients, lateral_motion
+
+WN, ZETA, ROLL_S = modes(airframe(DERIVATIVES)[0])
+"""The modes of the aircraft that flies in these tests."""
+
+
+def test_eq_21_is_recovered_from_its_own_motion_without_noise() -> None:
+    """In the plant's axes psi and theta_G are positive left; the motion is small, as it is linear.
+
+    A bank's sine and the yaw of a bank are known inputs of the fit, and not in eq. 21.
+    """
+    c = LateralCoefficients(
+        a_z_gamma=-9.80665 / 60.0, a_z_beta=0.3, a_mx_omega_x=3.5, a_mx_omega_y=1.0,
+        a_mx_beta=8.0, a_mx_delta_b=5e-4, a_my_omega_x=-0.1, a_my_omega_y=0.5, a_my_beta=5.0,
+        a_my_delta_h=3e-4,
+    )  # fmt: skip
+    plant, given = lateral_motion(c), flown(seconds=30.0)
+    inputs = np.stack([given.aileron, given.rudder], axis=1)  # -delta_b rolls right as an aileron
+    larger = np.zeros((9, 9))  # states, inputs and their slopes
+    larger[:5, :5], larger[:5, 5:7], larger[5:7, 7:] = plant.A, plant.B[:, :2], np.eye(2)
+    step, x, states = expm(larger * COMMAND_STEP_S)[:5], np.zeros(5), []
+    for now, after in zip(inputs, np.vstack([inputs[1:], inputs[-1:]]), strict=True):
+        states.append(x)
+        x = step @ np.concatenate([x, now, (after - now) / COMMAND_STEP_S])
+    _, gamma, gamma_rate, _, psi_rate = np.array(states)[200::8].T
+    motion = replace(given, p=gamma_rate, r=-psi_rate, roll=gamma, airspeed_m_s=60.0)
+
+    found = fit_airframe([motion], servo_lag_s=0.0)
+
+    expected = {
+        "Y_beta": -0.3, "L_beta": -8.0, "L_p": -3.5, "L_r": 1.0, "L_delta_a": 5e-4,
+        "L_delta_r": 0.0, "N_beta": 5.0, "N_p": -0.1, "N_r": -0.5, "N_delta_a": 0.0,
+        "N_delta_r": -3e-4, "Y_delta_r": 0.0,
+    }  # fmt: skip
+    unit = {name: 1e-3 if "delta" in name else 1.0 for name in expected}
+    got = {name: known.value / unit[name] for name, known in found.derivatives.items()}
+    assert got == pytest.approx({k: v / unit[k] for k, v in expected.items()}, abs=1e-6)
+
+
+def near(found: Airframe, sigmas: float = 3.0) -> None:
+    """Compare the modes and the derivatives with the aircraft's."""
+    for name, known, true in (
+        ("wn", found.wn_rad_s, WN), ("zeta", found.zeta, ZETA), ("roll", found.roll_s, ROLL_S),
+        *((name, found.derivatives[name], true) for name, true in DERIVATIVES.items()),
+    ):  # fmt: skip
+        assert abs(known.value - true) < sigmas * known.std, (name, known, true)
+    assert found.wn_rad_s.std < 0.05 * WN
+
+
+@pytest.mark.parametrize(
+    ("lag_s", "gust"), [(0.0, 0.0), (0.1, 0.0), pytest.param(0.1, 0.02, marks=pytest.mark.long)]
+)
+def test_the_airframe_is_found_with_noise_lag_and_gusts(lag_s: float, gust: float) -> None:
+    found = fit_airframe([flown(1, lag_s=lag_s, gust=gust)])
+
+    near(found)
+    assert not found.failed
+    assert abs(found.servo_lag_s.value + found.delay_s.value - lag_s) < 0.02
+
+
+def with_gap(motion: Motion) -> Motion:
+    """Return the motion without its samples of two seconds, while the rudder moves."""
+    lost = slice(60, 110)
+    columns = {name: getattr(motion, name).copy() for name in ("p", "r", "roll", "pitch", "q")}
+    for column in columns.values():
+        column[lost] = np.nan
+    return replace(motion, **columns)
+
+
+def test_the_predictor_runs_on_through_a_gap() -> None:
+    whole, gap = (fit_airframe([m], servo_lag_s=0.05) for m in
+                  (flown(2, lag_s=0.05), with_gap(flown(2, lag_s=0.05))))  # fmt: skip
+
+    near(gap)
+    assert gap.wn_rad_s.value == pytest.approx(whole.wn_rad_s.value, rel=0.005)
+    assert gap.zeta.value == pytest.approx(whole.zeta.value, abs=0.005)
+
+
+def test_the_roll_law_does_not_pass_for_the_airframe() -> None:
+    """Under a fast roll hold the aircraft as flown has another mode; the airframe is the same."""
+    hold = (1.0, 0.3)
+    A, controls = airframe(DERIVATIVES)
+    closed = A - np.outer(controls[:, 0], [0.0, hold[1], 0.0, hold[0]])
+    assert abs(modes(closed)[1] - ZETA) > 0.03
+
+    found = fit_airframe([flown(4, hold=hold, aileron=0.0)], servo_lag_s=0.0)
+
+    assert found.aileron_fed_back > 0.95
+    assert abs(found.zeta.value - ZETA) < 3.0 * found.zeta.std
+    assert abs(found.wn_rad_s.value - WN) < 3.0 * found.wn_rad_s.std
+
+
+def test_manoeuvres_of_one_speed_are_pooled() -> None:
+    one, two = flown(5, seconds=15.0), flown(6, seconds=15.0)
+
+    found, alone = fit_airframe([one, two], servo_lag_s=0.0), fit_airframe([one], servo_lag_s=0.0)
+
+    near(found)
+    rudder = found.derivatives["N_delta_r"].std / alone.derivatives["N_delta_r"].std
+    assert 0.5 < rudder < 0.9

@@ -1,0 +1,82 @@
+"""The predictor against SciPy's solutions, and against a plain Kalman filter."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.linalg import expm, solve_discrete_are
+
+from yawid.lateral.model import System
+from yawid.lateral.predictor import Predictor, exponential, whitened
+
+TS = 0.04
+
+
+@pytest.fixture(scope="module")
+def system() -> System:
+    """Return two variants of some model."""
+    rng = np.random.default_rng(3)
+    A = rng.normal(size=(2, 6, 6)) - 2.0 * np.eye(6)
+    B, C = rng.normal(size=(2, 6, 4)), rng.normal(size=(2, 3, 6))
+    Q = np.stack([np.diag([0.0, 0.0, 0.2, 0.0, 0.5, 1.0])] * 2)
+    return System(A, B, C, Q, np.stack([np.diag([0.1, 0.2, 0.3])] * 2))
+
+
+def test_the_exponential_and_its_integral_are_scipys(system: System) -> None:
+    Phi, area, moment = exponential(system.A, TS)
+
+    for i in range(2):
+        larger = np.zeros((18, 18))  # a line as input: its value and its slope are states
+        larger[:6, :6], larger[:6, 6:12], larger[6:12, 12:] = system.A[i], np.eye(6), np.eye(6)
+        both = expm(larger * TS)[:6]
+        np.testing.assert_allclose(Phi[i], both[:, :6], atol=1e-12)
+        np.testing.assert_allclose(area[i], both[:, 6:12], atol=1e-12)
+        np.testing.assert_allclose(TS * area[i] - moment[i], both[:, 12:], atol=1e-12)
+
+
+def test_the_steady_covariance_solves_riccatis_equation(system: System) -> None:
+    predictor = Predictor.of(system, TS)
+
+    for i in range(2):
+        expected = solve_discrete_are(
+            predictor.Phi[i].T, system.C[i].T, predictor.Q[i], system.R[i]
+        )
+        np.testing.assert_allclose(predictor.P[i], expected, rtol=1e-8, atol=1e-12)
+
+
+@pytest.mark.parametrize("gaps", [(), ((20, 29), (40, 41)), ((0, 3), (90, 100))])
+def test_the_innovations_are_those_of_a_kalman_filter(
+    system: System, gaps: tuple[tuple[int, int], ...]
+) -> None:
+    rng = np.random.default_rng(5)
+    n, missing = 150, np.zeros(150, bool)
+    for start, stop in gaps:
+        missing[start:stop] = True
+    y, u = rng.normal(size=(n, 3)), rng.normal(size=(2, n, 8))
+    own = rng.normal(size=8)  # the state at the start and the trims
+
+    predictor = replace(Predictor.of(system, TS), settle=n)
+    found = whitened(predictor, y, u, missing)
+
+    for i in range(2):
+        Phi, G, moment = (each[i] for each in exponential(system.A, TS))
+        C, R = system.C[i], system.R[i]
+        Q, P = Predictor.of(system, TS).Q[i], Predictor.of(system, TS).P[i]
+        x, expected, log_det = np.append(own[:4], [0.0, 0.0]), np.zeros((n, 3)), 0.0
+        for k in range(n):
+            push = G @ system.B[i] @ u[i, k, :4] + G[:, :4] @ own[4:]
+            push += (TS / 2.0 * G - moment) @ system.B[i] @ u[i, k, 4:]
+            if missing[k]:
+                x, P = Phi @ x + push, Phi @ P @ Phi.T + Q
+                continue
+            S = C @ P @ C.T + R
+            e, K = y[k] - C @ x, Phi @ P @ C.T @ np.linalg.inv(S)
+            factor = np.linalg.cholesky(S)
+            expected[k] = np.linalg.solve(factor, e)
+            log_det += np.log(np.diag(factor)).sum()
+            x, P = Phi @ x + push + K @ e, Phi @ P @ Phi.T + Q - K @ S @ K.T
+        expected *= np.exp(log_det / (3 * np.count_nonzero(~missing)))
+        got = found[i, :, :, 0] + found[i, :, :, 1:] @ own
+        np.testing.assert_allclose(got, expected, atol=1e-10)
