@@ -17,8 +17,8 @@ from pymavlink.dialects.v20 import ardupilotmega as v2
 from yawid.cli.main import main
 
 TOML = """
-aircraft = "c172p"
-speed_kt = 95.0
+aircraft = "T37"
+speed_kt = 200.0
 [[leg]]
 kind = "idle"
 seconds = 10.0
@@ -40,7 +40,7 @@ mode = "MANUAL"
 [[leg]]
 kind = "speed"
 seconds = 30.0
-speed_kt = 110.0
+speed_kt = 230.0
 [[leg]]
 kind = "idle"
 seconds = 15.0
@@ -129,7 +129,7 @@ def test_wn_goes_with_the_airspeed_over_the_flight(flown: tuple[Path, dict[str, 
 
     assert last["airspeed_m_s"] > 1.12 * first["airspeed_m_s"]
     assert last["dutch_roll"]["wn_rad_s"] > 1.12 * first["dutch_roll"]["wn_rad_s"]
-    assert kappa["mean"] == pytest.approx(0.0475, rel=0.02)
+    assert kappa["mean"] == pytest.approx(0.0287, rel=0.02)
     assert kappa["std"] < 0.01 * kappa["mean"]
 
 
@@ -159,11 +159,11 @@ def test_K_and_T_are_those_of_eq_23_where_nothing_rolls(monkeypatch: pytest.Monk
 def test_the_airspeed_is_held_within_ten_per_cent(
     flown: tuple[Path, dict[str, Any]], messages: list[Any]
 ) -> None:
-    wanted = {"manoeuvre": 95.0, "turn": 95.0, "idle": 95.0}
+    wanted = {"manoeuvre": 200.0, "turn": 200.0, "idle": 200.0}
     for leg in flown[1]["legs"]:
         speeds = np.array(told(messages, "VFR_HUD", "airspeed", leg)) / 0.514444
         if leg["kind"] == "speed":
-            wanted = dict.fromkeys(wanted, 110.0)
+            wanted = dict.fromkeys(wanted, 230.0)
             continue
         assert np.all(np.abs(speeds / wanted[leg["kind"]] - 1.0) < 0.1), leg
 
@@ -177,7 +177,8 @@ def test_the_airspeed_told_is_the_calibrated_one_and_the_ground_speed_the_true_o
             for name in ("airspeed", "groundspeed")
         )
 
-        assert np.mean(airspeed) == pytest.approx(told_of["airspeed_m_s"], rel=0.002)
+        # At 200 kt the calibrated airspeed is .3 % above the equivalent one.
+        assert np.mean(airspeed) == pytest.approx(told_of["airspeed_m_s"] * 1.003, rel=0.002)
         # The square root of the density's ratio at 3000 ft, less some sideslip; no wind.
         assert np.mean(ground / airspeed) == pytest.approx(1.045, abs=0.01)
 
@@ -223,7 +224,7 @@ def test_a_turn_turns_and_an_idle_leg_does_not(
     turn = next(leg for leg in flown[1]["legs"] if leg["kind"] == "turn")
     idle = flown[1]["legs"][0]
 
-    assert np.max(told(messages, "ATTITUDE", "roll", turn)) == pytest.approx(0.349, abs=0.02)
+    assert np.max(told(messages, "ATTITUDE", "roll", turn)) == pytest.approx(0.349, abs=0.03)
     assert np.max(np.abs(told(messages, "ATTITUDE", "roll", idle))) < 0.02
 
 

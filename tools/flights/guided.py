@@ -175,15 +175,18 @@ def _within(value: float, most: float) -> float:
 def moves(plan: LegPlan) -> tuple[Floats, Floats]:
     """Return the moves of rudder and aileron in the whole flight, (n,) each, in units.
 
-    Their unit of time is 0.3 periods of the Dutch roll, scaled to the leg's airspeed.
+    Their unit of time is 0.3 periods of the Dutch roll, scaled to the leg's airspeed. JSBSim's
+    linearisation takes seconds, so a plan without a manoeuvre is flown without it.
 
     Raises:
-        ValueError: the aircraft has no oscillatory Dutch roll.
+        ValueError: there is a manoeuvre, and the aircraft has no oscillatory Dutch roll.
     """
-    mode = linear_dutch_rolls(plan.trim_plan())["dutch_roll"]
-    if mode is None:
-        raise ValueError(f"{plan.aircraft} shows no oscillatory Dutch roll here")
-    first_s = 0.3 * math.tau / mode["wn_rad_s"]
+    first_s = 1.0
+    if any(leg.kind == "manoeuvre" or leg.aileron for leg in plan.legs):
+        mode = linear_dutch_rolls(plan.trim_plan())["dutch_roll"]
+        if mode is None:
+            raise ValueError(f"{plan.aircraft} shows no oscillatory Dutch roll here")
+        first_s = 0.3 * math.tau / mode["wn_rad_s"]
     steps = [first_s * plan.speed_kt / speed for speed in plan.speeds_kt()]
     rudder = [rudder_moves(leg, step) for leg, step in zip(plan.legs, steps, strict=True)]
     aileron = [aileron_moves(leg, step) for leg, step in zip(plan.legs, steps, strict=True)]
