@@ -1,12 +1,14 @@
-"""The command line as a user meets it: real processes, exit codes, one line for what is wrong."""
+"""The command line as a user meets it: exit codes, one line for what is wrong, real processes."""
 
 from __future__ import annotations
 
+import io
 import json
 import os
 import socket
 import subprocess
 import sys
+from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
 
 import pytest
@@ -27,6 +29,13 @@ def yawid(*arguments: object, **environment: str) -> subprocess.CompletedProcess
         timeout=120,
         env=os.environ | environment,
     )
+
+
+def inside(*arguments: object) -> subprocess.CompletedProcess[str]:
+    """Run a command in this process, which does not start an interpreter for it."""
+    with redirect_stdout(io.StringIO()) as out, redirect_stderr(io.StringIO()) as err:
+        code = main(list(map(str, arguments)))
+    return subprocess.CompletedProcess(arguments, code, out.getvalue(), err.getvalue())
 
 
 def test_a_replay_prints_one_json_object_and_writes_its_files(tmp_path: Path):
@@ -62,7 +71,7 @@ def test_several_logs_give_a_line_each_and_the_highest_code(tmp_path: Path):
     (tmp_path / "copter.tlog").write_bytes(no_rudder.data)
     out = tmp_path / "out"
 
-    done = yawid("replay", C172P, tmp_path / "copter.tlog", "--out", out, "--json", "--rate", 10)
+    done = inside("replay", C172P, tmp_path / "copter.tlog", "--out", out, "--json", "--rate", 10)
 
     assert done.returncode == 3
     first, second = (printed("replay", line) for line in done.stdout.splitlines())
@@ -75,7 +84,7 @@ def test_several_logs_give_a_line_each_and_the_highest_code(tmp_path: Path):
 def test_logs_of_the_same_name_do_not_write_over_each_other(tmp_path: Path):
     other = ROOT / "replay_logs" / "c172p_gcs_rates" / "log.tlog"
 
-    done = yawid("replay", C172P, other, "--out", tmp_path, "--json", "--rate", 5)
+    done = inside("replay", C172P, other, "--out", tmp_path, "--json", "--rate", 5)
 
     assert done.returncode in (0, 5)
     names = sorted(path.name for path in tmp_path.iterdir())
@@ -85,7 +94,7 @@ def test_logs_of_the_same_name_do_not_write_over_each_other(tmp_path: Path):
 def test_a_recording_in_the_way_leaves_no_half_written_mcap(tmp_path: Path):
     (tmp_path / "log.rrd").write_bytes(b"precious")
 
-    done = yawid("replay", C172P, "--rerun", "save", "--out", tmp_path)
+    done = inside("replay", C172P, "--rerun", "save", "--out", tmp_path)
 
     assert done.returncode == 6
     assert "--force" in done.stderr
@@ -95,9 +104,9 @@ def test_a_recording_in_the_way_leaves_no_half_written_mcap(tmp_path: Path):
 def test_an_existing_file_is_kept_unless_force_is_given(tmp_path: Path):
     (tmp_path / "log.mcap").write_text("mine")
 
-    refused = yawid("replay", C172P, "--out", tmp_path)
+    refused = inside("replay", C172P, "--out", tmp_path)
     kept = (tmp_path / "log.mcap").read_text()
-    forced = yawid("replay", C172P, "--out", tmp_path, "--force")
+    forced = inside("replay", C172P, "--out", tmp_path, "--force")
 
     assert refused.returncode == 6
     assert "--force" in refused.stderr
@@ -122,7 +131,7 @@ def test_what_is_no_log_gets_one_line_and_leaves_nothing(kind: str, tmp_path: Pa
     path = bad_inputs(tmp_path)[kind]
     out = tmp_path / "out"
 
-    done = yawid("replay", path, "--out", out, "--json")
+    done = inside("replay", path, "--out", out, "--json")
 
     assert done.returncode == 6
     assert done.stdout == ""
@@ -137,7 +146,7 @@ def test_a_log_without_permission_gets_one_line(tmp_path: Path):
     path.write_bytes(b"x")
     path.chmod(0)
 
-    done = yawid("replay", path, "--out", tmp_path / "out")
+    done = inside("replay", path, "--out", tmp_path / "out")
 
     assert done.returncode == 6
     assert "permission" in done.stderr
@@ -146,7 +155,7 @@ def test_a_log_without_permission_gets_one_line(tmp_path: Path):
 def test_an_output_folder_that_cannot_be_written_gets_one_line(tmp_path: Path):
     (tmp_path / "file").touch()
 
-    done = yawid("replay", C172P, "--out", tmp_path / "file" / "out")
+    done = inside("replay", C172P, "--out", tmp_path / "file" / "out")
 
     assert done.returncode == 6
     assert done.stderr.count("\n") == 1
@@ -160,7 +169,7 @@ def test_a_log_without_heartbeat_has_no_vehicle(tmp_path: Path):
     path = tmp_path / "mute.tlog"
     path.write_bytes(log.data)
 
-    done = yawid("replay", path, "--out", tmp_path / "out", "--json")
+    done = inside("replay", path, "--out", tmp_path / "out", "--json")
 
     assert done.returncode == 3
     assert printed("replay", done.stdout)["verdict"]["reasons"][0]["id"] == "no_vehicle"
@@ -201,7 +210,7 @@ def test_every_option_can_stand_in_a_toml_file_and_the_command_line_wins(tmp_pat
     settings = tmp_path / "run.toml"
     settings.write_text('orders = [2, 2, 2, 1]\nrate = 10\nforgetting = 1.0\nalso = "none"\n')
 
-    done = yawid("replay", C172P, "--config", settings, "--rate", 5, "--out", tmp_path, "--json")
+    done = inside("replay", C172P, "--config", settings, "--rate", 5, "--out", tmp_path, "--json")
 
     estimates = json.loads(done.stdout)["estimates"]
     assert list(estimates) == ["els"]

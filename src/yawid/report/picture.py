@@ -65,9 +65,12 @@ class Picture:
         """The picture as SVG for a page; all ids in it begin with its key."""
         out = io.StringIO()
         with _styled(self) as figure:
-            FigureCanvasSVG(figure)
+            figure.set(facecolor="none", edgecolor="none")
+            for axes in figure.axes:
+                axes.patch.set(facecolor="none", edgecolor="none")
             nothing = dict.fromkeys(("Date", "Creator", "Format", "Type"))
-            figure.savefig(out, format="svg", metadata=nothing, transparent=True)
+            # Figure.savefig would draw twice, the first time for nothing.
+            FigureCanvasSVG(figure).print_svg(out, metadata=nothing)
         svg = out.getvalue()
         svg = svg[svg.index("<svg") :]
         # Many pictures share one page: their ids must differ, and the page sets their size.
