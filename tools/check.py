@@ -47,6 +47,8 @@ def main() -> int:
     for command in commands(**vars(parser.parse_args())):
         print("$", " ".join(["python", *command[1:]]), flush=True)
         environment = os.environ | {"MPLBACKEND": "Agg"}
+        # Without kept bytecode, each child of a test would compile all modules that it imports.
+        environment.pop("PYTHONDONTWRITEBYTECODE", None)
         codes.append(subprocess.run(command, cwd=ROOT, env=environment, check=False).returncode)
     return next((code for code in codes if code), 0)
 

@@ -69,8 +69,8 @@ class Picture:
             for axes in figure.axes:
                 axes.patch.set(facecolor="none", edgecolor="none")
             nothing = dict.fromkeys(("Date", "Creator", "Format", "Type"))
-            # Figure.savefig would draw twice, the first time for nothing.
-            FigureCanvasSVG(figure).print_svg(out, metadata=nothing)
+            canvas = FigureCanvasSVG(figure)  # Figure.savefig would draw twice, once for nothing
+            canvas.print_svg(out, metadata=nothing)  # type: ignore[no-untyped-call] # matplotlib's
         svg = out.getvalue()
         svg = svg[svg.index("<svg") :]
         # Many pictures share one page: their ids must differ, and the page sets their size.
