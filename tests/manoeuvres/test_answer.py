@@ -16,7 +16,8 @@ from yawid.blocks import Floats, SampleBlock
 from yawid.cli.main import main
 from yawid.config.run import RunConfig
 from yawid.estimation.methods import METHODS
-from yawid.manoeuvres.answer import BOTH, OTHER_ORDERS, Answered, ManoeuvreSetting, answer
+from yawid.manoeuvres.answer import BOTH, OTHER_ORDERS, Answered, ManoeuvreSetting
+from yawid.manoeuvres.tries import answer
 
 NOISE = 0.002
 MANUAL, FBWA = 0.0, 5.0

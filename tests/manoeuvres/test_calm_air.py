@@ -9,8 +9,9 @@ from scipy.signal import cont2discrete, lfilter
 
 from yawid.blocks import Floats
 from yawid.config.run import RunConfig
-from yawid.manoeuvres.answer import Answered, ManoeuvreSetting, answer
+from yawid.manoeuvres.answer import Answered, ManoeuvreSetting
 from yawid.manoeuvres.calm_air import apart_reasons
+from yawid.manoeuvres.tries import answer
 
 
 def told(rudder: Floats, y: Floats, **options: object) -> Answered:

@@ -11,7 +11,8 @@ from scipy.signal import cont2discrete, lfilter
 
 from yawid.blocks import Floats
 from yawid.config.run import RunConfig
-from yawid.manoeuvres.answer import Answered, ManoeuvreSetting, answer
+from yawid.manoeuvres.answer import Answered, ManoeuvreSetting
+from yawid.manoeuvres.tries import answer
 
 SECONDS = 20.0
 

@@ -9,7 +9,8 @@ from scipy.signal import cont2discrete, lfilter
 
 from yawid.blocks import Floats, SampleBlock
 from yawid.config.run import RunConfig
-from yawid.manoeuvres.answer import Fits, ManoeuvreSetting, answer, short_reasons
+from yawid.manoeuvres.answer import Fits, ManoeuvreSetting, short_reasons
+from yawid.manoeuvres.tries import answer
 from yawid.results.judge_estimate import Evidence
 
 WN, ZETA = 1.9, 0.1

@@ -34,6 +34,14 @@ def test_what_passes_or_is_unknown_is_not_refused(effect: RudderEffect):
     assert not list(rudder_reasons(effect))
 
 
+def test_chance_may_pass_one_of_several_tries_as_often_as_a_single_one():
+    effect = RudderEffect(0.0006, 90.0, 10.0)
+
+    assert not list(rudder_reasons(effect))
+    (reason,) = rudder_reasons(effect, tries=2)
+    assert "0.06 %, and 0.05 % is allowed" in reason.text
+
+
 def test_shifts_are_parts_of_the_period_and_beyond_b():
     assert rudder_shifts(2.0 * math.pi, 0.05, 3) == (4, 30)  # 1 s: an eighth is 2.5 samples
     assert rudder_shifts(0.2 * math.pi, 0.05, 3) == (25, 300)

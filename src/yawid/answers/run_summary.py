@@ -242,6 +242,21 @@ class VerdictSummary(Part, frozen=True, kw_only=True):
         return "usable" if self.usable else "not usable"
 
 
+class Try(Part, frozen=True, kw_only=True):
+    """One try to answer a manoeuvre, and the fatal ``reasons`` against it.
+
+    ``turn`` is ``keep`` or ``remove``, ``band_hz`` the band (low, high) where there was one.
+    ``answers`` says whether this one gave the manoeuvre's answer.
+    """
+
+    turn: str
+    band_hz: list[Number] | None = None
+    inputs: list[str]
+    orders: Orders
+    reasons: list[str]
+    answers: bool
+
+
 class Manoeuvre(Part, frozen=True, kw_only=True):
     """One manoeuvre, in s since boot, the conditions in which it was flown, and its answer.
 
@@ -249,6 +264,7 @@ class Manoeuvre(Part, frozen=True, kw_only=True):
     says what the answer is of: ``airframe``, ``with_roll_loop`` in a flight mode that holds roll,
     or ``unknown`` without a known mode; ``yaw_loop`` what it leaves out of a yaw damper.
     ``airspeed_source`` is ``airspeed`` or ``ground speed``, ``airspeed_kind`` the kind it gives.
+    ``tries`` has every try, where the first one was refused and another one was made.
     """
 
     n: Count
@@ -267,6 +283,7 @@ class Manoeuvre(Part, frozen=True, kw_only=True):
     inputs: list[str]
     orders: Orders
     turn_removed: bool
+    tries: list[Try] | None = None
     estimates: dict[str, MethodSummary]
     verdict: VerdictSummary
 
@@ -274,6 +291,11 @@ class Manoeuvre(Part, frozen=True, kw_only=True):
     def answer(self) -> MethodSummary | None:
         """The estimate of the method that answers, None where nothing could be estimated."""
         return self.estimates.get(self.verdict.method or "")
+
+    @property
+    def answering_try(self) -> Try | None:
+        """The try that answers, None where there was only one."""
+        return next((each for each in self.tries or () if each.answers), None)
 
     @property
     def dutch_roll(self) -> DutchRoll | None:

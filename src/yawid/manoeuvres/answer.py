@@ -1,12 +1,13 @@
-"""The answer of one manoeuvre: one fit over all of it, the choice of its inputs, and the verdict.
+"""One try to answer a manoeuvre: one fit over all of it, the choice of its inputs, the verdict.
 
-``estimation/methods.py`` says which fit answers and which ones check it. The answer is made when
-the manoeuvre ends, from its samples alone, and never changes afterwards.
+``estimation/methods.py`` says which fit answers and which ones check it; ``manoeuvres/tries.py``
+says which tries are made.
 """
 
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -40,6 +41,7 @@ from yawid.results.judge_samples import (
     reaction_shares,
     turn_correlation,
 )
+from yawid.results.narrow import Narrow, narrowed
 from yawid.results.reasons import Reason, Verdict
 from yawid.results.structures import NEXT, NOTHING_KNOWN, Spread, spread_of
 from yawid.results.summary import as_summary, described, dutch_roll_told
@@ -104,26 +106,33 @@ class Answered:
     structures: Mapping[tuple[int, ...], Structure]
 
 
+class Way(NamedTuple):
+    """A way to fit a manoeuvre: turn, inputs and orders as in ``config``, and a band if any."""
+
+    config: RunConfig
+    narrow: Narrow | None = None
+
+
 class Fits:
     """The fits of all methods over one manoeuvre, to be judged like a bank of estimators.
 
     ``y`` (n,) is the output, without the turn rate where ``config`` says so, and ``u`` (n, inputs)
     are the inputs; both are NaN where either is. ``estimator`` is the configuration of the fits,
-    which forget nothing.
+    which forget nothing. With ``narrow`` they are in its band, on its grid.
     """
 
-    def __init__(self, setting: ManoeuvreSetting, config: RunConfig, samples: SampleBlock) -> None:
+    def __init__(
+        self,
+        setting: ManoeuvreSetting,
+        config: RunConfig,
+        samples: SampleBlock,
+        narrow: Narrow | None = None,
+    ) -> None:
         self.config = config
-        self.sample_time_s = setting.sample_time_s
         self.methods = setting.methods
-        removed = config.turn == "remove" and setting.config.turn == "keep"
-        y = samples.y - samples.turn_rate if removed else samples.y
-        u = samples.u[:, : len(config.inputs)]
-        if len(config.inputs) > samples.u.shape[1]:
-            u = np.column_stack([samples.u, samples.aileron])
-        good = np.isfinite(y) & np.isfinite(u).all(axis=1)
-        self._samples = samples
-        self.u, self.y = np.where(good[:, None], u, np.nan), np.where(good, y, np.nan)
+        self.sample_time_s, self._samples, self.u, self.y = fitted_samples(
+            setting, config, samples, narrow
+        )
         forgetting_nothing = replace(config, memory=None, forgetting=1.0)
         self.estimator = forgetting_nothing.estimator(config.method, self.sample_time_s)
         models: list[FittedModel] = fit_methods(self.estimator, self.methods, self.u, self.y)
@@ -181,16 +190,46 @@ class Fits:
         return fit_percent(self.y, simulate(model.theta, orders, bias, self.u, self.y))
 
 
-def answer(samples: SampleBlock, n: int, setting: ManoeuvreSetting) -> Answered:
-    """Return the answer of the ``n``-th manoeuvre from its samples."""
+def fitted_samples(
+    setting: ManoeuvreSetting, config: RunConfig, samples: SampleBlock, narrow: Narrow | None
+) -> tuple[float, SampleBlock, Floats, Floats]:
+    """Return the sample time in s, the samples on that grid, and u (n, inputs) and y (n,) of a fit.
+
+    u and y are NaN where either is.
+    """
+    removed = config.turn == "remove" and setting.config.turn == "keep"
+    y = samples.y - samples.turn_rate if removed else samples.y
+    u = samples.u[:, : len(config.inputs)]
+    if len(config.inputs) > samples.u.shape[1]:
+        u = np.column_stack([samples.u, samples.aileron])
+    sample_time_s = setting.sample_time_s
+    if narrow is not None:
+        still = np.nan_to_num(samples.aileron)  # unknown, it must not hold the samples
+        both, y = narrowed(np.column_stack([u, still]), y, sample_time_s, narrow)
+        rows = np.arange(len(y)) * narrow.every
+        aileron = np.where(np.isfinite(samples.aileron[rows]), both[:, -1], np.nan)
+        samples, u = replace(samples.select(rows), aileron=aileron), both[:, :-1]
+        sample_time_s *= narrow.every
+    good = np.isfinite(y) & np.isfinite(u).all(axis=1)
+    return sample_time_s, samples, np.where(good[:, None], u, np.nan), np.where(good, y, np.nan)
+
+
+def answer_by(
+    samples: SampleBlock, n: int, setting: ManoeuvreSetting, way: Way, tries: int = 1
+) -> Answered:
+    """Return the answer of the ``n``-th manoeuvre by a fit of its samples in this way.
+
+    ``tries`` is the number of the try. After the first one the limits are narrower, and the rudder
+    must always pass the test of being shifted in time.
+    """
     found = conditions(samples, setting.modes_of)
     untrue = of_one_manoeuvre(samples)
     if untrue is not None:
         found = without_airspeed(found)
-    config = _with_turn(samples, setting)
-    fits = Fits(setting, config, samples)
-    if found.loop != "with_roll_loop" and _may_have_aileron(samples, fits):
-        both = Fits(setting, replace(config, inputs=BOTH), samples)
+    config = way.config
+    fits = Fits(setting, config, samples, way.narrow)
+    if found.loop != "with_roll_loop" and may_have_aileron(fits):
+        both = Fits(setting, replace(config, inputs=BOTH), samples, way.narrow)
         if both.simulation_pct() > fits.simulation_pct() + WORTH_PCT:
             fits = both
     fits.in_calm_air()
@@ -202,6 +241,7 @@ def answer(samples: SampleBlock, n: int, setting: ManoeuvreSetting) -> Answered:
         estimates[method], evidence[method] = described(
             fits, method, history, pct.get(method, math.nan), np.full(2, np.nan), spread
         )
+        evidence[method] = replace(evidence[method], tries=tries)
     if found.loop != "airframe":
         estimates = {method: each.without_level() for method, each in estimates.items()}
     alone = list(short_reasons(fits, history, evidence[first]))
@@ -209,10 +249,9 @@ def answer(samples: SampleBlock, n: int, setting: ManoeuvreSetting) -> Answered:
     if first == IN_CALM_AIR:
         alone += apart_reasons(wn_rad_s, float(evidence[OF_STRUCTURES].dutch_roll[0]))
     # What held-back samples or a check cannot confirm has to pass one more test.
-    unchecked = math.isnan(pct[first]) or any(
-        math.isnan(each.dutch_roll[0]) for each in evidence.values()
-    )
-    alone += rudder_reasons(fits.rudder_effect(wn_rad_s, shifted=unchecked))
+    unchecked = tries > 1 or math.isnan(pct[first])
+    unchecked |= any(math.isnan(each.dutch_roll[0]) for each in evidence.values())
+    alone += rudder_reasons(fits.rudder_effect(wn_rad_s, shifted=unchecked), tries)
     alone += [] if untrue is None else [untrue.reason]
     verdict = bank_verdict(fits, evidence, setting.rates_hz, alone, first_answers=True)
     config = fits.config
@@ -291,16 +330,21 @@ def swings(x: Floats, least: float) -> int:
     return count
 
 
-def _with_turn(samples: SampleBlock, setting: ManoeuvreSetting) -> RunConfig:
-    """Return the configuration, with ``turn = remove`` where turns would hide the rudder."""
+def first_way(samples: SampleBlock, setting: ManoeuvreSetting) -> Way:
+    """Return the first way to fit, with ``turn = remove`` where turns would hide the rudder."""
     config = setting.config
-    if config.binds("turn") or config.band is not None or config.output == "yaw":
-        return config
+    if not may_remove_turn(config):
+        return Way(config)
     dominated = turn_correlation(samples.y, samples.turn_rate) > TURN_DOMINATED
-    return replace(config, turn="remove") if dominated else config
+    return Way(replace(config, turn="remove") if dominated else config)
 
 
-def _may_have_aileron(samples: SampleBlock, fits: Fits) -> bool:
+def may_remove_turn(config: RunConfig) -> bool:
+    """Return whether it is left to each manoeuvre to remove the turn."""
+    return not (config.binds("turn") or config.band is not None or config.output == "yaw")
+
+
+def may_have_aileron(fits: Fits) -> bool:
     """Return whether the aileron moved on its own, so that it may be tried as a further input."""
     config, history = fits.config, fits.history()
     if config.binds("inputs") or config.inputs == BOTH or not np.isfinite(history.aileron).any():

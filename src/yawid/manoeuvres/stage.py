@@ -8,11 +8,12 @@ from functools import partial
 from yawid.answers.run_summary import Flight
 from yawid.blocks import SampleBlock
 from yawid.manoeuvres.airspeed_check import AirspeedCheck
-from yawid.manoeuvres.answer import Answered, ManoeuvreSetting, answer
+from yawid.manoeuvres.answer import Answered, ManoeuvreSetting
 from yawid.manoeuvres.candidate import UnderWay
 from yawid.manoeuvres.conditions import is_bare
 from yawid.manoeuvres.find import LONGEST_STATED_S, Finder, Stated
 from yawid.manoeuvres.flight import flight_of
+from yawid.manoeuvres.tries import answer
 from yawid.results.reasons import Reason, Verdict
 
 

@@ -186,6 +186,9 @@ _OTHERS: Final = (
     Quantity(
         "turn_removed", "", "whether the turn that bank and airspeed imply was subtracted"
     ),
+    Quantity(
+        "tries", "", "each fit that was tried, where the first one was refused"
+    ),
     Quantity("usable", "", "whether the answer may be used"),
     # Of the link.
     Quantity("frames", "", "intact frames"),

@@ -18,6 +18,7 @@ from yawid.estimation.fit import simulate
 from yawid.estimation.methods import METHODS
 from yawid.estimation.record_fit import fit_record
 from yawid.report.model_data import Judged, Model
+from yawid.results.narrow import Narrow, narrowed
 from yawid.results.reasons import KINDS
 
 MOST_DRAWN: Final = 4
@@ -86,16 +87,22 @@ class Rows:
             return None
         t, u, y, turn, aileron = (np.concatenate(c) for c in zip(*self._parts, strict=True))
         orders = answer.orders.na, answer.orders.nb, answer.orders.nc, answer.orders.nk
-        try:
-            fit = replace(config, orders=orders, inputs=tuple(self.found.inputs), memory=None,
-                          forgetting=1.0).estimator(config.method, sample_time_s)  # fmt: skip
-        except ConfigError:
-            return None
+        fits = replace(config, inputs=tuple(self.found.inputs), memory=None, forgetting=1.0)
         u = u[:, : len(self.found.inputs)]
         if u.shape[1] < len(self.found.inputs):
             u = np.column_stack([u, aileron])
         if self.found.turn_removed and config.turn == "keep":
             y = y - turn
+        tried = self.found.answering_try
+        if tried is not None and tried.band_hz is not None:
+            low_hz, high_hz = tried.band_hz
+            every = round(answer.sample_time_s / sample_time_s)
+            u, y = narrowed(u, y, sample_time_s, Narrow((low_hz, high_hz), every))
+            t, sample_time_s = t[::every][: len(y)], every * sample_time_s
+        try:
+            fit = replace(fits, orders=orders).estimator(config.method, sample_time_s)
+        except ConfigError:
+            return None
         good = np.isfinite(y) & np.isfinite(u).all(axis=1)
         u, y = np.where(good[:, None], u, np.nan), np.where(good, y, np.nan)
         fitted = fit_record(fit, u, y, method=answer.method)

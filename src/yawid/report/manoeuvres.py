@@ -23,6 +23,7 @@ from yawid.sinks.words import (
     percent,
     plus_minus,
     sigma_means,
+    tried,
     utc,
     whose,
 )
@@ -67,7 +68,7 @@ def _row(each: Manoeuvre, flight: Flight | None) -> Iterator[Cell]:
     yield each.mode or NONE, loop_of(each.loop).name
     yield _speed(each), each.airspeed_source or ""
     yield NONE if each.altitude_m is None else f"{each.altitude_m:.0f}", ""
-    yield ", ".join(each.inputs), "turn removed" if each.turn_removed else ""
+    yield ", ".join(each.inputs), tried(each) or ("turn removed" if each.turn_removed else "")
     mode = each.dutch_roll
     if mode is None:
         yield "none", ""

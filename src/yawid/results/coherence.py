@@ -78,11 +78,13 @@ class _Spectra:
         return self.segments / OVERLAP_LOSS
 
 
-def coherence_at(u: Floats, y: Floats, wn_rad_s: float, sample_time_s: float) -> Coherence | None:
+def coherence_at(
+    u: Floats, y: Floats, wn_rad_s: float, sample_time_s: float, tries: int = 1
+) -> Coherence | None:
     """Return the coherence of ``u`` and ``y`` (n,) at wn; None where the record is too short.
 
     ``wn_rad_s`` is the mode's natural frequency in rad/s. Segments lie within runs of finite
-    samples; NaN samples are left out.
+    samples; NaN samples are left out. Chance exceeds the limit in 1 case of 100 ``tries``.
     """
     runs = [slice(a, b) for a, b in runs_of(np.isfinite(u) & np.isfinite(y))]
     mode_hz = wn_rad_s / (2.0 * math.pi)
@@ -101,7 +103,7 @@ def coherence_at(u: Floats, y: Floats, wn_rad_s: float, sample_time_s: float) ->
     line = slice(max(peak - LINE_BINS, 0), peak + LINE_BINS + 1)
     return Coherence(
         float(found.squared[near].max()),
-        _limit(found.count, int(near.sum())),
+        _limit(found.count, int(near.sum()), tries),
         found.segments,
         float(fine.frequency[peak]),
         float(fine.power[line].sum() / fine.power.sum()),
@@ -178,9 +180,9 @@ def _detrended(x: Floats) -> Floats:
     return detrended
 
 
-def _limit(count: float, bins: int) -> float:
-    """Return what the largest of ``bins`` coherences exceeds by chance in 1 case of 100."""
-    alone = 1.0 - math.pow(1.0 - LEVEL, 1.0 / bins)
+def _limit(count: float, bins: int, tries: int = 1) -> float:
+    """Return what the largest of ``bins`` coherences exceeds by chance in 1 of 100 ``tries``."""
+    alone = 1.0 - math.pow(1.0 - LEVEL / tries, 1.0 / bins)
     return 1.0 - math.pow(alone, 1.0 / (count - 1.0))
 
 

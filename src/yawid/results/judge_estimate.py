@@ -25,6 +25,7 @@ from yawid.results.judge_samples import (
     feedback_reasons,
     flight_reasons,
     input_reasons,
+    narrower,
     rate_reasons,
     reaction_shares,
 )
@@ -99,7 +100,8 @@ class Evidence:
     ``early_response`` is the mean yaw rate over the first half period after a unit step of the
     rudder. ``simulation_pct`` is the part of the yaw rate that the model explains from the inputs
     alone, ``held_back_pct`` the same for samples that it had not seen. ``before`` holds wn and zeta
-    of a third of the memory ago.
+    of a third of the memory ago. ``tries`` is how many fits of these samples were made to be
+    judged, this one included: see :func:`yawid.results.judge_samples.narrower`.
     """
 
     status: int
@@ -115,6 +117,7 @@ class Evidence:
     simulation_pct: float
     held_back_pct: float
     before: Floats
+    tries: int = 1
 
     def knows_better(self, other: "Evidence") -> bool:
         """Return whether a sigma of wn, of noise or total, is less than half the other's."""
@@ -187,19 +190,21 @@ def estimate_reasons(
 
 def _convergence(evidence: Evidence) -> Iterator[Reason]:
     """Judge whether there is a Dutch roll, whether it is known well enough, and no longer moves."""
+    share = narrower(evidence.tries)
+    wn_limit, zeta_limit = share * UNCERTAIN_WN, share * UNCERTAIN_ZETA
     wn, _, zeta, _ = evidence.dutch_roll.tolist()
     wn_std, zeta_std = evidence.total_std.tolist()
     if not math.isfinite(wn):
         yield Reason(
             "not_converged", "the model has no oscillatory mode, so there is no Dutch roll"
         )
-    elif not (wn_std < UNCERTAIN_WN * wn and zeta_std < UNCERTAIN_ZETA):
+    elif not (wn_std < wn_limit * wn and zeta_std < zeta_limit):
         text = (
             f"the Dutch roll is not known well enough: wn {wn:.3g} ± {wn_std:.2g} rad/s, "
             f"zeta {zeta:.3g} ± {zeta_std:.2g}"
         )
         moves = evidence.next_moves
-        if moves[0] > UNCERTAIN_WN * wn or moves[1] > UNCERTAIN_ZETA:
+        if moves[0] > wn_limit * wn or moves[1] > zeta_limit:
             text += (
                 f"; a model with more parameters moves {evidence.said(moves)}, and the data held "
                 "back do not show that it is the worse one"
@@ -365,9 +370,9 @@ def judge_methods(
     hidden = what_hides(history, bank.config, bank.sample_time_s, is_copy=is_copy) if low else None
     only_sign = bank.config.rudder_sign if bank.config.rudder_unit is not None else ""
     for method in bank.methods:
-        mode = evidence[method].dutch_roll
-        wn = float(mode[0])
-        found = coherence_at(excited, history.y, wn, bank.sample_time_s) if wn > 0.0 else None
+        mode, tries = evidence[method].dutch_roll, evidence[method].tries
+        wn, ts_s = float(mode[0]), bank.sample_time_s
+        found = coherence_at(excited, history.y, wn, ts_s, tries) if wn > 0.0 else None
         coherence[method] = found
         is_driven = excites and found is not None and found.squared > found.limit + CLEAR
         reasons[method] = [

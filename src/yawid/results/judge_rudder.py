@@ -56,8 +56,13 @@ def rudder_shifts(wn_rad_s: float, sample_time_s: float, nb: int) -> tuple[int, 
     return least, max(least, round(PERIODS[1] * period))
 
 
-def rudder_reasons(found: RudderEffect) -> Iterator[Reason]:
-    """Judge what the rudder adds to the model; what is unknown is not judged."""
+def rudder_reasons(found: RudderEffect, tries: int = 1) -> Iterator[Reason]:
+    """Judge what the rudder adds to the model; what is unknown is not judged.
+
+    ``tries`` is the number of fits of these samples: chance may pass one of them with the
+    probability that a single fit has.
+    """
+    by_chance = BY_CHANCE / tries
     if found.ratio < LEAST_RATIO and found.excess > LEAST_EXCESS:
         when = "later" if found.shifted_s > 0.0 else "earlier"
         yield Reason(
@@ -67,12 +72,12 @@ def rudder_reasons(found: RudderEffect) -> Iterator[Reason]:
             f"one; at least {LEAST_RATIO:g} times is needed): this rudder, or its clock, does not "
             "belong to this yaw rate",
         )
-    elif found.chance > BY_CHANCE:
+    elif found.chance > by_chance:
         yield Reason(
             "mode_not_driven",
             "the rudder has no significant effect on the yaw rate: noise alone makes the model's B "
             f"as large with a probability of {100.0 * found.chance:.2g} %, and "
-            f"{100.0 * BY_CHANCE:g} % is allowed",
+            f"{100.0 * by_chance:.2g} % is allowed",
         )
     elif found.fit_pct - found.without_pct < LEAST_POINTS:
         yield Reason(

@@ -6,6 +6,7 @@ speaks against an estimate is reported, and what speaks clearly enough makes it 
 
 import math
 from collections.abc import Iterator
+from statistics import NormalDist
 
 import numpy as np
 
@@ -49,13 +50,25 @@ IF_IT_FLEW = "if the aircraft flew, take them by --airborne all"
 ROUNDING = 1e-9
 """The relative variation up to which a signal only varies by rounding."""
 UNCERTAIN_WN, UNCERTAIN_ZETA = 0.1, 0.15
-"""The relative sigma of wn, and the sigma of zeta, at which a Dutch roll is no longer of use."""
+"""The relative sigma of wn, and the sigma of zeta, at which a Dutch roll is no longer of use. After
+a first try they are :func:`narrower`."""
 SATURATED_SHARE = 0.05
 """The part of the time at the stops above which there is a warning."""
 LAGS_COMPARED = 3
 """How many lags of two inputs are compared: as many as the default nb."""
 WEAKEST = 1e-3
 """A combination of lags weaker than this part of the strongest is rounding, not movement."""
+
+
+def narrower(tries: int) -> float:
+    """Return the factor by which the limits of sigma are smaller for the last of several tries.
+
+    A sigma below its limit says that an error of two sigmas is rare. Of several tries the first one
+    that passes answers, so each may have only its share of that probability (Bonferroni 1936): the
+    two sigmas are 2.28 for the second try and 2.43 for the third.
+    """
+    normal = NormalDist()
+    return normal.inv_cdf(normal.cdf(-2.0)) / normal.inv_cdf(normal.cdf(-2.0) / tries)
 
 
 def rate_reasons(

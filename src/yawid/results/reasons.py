@@ -237,8 +237,12 @@ class Verdict:
 
     @staticmethod
     def of(reasons: list[Reason], method: str | None = None) -> "Verdict":
-        """Return the verdict with the reasons in order; of each id only the first is kept."""
-        unique = {reason.id: reason for reason in reversed(reasons)}
+        """Return the verdict with the reasons in order, one of each id: one with a remedy, if any.
+
+        Of several, the first is kept.
+        """
+        first = sorted(reasons, key=lambda reason: not (reason.exit_code and reason.remedy))
+        unique = {reason.id: reason for reason in reversed(first)}
         return Verdict(tuple(sorted(unique.values(), key=_place)), method)
 
     @property

@@ -13,6 +13,7 @@ from yawid.answers.run_summary import (
     Flight,
     Manoeuvre,
     RunSummary,
+    Try,
     Value,
     VehicleSeen,
     VerdictSummary,
@@ -174,6 +175,23 @@ def says(found: Manoeuvre) -> str:
     if found.verdict.why is not None or found.dutch_roll is None:
         return f"not usable: {found.verdict.why}"
     return dutch_roll(found.dutch_roll)
+
+
+def said_try(each: Try) -> str:
+    """Return in words how a try fitted a manoeuvre."""
+    low_high = "" if each.band_hz is None else "{:.2g} to {:.2g} Hz".format(*each.band_hz)
+    turn = "turn removed" if each.turn == "remove" else ""
+    inputs = " and ".join(each.inputs)
+    return ", ".join(filter(None, (low_high, turn, inputs, f"orders {each.orders}")))
+
+
+def tried(found: Manoeuvre) -> str:
+    """Return which try answered a manoeuvre, "" where there was only one."""
+    tries = found.tries or []
+    for number, each in enumerate(tries, 1):
+        if each.answers and found.verdict.usable:
+            return f"by try {number}: {said_try(each)}"
+    return f"{len(tries)} tries, none usable" if tries else ""
 
 
 def outcome(manoeuvre: Manoeuvre, flight: Flight | None) -> str:

@@ -27,7 +27,8 @@ from live_link import (
 from places import REPLAY_LOGS
 
 from yawid.config.run import RunConfig
-from yawid.manoeuvres.answer import Answered, answer
+from yawid.manoeuvres.answer import Answered
+from yawid.manoeuvres.tries import answer
 from yawid.runs.live import Ended
 from yawid.runs.outputs import Outputs
 from yawid.runs.replay import StopFlag, replay

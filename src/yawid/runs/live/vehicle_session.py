@@ -35,7 +35,7 @@ from yawid.runs.outputs import (
 from yawid.sinks.base import Sink
 from yawid.sinks.rerun.sink import RerunSink
 from yawid.sinks.terminal.live_facts import VehicleFacts
-from yawid.sinks.words import flown, says
+from yawid.sinks.words import flown, says, tried
 from yawid.sources.open_log import ReadOptions
 
 MOST_EVENTS = 100
@@ -280,7 +280,8 @@ class LiveSession:
     def _tell_of(self, answered: list[Manoeuvre]) -> None:
         """Report each answered manoeuvre in a line."""
         for found in answered:
-            self.tell(f"manoeuvre {found.n} ({flown(found)}): {says(found)}")
+            again = f" ({tried(found)})" if found.tries else ""
+            self.tell(f"manoeuvre {found.n} ({flown(found)}): {says(found)}{again}")
 
     def _open(self) -> None:
         self._opened = True

@@ -14,6 +14,7 @@ from yawid.quantities.table import YAW_CHANNEL
 from yawid.sinks.base import LogLevel
 from yawid.sinks.mcap.protobuf_rows import RowLayout
 from yawid.sinks.mcap.schemas import ESTIMATE, MODE_VALUES, TABLE, descriptor, message_class
+from yawid.sinks.words import said_try
 
 Rows = Array
 
@@ -143,6 +144,7 @@ def manoeuvre_fields(found: Manoeuvre) -> dict[str, Any]:
         known |= {"K_std_noise": gain.std_noise} | answer.fit.to_json()
     if roll is not None:
         known |= roll.to_json()
+    known["tries"] = [said_try(each) for each in found.tries or ()]
     known |= {"usable": verdict.usable, "reasons": [each.to_json() for each in verdict.reasons]}
     missing = {"double": math.nan, "string": ""}
     fields = {}

@@ -69,7 +69,7 @@ TABLE: Final[Mapping[str, tuple[tuple[str, str], ...]]] = {
         ("K", "double"), ("K_std", "double"), ("simulation_pct", "double"),
         ("simulation_held_back_pct", "double"), ("usable", "bool"),
         ("reasons", ".yawid.Reason[]"), ("wn_std_noise", "double"), ("zeta_std_noise", "double"),
-        ("K_std_noise", "double"), ("airspeed_kind", "string"),
+        ("K_std_noise", "double"), ("airspeed_kind", "string"), ("tries", "string[]"),
     ),
 }  # fmt: skip
 """The fields of each message, as (name, type). A type with [] is repeated; one that begins with a

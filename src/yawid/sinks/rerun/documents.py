@@ -27,6 +27,7 @@ from yawid.sinks.words import (
     of_noise,
     plus_minus,
     sigma_means,
+    tried,
     whose,
 )
 
@@ -105,7 +106,8 @@ def manoeuvres_markdown(found: Sequence[Manoeuvre], flight: Flight | None = None
     for each in found:
         speed = "" if each.airspeed_m_s is None else f"{each.airspeed_m_s:.1f}"
         cells = [str(each.n), each.mode or "", loop_of(each.loop).name, speed]
-        cells += [*numbers(each.dutch_roll), _usable(each.verdict)]
+        again = f", {tried(each)}" if each.tries else ""
+        cells += [*numbers(each.dutch_roll), f"{_usable(each.verdict)}{again}"]
         lines.append(f"| {' | '.join(cells)} |")
     means = sigma_means(each.dutch_roll for each in found)
     return "\n".join([*lines, "", f"± is one sigma{means}."]) + "\n"

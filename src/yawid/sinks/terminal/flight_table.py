@@ -11,7 +11,7 @@ from rich.table import Table
 
 from yawid.answers.run_summary import DutchRoll, Flight, Manoeuvre
 from yawid.quantities.airspeed import GROUND_SPEED
-from yawid.sinks.words import loop_of, outcome, sigma_means, utc, whose
+from yawid.sinks.words import loop_of, outcome, sigma_means, tried, utc, whose
 
 MOST_ROWS: Final = 20
 """The largest number of rows; manoeuvres between the first and the last ten are in --json."""
@@ -88,6 +88,9 @@ def table_notes(manoeuvres: Sequence[Manoeuvre]) -> str:
         notes.append("no airspeed is known")
     loops = {loop_of(each.loop): whose(each) for each in manoeuvres}
     notes.append(f"loop: {', '.join(f'{loop.short} is {of}' for loop, of in loops.items())}")
+    notes += [
+        f"{each.n} {tried(each)}" for each in manoeuvres if each.tries and each.verdict.usable
+    ]
     notes += _since(manoeuvres)
     if len(manoeuvres) > MOST_ROWS:
         notes.append(f"{len(manoeuvres) - MOST_ROWS} more are in --json")

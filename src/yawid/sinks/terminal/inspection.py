@@ -16,7 +16,7 @@ from yawid.sinks.terminal.summary_table import (
     origin,
     print_verdict,
 )
-from yawid.sinks.words import count, dutch_roll, flown, says
+from yawid.sinks.words import count, dutch_roll, flown, says, tried
 
 MOST_PHASES = 6
 LEAST_PHASE_S = 2.0
@@ -110,7 +110,8 @@ def _flight(flight: Flight, manoeuvres: Sequence[Manoeuvre]) -> Iterator[tuple[s
     said = f"{dutch_roll(flight.dutch_roll)} (± is one sigma)"
     yield "flight", f"{said} from {count(len(flight.used))}"
     for each in manoeuvres[:MOST_MANOEUVRES]:
-        yield f"#{each.n}", f"{flown(each)}: {says(each)}"
+        again = f" ({tried(each)})" if each.tries else ""
+        yield f"#{each.n}", f"{flown(each)}: {says(each)}{again}"
     if len(manoeuvres) > MOST_MANOEUVRES:
         yield "", f"and {count(len(manoeuvres) - MOST_MANOEUVRES)} more"
 
