@@ -142,6 +142,6 @@ def _with_orders(
         whole = replace(each, memory=None, forgetting=1.0)
         fit = whole.estimator(OF_STRUCTURES, sample_time_s)
         pct.append(held_back_pct(fit, u, y))
-    best = np.nanmax(pct, initial=-np.inf)
+    best = max((each for each in pct if math.isfinite(each)), default=math.inf)
     near = (way for way, each in zip(ways, pct, strict=True) if each >= best - WEIGHT_PCT)
     return next(near, config)
