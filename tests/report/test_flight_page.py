@@ -40,7 +40,7 @@ from yawid.report.airspeed_picture import airspeed_picture
 from yawid.report.data import gather
 from yawid.report.manoeuvres import flight_section
 from yawid.report.picture import mark_events, traced
-from yawid.report.write import report
+from yawid.report.write import Report, report
 from yawid.sinks.mcap.reader import McapRun, open_run
 
 LOG = REPLAY_LOGS / "sitl_fbwa_50hz" / "log.tlog"
@@ -88,10 +88,11 @@ def test_the_first_screen_is_the_flights(drawn: Drawn) -> None:
     assert "Can I use it? Yes there is no reason against it" in text
 
 
-def test_a_refused_flight_is_refused_though_the_stream_is_usable(paged: Paged) -> None:
-    run = paged(none_usable())
-    assert run.summary.verdict.usable
-    html = report(run)
+def test_a_refused_flight_is_refused_though_the_stream_is_usable(
+    paged: Paged, drawn: Drawn
+) -> None:
+    assert paged(none_usable()).summary.verdict.usable
+    html = drawn(none_usable())
 
     assert '<header class="unusable">' in html
     assert "Can I use it? No there is no answer not converged" in first_screen(html)
@@ -110,7 +111,9 @@ def test_a_manoeuvre_is_drawn_by_the_very_model_that_answered_it(tmp_path: Path)
     assert pct == pytest.approx(found.answer.fit.simulation_pct, abs=1e-9)
     html = report(run)
     assert '<figure id="manoeuvre1">' in html
-    symbols = Page(html).text
+    page = Page(html)
+    assert len(page.ids) == len(set(page.ids))
+    symbols = page.text
     assert "N β = a my β weathercock stability, 1/s²" in symbols
     assert "M. T. Vu" in symbols
 
@@ -145,8 +148,9 @@ def test_the_section_says_what_sigma_is_of() -> None:
     assert "11.92 ± 0.11 0.410 ± 0.012 0.3080" in older
 
 
-def test_what_was_flown_otherwise_is_said_row_by_row(drawn: Drawn) -> None:
-    text = section(drawn(mixed_loops()), "Manoeuvres")
+def test_what_was_flown_otherwise_is_said_row_by_row() -> None:
+    html = "".join(flight_section(mixed_loops(), "half-travel"))
+    text = section(html, "Manoeuvres")
 
     assert "MANUAL airframe 22.00 ± 0.30 airspeed 102 rudder, aileron" in text
     assert "FBWA with roll loop 22.00 ± 0.30 ground speed" in text
@@ -173,14 +177,13 @@ def test_a_run_in_which_none_was_found_says_so_on_the_page(drawn: Drawn) -> None
 
 @pytest.mark.parametrize("name", EVERY)
 def test_the_picture_over_airspeed_stands_where_there_are_airspeeds(
-    name: str, drawn: Drawn
+    name: str, paged: Paged
 ) -> None:
-    page = Page(drawn(EVERY[name]()))
+    keys = [picture.key for picture in Report(paged(EVERY[name]())).pictures()]
 
-    assert len(page.ids) == len(set(page.ids))
-    has = "airspeed" in page.ids
+    assert len(keys) == len(set(keys))
     # Of none_usable one alone has a Dutch roll.
-    assert has == (name not in ("without_airspeed", "none_usable"))
+    assert ("airspeed" in keys) == (name not in ("without_airspeed", "none_usable"))
 
 
 def test_the_picture_has_the_points_their_numbers_and_kappas_line() -> None:
@@ -285,7 +288,9 @@ PAPER_PX = round((210.0 - 2 * 13.0) / 25.4 * 96.0)
 
 
 @pytest.mark.skipif(find_chromium() is None, reason="no chromium is installed")
-@pytest.mark.parametrize("name", ["four_of_a_flight", "forty"])
+@pytest.mark.parametrize(
+    "name", ["four_of_a_flight", pytest.param("forty", marks=pytest.mark.long)]
+)
 def test_a_browser_shows_it_within_its_width_and_no_legend_on_a_line(
     name: str, drawn: Drawn, tmp_path: Path
 ) -> None:

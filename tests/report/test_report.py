@@ -22,7 +22,7 @@ from yawid.cli.main import main
 from yawid.config.estimator import ArmaxOrders
 from yawid.report.data import Model, gather
 from yawid.report.model_pictures import frequency_band, poles_with_sigma, step_band
-from yawid.report.write import report, write_report
+from yawid.report.write import report
 from yawid.sinks.mcap.reader import open_run
 
 PICTURES = (
@@ -58,6 +58,11 @@ def still(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return replayed(path, folder)
 
 
+@pytest.fixture(scope="module")
+def still_html(still: Path) -> str:
+    return report(open_run(still))
+
+
 def test_the_first_screen_answers_the_four_questions(good: Path, html: str) -> None:
     run = open_run(good)
     mode = run.summary.dutch_roll
@@ -69,9 +74,11 @@ def test_the_first_screen_answers_the_four_questions(good: Path, html: str) -> N
     assert "Can I use it? Yes there is no reason against it" in text
 
 
-def test_a_log_that_cannot_answer_says_no_and_why_on_the_first_screen(still: Path) -> None:
+def test_a_log_that_cannot_answer_says_no_and_why_on_the_first_screen(
+    still: Path, still_html: str
+) -> None:
     run = open_run(still)
-    text = first_screen(report(run))
+    text = first_screen(still_html)
     decisive = run.summary.verdict.reasons[0].text
     assert f"This log cannot say how the yaw answers the rudder: {decisive}." in text
     assert "Can I use it? No" in text
@@ -108,17 +115,12 @@ def test_every_picture_is_drawn_says_what_to_look_for_and_shares_no_id(html: str
     assert page.tags.count("svg") == len(PICTURES)
 
 
-def test_hostile_names_are_shown_and_never_obeyed(still: Path) -> None:
-    html = report(open_run(still))
-    page = Page(html)
+def test_hostile_names_are_shown_and_never_obeyed(still_html: str) -> None:
+    page = Page(still_html)
     assert "img" not in page.tags
     assert "<img src=x onerror=alert(1)>.tlog" in page.text
     assert "b" not in page.tags or "onerror" not in "".join(page.addresses)
-    assert "&lt;b&gt;&amp;$x_{1}$&lt;/b&gt;" in html
-
-
-def test_the_same_run_gives_the_same_bytes(good: Path, html: str, tmp_path: Path) -> None:
-    assert write_report(good, tmp_path / "a.html").read_bytes() == html.encode()
+    assert "&lt;b&gt;&amp;$x_{1}$&lt;/b&gt;" in still_html
 
 
 def test_a_run_without_a_rudder_has_a_first_screen_and_no_pictures(tmp_path: Path) -> None:
@@ -131,17 +133,17 @@ def test_a_run_without_a_rudder_has_a_first_screen_and_no_pictures(tmp_path: Pat
     assert "svg" not in Page(html).tags
 
 
-def test_it_is_written_beside_the_run_and_never_over_a_file(
-    good: Path, capsys: pytest.CaptureFixture[str]
+def test_it_is_written_beside_the_run_with_the_same_bytes_and_never_over_a_file(
+    good: Path, html: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = good.with_suffix(".html")
-    assert main(["report", str(good)]) == 0
-    assert capsys.readouterr().out == f"{path}\n"
-    before = path.read_bytes()
+    path.write_bytes(b"earlier")
     assert main(["report", str(good)]) == 6
     assert "--force" in capsys.readouterr().err
+    assert path.read_bytes() == b"earlier"
     assert main(["report", str(good), "--force"]) == 0
-    assert path.read_bytes() == before
+    assert capsys.readouterr().out == f"{path}\n"
+    assert path.read_bytes() == html.encode()
     assert not list(good.parent.glob("*.part"))
 
 
@@ -215,12 +217,12 @@ def test_bands_are_the_spread_of_what_the_covariance_allows() -> None:
 
 
 @pytest.mark.skipif(find_chromium() is None, reason="no chromium is installed")
-@pytest.mark.parametrize("name", ["good", "still"])
+@pytest.mark.parametrize("name", ["html", "still_html"])
 def test_a_real_browser_has_nothing_to_complain_of_and_nothing_to_fetch(
     name: str, request: pytest.FixtureRequest, tmp_path: Path
 ) -> None:
-    run: Path = request.getfixturevalue(name)
-    path = write_report(run, tmp_path / "report.html")
+    path = tmp_path / "report.html"
+    path.write_text(request.getfixturevalue(name), encoding="utf-8")
     with Browser() as browser:
         for width, phone in ((1280, False), (390, True)):
             browser.open(path.as_uri(), width, 800, phone=phone)
@@ -232,7 +234,7 @@ def test_a_real_browser_has_nothing_to_complain_of_and_nothing_to_fetch(
                 "svg.getBoundingClientRect().width, svg.getBoundingClientRect().height))"
             )
             assert all(size > 100 for size in sizes)
-            assert len(sizes) == (len(PICTURES) if name == "good" else len(sizes))
+            assert len(sizes) == (len(PICTURES) if name == "html" else len(sizes))
         bottom = browser.evaluate("document.querySelector('header').getBoundingClientRect().bottom")
         assert bottom < 1200
         assert browser.complaints == []

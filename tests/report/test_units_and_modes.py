@@ -29,7 +29,7 @@ def in_rad(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def in_half_travel(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return replayed(LOG, tmp_path_factory.mktemp("half"), *OPTIONS)
+    return replayed(LOG, tmp_path_factory.mktemp("half"), *OPTIONS, "--manoeuvres", "off")
 
 
 def test_with_the_travel_in_degrees_no_place_speaks_of_half_travel(in_rad: Path) -> None:
