@@ -53,7 +53,7 @@ MAY_IMPORT: dict[str, set[str]] = {
 """Room -> the other rooms of which it may import something. Rooms within estimation are its own."""
 MOST_FLOORS, MOST_ARROWS = 10, 120
 MOST_LINES, MOST_IN_FUNCTION = 450, 60
-MOST_FILES = {"channels": 18}
+MOST_FILES = {"channels": 19}
 """A room holds about ten files; channels has more, and may."""
 ONLY_IN = {
     "pyulog": {"sources/logs/ulog.py"},

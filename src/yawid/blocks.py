@@ -212,7 +212,7 @@ class RecordBlock(Columns):
     - ``has_yaw`` and ``has_surfaces``. A row with neither marks a new beginning after it, and its
       ``held`` says why;
     - ``rudder`` in half travels or in rad, signed as in the file; ``aileron`` in half travels;
-    - rates in rad/s and angles in rad, the yaw not unwrapped;
+    - rates in rad/s and angles in rad, the yaw not unwrapped; ``ay`` in m/s^2;
     - ``airspeed`` in m/s; ``by_ground``: 1 where it is the ground speed; ``airspeed_kind`` and
       ``ground_speed`` as in :class:`SampleBlock`;
     - ``held``: all bits of :class:`Held` that apply, or -1 where the record does not have them.
@@ -235,10 +235,12 @@ class RecordBlock(Columns):
     rudder: Floats
     aileron: Floats
     r: Floats
+    p: Floats
     q: Floats
     roll: Floats
     pitch: Floats
     yaw: Floats
+    ay: Floats
     turn_rate: Floats
     airspeed: Floats
     by_ground: Floats
@@ -296,6 +298,43 @@ class SampleBlock(Columns):
         """Yield the stretches with one epoch each; nothing where there is no row."""
         edges = [0, *(np.flatnonzero(np.diff(self.epoch)) + 1).tolist(), len(self)]
         return (self.select(slice(a, b)) for a, b in pairwise(edges) if b > a)
+
+
+@dataclass(frozen=True, slots=True)
+class StampedRows(Columns):
+    """Rows of one kind of message at their own times: not on a grid, and not filtered.
+
+    ``t_us`` (n,) is the time since boot in us, ``unix_ns`` (n,) that in ns of Unix time, which
+    never decreases; ``values`` (n, m) has a column for each name in :class:`MotionBlock`.
+    """
+
+    t_us: Ints
+    unix_ns: Ints
+    values: Floats
+
+
+@dataclass(frozen=True, slots=True)
+class MotionBlock:
+    """The lateral motion as it was measured and commanded, next to the samples.
+
+    - ``attitude``: roll and pitch in rad, p, q and r in rad/s, always finite;
+    - ``commands``: rudder and aileron in the units of :class:`SampleBlock`, NaN where unknown, and
+      the ``epoch``;
+    - ``acceleration``: ay in m/s^2, and the time in us of the next attitude received after it.
+    """
+
+    attitude: StampedRows
+    commands: StampedRows
+    acceleration: StampedRows
+
+    @staticmethod
+    def joined(blocks: "Sequence[MotionBlock]") -> "MotionBlock":
+        """Return several blocks, at least one, as one."""
+        columns = zip(*((b.attitude, b.commands, b.acceleration) for b in blocks), strict=True)
+        return MotionBlock(*map(StampedRows.joined, columns))
+
+    def __len__(self) -> int:
+        return len(self.attitude) + len(self.commands) + len(self.acceleration)
 
 
 Y_HAT, INNOVATION, RESIDUAL, NOISE_STD, STATUS, SCALARS = range(6)

@@ -16,7 +16,7 @@ import numpy as np
 
 from yawid.answers.channel_report import ChannelReport
 from yawid.answers.run_summary import Flight, Manoeuvre
-from yawid.blocks import FrameBlock, ModesBlock, RecordBlock, SampleBlock
+from yawid.blocks import FrameBlock, ModesBlock, MotionBlock, RecordBlock, SampleBlock
 from yawid.channels.report import report_of
 from yawid.channels.stage import WANTED, Channels
 from yawid.config.run import RunConfig
@@ -71,6 +71,7 @@ class Pipeline:
         self._rates_hz = rates_hz
         self._worker = worker
         self._manoeuvres: Manoeuvres | None = None
+        self._motion: list[MotionBlock] = []
 
     def report(self) -> ChannelReport:
         """Return the report of the channels in their present state."""
@@ -97,17 +98,35 @@ class Pipeline:
         """Return the flight's answer and its verdict, None where there is no manoeuvre."""
         return None if self._manoeuvres is None else self._manoeuvres.flight(of_the_log)
 
-    def feed(self, block: FrameBlock | RecordBlock | SampleBlock | None) -> None:
-        """Take messages, a record's rows or samples in; estimate all samples they complete."""
-        if isinstance(block, SampleBlock):
+    def feed(self, block: FrameBlock | RecordBlock | SampleBlock | MotionBlock | None) -> None:
+        """Take messages, a record's rows or samples in; estimate all samples they complete.
+
+        A file's lateral motion comes before the samples that need it.
+        """
+        if isinstance(block, MotionBlock):
+            self._move(block)
+        elif isinstance(block, SampleBlock):
             for samples in self._asked_for(block).epochs():
                 self.estimate(samples)
         elif isinstance(block, RecordBlock):
-            for samples in self.channels.feed_record(block):
-                self.estimate(samples)
+            self._estimate_all(self.channels.feed_record(block))
         elif block is not None:
-            for samples in self.channels.feed(block):
-                self.estimate(samples)
+            self._estimate_all(self.channels.feed(block))
+
+    def _estimate_all(self, found: list[SampleBlock]) -> None:
+        """Estimate the samples that the channels have just completed, after their motion."""
+        if (motion := self.channels.motion()) is not None:
+            self._move(motion)
+        for samples in found:
+            self.estimate(samples)
+
+    def _move(self, motion: MotionBlock) -> None:
+        """Pass lateral motion on; it waits until the first samples open the sinks."""
+        if self.bank is None:
+            self._motion.append(motion)
+            return
+        for sink in self.sinks:
+            sink.motion(motion)
 
     def _asked_for(self, block: SampleBlock) -> SampleBlock:
         """Return a file's samples with the inputs and in the stretch that are asked for."""
@@ -121,8 +140,7 @@ class Pipeline:
 
         Return the manoeuvres answered since the last call; all are answered now.
         """
-        for samples in self.channels.finish():
-            self.estimate(samples)
+        self._estimate_all(self.channels.finish())
         if self._manoeuvres is not None:
             self._manoeuvres.finish()
         return self.collect(wait=True)
@@ -179,4 +197,7 @@ class Pipeline:
         )
         for sink in self.sinks:
             sink.start(grid)
+        waiting, self._motion = self._motion, []
+        for motion in waiting:
+            self._move(motion)
         return self.bank

@@ -9,13 +9,14 @@ from itertools import pairwise
 
 import numpy as np
 
-from yawid.blocks import FrameBlock, Held, MessageBlock, RecordBlock, SampleBlock
+from yawid.blocks import FrameBlock, Held, MessageBlock, MotionBlock, RecordBlock, SampleBlock
 from yawid.channels.align import Aligner
 from yawid.channels.command import Command
 from yawid.channels.conditioning import Conditioner, finer_by
 from yawid.channels.find_surface import find_surface
 from yawid.channels.flight_state import FlightState, LiftMotor, lift_motors
 from yawid.channels.grid_rate import Flow, StartUp, bridged_gaps_us, sample_rate
+from yawid.channels.motion_reader import MotionReader
 from yawid.channels.parameters import ParameterTable
 from yawid.channels.segments import Boots, Segmenter
 from yawid.channels.series import Piece, Series
@@ -23,7 +24,7 @@ from yawid.channels.stick_fallback import ReceivedMessages
 from yawid.channels.surface import OUTPUTS, STICKS, Surface
 from yawid.channels.surface_reader import SurfaceReader, record_surfaces, record_values
 from yawid.channels.vehicle import VehicleLock
-from yawid.channels.yaw_reader import SOURCES, UNTIMED, YawReader
+from yawid.channels.yaw_reader import ROW, SOURCES, UNTIMED, YawReader
 from yawid.config.run import RunConfig
 from yawid.errors import ConfigError
 
@@ -63,7 +64,10 @@ class Channels:
         self._state_of_flight = FlightState(config.airborne == "all")
         self.command = Command(config)
         self.boots = Boots()
-        self.yaw = YawReader(config.output == "heading-rate", config.airborne == "all")
+        self._motion = MotionReader(config) if config.lateral == "auto" else None
+        self.yaw = YawReader(
+            config.output == "heading-rate", config.airborne == "all", config.lateral == "auto"
+        )
         self._surface = SurfaceReader(len(config.inputs))
         self.twins = self._surface.twins
         self.is_record = False
@@ -123,6 +127,13 @@ class Channels:
         if self.startup is None or not self.startup.give_up():
             return []
         return self._begin(self.startup)
+
+    def motion(self) -> MotionBlock | None:
+        """Return the lateral motion since the last call, with all that the samples since need.
+
+        It is None where there is none: before the first samples, and without ``--lateral auto``.
+        """
+        return None if self._motion is None else self._motion.take()
 
     def _stretches(
         self, messages: Mapping[str, MessageBlock], parameters: list[MessageBlock]
@@ -199,6 +210,8 @@ class Channels:
         self, messages: Mapping[str, MessageBlock], surfaces: tuple[Surface, ...]
     ) -> list[SampleBlock]:
         self._state_of_flight.observe(messages)
+        if self._motion is not None:
+            self._motion.observe(messages)
         untimed = self.yaw.source == UNTIMED
         yaw = self.yaw.read(messages, self._state_of_flight, self._surface.own_clock)
         self._surface.observe_clock(None if untimed else messages.get(self.yaw.source or ""))
@@ -233,6 +246,8 @@ class Channels:
         if self.startup is not None:
             return self._begin(self.startup) if self.startup.feed(piece) else []
         assert self.aligner is not None
+        if self._motion is not None:
+            piece = self._motion.feed(piece, len(ROW))
         block = self.aligner.feed(piece)
         conditioned = None if block is None else self.conditioner.feed(block)
         return [] if conditioned is None else self._chosen(conditioned, piece.boot)

@@ -14,6 +14,7 @@ import numpy as np
 from yawid.blocks import Array, Floats, Held, Ints, MessageBlock, RecordBlock, euler
 from yawid.channels.clock import OwnClock, boot_us
 from yawid.channels.flight_state import LEAST_AIRSPEED, FlightState, SlowFlight
+from yawid.channels.motion_reader import COLUMNS, attitude_columns, record_columns
 from yawid.channels.series import Series
 from yawid.channels.stick_fallback import Wait
 from yawid.quantities.airspeed import GRAVITY, known, over_ground
@@ -100,11 +101,13 @@ class YawReader:
     """The reader of the best source received so far.
 
     With ``heading_rate`` the rate is that of the heading, by Euler's formula, instead of yaw rate;
-    with ``all_flown`` no row of a record is on the ground.
+    with ``all_flown`` no row of a record is on the ground. With ``motion`` the columns of an
+    attitude follow those of ``ROW``, and of a record the acceleration too.
     """
 
     heading_rate: bool = False
     all_flown: bool = False
+    motion: bool = False
     source: str | None = None
     column: str = ""
     rows: int = 0
@@ -162,7 +165,7 @@ class YawReader:
         A source without a time gets that of ``clock``, the clock of another message.
         """
         if self.source is None or self.source not in messages:
-            return Series.empty(len(ROW))
+            return Series.empty(len(ROW) + self.motion * len(COLUMNS))
         block = messages[self.source]
         if self.source == UNTIMED:
             block, t_us = self._timed_beside(block, clock)
@@ -181,6 +184,10 @@ class YawReader:
         row["barred"] = row["barred"] + int(Held.STEEP) * steep
         self.rows += len(block)
         values = np.column_stack([row[name] for name in ROW])
+        if self.motion:
+            known = {"roll": roll, "pitch": pitch, "q": q, "r": r}
+            columns = attitude_columns(self.source, block.fields, known)
+            values = np.hstack([values, np.where(np.abs(columns) < ABSURD_RAD_S, columns, np.nan)])
         return Series(block.order, block.received_us, t_us, values)
 
     def read_record(self, block: RecordBlock, lost: Ints) -> Series:
@@ -191,7 +198,7 @@ class YawReader:
         """
         self.column = block.called["r"]
         if len(block) == 0:
-            return Series.empty(len(ROW))
+            return Series.empty(len(ROW) + self.motion * (len(COLUMNS) + 1))
         told = block.held >= 0
         rate, unwrapped = _angles(block.r)[0], self._unwrap(block.yaw)
         level = np.where(np.isfinite(block.pitch), block.pitch, 0.0)
@@ -213,6 +220,8 @@ class YawReader:
         }  # fmt: skip
         columns = (made[name] if name in made else getattr(block, name) for name in ROW)
         values = np.column_stack([*columns])
+        if self.motion:
+            values = np.hstack([values, record_columns(block)])
         return Series(2 * block.order + 1, block.received_us, block.t_us, values)
 
     def _grounded(self, block: RecordBlock) -> Floats:

@@ -113,6 +113,8 @@ MODEL: tuple[Option, ...] = (
      "forgetting factor instead of a memory; 1 forgets nothing (default: from it)"),
     ("--servo-tau", float, "SECONDS", "the servo's lag in s (default: the fastest real pole)"),
     ("--manoeuvres", str, "auto|off", "find manoeuvres, answer each of them (default: auto)"),
+    ("--lateral", str, "auto|off",
+     "keep the whole lateral motion of the bare airframe (default: off)"),
     ("--inputs", str, "rudder[,aileron]", "inputs of the model (default: rudder)"),
     ("--output", str, "yaw-rate|heading-rate|yaw", "the model's output (default: yaw-rate)"),
     ("--rate", float, "HZ",

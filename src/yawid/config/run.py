@@ -70,6 +70,7 @@ class RunConfig:
     - ``airborne``: "all" takes every sample as flown, None or "auto" holds those on the ground;
     - ``rudder_max_deg``: the full deflection; None makes one unit half the travel;
     - ``servo_tau``: the servo's lag in s; None is unknown;
+    - ``lateral``: "auto" keeps and fits the whole lateral motion, None is "off";
     - ``manoeuvres``: whether they are searched for. Orders, inputs and turn apply to every
       manoeuvre if they differ from their defaults or are named in ``given``.
 
@@ -114,6 +115,7 @@ class RunConfig:
     airborne: Annotated[str, one_of("auto", "all")] | None = None
     boot: Annotated[int, Meta(ge=1, description="be at least 1: boots count from 1")] | None = None
     manoeuvres: Annotated[str, one_of("auto", "off")] = "auto"
+    lateral: Annotated[str, one_of("auto", "off")] | None = None
     given: tuple[str, ...] = ()
 
     def binds(self, name: str) -> bool:

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from yawid.answers.run_summary import MethodSummary, RunSummary
-from yawid.blocks import SampleBlock
+from yawid.blocks import MotionBlock, SampleBlock
 from yawid.channels.segments import outside
 from yawid.config.run import RunConfig, overruled
 from yawid.errors import ConfigError, SourceError, YawidError
@@ -39,6 +39,7 @@ CHANGEABLE = (
     "from_s",
     "to_s",
     "manoeuvres",
+    "lateral",
     "given",
 )
 JUDGED_AGAIN = frozenset(
@@ -65,6 +66,7 @@ class FinishedRun:
         grid = run.grid
         self.modes_of = (0, 0) if grid is None else (grid.autopilot, grid.vehicle_type)
         self._said: list[str] = []
+        self._has_motion = False
 
     def settled(self, settings: Mapping[str, Any]) -> RunConfig:
         """Return the run's configuration, overruled by the settings.
@@ -75,16 +77,19 @@ class FinishedRun:
             ConfigError: a setting asks for other samples than the file holds.
         """
         config = changed(self._run, settings)
+        self._has_motion = config.lateral == "auto" and self._run.has_motion
+        if config.lateral == "auto" and not self._run.has_motion:
+            self._said = [f"{self.path} holds no lateral motion: for that, replay the log itself"]
         if config.manoeuvres == "off" or self._run.has_flight_state:
             return config
-        self._said = [f"{self.path} is of an older version: for manoeuvres, replay the log itself"]
+        self._said += [f"{self.path} is of an older version: for manoeuvres, replay the log itself"]
         return replace(config, manoeuvres="off")
 
-    def read(self) -> Iterator[tuple[int, SampleBlock]]:
-        """Yield (bytes, samples); each sample counts for the same part of the file's size."""
-        each = self.size / max(self._run.rows, 1)
-        for block in self._run.samples():
-            yield int(each * len(block)), block
+    def read(self) -> Iterator[tuple[int, SampleBlock | MotionBlock]]:
+        """Yield (bytes, samples or motion); each sample counts for the same part of the size."""
+        each, run = self.size / max(self._run.rows, 1), self._run
+        for block in run.samples_and_motion() if self._has_motion else run.samples():
+            yield (int(each * len(block)) if isinstance(block, SampleBlock) else 0), block
 
     def rates_hz(self, rudder: str) -> tuple[float, float] | None:
         """Return the rates of yaw and rudder messages in Hz, None where the run had no grid."""

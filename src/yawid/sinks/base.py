@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Literal
 
 from yawid.answers.run_summary import Manoeuvre, RunSummary
-from yawid.blocks import EstimateBlock, ModesBlock, SampleBlock
+from yawid.blocks import EstimateBlock, ModesBlock, MotionBlock, SampleBlock
 from yawid.quantities.units import HALF_TRAVEL
 from yawid.quantities.vehicles import mode_name
 
@@ -69,6 +69,9 @@ class Sink:
     ) -> None:
         """Add one row for each sample; ``modes`` belong to the primary method, the first key."""
 
+    def motion(self, block: MotionBlock) -> None:
+        """Add lateral motion, which comes before the samples of the same time."""
+
     def manoeuvre(self, found: Manoeuvre, span_ns: tuple[int, int]) -> None:
         """Add a manoeuvre and its answer; ``span_ns``: Unix times in ns of first and last sample.
 
@@ -114,6 +117,10 @@ class Relay(Sink):
     ) -> None:
         """See :class:`Sink`."""
         self._hand(lambda sink: sink.write(samples, estimates, modes))
+
+    def motion(self, block: MotionBlock) -> None:
+        """See :class:`Sink`."""
+        self._hand(lambda sink: sink.motion(block))
 
     def manoeuvre(self, found: Manoeuvre, span_ns: tuple[int, int]) -> None:
         """See :class:`Sink`."""

@@ -11,7 +11,7 @@ from pathlib import Path
 from tempfile import SpooledTemporaryFile
 from typing import TYPE_CHECKING, Protocol
 
-from yawid.blocks import FrameBlock, RecordBlock, SampleBlock
+from yawid.blocks import FrameBlock, MotionBlock, RecordBlock, SampleBlock
 from yawid.errors import ConfigError, SourceError
 from yawid.quantities.link import LinkStats
 from yawid.sources.formats import TLOG, format_of
@@ -69,8 +69,10 @@ class Source(Protocol):
     def size(self) -> int:
         """The size of the file in bytes."""
 
-    def read(self) -> Iterator[tuple[int, FrameBlock | RecordBlock | SampleBlock | None]]:
-        """Yield (bytes read, their messages or samples) from the start to the end.
+    def read(
+        self,
+    ) -> Iterator[tuple[int, FrameBlock | RecordBlock | SampleBlock | MotionBlock | None]]:
+        """Yield (bytes read, their messages, samples or motion) from the start to the end.
 
         Messages are None where the bytes complete none.
         """

@@ -13,7 +13,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, BinaryIO, Final, get_args
+from typing import Any, BinaryIO, Final, TypeAlias, get_args
 
 import numpy as np
 from google.protobuf.message import DecodeError
@@ -25,22 +25,25 @@ from mcap.reader import McapReader, NonSeekingReader, make_reader
 from mcap.records import Chunk, Schema
 from mcap.stream_reader import StreamReader
 from yawid.answers.run_summary import RunSummary
-from yawid.blocks import Ints, SampleBlock, Status
+from yawid.blocks import Ints, MotionBlock, SampleBlock, Status
 from yawid.config.run import RunConfig, check_settings
 from yawid.errors import SourceError
 from yawid.estimation.polynomials import parameter_names
 from yawid.sinks.base import Grid, LogLevel, rudder_unit
 from yawid.sinks.mcap.chunks import MAGIC
 from yawid.sinks.mcap.messages import Rows, RunRows, estimate_from, modes_from, samples_from
+from yawid.sinks.mcap.motion_rows import motion_from
 from yawid.sinks.mcap.protobuf_rows import RowLayout
 from yawid.sinks.mcap.schemas import (
     LOG,
     MODES,
+    MOTION,
     SAMPLE,
     descriptor,
     descriptor_in,
     estimate_topics,
     is_older,
+    is_ours,
     message_class,
 )
 
@@ -57,6 +60,10 @@ DAMAGE: Final = (McapError, struct.error, ValueError, ZstdError, MemoryError, Ov
 """Errors that mcap raises on damaged bytes: its own, short structs, bad text, absurd sizes."""
 # The errors that all libraries in use raise on bytes of another kind than expected.
 _DAMAGE: Final = (*DAMAGE, DecodeError, KeyError, TypeError, OSError)  # OSError: bad offsets
+
+
+Waiting: TypeAlias = dict[str, tuple[list[int], list[bytes]]]
+"""Log times and data of messages by topic."""
 
 
 class Incomplete(ValueError):  # noqa: N818 it names a finding, not a fault
@@ -89,6 +96,8 @@ class McapRun:
     rows: int = 0
     has_flight_state: bool = True
     """Whether samples have altitude and what else manoeuvres need; those of older files do not."""
+    has_motion: bool = False
+    """Whether the run kept the lateral motion."""
 
     def rates_hz(self, rudder: str) -> tuple[float, float] | None:
         """Return the rates in Hz of the messages of yaw and of ``rudder``, the input's name.
@@ -112,6 +121,31 @@ class McapRun:
         for rows, unix_ns in self._rows((SAMPLE,)):
             yield self._samples(rows[0], unix_ns)
 
+    def samples_and_motion(self) -> Iterator[SampleBlock | MotionBlock]:
+        """Yield the samples, and before them the lateral motion that they need.
+
+        Each block of samples waits for the motion that was written with the next one.
+
+        Raises:
+            SourceError: the file is damaged.
+        """
+        waiting: Waiting = {topic: ([], []) for topic in MOTION}
+        samples: SampleBlock | None = None
+        for rows, unix_ns in self._rows((SAMPLE,), waiting):
+            yield self._motion(waiting)
+            if samples is not None:
+                yield samples
+            samples = self._samples(rows[0], unix_ns)
+        yield self._motion(waiting)
+        if samples is not None:
+            yield samples
+
+    def _motion(self, waiting: Waiting) -> MotionBlock:
+        with _damage_reported(self.path):
+            motion = motion_from(waiting)
+        waiting.update({topic: ([], []) for topic in MOTION})
+        return motion
+
     def blocks(self) -> Iterator[RunRows]:
         """Yield samples with their estimates and modes.
 
@@ -127,8 +161,14 @@ class McapRun:
         assert self.grid is not None  # without a grid there are no rows
         return samples_from(rows, unix_ns, self.grid.sample_time_s)
 
-    def _rows(self, topics: tuple[str, ...]) -> Iterator[tuple[list[Rows], Ints]]:
-        """Yield equally many messages of each topic, and the log times (n,) of the first topic."""
+    def _rows(
+        self, topics: tuple[str, ...], others: Waiting | None = None
+    ) -> Iterator[tuple[list[Rows], Ints]]:
+        """Yield equally many messages of each topic, and the log times (n,) of the first topic.
+
+        Messages of ``others`` are added there as they come.
+        """
+        others = {} if others is None else others
         if self.grid is None:
             return
         layouts: dict[str, RowLayout] = {}
@@ -138,10 +178,16 @@ class McapRun:
             # The seeking reader would hold the whole file in memory in this order: a gigabyte for
             # five hours.
             reader = NonSeekingReader(stream, validate_crcs=True)
-            for schema, channel, message in reader.iter_messages(topics, log_time_order=False):
+            for schema, channel, message in reader.iter_messages(
+                [*topics, *others], log_time_order=False
+            ):
                 topic = channel.topic
                 if schema is None:
                     raise ValueError(f"{topic} has no schema")
+                if topic in others:
+                    others[topic][0].append(message.log_time)
+                    others[topic][1].append(message.data)
+                    continue
                 if topic not in layouts:
                     layouts[topic] = _layout(schema, self.grid.parameters, message.data)
                 if topic == topics[0]:
@@ -177,6 +223,7 @@ def open_run(path: Path) -> McapRun:
             attachments = {record.name: record.data for record in reader.iter_attachments()}
             log = list(_log_lines(reader))
             rows, has_flight_state = _count(reader), _has_flight_state(reader)
+            has_motion = _has_motion(reader)
     if "configuration" not in metadata:
         raise SourceError(f"{path} is an MCAP file, but not of a yawid run")
     if "summary.json" not in attachments:
@@ -190,7 +237,9 @@ def open_run(path: Path) -> McapRun:
         grid = read_grid(metadata.get("grid"), config)
     except ValueError as error:
         raise SourceError(f"{path} is not a file as yawid writes it: {error}") from error
-    return McapRun(path, summary, metadata, attachments, config, grid, log, rows, has_flight_state)
+    return McapRun(
+        path, summary, metadata, attachments, config, grid, log, rows, has_flight_state, has_motion
+    )
 
 
 @contextmanager
@@ -282,6 +331,20 @@ def _has_flight_state(reader: McapReader) -> bool:
     schemas = {} if summary is None else summary.schemas
     samples = [each for each in schemas.values() if each.name == "yawid.Sample"]
     return all("altitude" in descriptor_in(s.name, s.data).fields_by_name for s in samples)
+
+
+def _has_motion(reader: McapReader) -> bool:
+    """Return whether the file has attitudes and commands, as this version writes them."""
+    summary, found = reader.get_summary(), set()
+    if summary is None:
+        return False
+    for channel in summary.channels.values():
+        schema = summary.schemas.get(channel.schema_id)
+        if channel.topic in MOTION and schema is not None:
+            found.add(channel.topic)
+            if not is_ours(schema.name, schema.data):
+                raise ValueError(f"{channel.topic} was written by another version of yawid")
+    return set(MOTION[:2]) <= found
 
 
 def read_config(data: bytes | None) -> RunConfig:

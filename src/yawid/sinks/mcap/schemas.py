@@ -5,7 +5,8 @@ become unreadable. The numbers of ``foxglove.Log`` are those of its publisher.
 
 Only ``yawid.Parameters`` is made for each run: its fields have the names of theta's elements, since
 a plot of theta[3] explains nothing. Therefore ``yawid.Estimate``, which holds it, has a descriptor
-file of its own; all other messages are in one that is the same in every run.
+file of its own, and so have the messages of the lateral motion, which few runs keep; all other
+messages are in one that is the same in every run.
 """
 
 import re
@@ -75,6 +76,12 @@ TABLE: Final[Mapping[str, tuple[tuple[str, str], ...]]] = {
 """The fields of each message, as (name, type). A type with [] is repeated; one that begins with a
 dot is a message, one with a dot inside is an enum. An unknown number is NaN, an unknown text "".
 """
+MOTION_TABLE: Final[Mapping[str, tuple[tuple[str, str], ...]]] = {
+    "Attitude": tuple((n, "double") for n in ("boot_time", "roll", "pitch", "p", "q", "r")),
+    "Commands": tuple((n, "double") for n in ("boot_time", "rudder", "aileron", "epoch")),
+    "Acceleration": tuple((n, "double") for n in ("boot_time", "ay", "next_attitude_us")),
+}
+"""The messages of the lateral motion, one for each one received, as in ``TABLE``."""
 _CALLED: Final = {"yaw_rate": "r", **{f"dutch_roll_{name}": name for name in MODE_VALUES}}
 """The names in the table of quantities of fields that are called otherwise here."""
 _OWN: Final[Mapping[str, str]] = {
@@ -90,6 +97,10 @@ _OWN: Final[Mapping[str, str]] = {
     "Estimate.theta": "a, c: 1; b: rad/s per unit of its input as in u; bias: rad/s",
     "Estimate.theta_std": "as theta",
     "Estimate.parameters": "theta once more, its elements by their names",
+    "Commands.rudder": f"{RUDDER}; the command received at this time",
+    "Commands.aileron": f"{HALF_TRAVEL}; the command received at this time",
+    "Commands.epoch": "count of changes in the meaning of the commands",
+    "Acceleration.next_attitude_us": "boot_time of the next attitude received, in us",
     "Reason.weight": "fatal or warning",
     "Mode.custom_mode": "HEARTBEAT.custom_mode; NaN where unknown",
     "Mode.name": "as the autopilot calls it",
@@ -106,6 +117,9 @@ TOPICS: Final[Mapping[str, str]] = {
     "/yawid/flight": "yawid.Verdict",
     "/yawid/verdict": "yawid.Verdict",
     "/yawid/log": "foxglove.Log",
+    "/yawid/attitude": "yawid.Attitude",
+    "/yawid/commands": "yawid.Commands",
+    "/yawid/acceleration": "yawid.Acceleration",
 }
 """Every topic of a run's file, and the type of its messages."""
 SAMPLE, MODES, LOG = "/yawid/sample", "/yawid/modes", "/yawid/log"
@@ -113,6 +127,8 @@ MANOEUVRE: Final = "/yawid/manoeuvre"
 FLIGHT: Final = "/yawid/flight"
 """The topic of the flight's verdict, which decides where there was a manoeuvre."""
 VERDICT: Final = "/yawid/verdict"
+MOTION: Final = ("/yawid/attitude", "/yawid/commands", "/yawid/acceleration")
+"""The topics of the lateral motion, in the order of :class:`yawid.blocks.MotionBlock`."""
 
 
 def estimate_topics(methods: Sequence[str]) -> dict[str, str]:
@@ -120,11 +136,13 @@ def estimate_topics(methods: Sequence[str]) -> dict[str, str]:
     return {m: f"/yawid/estimate/{m}" if i else "/yawid/estimate" for i, m in enumerate(methods)}
 
 
-def units(rudder_unit: str) -> dict[str, str]:
+def units(
+    rudder_unit: str, messages: Mapping[str, tuple[tuple[str, str], ...]] = TABLE
+) -> dict[str, str]:
     """Return unit and words of each field that has them, by ``Message.field``."""
     texts = {
         f"{message}.{field}": _text(message, field)
-        for message, fields in TABLE.items()
+        for message, fields in messages.items()
         for field, kind in fields
         if kind != "bool"
     }
@@ -157,8 +175,17 @@ def _add_field(message: descriptor_pb2.DescriptorProto, name: str, kind: str) ->
 
 def _add_message(file: descriptor_pb2.FileDescriptorProto, name: str) -> None:
     message = file.message_type.add(name=name)
-    for field, kind in TABLE[name]:
+    for field, kind in {**TABLE, **MOTION_TABLE}[name]:
         _add_field(message, field, kind)
+
+
+def _motion_file() -> descriptor_pb2.FileDescriptorProto:
+    file = descriptor_pb2.FileDescriptorProto(
+        name="yawid/motion.proto", package=_PACKAGE, syntax="proto3"
+    )
+    for name in MOTION_TABLE:
+        _add_message(file, name)
+    return file
 
 
 def _yawid_file() -> descriptor_pb2.FileDescriptorProto:
@@ -206,7 +233,8 @@ def _pool(parameters: tuple[str, ...]) -> descriptor_pool.DescriptorPool:
     # This pool is our own: the default pool is shared with everything that the process has loaded.
     pool = descriptor_pool.DescriptorPool()
     pool.AddSerializedFile(timestamp_pb2.DESCRIPTOR.serialized_pb)
-    for file in (_yawid_file(), _estimate_file(parameters), _foxglove_log_file()):
+    ours = _yawid_file(), _estimate_file(parameters), _motion_file(), _foxglove_log_file()
+    for file in ours:
         pool.AddSerializedFile(file.SerializeToString(deterministic=True))
     return pool
 

@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 
 from yawid.answers.run_summary import Manoeuvre, RunSummary
-from yawid.blocks import EstimateBlock, Ints, ModesBlock, SampleBlock
+from yawid.blocks import Array, EstimateBlock, Ints, ModesBlock, MotionBlock, SampleBlock
 from yawid.errors import SinkError
 from yawid.sinks.base import Grid, LogLevel, Pace, Sink
 from yawid.sinks.mcap.chunks import ChunkWriter, Topic
@@ -26,11 +26,13 @@ from yawid.sinks.mcap.messages import (
     sample_rows,
     verdict_message,
 )
+from yawid.sinks.mcap.motion_rows import motion_messages
 from yawid.sinks.mcap.schemas import (
     FLIGHT,
     LOG,
     MANOEUVRE,
     MODES,
+    MOTION_TABLE,
     SAMPLE,
     TOPICS,
     VERDICT,
@@ -47,6 +49,9 @@ FLUSH_S: Final = 0.5
 """The least time between two flushes, in wall time: with a call every half second, a crash loses
 at most 1 s."""
 _MOST_WAITING: Final = 64
+_MOST_MOTION: Final = 100_000
+"""The most rows of lateral motion that wait for samples."""
+_END_NS: Final = 2**63 - 1
 _MEDIA_TYPES: Final = {
     ".json": "application/json",
     ".toml": "application/toml",
@@ -75,7 +80,8 @@ class McapSink(Sink):
     ``path`` may be changed before the end. ``metadata`` becomes one record per name; a text gets
     the key ``text``. ``log_time`` is the vehicle's time mapped to Unix time and never decreases on
     a topic; ``publish_time`` is the receive stamp. The order in the file is, for each sample:
-    flight mode where it has changed, sample, estimates, modes. A manoeuvre comes where it was
+    flight mode where it has changed, sample, estimates, modes; lateral motion comes before the
+    samples of the same second. A manoeuvre comes where it was
     reported, after samples that are newer. ``disk`` brings flushed data to the disk.
 
     Raises:
@@ -103,6 +109,9 @@ class McapSink(Sink):
         self._manoeuvre_channel: int | None = None
         self._sample_ns = self._log_ns = self._manoeuvre_ns = self._rows = 0
         self._waiting: list[RunRows] = []
+        self._motion: dict[str, tuple[Ints, Array]] = {}
+        self._motion_channels: dict[str, int] = {}
+        self._motion_rows: dict[str, int] = {}
         self._writer = ChunkWriter(self._stream, path.parent, CHUNK_NS)
         try:
             self._open(metadata)
@@ -160,12 +169,55 @@ class McapSink(Sink):
         log_ns = np.maximum.accumulate(np.maximum(samples.unix_ns, self._sample_ns))
         publish_ns = np.maximum(samples.received_us, 0) * 1000
         with os_errors_as_sink_error(self._part):
-            for rows in self._named_modes(samples, log_ns):
+            for rows in self._parted(samples, log_ns):
                 part = [Topic(topic.channel, topic.rows[rows]) for topic in topics]
                 first = self._rows + rows.start
                 self._writer.add_rows(part, log_ns[rows], publish_ns[rows], first)
         self._rows += len(samples)
         self._sample_ns = int(log_ns[-1])
+
+    def motion(self, block: MotionBlock) -> None:
+        """See :meth:`yawid.sinks.base.Sink.motion`; it is written before the samples it is for.
+
+        The first motion adds the channels: a file without motion does not have them.
+        """
+        with os_errors_as_sink_error(self._part):
+            self._add_record("motion_units", units(self._grid.rudder_unit, MOTION_TABLE))
+            for topic, *new in motion_messages(block):
+                if topic not in self._motion_channels:
+                    self._motion_channels[topic] = self._channel(topic)
+                before = self._motion.get(topic)
+                if before is not None:
+                    new = [np.concatenate(each) for each in zip(before, new, strict=True)]
+                self._motion[topic] = new[0], new[1]
+            if any(len(rows) > _MOST_MOTION for _, rows in self._motion.values()):
+                self._write_motion()
+
+    def _write_motion(self, until_ns: int = _END_NS) -> None:
+        """Write the motion that waits, up to a log time."""
+        waiting, self._motion = self._motion, {}
+        for topic, (log_ns, rows) in waiting.items():
+            first = self._motion_rows.get(topic, 0)
+            count = int(log_ns.searchsorted(until_ns, "right"))
+            if count:
+                now = Topic(self._motion_channels[topic], rows[:count])
+                self._writer.add_rows([now], log_ns[:count], log_ns[:count], first)
+                self._motion_rows[topic] = first + count
+            if count < len(rows):
+                self._motion[topic] = log_ns[count:], rows[count:]
+
+    def _parted(self, samples: SampleBlock, log_ns: Ints) -> Iterator[slice]:
+        """Write what comes before samples; yield the rows up to the next such place."""
+        for rows in self._named_modes(samples, log_ns):
+            first = rows.start
+            while self._motion and first < rows.stop:
+                stop = int(log_ns.searchsorted(log_ns[first] + CHUNK_NS))
+                stop = min(max(stop, first + 1), rows.stop)
+                self._write_motion(int(log_ns[stop - 1]))
+                yield slice(first, stop)
+                first = stop
+            if first < rows.stop:
+                yield slice(first, rows.stop)
 
     def _named_modes(self, samples: SampleBlock, log_ns: Ints) -> Iterator[slice]:
         """Write each change of flight mode; yield the rows from each change to the next."""
@@ -223,6 +275,7 @@ class McapSink(Sink):
         self._write_waiting()
         last_ns = max(self._sample_ns, self._log_ns)
         with os_errors_as_sink_error(self._part):
+            self._write_motion()
             verdict = verdict_message(summary.verdict)
             self._writer.add_message(self._verdict_channel, last_ns, verdict)
             if summary.flight is not None:
@@ -247,6 +300,7 @@ class McapSink(Sink):
         if not self._stream.closed:
             with contextlib.suppress(OSError, SinkError):
                 self._write_waiting()
+                self._write_motion()
             with contextlib.suppress(OSError):
                 self._writer.finish()
         for closed in (self._writer, self._stream):

@@ -35,7 +35,9 @@ LIKELY: Final = {
 WITHOUT_UNIT: Final = TEXTS | {
     name for name, row in CHANNELS.items() if row.unit == "1" or not (row.kind or row.kept)
 }
-"""The columns whose units do not matter: p may be a pressure."""
+"""The columns whose units do not matter: without --lateral p may be a pressure."""
+LATERAL: Final = ("p", "ay")
+"""The columns that only --lateral auto reads."""
 _WITH_UNIT: Final = re.compile(r"(.+?)\s*\[([^\[\]]+)\]", re.DOTALL)
 
 
@@ -50,6 +52,7 @@ class Asked:
     rudder_max_deg: float | None = None
     needs: tuple[str, ...] = ()
     rudder_is: str | None = None
+    lateral: bool = False
 
 
 class Table(Protocol):
@@ -108,7 +111,7 @@ def find_columns(table: Table, asked: Asked) -> dict[str, Found]:
     found: dict[str, Found] = {}
     for said in asked.columns:
         name, place, spelt = _mapped(table, headers, said)
-        found[name] = _with_unit(table, name, place, headers[place], spelt, asked.units)
+        found[name] = _with_unit(table, name, place, headers[place], spelt, asked)
     mapped, taken = set(found), {each.place for each in found.values()}
     for place, header in enumerate(headers):
         own = is_column(header.name)
@@ -119,7 +122,7 @@ def find_columns(table: Table, asked: Asked) -> dict[str, Found]:
                 f"{table.path}: two columns are {own}: {found[own].header.name} and "
                 f"{header.name}; name one by --columns {own}=COLUMN"
             )
-        found[own] = _with_unit(table, own, place, header, None, asked.units)
+        found[own] = _with_unit(table, own, place, header, None, asked)
     if "t" not in found and "time" in found and _has_dates(table, found["time"].place):
         found["t"] = found["time"]
     missing = [name for name in ("t", "rudder", "r", *asked.needs) if name not in found]
@@ -159,10 +162,11 @@ def _called(table: Table, headers: list[Header], name: str) -> list[int]:
 
 
 def _with_unit(
-    table: Table, name: str, place: int, header: Header, spelt: str | None, units: str | None
+    table: Table, name: str, place: int, header: Header, spelt: str | None, asked: Asked
 ) -> Found:
     """Return a column with its unit: that of an option, the header, its name, or ``--units``."""
-    if name in WITHOUT_UNIT:
+    units = asked.units
+    if name in WITHOUT_UNIT and not (asked.lateral and name in LATERAL):
         return Found(place, header)
     own = CHANNELS[name].unit
     said = spelt or header.unit or by_suffix(header.name, name)

@@ -34,7 +34,7 @@ from yawid.sources.records.column_values import (
     times_of,
 )
 from yawid.sources.records.csv_table import CsvTable
-from yawid.sources.records.find_columns import Asked, Found, Table, find_columns
+from yawid.sources.records.find_columns import LATERAL, Asked, Found, Table, find_columns
 from yawid.sources.records.lacking import LackingError, gathered, raise_all
 from yawid.sources.records.modes import modes_of
 from yawid.sources.records.parquet_table import MAGIC, ParquetTable
@@ -95,13 +95,14 @@ class Record:
         lacking, have = list[LackingError](), dict[str, Floats]()
         with gathered(lacking):
             rudder, settled = rudder_of(table, found["rudder"], asked, own, t_us)
-        for name in (each for each in CHANNELS if each in MEASURED & found.keys()):
+        wanted = MEASURED.union(LATERAL if asked.lateral else ()) & found.keys()
+        for name in (each for each in CHANNELS if each in wanted):
             with gathered(lacking):
                 have[name] = in_its_unit(table, name, found[name])
         raise_all(self.path, lacking, asked.columns)
         airspeed = airspeed_of(table, found, have, told="held" in found)
         mode, whose = _modes(table, found, own.get("autopilot"))
-        measured = MEASURED & {*RecordBlock.__slots__} - airspeed._asdict().keys()
+        measured = MEASURED.union(LATERAL) & {*RecordBlock.__slots__} - airspeed._asdict().keys()
         self._rows = Rows(
             RecordBlock(
                 called={name: each.label for name, each in found.items()}

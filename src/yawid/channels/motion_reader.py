@@ -1,0 +1,140 @@
+"""The lateral motion for the bare airframe: attitudes, commands and accelerations as received.
+
+Nothing is put on a grid here. Attitudes and commands are the rows that make the samples, so that a
+row that came late or twice is in neither. An acceleration belongs to the next attitude received
+after it: by that its use does not depend on how the stream was cut into blocks.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from yawid.blocks import (
+    Array,
+    Bools,
+    Floats,
+    MessageBlock,
+    MotionBlock,
+    RecordBlock,
+    StampedRows,
+)
+from yawid.channels.clock import boot_us
+from yawid.channels.series import Piece, Series
+from yawid.config.run import RunConfig
+from yawid.quantities.airspeed import GRAVITY
+
+COLUMNS = ("roll", "pitch", "p", "q", "r")
+"""The columns of an attitude."""
+ACCELERATIONS = {"HIGHRES_IMU": 1.0, "SCALED_IMU": 1e-3 * GRAVITY, "RAW_IMU": 1e-3 * GRAVITY}
+"""The messages with ``yacc``, and its unit in m/s^2; RAW_IMU is in mg as ArduPilot sends it."""
+MARGIN_US = 1_000_000
+"""The rows kept before --from and after --to: the commands before a manoeuvre belong to it."""
+APART_US = 2_000_000
+"""An acceleration that is further than this from the next attitude is on another clock."""
+ABSURD_M_S2 = 500.0
+MOST_WAITING = 20_000
+"""The most accelerations kept while no attitude comes."""
+
+
+def attitude_columns(source: str, fields: Array, known: Mapping[str, Floats]) -> Floats:
+    """Return the columns of attitudes (n, 5), NaN where the ``source`` does not report them."""
+    p = np.full(len(fields), np.nan)
+    if source.startswith("ATTITUDE"):
+        p = np.asarray(fields["rollspeed"], float)
+    return np.column_stack([p if name == "p" else known[name] for name in COLUMNS])
+
+
+def record_columns(rows: RecordBlock) -> Floats:
+    """Return the columns of a record's rows as attitudes and an acceleration, (n, 6)."""
+    return np.column_stack([getattr(rows, name) for name in (*COLUMNS, "ay")])
+
+
+@dataclass(slots=True)
+class MotionReader:
+    """The way from pieces of segments to :class:`MotionBlock`; ``take`` returns what is ready.
+
+    Rows of a segment begin where both channels have rows.
+    """
+
+    config: RunConfig
+    _source: str | None = None
+    _waiting: Series = field(default_factory=lambda: Series.empty(1))
+    _begins: list[int | None] = field(default_factory=lambda: [None, None])
+    _unix_ns: list[int] = field(default_factory=lambda: [0, 0, 0])
+    _ready: list[MotionBlock] = field(default_factory=list)
+
+    def observe(self, messages: Mapping[str, MessageBlock]) -> None:
+        """Take in accelerations, of the message that came first."""
+        found = [messages[name] for name in ACCELERATIONS if name in messages]
+        if not found:
+            return
+        self._source = self._source or min(found, key=lambda block: int(block.order[0])).name
+        if (block := messages.get(self._source)) is None:
+            return
+        if "id" in (block.fields.dtype.names or ()):
+            block = block.select(block.fields["id"] == 0)
+        ay = ACCELERATIONS[self._source] * np.asarray(block.fields["yacc"], float)
+        self._add(Series(block.order, block.received_us, boot_us(block.fields), ay[:, None]))
+
+    def _add(self, rows: Series) -> None:
+        self._waiting = Series.joined([self._waiting, rows])
+        if len(self._waiting) > 2 * MOST_WAITING:
+            self._waiting = self._waiting.select(slice(-MOST_WAITING, None))
+
+    def feed(self, piece: Piece, width: int) -> Piece:
+        """Take a piece in; return it with the first ``width`` columns of its yaw rows alone."""
+        bare = replace(piece.yaw, values=np.ascontiguousarray(piece.yaw.values[:, :width]))
+        motion = replace(piece.yaw, values=piece.yaw.values[:, width:])
+        if piece.opens:
+            self._begins = [None, None]
+        for i, rows in enumerate((piece.yaw, piece.surface)):
+            if self._begins[i] is None and len(rows):
+                self._begins[i] = int(rows.order[0])
+        first, second = self._begins
+        if self.config.boot in (None, piece.boot) and first is not None and second is not None:
+            self._make(piece, motion, max(first, second))
+        return replace(piece, yaw=bare)
+
+    def _make(self, piece: Piece, motion: Series, both: int) -> None:
+        """Add a block from the rows at or after the place ``both``."""
+        attitude = replace(motion, values=motion.values[:, : len(COLUMNS)])
+        known: Bools = np.isfinite(attitude.values).all(axis=1)
+        attitude = attitude.select(known)
+        later = self._waiting.order > (motion.order[-1] if len(motion) else -1)
+        next_one = np.searchsorted(motion.order, self._waiting.order[~later])
+        accelerations = self._waiting.select(~later)
+        self._waiting = self._waiting.select(later)
+        if motion.values.shape[1] > len(COLUMNS):  # a record has them in the same rows
+            accelerations = replace(motion, values=motion.values[:, len(COLUMNS) :])
+            next_one = np.arange(len(motion))
+        u, epoch = piece.surface.values, np.full(len(piece.surface), float(piece.epoch))
+        surface = replace(piece.surface, values=np.column_stack([u[:, 0], u[:, -1], epoch]))
+        next_us, next_order = motion.t_us[next_one], motion.order[next_one]
+        ay = np.column_stack([accelerations.values[:, 0], next_us])
+        near = np.asarray(np.abs(accelerations.t_us - next_us) <= APART_US)
+        near &= np.abs(np.nan_to_num(ay[:, 0], nan=np.inf)) < ABSURD_M_S2
+        near &= accelerations.order >= both
+        accelerations = replace(accelerations, values=ay, order=next_order)
+        made = (
+            self._stamped(0, piece, attitude.select(attitude.order >= both)),
+            self._stamped(1, piece, surface.select(surface.order >= both)),
+            self._stamped(2, piece, accelerations.select(near)),
+        )
+        if any(map(len, made)):
+            self._ready.append(MotionBlock(*made))
+
+    def _stamped(self, i: int, piece: Piece, rows: Series) -> StampedRows:
+        """Return the rows that --from and --to choose, with Unix times that never decrease."""
+        low, high = self.config.window_us
+        rows = rows.select((rows.t_us >= low - MARGIN_US) & (rows.t_us <= high + MARGIN_US))
+        unix_ns = (rows.t_us + piece.offset.at(rows.order)) * 1000 if len(rows) else rows.t_us
+        unix_ns = np.maximum.accumulate(np.append(self._unix_ns[i], unix_ns))[1:]
+        if len(rows):
+            self._unix_ns[i] = int(unix_ns[-1])
+        return StampedRows(rows.t_us, unix_ns, np.ascontiguousarray(rows.values))
+
+    def take(self) -> MotionBlock | None:
+        """Return the motion since the last call, None where there is none."""
+        ready, self._ready = self._ready, []
+        return MotionBlock.joined(ready) if ready else None
