@@ -112,9 +112,9 @@ class MotionReader:
         surface = replace(piece.surface, values=np.column_stack([u[:, 0], u[:, -1], epoch]))
         next_us, next_order = motion.t_us[next_one], motion.order[next_one]
         ay = np.column_stack([accelerations.values[:, 0], next_us])
-        near = np.asarray(np.abs(accelerations.t_us - next_us) <= APART_US)
-        near &= np.abs(np.nan_to_num(ay[:, 0], nan=np.inf)) < ABSURD_M_S2
-        near &= accelerations.order >= both
+        absurd = ~(np.abs(ay[:, 0]) < ABSURD_M_S2)  # also NaN
+        away = np.abs(accelerations.t_us - next_us) > APART_US
+        near = ~absurd & ~away & (accelerations.order >= both)
         accelerations = replace(accelerations, values=ay, order=next_order)
         made = (
             self._stamped(0, piece, attitude.select(attitude.order >= both)),
