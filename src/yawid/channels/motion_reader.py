@@ -12,7 +12,6 @@ import numpy as np
 
 from yawid.blocks import (
     Array,
-    Bools,
     Floats,
     MessageBlock,
     MotionBlock,
@@ -99,7 +98,7 @@ class MotionReader:
     def _make(self, piece: Piece, motion: Series, both: int) -> None:
         """Add a block from the rows at or after the place ``both``."""
         attitude = replace(motion, values=motion.values[:, : len(COLUMNS)])
-        known: Bools = np.isfinite(attitude.values).all(axis=1)
+        known = np.asarray(np.isfinite(attitude.values).all(axis=1), bool)
         attitude = attitude.select(known)
         later = self._waiting.order > (motion.order[-1] if len(motion) else -1)
         next_one = np.searchsorted(motion.order, self._waiting.order[~later])
