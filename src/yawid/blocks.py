@@ -318,8 +318,8 @@ class MotionBlock:
     """The lateral motion as it was measured and commanded, next to the samples.
 
     - ``attitude``: roll and pitch in rad, p, q and r in rad/s, always finite;
-    - ``commands``: rudder and aileron in the units of :class:`SampleBlock`, NaN where unknown, and
-      the ``epoch``;
+    - ``commands``: rudder and aileron in the units of :class:`SampleBlock`, NaN where unknown, the
+      ``epoch``, and 1 where the times are those of messages, 0 where they are a record's rows;
     - ``acceleration``: ay in m/s^2, and the time in us of the next attitude received after it.
     """
 

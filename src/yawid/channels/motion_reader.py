@@ -107,8 +107,10 @@ class MotionReader:
         if motion.values.shape[1] > len(COLUMNS):  # a record has them in the same rows
             accelerations = replace(motion, values=motion.values[:, len(COLUMNS) :])
             next_one = np.arange(len(motion))
-        u, epoch = piece.surface.values, np.full(len(piece.surface), float(piece.epoch))
-        surface = replace(piece.surface, values=np.column_stack([u[:, 0], u[:, -1], epoch]))
+        u, ones = piece.surface.values, np.ones(len(piece.surface))
+        exact = float(motion.values.shape[1] == len(COLUMNS))
+        commands = np.column_stack([u[:, 0], u[:, -1], piece.epoch * ones, exact * ones])
+        surface = replace(piece.surface, values=commands)
         next_us, next_order = motion.t_us[next_one], motion.order[next_one]
         ay = np.column_stack([accelerations.values[:, 0], next_us])
         absurd = ~(np.abs(ay[:, 0]) < ABSURD_M_S2)  # also NaN

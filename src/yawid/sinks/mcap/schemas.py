@@ -78,7 +78,7 @@ dot is a message, one with a dot inside is an enum. An unknown number is NaN, an
 """
 MOTION_TABLE: Final[Mapping[str, tuple[tuple[str, str], ...]]] = {
     "Attitude": tuple((n, "double") for n in ("boot_time", "roll", "pitch", "p", "q", "r")),
-    "Commands": tuple((n, "double") for n in ("boot_time", "rudder", "aileron", "epoch")),
+    "Commands": tuple((n, "double") for n in ("boot_time", "rudder", "aileron", "epoch", "exact")),
     "Acceleration": tuple((n, "double") for n in ("boot_time", "ay", "next_attitude_us")),
 }
 """The messages of the lateral motion, one for each one received, as in ``TABLE``."""
@@ -100,6 +100,7 @@ _OWN: Final[Mapping[str, str]] = {
     "Commands.rudder": f"{RUDDER}; the command received at this time",
     "Commands.aileron": f"{HALF_TRAVEL}; the command received at this time",
     "Commands.epoch": "count of changes in the meaning of the commands",
+    "Commands.exact": "1 where boot_time is the message's own, 0 for the row of a record",
     "Acceleration.next_attitude_us": "boot_time of the next attitude received, in us",
     "Reason.weight": "fatal or warning",
     "Mode.custom_mode": "HEARTBEAT.custom_mode; NaN where unknown",
