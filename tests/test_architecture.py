@@ -29,7 +29,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "offline": {"config", "estimation", "physics"},
     "damper": {"physics"},
     "results": {"config", "estimation", "physics"},
-    "manoeuvres": {"config", "estimation", "results"},
+    "manoeuvres": {"config", "estimation", "lateral", "results"},
     "sinks": {"estimation", "results"},
     "sinks/mcap": {"config", "estimation", "sinks"},
     "sinks/rerun": {"physics", "sinks"},

@@ -12,10 +12,11 @@ from concurrent.futures import Executor
 from dataclasses import replace
 from typing import Final
 
+import msgspec
 import numpy as np
 
 from yawid.answers.channel_report import ChannelReport
-from yawid.answers.run_summary import Flight, Manoeuvre
+from yawid.answers.run_summary import Bare, Flight, Manoeuvre
 from yawid.blocks import FrameBlock, ModesBlock, MotionBlock, RecordBlock, SampleBlock
 from yawid.channels.report import report_of
 from yawid.channels.stage import WANTED, Channels
@@ -40,7 +41,8 @@ class Pipeline:
     estimators once the sample time is known. For samples without messages, ``modes_of`` has the
     autopilot and the vehicle type, which name the flight modes, and ``rates_hz`` the rates of yaw
     and rudder messages. With ``worker``, an executor of one thread, manoeuvres are answered there,
-    and ``collect`` returns those that are ready.
+    and ``collect`` returns those that are ready; ``lateral_worker`` is the same for the fits of the
+    bare airframe, which ``collect_lateral`` returns.
 
     Raises:
         ConfigError: the rate asked for does not fit the log.
@@ -58,6 +60,7 @@ class Pipeline:
         modes_of: tuple[int, int] = (0, 0),
         rates_hz: tuple[float, float] | None = None,
         worker: Executor | None = None,
+        lateral_worker: Executor | None = None,
     ) -> None:
         self.config = config
         self.sinks = sinks
@@ -69,7 +72,7 @@ class Pipeline:
         self._make_bank = make_bank
         self._modes_of = modes_of
         self._rates_hz = rates_hz
-        self._worker = worker
+        self._worker, self._lateral_worker = worker, lateral_worker
         self._manoeuvres: Manoeuvres | None = None
         self._motion: list[MotionBlock] = []
 
@@ -82,7 +85,14 @@ class Pipeline:
         """The manoeuvres answered so far; None where none are searched for."""
         if self.config.manoeuvres == "off":
             return None
-        return [] if self._manoeuvres is None else [a.found for a in self._manoeuvres.answered]
+        stage = self._manoeuvres
+        if stage is None:
+            return []
+        found = [each.found for each in stage.answered]
+        if stage.laterals is None:
+            return found
+        told = stage.laterals.told
+        return [msgspec.structs.replace(each, lateral=told.get(each.n)) for each in found]
 
     def progress(self, *, closely: bool) -> tuple[UnderWay, int]:
         """Return the progress of the current manoeuvre, and how many wait for their answers.
@@ -97,6 +107,11 @@ class Pipeline:
     def flight(self, of_the_log: list[Reason]) -> tuple[Flight, Verdict] | None:
         """Return the flight's answer and its verdict, None where there is no manoeuvre."""
         return None if self._manoeuvres is None else self._manoeuvres.flight(of_the_log)
+
+    def bare(self) -> Bare | None:
+        """Return the bare airframe of the flight, which may take a fit; None without any."""
+        laterals = None if self._manoeuvres is None else self._manoeuvres.laterals
+        return None if laterals is None else laterals.flight()
 
     def feed(self, block: FrameBlock | RecordBlock | SampleBlock | MotionBlock | None) -> None:
         """Take messages, a record's rows or samples in; estimate all samples they complete.
@@ -125,6 +140,8 @@ class Pipeline:
         if self.bank is None:
             self._motion.append(motion)
             return
+        if self._manoeuvres is not None:
+            self._manoeuvres.move(motion)
         for sink in self.sinks:
             sink.motion(motion)
 
@@ -153,6 +170,15 @@ class Pipeline:
                 sink.manoeuvre(each.found, each.span_ns)
         return [each.found for each in ready]
 
+    def collect_lateral(self, *, wait: bool = False) -> list[tuple[int, Bare]]:
+        """Pass the airframes fitted since the last call to the sinks; return them with their n."""
+        laterals = None if self._manoeuvres is None else self._manoeuvres.laterals
+        ready = [] if laterals is None else list(laterals.ready(wait=wait))
+        for n, bare, span_ns in ready:
+            for sink in self.sinks:
+                sink.lateral(n, bare, span_ns)
+        return [(n, bare) for n, bare, _ in ready]
+
     def estimate(self, samples: SampleBlock) -> None:
         """Estimate samples of one epoch, and write them."""
         for first in range(0, len(samples), BLOCK):
@@ -169,6 +195,7 @@ class Pipeline:
             self._manoeuvres.feed(samples)
             if self._worker is None:
                 self.collect()
+                self.collect_lateral()
 
     def _open_bank(self, sample_time_s: float) -> Bank:
         self.bank = self._make_bank(self.config, sample_time_s)
@@ -185,7 +212,7 @@ class Pipeline:
                 yaw_us, rudder_us = self.channels.intervals_us
                 rates_hz = 1e6 / yaw_us, 1e6 / rudder_us
             setting = ManoeuvreSetting(self.config, sample_time_s, rates_hz, modes_of)
-            self._manoeuvres = Manoeuvres(setting, self._worker)
+            self._manoeuvres = Manoeuvres(setting, self._worker, self._lateral_worker)
         names = parameter_names(self.config.armax_orders(), self.config.inputs, bias=True)
         grid = Grid(
             names,

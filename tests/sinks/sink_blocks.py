@@ -16,9 +16,9 @@ import msgspec
 import numpy as np
 from hand_flights import roll_of
 
+from yawid.answers.model_parts import Fit
 from yawid.answers.run_summary import (
     ChannelFound,
-    Fit,
     Flight,
     LinkCounts,
     Manoeuvre,

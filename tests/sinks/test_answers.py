@@ -24,9 +24,9 @@ from hand_flights import summary as flight_summary
 from places import C172P
 from report_page import Page, first_screen
 
+from yawid.answers.model_parts import Fit
 from yawid.answers.run_summary import (
     DutchRoll,
-    Fit,
     MethodSummary,
     ReasonSummary,
     RunSummary,

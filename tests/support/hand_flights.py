@@ -8,15 +8,14 @@ from typing import Any
 
 from msgspec.structs import replace
 
+from yawid.answers.model_parts import Fit, Mode
 from yawid.answers.run_summary import (
     BetweenStd,
     DutchRoll,
-    Fit,
     Flight,
     LinkCounts,
     Manoeuvre,
     MethodSummary,
-    Mode,
     Orders,
     ReasonSummary,
     RunSummary,

@@ -12,9 +12,9 @@ from flights.legs import PLANS, Leg, LegPlan
 from flights.telemetry import Link
 from hand_flights import estimate, manoeuvre, plain_summary, verdict
 
+from yawid.answers.model_parts import Fit
 from yawid.answers.run_summary import (
     DutchRoll,
-    Fit,
     Flight,
     Manoeuvre,
     RunSummary,

@@ -7,11 +7,12 @@ have the order of the keys.
 import json
 import math
 from collections.abc import Sequence
-from typing import Self
+from typing import ClassVar, Self
 
 import msgspec
 from msgspec import field
 
+from yawid.answers.model_parts import Fit, Mode
 from yawid.answers.part import Count, Number, Part, Positive
 from yawid.answers.session import LiveFacts, Recovered
 from yawid.quantities.flying_qualities import dutch_roll_level
@@ -104,21 +105,6 @@ class Orders(Part, frozen=True):
         return f"{self.na},{self.nb},{self.nc},{self.nk}"
 
 
-class Mode(Part, frozen=True, kw_only=True):
-    """One mode of the model, a real pole or a pair: frequency in rad/s, times in s.
-
-    The sigmas are of noise alone.
-    """
-
-    kind: str
-    wn_rad_s: Number | None = None
-    wn_std: Number | None = None
-    zeta: Number | None = None
-    zeta_std: Number | None = None
-    period_s: Number | None = None
-    time_constant_s: Number | None = None
-
-
 class DutchRoll(Part, frozen=True, kw_only=True):
     """The answer: natural frequency in rad/s, damping ratio, their sigmas, MIL-F-8785C's level.
 
@@ -163,18 +149,6 @@ class Value(Part, frozen=True):
     value: Number | None = None
     std: Number | None = None
     std_noise: Number | None = None
-
-
-class Fit(Part, frozen=True):
-    """How much of the measurements the model explains, in percent, and its residuals."""
-
-    one_step_pct: Number | None = None
-    simulation_pct: Number | None = None
-    simulation_held_back_pct: Number | None = None
-    innovation_std: Number | None = None
-    residual_std: Number | None = None
-    whiteness_p: Number | None = None
-    spr_margin: Number | None = None
 
 
 class MethodSummary(Part, frozen=True, kw_only=True):
@@ -257,6 +231,37 @@ class Try(Part, frozen=True, kw_only=True):
     answers: bool
 
 
+class TimeConstant(Part, frozen=True):
+    """The time constant of a real mode in s, negative where it diverges, and its sigma."""
+
+    time_constant_s: Number
+    std: Number | None = None
+
+
+class Bare(Part, frozen=True, kw_only=True):
+    """The bare airframe, of one manoeuvre (``lateral``) or of a flight (``bare``).
+
+    ``derivatives`` are dimensional, by the names of ``NAMES``. Where a gate stops it there are only
+    ``used``, the manoeuvres looked at, and the verdict, which says why.
+    """
+
+    NAMES: ClassVar = (
+        "Y_beta", "L_beta", "L_p", "L_r", "L_delta_a", "L_delta_r",
+        "N_beta", "N_p", "N_r", "N_delta_a", "N_delta_r", "Y_delta_r",
+    )  # fmt: skip
+
+    dutch_roll: DutchRoll | None = None
+    roll_mode: TimeConstant | None = None
+    spiral: TimeConstant | None = None
+    derivatives: dict[str, Value] | None = None
+    servo_lag_s: Value | None = None
+    gust_std_rad: Number | None = None
+    whiteness_rho1: Number | None = None
+    airspeed_m_s: Number | None = None
+    used: list[Count]
+    verdict: VerdictSummary
+
+
 class Manoeuvre(Part, frozen=True, kw_only=True):
     """One manoeuvre, in s since boot, the conditions in which it was flown, and its answer.
 
@@ -286,6 +291,7 @@ class Manoeuvre(Part, frozen=True, kw_only=True):
     tries: list[Try] | None = None
     estimates: dict[str, MethodSummary]
     verdict: VerdictSummary
+    lateral: Bare | None = None
 
     @property
     def answer(self) -> MethodSummary | None:
@@ -382,6 +388,7 @@ class RunSummary(Origin, frozen=True, kw_only=True):
     verdict: VerdictSummary
     manoeuvres: list[Manoeuvre] | None = None
     flight: Flight | None = None
+    bare: Bare | None = None
     live: LiveFacts | None = None
     files: dict[str, str] | None = None
     recovered: Recovered | None = None

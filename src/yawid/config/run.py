@@ -16,7 +16,7 @@ from yawid.config.estimator import (
     EstimatorConfig,
     forgetting_factor,
 )
-from yawid.config.fields import Finite, Positive, Share, check_fields, fits, one_of
+from yawid.config.fields import Finite, NotNegative, Positive, Share, check_fields, fits, one_of
 from yawid.config.names import ELS, RECURSIVE, RML
 from yawid.errors import ConfigError, did_you_mean
 
@@ -70,7 +70,8 @@ class RunConfig:
     - ``airborne``: "all" takes every sample as flown, None or "auto" holds those on the ground;
     - ``rudder_max_deg``: the full deflection; None makes one unit half the travel;
     - ``servo_tau``: the servo's lag in s; None is unknown;
-    - ``lateral``: "auto" keeps and fits the whole lateral motion, None is "off";
+    - ``lateral``: "auto" keeps and fits the whole lateral motion, None is "off"; ``servo_lag``: the
+      lag of its servos in s, None is unknown;
     - ``manoeuvres``: whether they are searched for. Orders, inputs and turn apply to every
       manoeuvre if they differ from their defaults or are named in ``given``.
 
@@ -116,6 +117,7 @@ class RunConfig:
     boot: Annotated[int, Meta(ge=1, description="be at least 1: boots count from 1")] | None = None
     manoeuvres: Annotated[str, one_of("auto", "off")] = "auto"
     lateral: Annotated[str, one_of("auto", "off")] | None = None
+    servo_lag: NotNegative | None = None
     given: tuple[str, ...] = ()
 
     def binds(self, name: str) -> bool:

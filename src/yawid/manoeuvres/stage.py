@@ -6,13 +6,14 @@ from concurrent.futures import Executor, Future
 from functools import partial
 
 from yawid.answers.run_summary import Flight
-from yawid.blocks import SampleBlock
+from yawid.blocks import MotionBlock, SampleBlock
 from yawid.manoeuvres.airspeed_check import AirspeedCheck
 from yawid.manoeuvres.answer import Answered, ManoeuvreSetting
-from yawid.manoeuvres.candidate import UnderWay
+from yawid.manoeuvres.candidate import LONGEST_S, UnderWay
 from yawid.manoeuvres.conditions import is_bare
 from yawid.manoeuvres.find import LONGEST_STATED_S, Finder, Stated
 from yawid.manoeuvres.flight import flight_of
+from yawid.manoeuvres.laterals import Laterals
 from yawid.manoeuvres.tries import answer
 from yawid.results.reasons import Reason, Verdict
 
@@ -22,9 +23,15 @@ class Manoeuvres:
 
     With ``worker``, an executor of one thread, ``feed`` does not wait for the fits; without one
     they are made at once. In both cases the answers are the same and come in the order flown.
+    ``laterals`` fits the bare airframe on a worker of its own, None without ``--lateral auto``.
     """
 
-    def __init__(self, setting: ManoeuvreSetting, worker: Executor | None = None) -> None:
+    def __init__(
+        self,
+        setting: ManoeuvreSetting,
+        worker: Executor | None = None,
+        lateral_worker: Executor | None = None,
+    ) -> None:
         self.answered: list[Answered] = []
         self._setting = setting
         self._worker = worker
@@ -32,6 +39,10 @@ class Manoeuvres:
         self._count = 0
         self._finder = _finder(setting)
         self._airspeed = AirspeedCheck(setting.sample_time_s)
+        self.laterals: Laterals | None = None
+        if setting.config.lateral == "auto":
+            longest_s = LONGEST_STATED_S if isinstance(self._finder, Stated) else LONGEST_S
+            self.laterals = Laterals(longest_s, setting.config.servo_lag, lateral_worker)
 
     def progress(self, *, closely: bool) -> UnderWay:
         """Return the progress of the current manoeuvre, ``closely`` with the rudder's movement."""
@@ -47,6 +58,13 @@ class Manoeuvres:
         self._airspeed.feed(samples)
         for found in self._finder.feed(samples):
             self._answer(found)
+        if self.laterals is not None:
+            self.laterals.forget(samples)
+
+    def move(self, motion: MotionBlock) -> None:
+        """Take lateral motion in, before the samples of the same time."""
+        if self.laterals is not None:
+            self.laterals.feed(motion)
 
     def finish(self) -> None:
         """End the samples, and with them the manoeuvre that is under way."""
@@ -68,10 +86,12 @@ class Manoeuvres:
         self._count += 1
         if self._worker is not None:
             self._waiting.append(self._worker.submit(answer, found, self._count, self._setting))
-            return
-        future: Future[Answered] = Future()
-        future.set_result(answer(found, self._count, self._setting))
-        self._waiting.append(future)
+        else:
+            future: Future[Answered] = Future()
+            future.set_result(answer(found, self._count, self._setting))
+            self._waiting.append(future)
+        if self.laterals is not None:
+            self.laterals.answer(self._count, found)
 
 
 def _finder(setting: ManoeuvreSetting) -> Finder | Stated:

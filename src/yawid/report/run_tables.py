@@ -3,7 +3,8 @@
 from collections.abc import Iterator, Mapping
 from typing import Final
 
-from yawid.answers.run_summary import Fit, MethodSummary, RunSummary, Value
+from yawid.answers.model_parts import Fit
+from yawid.answers.run_summary import MethodSummary, RunSummary, Value
 from yawid.quantities.table import QUANTITIES, REDUCTION_ERROR, YAW_CHANNEL
 from yawid.report.data import ReportData
 from yawid.report.html import grid, note, symbol, table

@@ -9,7 +9,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import StrMethodFormatter
 
-from yawid.answers.run_summary import DutchRoll, Fit
+from yawid.answers.model_parts import Fit
+from yawid.answers.run_summary import DutchRoll
 from yawid.blocks import Floats
 from yawid.report.data import ReportData
 from yawid.report.manoeuvre_data import Drawn

@@ -174,6 +174,10 @@ _TABLE: Final = (
         "closed_loop", 0, "samples",
         "Move the surface by hand, or leave such an aileron out of --inputs.",
     ),
+    ReasonKind(
+        "bare_unknown", 0, "estimate",
+        "Move the rudder and then the aileron, each by itself, in calm air; or give --servo-lag.",
+    ),
     ReasonKind("rate_changed", 0, "log", "Choose the rate with --rate."),
     ReasonKind(
         "rate_low", 0, "samples",

@@ -10,14 +10,14 @@ import numpy as np
 from msgspec.structs import replace
 
 from yawid.answers.channel_report import ChannelReport
+from yawid.answers.model_parts import Fit, Mode
 from yawid.answers.run_summary import (
+    Bare,
     DutchRoll,
-    Fit,
     Flight,
     LinkCounts,
     Manoeuvre,
     MethodSummary,
-    Mode,
     Orders,
     ReasonSummary,
     RunSummary,
@@ -67,6 +67,9 @@ class Finished(Protocol):
     def flight(self, of_the_log: list[Reason]) -> tuple[Flight, Verdict] | None:
         """Return the flight's answer from all its manoeuvres, None where there is no manoeuvre."""
 
+    def bare(self) -> Bare | None:
+        """Return the bare airframe of all its manoeuvres, None where none was looked for."""
+
 
 def summarise(
     pipeline: Finished, link: LinkStats, log: str, sha256: str
@@ -96,6 +99,7 @@ def summarise(
         verdict=as_summary(verdict),
         manoeuvres=pipeline.manoeuvres,
         flight=None if flight is None else flight[0],
+        bare=pipeline.bare(),
     )
     return advised(with_yaw_loop(summary)), verdict if flight is None else flight[1]
 

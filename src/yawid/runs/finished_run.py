@@ -40,6 +40,7 @@ CHANGEABLE = (
     "to_s",
     "manoeuvres",
     "lateral",
+    "servo_lag",
     "given",
 )
 JUDGED_AGAIN = frozenset(
@@ -142,6 +143,7 @@ class FinishedRun:
             verdict=as_summary(verdict),
             manoeuvres=pipeline.manoeuvres,
             flight=None if flight is None else flight[0],
+            bare=pipeline.bare(),
         )
         return advised(with_yaw_loop(summary)), verdict if flight is None else flight[1]
 

@@ -188,6 +188,7 @@ def feed_all(
         read += size
         advance(size)
     pipeline.finish()
+    pipeline.collect_lateral(wait=True)
     if is_whole:
         pipeline.channels.boots.check(pipeline.config)
     return read, is_whole

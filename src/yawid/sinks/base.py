@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from yawid.answers.run_summary import Manoeuvre, RunSummary
+from yawid.answers.run_summary import Bare, Manoeuvre, RunSummary
 from yawid.blocks import EstimateBlock, ModesBlock, MotionBlock, SampleBlock
 from yawid.quantities.units import HALF_TRAVEL
 from yawid.quantities.vehicles import mode_name
@@ -78,6 +78,9 @@ class Sink:
         It comes some time after the row of its last sample, in a live run later than in a replay.
         """
 
+    def lateral(self, n: int, bare: Bare, span_ns: tuple[int, int]) -> None:
+        """Add the bare airframe of manoeuvre ``n``, which comes after its answer as flown."""
+
     def log(self, unix_ns: int, level: LogLevel, text: str) -> None:
         """Add one message for people, with its Unix time in ns."""
 
@@ -125,6 +128,10 @@ class Relay(Sink):
     def manoeuvre(self, found: Manoeuvre, span_ns: tuple[int, int]) -> None:
         """See :class:`Sink`."""
         self._hand(lambda sink: sink.manoeuvre(found, span_ns))
+
+    def lateral(self, n: int, bare: Bare, span_ns: tuple[int, int]) -> None:
+        """See :class:`Sink`."""
+        self._hand(lambda sink: sink.lateral(n, bare, span_ns))
 
     def log(self, unix_ns: int, level: LogLevel, text: str) -> None:
         """See :class:`Sink`."""

@@ -9,6 +9,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from typing import Final, NamedTuple
 
 from yawid.answers.run_summary import (
+    Bare,
     DutchRoll,
     Flight,
     Manoeuvre,
@@ -260,6 +261,38 @@ def flight_rows(summary: RunSummary) -> Iterator[Row]:
         kind = flight.airspeed_kind if flight.airspeed_kind in _AS_GIVEN else "equivalent"
         yield Row("", f"wn = {slope}, where V is the {kind} airspeed")
     yield Row("flown", ", ".join(_flown(flight, manoeuvres, summary.vehicle)))
+
+
+def bare_rows(summary: RunSummary) -> Iterator[Row]:
+    """Yield the rows of the bare airframe, nothing where it was not looked for."""
+    bare = summary.bare
+    if bare is None:
+        return
+    if bare.dutch_roll is None:
+        why = "; ".join(reason.text for reason in bare.verdict.reasons)
+        yield Row("bare", f"the bare airframe is not known: {why}")
+        if bare.verdict.next is not None:
+            yield Row("", f"{NEXT} {bare.verdict.next} (yawid explain bare_unknown)")
+        return
+    level = "" if bare.dutch_roll.level is None else f", level {bare.dutch_roll.level}"
+    yield Row("bare", f"{dutch_roll(bare.dutch_roll)}{level}")
+    modes = ("roll mode", bare.roll_mode), ("spiral", bare.spiral)
+    said = [f"{n} {plus_minus(m.time_constant_s, m.std)} s" for n, m in modes if m is not None]
+    if bare.servo_lag_s is not None:
+        said.append(f"servo lag {of_value(bare.servo_lag_s)} s")
+    yield Row("", ", ".join(said))
+    speed = "" if bare.airspeed_m_s is None else f" at {bare.airspeed_m_s:.1f} m/s (true airspeed)"
+    yield Row(
+        "", f"this is the airframe without its roll loop{speed}, from {count(len(bare.used))}"
+    )
+
+
+def lateral_says(bare: Bare) -> str:
+    """Return a manoeuvre's bare airframe in a line, or why it is not known."""
+    if bare.dutch_roll is None:
+        why = bare.verdict.reasons[0].text if bare.verdict.reasons else "no reason was given"
+        return f"the bare airframe is not known: {why}"
+    return f"the bare airframe: {dutch_roll(bare.dutch_roll)}"
 
 
 def _flown(

@@ -138,6 +138,7 @@ def live(
         outputs.folder.mkdir(parents=True, exist_ok=True)
     read_options = read_options or ReadOptions()
     fits, disk = Worker("yawid-manoeuvres"), Worker("yawid-disk")
+    lateral = Worker("yawid-lateral")
     viewers = Worker("yawid-viewers") if outputs.has_viewer else None
     switch_s = sys.getswitchinterval()
     sys.setswitchinterval(SWITCH_S)
@@ -148,13 +149,13 @@ def live(
             RUNNER.compile_behind()
             setting = Setting(
                 options.endpoint, config, outputs, read_options, options.state, console.say,
-                stamps.now, tap.reached_us, fits, DiskBeside(disk), viewers,
+                stamps.now, tap.reached_us, fits, DiskBeside(disk), viewers, lateral,
             )  # fmt: skip
             with _publishing(tap, setting, options) as publish:
                 return _attend(tap, setting, options, stop, console, publish)
     finally:
         sys.setswitchinterval(switch_s)
-        for worker in (fits, disk, viewers):
+        for worker in (fits, lateral, disk, viewers):
             if worker is not None:
                 worker.shutdown()
         console.close()

@@ -8,7 +8,7 @@ from typing import NamedTuple, TypeVar
 
 import msgspec
 
-from yawid.answers.run_summary import Manoeuvre, RunSummary
+from yawid.answers.run_summary import Bare, Manoeuvre, RunSummary
 from yawid.answers.session import LiveFacts
 from yawid.config.run import RunConfig
 from yawid.errors import UNFORESEEN, ConfigError, SinkError
@@ -35,7 +35,7 @@ from yawid.runs.outputs import (
 from yawid.sinks.base import Sink
 from yawid.sinks.rerun.sink import RerunSink
 from yawid.sinks.terminal.live_facts import VehicleFacts
-from yawid.sinks.words import flown, says, tried
+from yawid.sinks.words import flown, lateral_says, says, tried
 from yawid.sources.open_log import ReadOptions
 
 MOST_EVENTS = 100
@@ -71,6 +71,7 @@ class Setting(NamedTuple):
     fits: Worker
     disk: DiskBeside
     viewers: Worker | None
+    lateral: Worker
 
 
 class LiveSession:
@@ -97,7 +98,10 @@ class LiveSession:
         self._viewer = self._open_viewer()
         self._sinks: list[Sink] = [] if self._viewer is None else [self._viewer]
         self.decoder = setting.read_options.decoder(Pipeline.reads)
-        self.pipeline = Pipeline(setting.config, self._sinks, self._make_bank, worker=setting.fits)
+        self.pipeline = Pipeline(
+            setting.config, self._sinks, self._make_bank,
+            worker=setting.fits, lateral_worker=setting.lateral,
+        )  # fmt: skip
         self._guards: dict[str, Guarded] = {}
         self._tlog: TlogRecorder | None = None
         self._sha256 = hashlib.sha256()
@@ -173,6 +177,7 @@ class LiveSession:
     def _look(self) -> None:
         """Report new manoeuvres, further vehicles, and signatures that are not checked."""
         self._tell_of(self.pipeline.collect())
+        self._tell_of_lateral(self.pipeline.collect_lateral())
         if self._setting.config.sysid is None:
             self._look_for_others()
         if not self._signing_said:
@@ -185,6 +190,7 @@ class LiveSession:
     def _settle(self) -> None:
         self.pipeline.feed(self.decoder.finish())
         self._tell_of(self.pipeline.finish())
+        self._tell_of_lateral(self.pipeline.collect_lateral(wait=True))
         if not self._signing_said:
             self._look_for_signatures()
 
@@ -282,6 +288,11 @@ class LiveSession:
         for found in answered:
             again = f" ({tried(found)})" if found.tries else ""
             self.tell(f"manoeuvre {found.n} ({flown(found)}): {says(found)}{again}")
+
+    def _tell_of_lateral(self, found: list[tuple[int, Bare]]) -> None:
+        """Report the bare airframe of each manoeuvre in a line."""
+        for n, bare in found:
+            self.tell(f"manoeuvre {n}, {lateral_says(bare)}")
 
     def _open(self) -> None:
         self._opened = True

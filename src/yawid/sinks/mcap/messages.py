@@ -7,13 +7,20 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from yawid.answers.run_summary import Manoeuvre, Value, VerdictSummary
+from yawid.answers.run_summary import Bare, Manoeuvre, Value, VerdictSummary
 from yawid.blocks import Array, EstimateBlock, Floats, Held, Ints, ModesBlock, SampleBlock
 from yawid.quantities.airspeed import Kind, known
 from yawid.quantities.table import YAW_CHANNEL
 from yawid.sinks.base import LogLevel
 from yawid.sinks.mcap.protobuf_rows import RowLayout
-from yawid.sinks.mcap.schemas import ESTIMATE, MODE_VALUES, TABLE, descriptor, message_class
+from yawid.sinks.mcap.schemas import (
+    ESTIMATE,
+    LATERAL_TABLE,
+    MODE_VALUES,
+    TABLE,
+    descriptor,
+    message_class,
+)
 from yawid.sinks.words import said_try
 
 Rows = Array
@@ -132,6 +139,24 @@ def verdict_message(verdict: VerdictSummary) -> bytes:
 def manoeuvre_message(found: Manoeuvre) -> bytes:
     """Return one ``yawid.Manoeuvre``, with the numbers of the answering method."""
     return _packed("yawid.Manoeuvre", **manoeuvre_fields(found))
+
+
+def lateral_message(n: int, bare: Bare) -> bytes:
+    """Return one ``yawid.Lateral``."""
+    roll, constants = bare.dutch_roll, {"roll_mode_s": bare.roll_mode, "spiral_s": bare.spiral}
+    known: dict[str, Any] = {} if roll is None else dict(roll.to_json())
+    for name, mode in constants.items():
+        if mode is not None:
+            known |= {name: mode.time_constant_s, f"{name}_std": mode.std}
+    for name, value in ((bare.derivatives or {}) | {"servo_lag_s": bare.servo_lag_s}).items():
+        if value is not None:
+            known |= {name: value.value, f"{name}_std": value.std}
+    known |= {"n": n, "usable": bare.verdict.usable, "gust_std_rad": bare.gust_std_rad}
+    known |= {"whiteness_rho1": bare.whiteness_rho1, "airspeed_m_s": bare.airspeed_m_s}
+    known["reasons"] = "; ".join(reason.text for reason in bare.verdict.reasons)
+    names = [name for name, _ in LATERAL_TABLE["Lateral"]]
+    unknown = {name: math.nan for name in names if known.get(name) is None}
+    return _packed("yawid.Lateral", **{name: ({**known, **unknown})[name] for name in names})
 
 
 def manoeuvre_fields(found: Manoeuvre) -> dict[str, Any]:

@@ -14,9 +14,9 @@ from typing import Any, Final
 from google.protobuf.message import DecodeError
 from msgspec.structs import replace
 
+from yawid.answers.model_parts import Fit
 from yawid.answers.run_summary import (
     DutchRoll,
-    Fit,
     LinkCounts,
     MethodSummary,
     Orders,

@@ -19,6 +19,7 @@ from google.protobuf import descriptor_pb2, descriptor_pool, message_factory, ti
 from google.protobuf.descriptor import Descriptor, FieldDescriptor
 from google.protobuf.message import DecodeError, Message
 
+from yawid.answers.run_summary import Bare
 from yawid.blocks import Held, Noted, Status, words
 from yawid.config.names import RECURSIVE
 from yawid.quantities.airspeed import Kind
@@ -82,6 +83,17 @@ MOTION_TABLE: Final[Mapping[str, tuple[tuple[str, str], ...]]] = {
     "Acceleration": tuple((n, "double") for n in ("boot_time", "ay", "next_attitude_us")),
 }
 """The messages of the lateral motion, one for each one received, as in ``TABLE``."""
+_STD: Final = ("", "_std")
+LATERAL_TABLE: Final = {
+    "Lateral": (
+        ("n", "fixed32"), ("usable", "bool"), ("reasons", "string"),
+        *((n, "double") for n in ("wn_rad_s", "wn_std", "zeta", "zeta_std")),
+        *((f"{n}{s}", "double") for n in ("roll_mode_s", "spiral_s", "servo_lag_s") for s in _STD),
+        *((f"{n}{s}", "double") for n in Bare.NAMES for s in _STD),
+        ("gust_std_rad", "double"), ("whiteness_rho1", "double"), ("airspeed_m_s", "double"),
+    ),
+}  # fmt: skip
+"""The message of a manoeuvre's bare airframe; unknown numbers are NaN."""
 _CALLED: Final = {"yaw_rate": "r", **{f"dutch_roll_{name}": name for name in MODE_VALUES}}
 """The names in the table of quantities of fields that are called otherwise here."""
 _OWN: Final[Mapping[str, str]] = {
@@ -102,6 +114,7 @@ _OWN: Final[Mapping[str, str]] = {
     "Commands.epoch": "count of changes in the meaning of the commands",
     "Commands.exact": "1 where boot_time is the message's own, 0 for the row of a record",
     "Acceleration.next_attitude_us": "boot_time of the next attitude received, in us",
+    "Lateral.n": "number of the manoeuvre",
     "Reason.weight": "fatal or warning",
     "Mode.custom_mode": "HEARTBEAT.custom_mode; NaN where unknown",
     "Mode.name": "as the autopilot calls it",
@@ -121,6 +134,7 @@ TOPICS: Final[Mapping[str, str]] = {
     "/yawid/attitude": "yawid.Attitude",
     "/yawid/commands": "yawid.Commands",
     "/yawid/acceleration": "yawid.Acceleration",
+    "/yawid/lateral": "yawid.Lateral",
 }
 """Every topic of a run's file, and the type of its messages."""
 SAMPLE, MODES, LOG = "/yawid/sample", "/yawid/modes", "/yawid/log"
@@ -128,6 +142,7 @@ MANOEUVRE: Final = "/yawid/manoeuvre"
 FLIGHT: Final = "/yawid/flight"
 """The topic of the flight's verdict, which decides where there was a manoeuvre."""
 VERDICT: Final = "/yawid/verdict"
+LATERAL: Final = "/yawid/lateral"
 MOTION: Final = ("/yawid/attitude", "/yawid/commands", "/yawid/acceleration")
 """The topics of the lateral motion, in the order of :class:`yawid.blocks.MotionBlock`."""
 
@@ -176,7 +191,7 @@ def _add_field(message: descriptor_pb2.DescriptorProto, name: str, kind: str) ->
 
 def _add_message(file: descriptor_pb2.FileDescriptorProto, name: str) -> None:
     message = file.message_type.add(name=name)
-    for field, kind in {**TABLE, **MOTION_TABLE}[name]:
+    for field, kind in {**TABLE, **MOTION_TABLE, **LATERAL_TABLE}[name]:
         _add_field(message, field, kind)
 
 
@@ -184,7 +199,7 @@ def _motion_file() -> descriptor_pb2.FileDescriptorProto:
     file = descriptor_pb2.FileDescriptorProto(
         name="yawid/motion.proto", package=_PACKAGE, syntax="proto3"
     )
-    for name in MOTION_TABLE:
+    for name in (*MOTION_TABLE, *LATERAL_TABLE):
         _add_message(file, name)
     return file
 

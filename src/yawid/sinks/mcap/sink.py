@@ -10,7 +10,7 @@ from typing import Final
 
 import numpy as np
 
-from yawid.answers.run_summary import Manoeuvre, RunSummary
+from yawid.answers.run_summary import Bare, Manoeuvre, RunSummary
 from yawid.blocks import Array, EstimateBlock, Ints, ModesBlock, MotionBlock, SampleBlock
 from yawid.errors import SinkError
 from yawid.sinks.base import Grid, LogLevel, Pace, Sink
@@ -19,6 +19,7 @@ from yawid.sinks.mcap.messages import (
     RunRows,
     estimate_rows,
     joined,
+    lateral_message,
     log_message,
     manoeuvre_message,
     mode_message,
@@ -29,6 +30,7 @@ from yawid.sinks.mcap.messages import (
 from yawid.sinks.mcap.motion_rows import motion_messages
 from yawid.sinks.mcap.schemas import (
     FLIGHT,
+    LATERAL,
     LOG,
     MANOEUVRE,
     MODES,
@@ -106,8 +108,8 @@ class McapSink(Sink):
         self._mode: float | None = None
         self._parameters: tuple[str, ...] = ()
         self._estimate_channels: dict[str, int] = {}
-        self._manoeuvre_channel: int | None = None
-        self._sample_ns = self._log_ns = self._manoeuvre_ns = self._rows = 0
+        self._answers: dict[str, tuple[int, int]] = {}  # by topic: its channel, its newest time
+        self._sample_ns = self._log_ns = self._rows = 0
         self._waiting: list[RunRows] = []
         self._motion: dict[str, tuple[Ints, Array]] = {}
         self._motion_channels: dict[str, int] = {}
@@ -243,15 +245,20 @@ class McapSink(Sink):
 
         The first manoeuvre adds the channel: a file without manoeuvres does not have it.
         """
+        self._add_answer(MANOEUVRE, span_ns[1], manoeuvre_message(found))
+
+    def lateral(self, n: int, bare: Bare, span_ns: tuple[int, int]) -> None:
+        """See :meth:`yawid.sinks.base.Sink.lateral`; as a manoeuvre, on a channel of its own."""
+        self._add_answer(LATERAL, span_ns[1], lateral_message(n, bare))
+
+    def _add_answer(self, topic: str, last_ns: int, message: bytes) -> None:
         self._write_waiting()
-        self._manoeuvre_ns = max(span_ns[1], self._manoeuvre_ns)
         with os_errors_as_sink_error(self._part):
-            if self._manoeuvre_channel is None:
-                self._manoeuvre_channel = self._channel(MANOEUVRE)
+            channel, newest_ns = self._answers.get(topic) or (self._channel(topic), 0)
+            self._answers[topic] = channel, max(last_ns, newest_ns)
             # It has its own chunk: one shared with samples would reach back by seconds.
             self._writer.end_chunk()
-            message = manoeuvre_message(found)
-            self._writer.add_message(self._manoeuvre_channel, self._manoeuvre_ns, message)
+            self._writer.add_message(channel, self._answers[topic][1], message)
             self._writer.end_chunk()
 
     def log(self, unix_ns: int, level: LogLevel, text: str) -> None:

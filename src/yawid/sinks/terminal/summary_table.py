@@ -20,7 +20,16 @@ from yawid.answers.run_summary import (
 )
 from yawid.sinks.door import page_console
 from yawid.sinks.terminal.flight_table import manoeuvres_table, table_notes
-from yawid.sinks.words import NEXT, Row, flight_rows, next_step, noise_spreads, numbers, percent
+from yawid.sinks.words import (
+    NEXT,
+    Row,
+    bare_rows,
+    flight_rows,
+    next_step,
+    noise_spreads,
+    numbers,
+    percent,
+)
 
 NAME_WIDTH = 9
 """The width of the column of names."""
@@ -36,7 +45,7 @@ def print_summary(summary: RunSummary, stream: TextIO) -> None:
     console = page_console(stream)
     console.print(Text(summary.log, style="bold"))
     print_verdict(console, summary.deciding)
-    for row in flight_rows(summary):
+    for row in (*flight_rows(summary), *bare_rows(summary)):
         console.print(Text(hanging(row.name, row.text, console.width), row.style))
     if summary.manoeuvres:
         console.print(manoeuvres_table(summary.manoeuvres, summary.flight))

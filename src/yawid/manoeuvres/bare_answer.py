@@ -1,0 +1,219 @@
+"""The answer on the bare airframe: of one manoeuvre, and of a flight from all its manoeuvres.
+
+A manoeuvre that its gates stop has a verdict and no numbers. A flight's airframe rests on the
+manoeuvres that pass; where none passes alone, one fit over those of one airspeed may still know the
+servo's lag. From one airspeed to another derivatives and modes change by their laws (LAWS).
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from yawid.answers.run_summary import (
+    Bare,
+    DutchRoll,
+    ReasonSummary,
+    TimeConstant,
+    Value,
+    VerdictSummary,
+)
+from yawid.blocks import AIRSPEED_SHARE
+from yawid.lateral.airframe import Airframe, Known
+from yawid.lateral.fit_airframe import fit_airframe
+from yawid.lateral.gates import GATES
+from yawid.lateral.motion import Motion
+from yawid.quantities.flying_qualities import dutch_roll_level
+
+BARE_UNKNOWN: Final = "bare_unknown"
+OF_ALL: Final = frozenset(
+    {"lag_unknown", "wn_uncertain", "aileron_uncertain", "rudder_without_effect", "not_settled"}
+)
+"""The gates that more manoeuvres may pass together; the others speak against the data."""
+LAWS: Final[Mapping[str, int]] = {
+    "Y_beta": 1, "Y_delta_r": 1, "L_p": 1, "L_r": 1, "N_p": 1, "N_r": 1,
+    "L_beta": 2, "L_delta_a": 2, "L_delta_r": 2, "N_beta": 2, "N_delta_a": 2, "N_delta_r": 2,
+    "wn_rad_s": 1, "zeta": 0, "roll_mode": -1, "spiral": 1, "servo_lag_s": 0,
+}  # fmt: skip
+"""The power of the airspeed to which each number is proportional, in air of one density."""
+MOST_TOGETHER: Final = 6
+"""The most manoeuvres of one airspeed in one fit, which takes longer with each."""
+
+
+@dataclass(frozen=True, slots=True)
+class Fitted:
+    """A manoeuvre's motion, or in words why there is none, and what the fit found in it."""
+
+    n: int
+    motion: Motion | str
+    airframe: Airframe | None
+    why: str = ""
+
+    @property
+    def is_known(self) -> bool:
+        """Whether all gates let the airframe pass."""
+        return self.airframe is not None and self.airframe.is_known
+
+    @property
+    def may_join(self) -> bool:
+        """Whether it may be in a fit over several manoeuvres."""
+        return self.airframe is not None and {g.name for g in self.airframe.failed} <= OF_ALL
+
+
+def fitted(n: int, motion: Motion | str, servo_lag_s: float | None) -> Fitted:
+    """Fit the airframe to the motion of manoeuvre ``n``."""
+    if isinstance(motion, str):
+        return Fitted(n, motion, None, motion)
+    found, why = _fit([motion], servo_lag_s)
+    return Fitted(n, motion, found, why)
+
+
+def _fit(motions: Sequence[Motion], servo_lag_s: float | None) -> tuple[Airframe | None, str]:
+    try:
+        return fit_airframe(motions, servo_lag_s=servo_lag_s), ""
+    except (ValueError, np.linalg.LinAlgError) as error:
+        return None, str(error)
+
+
+def lateral_of(found: Fitted) -> Bare:
+    """Return the answer on the airframe of one manoeuvre."""
+    if found.airframe is None:
+        return _unknown([found.n], found.why, None)
+    return _told(found.airframe, [found.n])
+
+
+def _unknown(used: Sequence[int], text: str, step: str | None) -> Bare:
+    said = ReasonSummary(BARE_UNKNOWN, "warning", text)
+    return Bare(used=list(used), verdict=VerdictSummary(usable=False, reasons=[said], next=step))
+
+
+def _told(airframe: Airframe, used: Sequence[int]) -> Bare:
+    if airframe.failed:
+        gates = [(GATES[each.name], each) for each in airframe.failed]
+        text = "; ".join(g.sentence.format(found=e.found, limit=e.limit) for g, e in gates)
+        step = gates[0][0].remedy
+        return _unknown(used, text, f"{step[0].upper()}{step[1:]}.")
+    numbers = {
+        "wn_rad_s": airframe.wn_rad_s, "zeta": airframe.zeta, "roll_mode": airframe.roll_s,
+        "spiral": airframe.spiral_s, "servo_lag_s": airframe.servo_lag_s, **airframe.derivatives,
+    }  # fmt: skip
+    return _bare(numbers, airframe.airspeed_m_s, airframe.gust_std_rad, airframe.rho1, used)
+
+
+def _bare(
+    numbers: Mapping[str, Known], airspeed_m_s: float, gust: float, rho1: float, used: Sequence[int]
+) -> Bare:
+    wn, zeta = numbers["wn_rad_s"], numbers["zeta"]
+    return Bare(
+        dutch_roll=DutchRoll(
+            wn_rad_s=wn.value, wn_std=wn.std, zeta=zeta.value, zeta_std=zeta.std,
+            level=dutch_roll_level(wn.value, zeta.value),
+        ),
+        roll_mode=_constant(numbers["roll_mode"]),
+        spiral=_constant(numbers["spiral"]),
+        derivatives={
+            name: value
+            for name in Bare.NAMES
+            if name in numbers and (value := _value(numbers[name])) is not None
+        },
+        servo_lag_s=_value(numbers["servo_lag_s"]),
+        gust_std_rad=gust, whiteness_rho1=rho1, airspeed_m_s=airspeed_m_s, used=list(used),
+        verdict=VerdictSummary(usable=True, reasons=[]),
+    )  # fmt: skip
+
+
+def _value(known: Known) -> Value | None:
+    if not math.isfinite(known.value):
+        return None
+    return Value(known.value, known.std if math.isfinite(known.std) else None)
+
+
+def _constant(known: Known) -> TimeConstant | None:
+    if not math.isfinite(known.value):
+        return None
+    return TimeConstant(known.value, known.std if math.isfinite(known.std) else None)
+
+
+def bare_of(found: Sequence[Fitted], servo_lag_s: float | None) -> Bare | None:
+    """Return the airframe of a flight at the median airspeed of the manoeuvres used.
+
+    None is returned where there is no manoeuvre. Where no airframe is known the reason is that of
+    the manoeuvre with the fewest.
+    """
+    if not found:
+        return None
+    known = [(each.airframe, [each.n]) for each in found if each.is_known and each.airframe]
+    if not known:
+        known = [pair for group in _of_one_speed(found) if (pair := _together(group, servo_lag_s))]
+    if not known:
+        tried = [each for each in found if each.airframe is not None]
+        best = min(tried, key=lambda each: len(each.airframe.failed), default=found[0])  # type: ignore[union-attr]  # tried have one
+        return lateral_of(best)
+    if len(known) == 1:
+        return _told(*known[0])
+    return _pooled([each for each, _ in known], [n for _, ns in known for n in ns])
+
+
+def _of_one_speed(found: Sequence[Fitted]) -> list[list[Fitted]]:
+    """Return the manoeuvres that may be fitted together, in groups of one airspeed."""
+    groups: list[list[Fitted]] = []
+    for each in found:
+        if not each.may_join or isinstance(each.motion, str):
+            continue
+        v = each.motion.airspeed_m_s
+        near = [g for g in groups if abs(_speed(g[0]) - v) <= AIRSPEED_SHARE * v]
+        if near:
+            near[0].append(each)
+        else:
+            groups.append([each])
+    return [group[:MOST_TOGETHER] for group in groups if len(group) > 1]
+
+
+def _speed(each: Fitted) -> float:
+    assert isinstance(each.motion, Motion)  # only such are grouped
+    return each.motion.airspeed_m_s
+
+
+def _together(
+    group: Sequence[Fitted], servo_lag_s: float | None
+) -> tuple[Airframe, list[int]] | None:
+    motions = [each.motion for each in group if isinstance(each.motion, Motion)]
+    found, _ = _fit(motions, servo_lag_s)
+    if found is None or not found.is_known:
+        return None
+    return found, [each.n for each in group]
+
+
+def _pooled(airframes: Sequence[Airframe], used: Sequence[int]) -> Bare:
+    """Return the weighted mean of several airframes, each brought to the median airspeed by LAWS.
+
+    Sigma is that of the mean, made larger where they scatter by more than their own sigmas.
+    """
+    speeds = np.array([each.airspeed_m_s for each in airframes])
+    middle = float(np.median(speeds))
+    rows = [
+        {"wn_rad_s": a.wn_rad_s, "zeta": a.zeta, "roll_mode": a.roll_s, "spiral": a.spiral_s,
+         "servo_lag_s": a.servo_lag_s, **a.derivatives}
+        for a in airframes
+    ]  # fmt: skip
+    numbers = {}
+    for name in rows[0]:
+        by = (middle / speeds) ** LAWS[name]
+        value = by * np.array([row[name].value for row in rows])
+        std = np.abs(by) * np.array([row[name].std for row in rows])
+        numbers[name] = _mean(value, std)
+    gust = float(np.median([each.gust_std_rad for each in airframes]))
+    rho1 = max((each.rho1 for each in airframes), key=abs)
+    return _bare(numbers, middle, gust, rho1, used)
+
+
+def _mean(value: np.ndarray, std: np.ndarray) -> Known:
+    known = np.isfinite(value) & np.isfinite(std) & (std > 0.0)
+    if not known.any():
+        return Known()
+    value, weights = value[known], std[known] ** -2.0
+    mean = float(weights @ value / weights.sum())
+    scatter = float(weights @ (value - mean) ** 2) / max(len(value) - 1, 1)
+    return Known(mean, math.sqrt(max(scatter, 1.0) / weights.sum()))

@@ -1,0 +1,175 @@
+"""The newest lateral motion, kept until the manoeuvre under way has ended, and a manoeuvre's part.
+
+Attitudes are put on a grid of their own, since their messages jitter; the commands on a fine one,
+on straight lines between their own times. A manoeuvre's rows are those of its own clock: the same
+time may come again after a reboot, and the Unix time says which of them is meant.
+"""
+
+import math
+from collections.abc import Iterator
+from itertools import pairwise
+
+import numpy as np
+
+from yawid.blocks import Floats, Ints, MotionBlock, SampleBlock, StampedRows
+from yawid.lateral.motion import COMMAND_STEP_S, LEAD_S, Motion
+from yawid.quantities.airspeed import Kind, density_ratio
+
+BEHIND_S = 40.0
+"""The time in s for which a manoeuvre may wait for its end to be decided, and its lead."""
+SMALL_ROWS = 1000
+"""The rows up to which new motion is added to the last block, of which there are then few."""
+LEAST_ROWS = 50
+"""The fewest attitudes of a manoeuvre."""
+LEAST_STEP_S = 0.0195
+"""Faster attitudes are averaged to about this step: above 50 Hz they show vibration, no motion."""
+BRIDGED = 1.7
+"""The longest interval between attitudes that is interpolated, in steps."""
+NEAR = 0.25
+"""An instant that is nearer to an attitude than this part of a step has it also next to a gap."""
+LONGEST_COMMAND_S = 0.5
+"""The longest interval between two servo messages in which the commands count as known."""
+
+
+class MotionStore:
+    """The rows of the newest ``longest_s`` seconds and of those before that may be needed."""
+
+    def __init__(self, longest_s: float) -> None:
+        self._kept_us = round(1e6 * (longest_s + BEHIND_S))
+        self._blocks: list[MotionBlock] = []
+
+    def feed(self, block: MotionBlock) -> None:
+        """Take motion in, before the samples of the same time."""
+        if not len(block):
+            return
+        if self._blocks and len(self._blocks[-1]) < SMALL_ROWS:
+            block = MotionBlock.joined([self._blocks.pop(), block])
+        self._blocks.append(block)
+
+    def forget(self, samples: SampleBlock) -> None:
+        """Forget whole blocks that no manoeuvre ending after these samples can need."""
+        low_ns = int(samples.unix_ns[-1]) - 1000 * self._kept_us
+        old = 0
+        while old < len(self._blocks) and _newest_ns(self._blocks[old]) < low_ns:
+            old += 1
+        del self._blocks[:old]
+
+    def cut(self, samples: SampleBlock) -> "Motion | str":
+        """Return the motion of a manoeuvre's samples, or in words what is missing of it."""
+        if not self._blocks:
+            return "the log has no attitude with roll and roll rate"
+        if (np.diff(samples.k) < 0).any():
+            return "the vehicle rebooted during it"
+        airspeed_m_s = true_airspeed(samples)
+        if not math.isfinite(airspeed_m_s):
+            return "the airspeed is not known"
+        block = MotionBlock.joined(self._blocks)
+        span_us = int(samples.boot_us[0]), int(samples.boot_us[-1])
+        attitude = _inside(_own_clock(block.attitude, samples), *span_us)
+        if len(attitude) < LEAST_ROWS:
+            return f"it has {len(attitude)} attitudes with roll and roll rate"
+        before_us = round(1e6 * LEAD_S) + round(1e6 * LONGEST_COMMAND_S)
+        commands = _own_clock(block.commands, samples)
+        commands = commands.select(commands.values[:, 2] == samples.epoch[-1])
+        first, stop = np.searchsorted(commands.t_us, (span_us[0] - before_us, span_us[1] + 1))
+        commands = commands.select(slice(int(first), int(stop) + 2))
+        ay = _inside(_own_clock(block.acceleration, samples), *span_us)
+        next_us = attitude.t_us[-1]
+        return motion_of(attitude, commands, ay.select(ay.values[:, 1] <= next_us), airspeed_m_s)
+
+
+def motion_of(
+    attitude: StampedRows, commands: StampedRows, ay: StampedRows, airspeed_m_s: float
+) -> Motion | str:
+    """Return the motion on its grids, or in words why there is none; times begin at the first row.
+
+    The step of the grid is that of the slower of attitudes and commands.
+    """
+    t_s = (attitude.t_us - attitude.t_us[0]) / 1e6
+    interval_s = float(np.median(np.diff(t_s)))
+    known = np.isfinite(commands.values[:, 0])
+    aileron_known = bool(known.any() and np.isfinite(commands.values[known, 1]).all())
+    commands = commands.select(known)
+    command_s = (commands.t_us - attitude.t_us[0]) / 1e6
+    if len(command_s) < 2 or not (command_s[0] <= 0.0 and command_s[-1] >= t_s[-1]):
+        return "the commands do not cover it"
+    if (longest_s := float(np.diff(command_s[command_s >= -LEAD_S]).max())) > LONGEST_COMMAND_S:
+        return f"there is no servo message for {longest_s:.2g} s of it"
+    step_s = max(interval_s, float(np.median(np.diff(command_s))), LEAST_STEP_S)
+    count = max(1, round(step_s / interval_s))
+    step_s = count * interval_s
+    grid_s = np.arange(math.floor(t_s[-1] / step_s) + 1) * step_s
+    columns = _on_grid(t_s, _averaged(attitude.values, count), grid_s, step_s)
+    start_s = -COMMAND_STEP_S * math.floor(-max(command_s[0], -LEAD_S) / COMMAND_STEP_S)
+    steps = math.floor((command_s[-1] - start_s) / COMMAND_STEP_S + 1e-9)
+    fine_s = start_s + COMMAND_STEP_S * np.arange(steps + 1)
+    rudder, aileron = (np.interp(fine_s, command_s, commands.values[:, i]) for i in (0, 1))
+    roll, pitch, p, q, r = columns.T
+    return Motion(
+        sample_time_s=step_s, p=p, r=r, roll=roll, pitch=pitch, q=q,
+        commands_start_s=start_s, rudder=rudder,
+        aileron=aileron if aileron_known else np.zeros_like(rudder),
+        airspeed_m_s=airspeed_m_s, commands_exact=bool((commands.values[:, 3] == 1.0).all()),
+        aileron_known=aileron_known,
+        ay_t_s=(ay.t_us - attitude.t_us[0]) / 1e6 if len(ay) else None,
+        ay_m_s2=ay.values[:, 0] if len(ay) else None,
+    )  # fmt: skip
+
+
+def true_airspeed(samples: SampleBlock) -> float:
+    """Return the mean true airspeed in m/s, NaN where no airspeed is known.
+
+    Where the altitude is unknown the air of sea level is assumed: the modes hardly depend on it.
+    """
+    used = samples.select(samples.held == 0)
+    ratio = density_ratio(used.altitude)
+    ratio = np.where(np.isfinite(ratio), ratio, 1.0)
+    is_true = used.airspeed_kind == float(Kind.TRUE)
+    speeds = np.where(is_true, used.airspeed, used.airspeed / np.sqrt(ratio))
+    speeds = speeds[np.isfinite(speeds)]
+    return float(speeds.mean()) if len(speeds) else math.nan
+
+
+def _newest_ns(block: MotionBlock) -> int:
+    parts = (block.attitude, block.commands, block.acceleration)
+    return max(int(part.unix_ns[-1]) for part in parts if len(part))
+
+
+def _runs(t_us: Ints) -> Iterator[tuple[int, int]]:
+    """Yield where each run of increasing times begins and ends."""
+    edges = [0, *(np.flatnonzero(np.diff(t_us) < 0) + 1).tolist(), len(t_us)]
+    yield from ((a, b) for a, b in pairwise(edges) if b > a)
+
+
+def _own_clock(rows: StampedRows, samples: SampleBlock) -> StampedRows:
+    """Return the rows between two reboots of which the samples are: by the Unix time at the end."""
+    last_us, last_ns = int(samples.boot_us[-1]), int(samples.unix_ns[-1])
+
+    def away_ns(run: tuple[int, int]) -> int:
+        at = min(int(np.searchsorted(rows.t_us[slice(*run)], last_us)) + run[0], run[1] - 1)
+        return abs(int(rows.unix_ns[at]) - 1000 * int(rows.t_us[at] - last_us) - last_ns)
+
+    return rows.select(slice(*min(_runs(rows.t_us), key=away_ns, default=(0, 0))))
+
+
+def _inside(rows: StampedRows, first_us: int, last_us: int) -> StampedRows:
+    first, stop = np.searchsorted(rows.t_us, (first_us, last_us + 1))
+    return rows.select(slice(int(first), int(stop)))
+
+
+def _averaged(values: Floats, count: int) -> Floats:
+    """Return the means of ``count`` rows around each row of values (n, m), fewer at the ends."""
+    if count == 1:
+        return values
+    weights = np.ones(count + 1 - count % 2)  # an odd number has a middle
+    within = np.convolve(np.ones(len(values)), weights, "same")
+    return np.column_stack([np.convolve(x, weights, "same") / within for x in values.T])
+
+
+def _on_grid(t_s: Floats, values: Floats, grid_s: Floats, step_s: float) -> Floats:
+    """Return values (n, m) at instants (k,) on straight lines, NaN in gaps."""
+    after = np.clip(np.searchsorted(t_s, grid_s), 1, len(t_s) - 1)
+    left, right = grid_s - t_s[after - 1], t_s[after] - grid_s
+    lost = (left + right > BRIDGED * step_s) & (np.minimum(left, right) > NEAR * step_s)
+    found = np.column_stack([np.interp(grid_s, t_s, x) for x in values.T])
+    return np.where(lost[:, None], np.nan, found)

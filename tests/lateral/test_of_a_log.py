@@ -1,0 +1,155 @@
+"""The bare airframe from a log: motion, fit and files, the same live, in replay and of the MCAP."""
+
+from __future__ import annotations
+
+import json
+from concurrent.futures import ThreadPoolExecutor
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from flightlog import FlightLog
+from lateral.flown import AIRSPEED_M_S, COMMAND_STEP_S, DERIVATIVES, airframe, flown, modes
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from yawid.channels.stage import WANTED
+from yawid.cli.main import main
+from yawid.config.run import RunConfig
+from yawid.lateral.motion import Motion
+from yawid.pipeline import Pipeline
+from yawid.runs.job import feed_all
+from yawid.sources.open_log import TlogBytes
+
+START_S, TRAVEL_US = 20.0, 400
+WN, ZETA, ROLL_S = modes(airframe(DERIVATIVES)[0])
+
+
+@cache
+def motion(seconds: float = 30.0) -> Motion:
+    return flown(3, seconds=seconds, rate_hz=50.0, amplitude=0.3, aileron=0.2)
+
+
+@cache
+def log(*, aileron: bool = True, start_s: float = START_S) -> bytes:
+    """Return a tlog of the motion: 10 s at rest, attitudes at 25 Hz, servos at 50 Hz in between."""
+    m, made = motion(), FlightLog()
+    made.heartbeat(start_s - 10.0)
+    for name, value in (("SERVO4_FUNCTION", 21.0), *([("SERVO1_FUNCTION", 4.0)] * aileron)):
+        made.parameter(start_s - 10.0, name, value)
+    rest = np.zeros(500)
+    columns = [np.concatenate([rest, x]) for x in (m.roll, m.p, m.r)]
+    for k in range(len(columns[0])):
+        t = start_s - 10.0 + 0.02 * k
+        if k % 50 == 0:
+            made.heartbeat(t)
+            hud = mavlink.MAVLink_vfr_hud_message(AIRSPEED_M_S, AIRSPEED_M_S, 0, 50, 0.0, 0.0)
+            made.add(t, hud)
+        if k % 2 == 0:
+            roll, p, r = (x[k] for x in columns)
+            made.add(t, mavlink.MAVLink_attitude_message(round(1000 * t), roll, 0, 0, p, 0, r))
+        at_s = t + 0.01 - start_s - m.commands_start_s
+        own = [
+            np.interp(at_s, COMMAND_STEP_S * np.arange(len(u)), u) for u in (m.aileron, m.rudder)
+        ]
+        moved = [round(1500 + TRAVEL_US * x) if at_s > 0 else 1500 for x in own]
+        made.servos(t + 0.01, [moved[0], 1500, 1500, moved[1]])
+    return made.data
+
+
+def run(data: bytes, *, worker: bool = False, size: int = 0, **settings: object) -> Pipeline:
+    config = RunConfig(lateral="auto", servo_lag=0.0, **settings)  # type: ignore[arg-type]
+    pieces = [data[at : at + (size or len(data))] for at in range(0, len(data), size or len(data))]
+    if not worker:
+        pipeline = Pipeline(config)
+        feed_all(TlogBytes(pieces, WANTED), pipeline)
+        return pipeline
+    with ThreadPoolExecutor(1) as fits, ThreadPoolExecutor(1) as lateral:
+        pipeline = Pipeline(config, worker=fits, lateral_worker=lateral)
+        feed_all(TlogBytes(pieces, WANTED), pipeline)
+    return pipeline
+
+
+@cache
+def whole() -> Pipeline:
+    return run(log())
+
+
+def test_the_airframe_of_a_log_is_that_of_its_equations():
+    bare = whole().bare()
+
+    assert bare is not None
+    assert bare.dutch_roll is not None, bare.verdict
+    assert bare.dutch_roll.wn_rad_s == pytest.approx(WN, rel=0.02)
+    assert bare.dutch_roll.zeta == pytest.approx(ZETA, abs=0.015)
+    assert bare.roll_mode is not None
+    assert bare.roll_mode.time_constant_s == pytest.approx(ROLL_S, rel=0.15)
+    assert bare.derivatives is not None
+    assert bare.derivatives["N_delta_r"].value == pytest.approx(DERIVATIVES["N_delta_r"], rel=0.06)
+    assert bare.airspeed_m_s == pytest.approx(AIRSPEED_M_S)
+    manoeuvres = whole().manoeuvres
+    assert manoeuvres is not None
+    assert [each.lateral.used for each in manoeuvres if each.lateral] == [[1], [2], [3]]
+
+
+def test_live_on_a_worker_equals_replay_to_the_bit():
+    live = run(log(), worker=True, size=700)
+
+    assert live.bare() == whole().bare()
+    assert live.manoeuvres == whole().manoeuvres
+
+
+def test_a_log_and_its_mcap_answer_alike_to_the_bit(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    (tmp_path / "log.tlog").write_bytes(log())
+    options = ["--json", "--lateral", "auto", "--servo-lag", "0"]
+    found = []
+    for source, out in (("log.tlog", "a"), ("a/log.mcap", "b")):
+        main(["replay", str(tmp_path / source), "--out", str(tmp_path / out), *options])
+        found.append(json.loads(capsys.readouterr().out))
+
+    first, second = found
+    assert first["bare"]["verdict"]["usable"]
+    assert second["bare"] == first["bare"]
+    assert second["manoeuvres"] == first["manoeuvres"]
+
+
+def test_after_a_reboot_the_motion_is_that_of_its_own_boot():
+    """The second boot has the same times: only the Unix time says whose rows are whose."""
+    again = bytearray(log())
+    two = run(log() + bytes(_later(again, 100.0)))
+
+    assert two.manoeuvres is not None
+    one = whole().manoeuvres
+    assert one is not None
+    rolls = [each.lateral and each.lateral.dutch_roll for each in (*one, *one)]
+    assert [each.lateral and each.lateral.dutch_roll for each in two.manoeuvres] == rolls
+
+
+def _later(data: bytearray, seconds: float) -> bytearray:
+    """Move the receive stamps of a tlog of MAVLink 2 frames."""
+    at = 0
+    while at < len(data):
+        stamp = int.from_bytes(data[at : at + 8], "big") + round(1e6 * seconds)
+        data[at : at + 8] = stamp.to_bytes(8, "big")
+        at += 8 + 12 + data[at + 9]
+    return data
+
+
+def test_without_an_aileron_it_says_so():
+    bare = run(log(aileron=False), aileron="servo:7").bare()
+
+    assert bare is not None
+    assert bare.dutch_roll is None
+    assert not bare.verdict.usable
+    assert bare.verdict.reasons[0].id == "bare_unknown"
+
+
+def test_without_the_option_nothing_is_fitted():
+    pipeline = Pipeline(RunConfig())
+    feed_all(TlogBytes([log()], WANTED), pipeline)
+
+    assert pipeline.bare() is None
+    assert pipeline.manoeuvres is not None
+    assert all(each.lateral is None for each in pipeline.manoeuvres)
