@@ -50,7 +50,7 @@ def test_a_minute_of_hostile_logs_and_command_lines_ends_in_no_traceback(
     fuzz.run(flight, arguments, folder)
 
 
-@settings(FEW, max_examples=60)
+@settings(FEW, max_examples=30)
 @given(data=st.binary(max_size=4000) | flights().map(FuzzFlight.tlog), size=st.integers(300, 5000))
 def test_any_bytes_are_decoded_and_every_byte_is_counted(data: bytes, size: int) -> None:
     decoder, channels = Decoder(WANTED), Channels(RunConfig())

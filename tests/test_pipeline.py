@@ -50,7 +50,7 @@ def weave(seconds: float) -> bytes:
     return log.data
 
 
-@pytest.mark.parametrize(("size", "seconds"), [(1, 5.0), (7, 12.0), (4096, 25.0)])
+@pytest.mark.parametrize(("size", "seconds"), [(1, 5.0), (4096, 25.0)])
 def test_estimates_do_not_depend_on_the_cut_of_the_stream(size: int, seconds: float):
     data = weave(seconds)
     whole, expected = run(data, len(data), rate=10.0)

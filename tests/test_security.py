@@ -190,7 +190,7 @@ def framed(link: Any, kind: Any, payload: bytes, i: int) -> bytes:
     return header + body + struct.pack("<H", crc.crc)
 
 
-@settings(max_examples=120, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=80, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(log=hostile_records())
 def test_frames_with_any_bits_in_their_fields_give_a_verdict(log: bytes):
     found = told(log, None)
@@ -199,7 +199,7 @@ def test_frames_with_any_bits_in_their_fields_give_a_verdict(log: bytes):
     assert isinstance(found["verdict"]["usable"], bool)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(data=st.data())
 def test_a_good_log_damaged_anywhere_gives_a_verdict(data: st.DataObject):
     log = bytearray(FLIGHT[:60_000])

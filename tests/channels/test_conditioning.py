@@ -3,6 +3,7 @@ from __future__ import annotations
 import itertools
 import math
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -173,11 +174,16 @@ def test_the_stroke_is_that_of_the_newest_window_wherever_the_stream_is_cut(u, w
         np.testing.assert_array_equal(later, expected[cut:])
 
 
+@cache
+def weave() -> SampleBlock:
+    return samples_of(flight(seconds=25.0))
+
+
 @settings(max_examples=30)
 @given(cuts=st.lists(st.integers(1, 399), max_size=6, unique=True), seed=st.integers(0, 50))
 def test_notes_do_not_depend_on_the_cut_and_a_new_meaning_of_the_rudder_is_new_rest(cuts, seed):
     rng = np.random.default_rng(seed)
-    flown = samples_of(flight(seconds=25.0))
+    flown = weave()
     columns = [getattr(flown, name)[:400] for name in SampleBlock.__slots__[1:]]
     block = SampleBlock(flown.blocks[0].sample_time_s, *columns)
     u = 0.1 * np.repeat(rng.choice([0.0, 0.0, 1.0], 8), 50)

@@ -81,7 +81,7 @@ def covered(values, truths):
     return [low <= truth <= high for (low, high), truth in pairs]
 
 
-@pytest.mark.parametrize("tau", [0.5, 2.0])
+@pytest.mark.parametrize("tau", [0.5, pytest.param(2.0, marks=pytest.mark.long)])
 def test_with_2_percent_noise_the_intervals_cover_k_and_t(tau):
     rng, hits = np.random.default_rng(11), []
     for _ in range(RUNS):
@@ -94,7 +94,7 @@ def test_with_2_percent_noise_the_intervals_cover_k_and_t(tau):
     assert (coverage <= 0.98).all(), coverage
 
 
-@pytest.mark.parametrize(("D", "q"), [(0.2, 2.5), (0.5, 1.5)])
+@pytest.mark.parametrize(("D", "q"), [(0.2, 2.5), pytest.param(0.5, 1.5, marks=pytest.mark.long)])
 def test_with_2_percent_noise_the_intervals_cover_k_d_and_q(D, q):
     rng, hits = np.random.default_rng(12), []
     for _ in range(RUNS):
@@ -131,7 +131,7 @@ def test_missing_samples_and_uneven_times_do_no_harm():
     st.integers(0, 2**32 - 1), st.integers(10, 150), st.integers(0, 2), st.floats(-9.0, 9.0),
     st.sampled_from([fit_first_order, fit_second_order]),
 )  # fmt: skip
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=25, deadline=None)
 def test_any_record_is_fitted_or_refused_never_half_done(seed, n, sums, decade, fit):
     """White noise, a random walk or its integral, of any size: finite values or one clear error."""
     rng = np.random.default_rng(seed)

@@ -73,7 +73,7 @@ REMEDY = RunConfig(forgetting=1.0, turn="remove", band=(0.15, 3.0))
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "kind", one_in(4, range(len(corpus_quiet.KINDS))), ids=list(corpus_quiet.KINDS)
+    "kind", one_in(7, range(len(corpus_quiet.KINDS))), ids=list(corpus_quiet.KINDS)
 )
 def test_what_nobody_excited_is_not_usable(kind: int, tmp_path: Path):
     """One of each kind; tools/bench.py verdict judges fifteen of each."""

@@ -88,14 +88,15 @@ def test_a_signal_that_comes_when_all_is_read_changes_nothing(tmp_path: Path) ->
 def test_a_whole_run_is_never_overwritten_by_one_that_was_stopped(
     long: Path, tmp_path: Path
 ) -> None:
+    command = ("replay", long, "--manoeuvres", "off", "--out", tmp_path)
     (tmp_path / "long.mcap").write_bytes(b"whole")
-    done = yawid_with("SIGINT", 3, "replay", long, "--out", tmp_path, "--force")
+    done = yawid_with("SIGINT", 3, *command, "--force")
     assert done.returncode == 130
     assert (tmp_path / "long.mcap").read_bytes() == b"whole"
 
     (tmp_path / "long.mcap").unlink()
     (tmp_path / "long.interrupted.mcap").write_bytes(b"earlier")
-    done = yawid_with("SIGINT", 3, "replay", long, "--out", tmp_path)
+    done = yawid_with("SIGINT", 3, *command)
     assert done.returncode == 6
     assert "long.interrupted.mcap exists: --force" in done.stderr
     assert [path.read_bytes() for path in tmp_path.iterdir()] == [b"earlier"]
@@ -118,11 +119,11 @@ def test_a_replay_of_a_run_is_interrupted_alike(tmp_path: Path) -> None:
     ("command", "name"), [("inspect", "SIGTERM"), ("orders", "SIGINT"), ("report", "SIGTERM")]
 )
 def test_a_command_that_makes_one_answer_ends_without_it(
-    long: Path, tmp_path: Path, name: str, command: str
+    tmp_path: Path, name: str, command: str
 ) -> None:
-    arguments = [command, str(long)]
+    arguments = [command, str(C172P)]
     if command == "report":
-        run = replayed(C172P, tmp_path, "--rate", 10)
+        run = replayed(C172P, tmp_path, "--rate", 10, "--manoeuvres", "off")
         arguments = [command, str(run)]
     done = stopped(name, arguments)
 

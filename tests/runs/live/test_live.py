@@ -17,9 +17,8 @@ from checks.children import child
 from finished_runs import messages
 from flights import send_tlog
 from flights.flight import FlightPlan
-from flights.fly import fly
-from flights.surgery import split
-from flights.telemetry import Link
+from flights.fly import flight_of
+from flights.telemetry import Link, telemetry
 from live_link import (
     CONFIG,
     Screen,
@@ -43,7 +42,8 @@ from yawid.runs.replay import StopFlag, replay
 
 
 def test_replaying_the_recorded_session_gives_the_same_bits(tmp_path: Path):
-    sent = split(fly(FlightPlan(seconds=25.0), Link(attitude_hz=50.0, servo_hz=50.0)).log)
+    link = Link(attitude_hz=50.0, servo_hz=50.0)
+    sent = list(telemetry(link, flight_of(FlightPlan(seconds=25.0), link)))
     config = RunConfig(rate=10.0)
     with listening(tmp_path, config, Outputs(tmp_path, "live", "save")) as session:
         send_tlog.send(sent, ("127.0.0.1", session.port), 25.0)

@@ -50,13 +50,16 @@ def test_garbage_costs_only_the_message_it_stands_in(tmp_path: Path, data: st.Da
     assert np.isin(found["time_usec"], whole["time_usec"]).all()
 
 
+FLIGHT = logged(flown(2.0)).data
+
+
 @given(st.integers(0, 2**32 - 1))
 @settings(
-    max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+    max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )
 def test_flipped_bytes_are_survived_in_silence(tmp_path: Path, seed: int):
     rng = np.random.default_rng(seed)
-    data = np.frombuffer(logged(flown(2.0)).data, np.uint8).copy()
+    data = np.frombuffer(FLIGHT, np.uint8).copy()
     where = rng.choice(np.arange(2, len(data)), 30, replace=False)
     data[where] ^= rng.integers(1, 256, 30, np.uint8)
     said = io.StringIO()

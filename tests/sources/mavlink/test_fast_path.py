@@ -94,7 +94,7 @@ def columns(blocks: list[FrameBlock | None]) -> list[list[tuple[Any, ...]]]:
     return [[of(m) for m in (block.messages if block else {}).values()] for block in blocks]
 
 
-@settings(deadline=None, max_examples=60)
+@settings(deadline=None, max_examples=30)
 @given(
     seed=st.integers(0, 2**32 - 1),
     damage=st.lists(st.tuples(st.floats(0, 1), DAMAGE), max_size=3),
