@@ -150,7 +150,7 @@ def test_what_is_held_does_not_depend_on_the_cut():
     ]
     data = flown([], [*telling, beat(19)], motors=(DRIVEN, DRIVEN))
     whole = samples_of(data)
-    cut = samples_of(data, cuts=range(0, len(data), 389))
+    cut = samples_of(data, cuts=range(0, len(data), 1511))
 
     assert {0, Held.HOVER | Held.LIFT_MOTORS} <= set(whole.held)
     np.testing.assert_array_equal(cut.held, whole.held)

@@ -15,7 +15,10 @@ from yawid.cli.main import main
 from yawid.quantities.table import YAW_CHANNEL
 
 SITL = REPLAY_LOGS / "sitl_fbwa_50hz" / "log.tlog"
-OPTIONS = ("--method", "rml", "--also", "none", "--rate", 25, "--forgetting", 1, "--from", 86.5)
+OPTIONS = (
+    "--method", "rml", "--also", "none", "--manoeuvres", "off",
+    "--rate", 25, "--forgetting", 1, "--from", 86.5,
+)  # fmt: skip
 
 
 def replayed(capsys, folder: Path, *options: object) -> dict[str, Any]:
