@@ -6,6 +6,7 @@ from pathlib import Path
 from yawid.answers.run_summary import ReasonSummary, RunSummary
 from yawid.quantities.units import HALF_TRAVEL
 from yawid.report.airspeed_picture import airspeed_picture
+from yawid.report.bare import bare_section
 from yawid.report.data import gather
 from yawid.report.html import first_screen, note, numbers, page, pictures, tables
 from yawid.report.manoeuvre_data import Drawn
@@ -95,6 +96,7 @@ class Report:
         )  # fmt: skip
         unit = HALF_TRAVEL if run.grid is None else run.grid.rudder_unit
         yield from flight_section(summary, unit)
+        yield from bare_section(summary)
         yield pictures("Measurement and model", self._of_flight())
         against = [] if summary.deciding.usable else summary.deciding.fatal
         of = f" of manoeuvre {self._first.found.n}" if self._first is not None else ""

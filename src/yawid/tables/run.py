@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from yawid.answers.run_summary import RunSummary
+from yawid.answers.run_summary import Bare, RunSummary
 from yawid.blocks import EstimateBlock, ModesBlock, SampleBlock
 from yawid.config.run import RunConfig
 from yawid.sinks.base import Grid, Sink, rudder_unit
@@ -81,6 +81,11 @@ class Run:
     def manoeuvres(self) -> Table:
         """The manoeuvres with their conditions, answers and theta; no row where none was found."""
         return Table("manoeuvres", [*manoeuvre_columns(self.summary, self._known)])
+
+    @property
+    def bare(self) -> Bare | None:
+        """The bare airframe of the flight; None without ``lateral="auto"`` or a manoeuvre."""
+        return self.summary.bare
 
     @cached_property
     def record(self) -> Table:

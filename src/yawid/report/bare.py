@@ -1,0 +1,74 @@
+"""The report's section on the bare airframe: its numbers next to the answer as flown."""
+
+from collections.abc import Iterator
+from typing import Final
+
+from yawid.answers.run_summary import Bare, DutchRoll, RunSummary
+from yawid.report.html import grid, note, numbers, table
+from yawid.sinks.words import NONE, count, of_value, plus_minus
+
+SYMBOLS: Final = {
+    "Y_beta": ("Y_β/V", "−a_z^β", "1/s"),
+    "L_beta": ("L_β", "a_mx^β", "1/s²"),
+    "L_p": ("L_p", "−a_mx^ωx", "1/s"),
+    "L_r": ("L_r", "a_mx^ωy", "1/s"),
+    "L_delta_a": ("L_δa", "a_mx^δb", "1/s² per aileron"),
+    "L_delta_r": ("L_δr", NONE, "1/s² per rudder"),
+    "N_beta": ("N_β", "a_my^β", "1/s²"),
+    "N_p": ("N_p", "a_my^ωx", "1/s"),
+    "N_r": ("N_r", "−a_my^ωy", "1/s"),
+    "N_delta_a": ("N_δa", NONE, "1/s² per aileron"),
+    "N_delta_r": ("N_δr", "a_my^δH", "1/s² per rudder"),
+    "Y_delta_r": ("Y_δr/V", NONE, "1/s per rudder"),
+}
+"""Of each derivative the usual name, the paper's (eq. 21), and the unit."""
+
+
+def bare_section(summary: RunSummary) -> Iterator[str]:
+    """Yield the section on the bare airframe; nothing where it was not looked for."""
+    bare = summary.bare
+    if bare is None:
+        return
+    if bare.dutch_roll is None:
+        why = "; ".join(reason.text for reason in bare.verdict.reasons)
+        step = f" Next: {bare.verdict.next}" if bare.verdict.next else ""
+        yield note("The bare airframe", f"It is not known: {why}.{step}")
+        return
+    flown = None if summary.flight is None else summary.flight.dutch_roll
+    shown = [grid("Dutch roll, ± one σ", ("", "bare", "as flown"), _modes(bare.dutch_roll, flown))]
+    shown.append(table("Other modes", dict(_others(bare))))
+    rows = [
+        (symbol, paper, of_value(bare.derivatives[name]), unit)
+        for name, (symbol, paper, unit) in SYMBOLS.items()
+        if bare.derivatives and name in bare.derivatives
+    ]
+    shown.append(grid("Derivatives, ± one σ", ("", "paper's", "value", "unit"), rows))
+    yield numbers("The bare airframe", shown, [])
+    yield note(
+        "",
+        "This is the airframe without the roll loop that it was flown with, from p, r, roll and "
+        "the commands of rudder and aileron; a level of flying qualities is its own. One unit of "
+        "rudder or aileron is that of its channel. Ixz is folded into the derivatives.",
+    )
+
+
+def _modes(bare: DutchRoll, flown: DutchRoll | None) -> list[tuple[str, str, str]]:
+    both = [bare, flown]
+    wn = [NONE if m is None else plus_minus(m.wn_rad_s, m.wn_std) for m in both]
+    zeta = [NONE if m is None else plus_minus(m.zeta, m.zeta_std) for m in both]
+    level = [NONE if m is None or m.level is None else str(m.level) for m in both]
+    return [
+        ("ωn, rad/s", wn[0], wn[1]), ("ζ", zeta[0], zeta[1]),
+        ("level (MIL-F-8785C)", level[0], level[1]),
+    ]  # fmt: skip
+
+
+def _others(bare: Bare) -> Iterator[tuple[str, str]]:
+    for name, mode in (("roll mode", bare.roll_mode), ("spiral", bare.spiral)):
+        if mode is not None:
+            yield f"{name}, time constant, s", plus_minus(mode.time_constant_s, mode.std)
+    if bare.servo_lag_s is not None:
+        yield "servo lag, s", of_value(bare.servo_lag_s)
+    if bare.airspeed_m_s is not None:
+        yield "at", f"{bare.airspeed_m_s:.1f} m/s (true airspeed)"
+    yield "from", f"{count(len(bare.used))}: {', '.join(map(str, bare.used))}"

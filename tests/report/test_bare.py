@@ -1,0 +1,74 @@
+"""The report on the bare airframe: next to the answer as flown, or why it is not known."""
+
+from __future__ import annotations
+
+import re
+
+from yawid.answers.run_summary import (
+    Bare,
+    DutchRoll,
+    LinkCounts,
+    ReasonSummary,
+    RunSummary,
+    TimeConstant,
+    Value,
+    VerdictSummary,
+)
+from yawid.report.bare import bare_section
+from yawid.sinks.words import bare_rows
+
+USABLE = VerdictSummary(usable=True, reasons=[])
+KNOWN = Bare(
+    dutch_roll=DutchRoll(wn_rad_s=2.41, wn_std=0.03, zeta=0.12, zeta_std=0.008, level=1),
+    roll_mode=TimeConstant(0.25, 0.03), spiral=TimeConstant(-40.0, 12.0),
+    derivatives={"N_beta": Value(5.7, 0.2), "N_delta_r": Value(-1.46, 0.05)},
+    servo_lag_s=Value(0.14, 0.005), airspeed_m_s=50.0, used=[1, 3], verdict=USABLE,
+)  # fmt: skip
+
+
+def summary(bare: Bare | None) -> RunSummary:
+    return RunSummary(
+        log="a.tlog", duration_s=1.0, link=LinkCounts(), channels={}, verdict=USABLE, bare=bare
+    )
+
+
+def plain(html: str) -> str:
+    return re.sub(r"\s+", " ", re.sub(r"<[^>]+>", " ", html))
+
+
+def test_the_report_has_modes_and_derivatives_with_their_sigmas():
+    said = plain("".join(bare_section(summary(KNOWN))))
+
+    for part in ("2.410 ± 0.030", "0.1200 ± 0.0080", "0.250 ± 0.030", "-40 ± 12", "5.70 ± 0.20"):
+        assert part in said, part
+    assert "a_my^β" in said
+    assert "two manoeuvres" in said or "2 manoeuvres: 1, 3" in said
+
+
+def test_the_terminal_has_them_in_three_lines():
+    rows = [row.text for row in bare_rows(summary(KNOWN))]
+
+    assert rows == [
+        "wn 2.410 ± 0.030 rad/s, zeta 0.1200 ± 0.0080, level 1",
+        "roll mode 0.250 ± 0.030 s, spiral -40 ± 12 s, servo lag 0.1400 ± 0.0050 s",
+        "this is the airframe without its roll loop at 50.0 m/s (true airspeed), from 2 manoeuvres",
+    ]
+
+
+def test_an_airframe_that_is_not_known_has_its_cause_and_no_number():
+    why = ReasonSummary("bare_unknown", "warning", "the aileron is a copy")
+    verdict = VerdictSummary(usable=False, reasons=[why], next="Move the rudder.")
+    unknown = Bare(used=[1], verdict=verdict)
+
+    said = plain("".join(bare_section(summary(unknown))))
+
+    assert "not known: the aileron is a copy. Next: Move the rudder." in said
+    assert [row.text for row in bare_rows(summary(unknown))] == [
+        "the bare airframe is not known: the aileron is a copy",
+        "next: Move the rudder. (yawid explain bare_unknown)",
+    ]
+
+
+def test_without_the_option_there_is_nothing():
+    assert list(bare_section(summary(None))) == []
+    assert list(bare_rows(summary(None))) == []
