@@ -13,12 +13,14 @@ from flightlog import FlightLog
 from lateral.flown import AIRSPEED_M_S, COMMAND_STEP_S, DERIVATIVES, airframe, flown, modes
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from yawid.blocks import MotionBlock
 from yawid.channels.stage import WANTED
 from yawid.cli.main import main
 from yawid.config.run import RunConfig
 from yawid.lateral.motion import Motion
 from yawid.pipeline import Pipeline
 from yawid.runs.job import feed_all
+from yawid.sinks.mcap.reader import open_run
 from yawid.sources.open_log import TlogBytes
 
 START_S, TRAVEL_US = 20.0, 400
@@ -153,3 +155,25 @@ def test_without_the_option_nothing_is_fitted():
     assert pipeline.bare() is None
     assert pipeline.manoeuvres is not None
     assert all(each.lateral is None for each in pipeline.manoeuvres)
+
+
+def test_a_record_is_refused_without_a_fit_as_its_commands_are_on_its_rows(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    """Its roll rate in deg/s is read only with the option."""
+    m, path = motion(), tmp_path / "flight.csv"
+    t, of = 0.02 * np.arange(len(m.p)), m.command_times_s()
+    rudder, aileron = (np.interp(t, of, u) for u in (m.rudder, m.aileron))
+    rows = np.column_stack([t, rudder, aileron, m.r, np.rad2deg(m.p), m.roll, 0 * t, 0 * t, 50 + t])
+    head = "t [s],rudder [half-travel],aileron [half-travel],r [rad/s],p [deg/s],roll [rad]"
+    head += ",pitch [rad],q [rad/s],airspeed [m/s]"
+    np.savetxt(path, rows, delimiter=",", header=head, comments="")
+
+    main(["replay", str(path), "--json", "--lateral", "auto", "--out", str(tmp_path / "out")])
+
+    verdict = json.loads(capsys.readouterr().out)["bare"]["verdict"]
+    assert verdict["reasons"][0]["text"].startswith("the commands are known on the grid")
+    assert verdict["next"].startswith("Replay the log itself")
+    read = list(open_run(tmp_path / "out/flight.mcap").samples_and_motion())
+    attitude = np.vstack([e.attitude.values for e in read if isinstance(e, MotionBlock)])
+    assert np.allclose(attitude[:, 2], m.p[-len(attitude) :], atol=1e-9)

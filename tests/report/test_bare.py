@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import math
 import re
+
+import numpy as np
+import pytest
 
 from yawid.answers.run_summary import (
     Bare,
@@ -15,6 +19,7 @@ from yawid.answers.run_summary import (
     VerdictSummary,
 )
 from yawid.report.bare import bare_section
+from yawid.report.model_pictures import bare_poles
 from yawid.sinks.words import bare_rows
 
 USABLE = VerdictSummary(usable=True, reasons=[])
@@ -72,3 +77,14 @@ def test_an_airframe_that_is_not_known_has_its_cause_and_no_number():
 def test_without_the_option_there_is_nothing():
     assert list(bare_section(summary(None))) == []
     assert list(bare_rows(summary(None))) == []
+
+
+def test_the_pole_map_has_the_bare_airframe_next_to_the_model():
+    """s = -zeta wn +- i wn sqrt(1 - zeta^2), and z = exp(s Ts)."""
+    assert KNOWN.dutch_roll is not None
+    z = bare_poles(KNOWN.dutch_roll, 0.05)
+
+    assert np.abs(z) == pytest.approx(math.exp(-0.12 * 2.41 * 0.05))
+    assert np.angle(z) == pytest.approx(
+        [0.05 * 2.41 * math.sqrt(1 - 0.12**2), -0.05 * 2.41 * math.sqrt(1 - 0.12**2)]
+    )

@@ -8,15 +8,16 @@ import numpy as np
 import pytest
 
 from yawid.sinks import palette
-from yawid.sinks.palette import AILERON, BAD, DATA, METHODS, MODEL, NEUTRAL, RUDDER, rgba
+from yawid.sinks.palette import AILERON, BAD, BARE, DATA, METHODS, MODEL, NEUTRAL, RUDDER, rgba
 
 LINES = {"data": DATA, "model": MODEL, **METHODS, "rudder": RUDDER, "bad": BAD,
-         "neutral": NEUTRAL, "aileron": AILERON}  # fmt: skip
+         "neutral": NEUTRAL, "aileron": AILERON, "bare": BARE}  # fmt: skip
 DARK = "#0d1011"
 MEET = (
     ("data", "model", "rudder", "neutral"),
     ("els", "rml", "model", "bad", "neutral"),
     ("rudder", "aileron"),
+    ("model", "bare"),
 )
 """Lines of one picture."""
 # Severity 1.0 of Machado, Oliveira and Fernandes (2009), on linear RGB.

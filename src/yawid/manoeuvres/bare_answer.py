@@ -50,6 +50,7 @@ class Fitted:
     motion: Motion | str
     airframe: Airframe | None
     why: str = ""
+    step: str | None = None
 
     @property
     def is_known(self) -> bool:
@@ -66,6 +67,9 @@ def fitted(n: int, motion: Motion | str, servo_lag_s: float | None) -> Fitted:
     """Fit the airframe to the motion of manoeuvre ``n``."""
     if isinstance(motion, str):
         return Fitted(n, motion, None, motion)
+    known = {"no_aileron": motion.aileron_known, "commands_on_grid": motion.commands_exact}
+    if lacks := [GATES[name] for name, has in known.items() if not has]:  # no fit is needed
+        return Fitted(n, motion, None, lacks[0].sentence, _sentence(lacks[0].remedy))
     found, why = _fit([motion], servo_lag_s)
     return Fitted(n, motion, found, why)
 
@@ -80,8 +84,12 @@ def _fit(motions: Sequence[Motion], servo_lag_s: float | None) -> tuple[Airframe
 def lateral_of(found: Fitted) -> Bare:
     """Return the answer on the airframe of one manoeuvre."""
     if found.airframe is None:
-        return _unknown([found.n], found.why, None)
+        return _unknown([found.n], found.why, found.step)
     return _told(found.airframe, [found.n])
+
+
+def _sentence(remedy: str) -> str:
+    return f"{remedy[0].upper()}{remedy[1:]}."
 
 
 def _unknown(used: Sequence[int], text: str, step: str | None) -> Bare:
@@ -93,8 +101,7 @@ def _told(airframe: Airframe, used: Sequence[int]) -> Bare:
     if airframe.failed:
         gates = [(GATES[each.name], each) for each in airframe.failed]
         text = "; ".join(g.sentence.format(found=e.found, limit=e.limit) for g, e in gates)
-        step = gates[0][0].remedy
-        return _unknown(used, text, f"{step[0].upper()}{step[1:]}.")
+        return _unknown(used, text, _sentence(gates[0][0].remedy))
     numbers = {
         "wn_rad_s": airframe.wn_rad_s, "zeta": airframe.zeta, "roll_mode": airframe.roll_s,
         "spiral": airframe.spiral_s, "servo_lag_s": airframe.servo_lag_s, **airframe.derivatives,

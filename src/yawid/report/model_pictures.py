@@ -25,7 +25,7 @@ from yawid.physics.modes import Complexes, damping_lines, discrete_poles
 from yawid.report.model_data import Judged, Model
 from yawid.report.picture import Picture, band
 from yawid.sinks.base import Grid
-from yawid.sinks.palette import BAD, DATA, MODEL, NEUTRAL
+from yawid.sinks.palette import BAD, BARE, DATA, MODEL, NEUTRAL
 
 LAGS = 25
 COHERENT = 0.6
@@ -39,9 +39,13 @@ PERIODS = 10.0
 """The length of a segment of the spectral estimate, in periods of the Dutch roll."""
 
 
-def poles_picture(model: Model) -> Picture:
-    """Return the picture of poles with their 2 sigma ellipses, and zeros, in the z plane."""
+def poles_picture(model: Model, bare: DutchRoll | None = None) -> Picture:
+    """Return the picture of poles with their 2 sigma ellipses, and zeros, in the z plane.
+
+    The Dutch roll of the bare airframe, where it is known, stands next to them.
+    """
     z, spread = poles_with_sigma(model)
+    its_own = np.empty(0) if bare is None else bare_poles(bare, model.sample_time_s)
 
     def draw(figure: Figure) -> None:
         ax = figure.subplots()
@@ -55,13 +59,25 @@ def poles_picture(model: Model) -> Picture:
             inside.real, inside.imag, "o", color=MODEL, markersize=7, fillstyle="none",
             markeredgewidth=1.6, label="zero",
         )  # fmt: skip
-        figure.legend(loc="outside upper right", ncols=2)
+        if len(its_own):
+            x, y = np.real(its_own), np.imag(its_own)
+            ax.plot(x, y, "+", color=BARE, markersize=10, markeredgewidth=2, label="bare airframe")
+        figure.legend(loc="outside upper right", ncols=3)
 
     look = (
         "The pair off the real axis is the Dutch roll, the nearer to the circle the less damped. A "
         "pole with a zero on top does nothing: a lower order would do. Ellipses: 2 sigma of noise."
     )
+    if bare is not None:
+        look += " +: the Dutch roll of the bare airframe, without its roll loop."
     return Picture("poles", "Poles and zeros", look, draw, (5.6, 4.4))
+
+
+def bare_poles(bare: DutchRoll, sample_time_s: float) -> Complexes:
+    """Return the two poles (2,) of a Dutch roll in the z plane."""
+    zeta = complex(bare.zeta)
+    s = bare.wn_rad_s * (-zeta + np.array([1.0, -1.0]) * np.sqrt(zeta**2 - 1.0))
+    return np.asarray(np.exp(s * sample_time_s))
 
 
 def _plane(ax: Axes) -> None:

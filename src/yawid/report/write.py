@@ -142,13 +142,13 @@ class Report:
         if data is None or grid is None or answer is None:
             return []
         model, judged, mode, fit = data.model, data.judged, self._summary.dutch_roll, answer.fit
-        first = self._first
+        first, bare = self._first, self._summary.bare
         if first is not None and first.found.answer is not None:
             model, judged, mode = first.model, first.judged, first.found.dutch_roll
             fit = first.found.answer.fit
         return [
             bode_picture(model, judged, mode, grid),
-            poles_picture(model),
+            poles_picture(model, None if bare is None else bare.dutch_roll),
             step_picture(model, mode, grid),
             residuals_picture(judged, fit.whiteness_p),
         ]
