@@ -41,6 +41,11 @@ COMMANDS = {
     "recover": ["recover", "a.mcap", "--out", "OUT/r.mcap"],
     "regress": ["regress", "no_rudder"],
 }
+IN_THE_GATE = ("help", "replay", "replay --json", "regress")
+"""The other commands, which print through the same door, are in the long list: each is a child."""
+NAMES = [
+    pytest.param(name, marks=() if name in IN_THE_GATE else pytest.mark.long) for name in COMMANDS
+]
 
 
 def yawid(
@@ -61,7 +66,7 @@ def yawid(
 
 
 @FULL
-@pytest.mark.parametrize("name", list(COMMANDS))
+@pytest.mark.parametrize("name", NAMES)
 def test_a_full_stdout_is_one_line_and_exit_6(folder: Path, tmp_path: Path, name: str) -> None:
     code, _, error = yawid(folder, tmp_path, COMMANDS[name], "> /dev/full")
 
@@ -95,7 +100,7 @@ def test_a_closed_stdout_is_said_before_anything_is_done(folder: Path, tmp_path:
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize("name", ["help", "replay", "inspect", "orders", "step", "regress"])
+@pytest.mark.parametrize("name", NAMES)
 def test_a_pipe_that_nobody_reads_is_quiet_and_exit_6(
     folder: Path, tmp_path: Path, name: str
 ) -> None:

@@ -62,6 +62,7 @@ def test_a_ratio_is_the_median_of_pairs_in_turn_and_the_first_runs_are_not_count
     assert told == ("a log, 60 min (10%)", "1.00, 1.20: 1.20")
 
 
+@pytest.mark.long  # runs the bench itself
 def test_memory_is_told_without_and_with_manoeuvres_and_a_replay_that_fails_ends_the_bench(
     tmp_path: Path,
 ) -> None:
