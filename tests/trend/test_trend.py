@@ -11,11 +11,9 @@ import scipy.stats
 from checks.judge_trend import (
     FALLS,
     START_US,
-    Judged,
     Plan,
     draw_fleet,
     flight,
-    judge_seed,
     write_fleet,
 )
 from printed import printed
@@ -240,12 +238,9 @@ def test_a_folder_that_is_no_data_set_is_one_line_and_6_an_empty_one_is_steady(
     assert "0 flights" in capsys.readouterr().out
 
 
-def test_three_drawn_fleets_are_judged_rightly() -> None:
-    judged = Judged()
-    for seed in range(3):
-        judge_seed(seed, judged)
-
-    assert (judged.found, judged.wrong_with_it, judged.false_alarms) == (3, 0, 0)
+def test_a_drawn_fleet_in_which_nothing_changes_is_not_changed(tmp_path: Path) -> None:
+    write_fleet(tmp_path, draw_fleet(4, Plan()))
+    assert not trend(tmp_path)[0].changed
 
 
 def test_flights_of_one_day_are_one_number_and_no_history(tmp_path: Path) -> None:

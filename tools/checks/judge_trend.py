@@ -20,7 +20,6 @@ flights.
 from __future__ import annotations
 
 import argparse
-import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -36,7 +35,7 @@ from yawid.trend.days import DAY_US, HOUR_US, YEAR_US, Track
 from yawid.trend.diff import one_more
 from yawid.trend.history import MADE, Flights, History
 from yawid.trend.moderated import two_sided
-from yawid.trend.trend import FALSE_ALARMS, Studied, study, trend
+from yawid.trend.trend import FALSE_ALARMS, Studied, study
 
 VEHICLES: Final = 20
 DAYS: Final = 60
@@ -160,38 +159,6 @@ def write_fleet(folder: Path, rows: Sequence[dict[str, Any]]) -> None:
             for row in rows
         ],
     )
-
-
-@dataclass(slots=True)
-class Judged:
-    """Counts over many fleets.
-
-    Of the fleets with a true change: in how many it was found, in how many another one was, and how
-    many outliers were reported; of those without: in how many a change was found.
-    """
-
-    fleets: int = 0
-    found: int = 0
-    wrong_with_it: int = 0
-    false_alarms: int = 0
-    outliers: int = 0
-
-
-def judge_seed(seed: int, judged: Judged) -> None:
-    """Judge one fleet with a change, and one without, which has another seed."""
-    for falls in (True, False):
-        with tempfile.TemporaryDirectory() as folder:
-            write_fleet(Path(folder), draw_fleet(2 * seed + falls, Plan(falls=falls)))
-            told, _ = trend(Path(folder))
-        names = {(each.vehicle, each.quantity) for each in told.followed if each.change}
-        wrong = names - ({(FALLS, "zeta")} if falls else set())
-        if falls:
-            judged.found += (FALLS, "zeta") in names
-            judged.wrong_with_it += bool(wrong)
-            judged.outliers += sum(len(each.outliers) for each in told.followed)
-        else:
-            judged.false_alarms += bool(wrong)
-    judged.fleets += 1
 
 
 def _until(track: Track, days: int) -> Track:
