@@ -98,7 +98,7 @@ def motion_of(
     step_s = max(interval_s, float(np.median(np.diff(command_s))), LEAST_STEP_S)
     count = max(1, round(step_s / interval_s))
     step_s = count * interval_s
-    grid_s = np.arange(math.floor(t_s[-1] / step_s) + 1) * step_s
+    grid_s = np.arange(math.floor(t_s[-1] / step_s + 1e-6) + 1) * step_s
     columns = _on_grid(t_s, _averaged(attitude.values, count), grid_s, step_s)
     start_s = -COMMAND_STEP_S * math.floor(-max(command_s[0], -LEAD_S) / COMMAND_STEP_S)
     steps = math.floor((command_s[-1] - start_s) / COMMAND_STEP_S + 1e-9)

@@ -9,7 +9,7 @@ from yawid.sinks.words import NONE, count, of_value, plus_minus
 
 SYMBOLS: Final = {
     "Y_beta": ("Y_β/V", "−a_z^β", "1/s"),
-    "L_beta": ("L_β", "a_mx^β", "1/s²"),
+    "L_beta": ("L_β", "−a_mx^β", "1/s²"),
     "L_p": ("L_p", "−a_mx^ωx", "1/s"),
     "L_r": ("L_r", "a_mx^ωy", "1/s"),
     "L_delta_a": ("L_δa", "a_mx^δb", "1/s² per aileron"),

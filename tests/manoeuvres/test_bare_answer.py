@@ -1,0 +1,124 @@
+"""A flight's bare airframe from those of its manoeuvres: which of them, and by which laws."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from lateral.flown import flown
+
+from yawid.lateral.airframe import Airframe, FailedGate, Known
+from yawid.lateral.motion import Motion
+from yawid.manoeuvres import bare_answer
+from yawid.manoeuvres.bare_answer import Fitted, bare_of, fitted, lateral_of
+
+MOTION = flown(seconds=2.0)
+NAMES = (
+    "Y_beta", "L_beta", "L_p", "L_r", "L_delta_a", "L_delta_r",
+    "N_beta", "N_p", "N_r", "N_delta_a", "N_delta_r", "Y_delta_r",
+)  # fmt: skip
+
+
+def airframe(v: float = 50.0, wn: float = 2.4, std: float = 0.02, **changed: Any) -> Airframe:
+    given: dict[str, Any] = {
+        "wn_rad_s": Known(wn, std), "zeta": Known(0.2, 0.01), "roll_s": Known(0.25, 0.02),
+        "spiral_s": Known(40.0, 10.0), "derivatives": dict.fromkeys(NAMES, Known(1.0, 0.1)),
+        "servo_lag_s": Known(0.1, 0.01), "delay_s": Known(0.0, 0.01),
+        "roll_delay_s": Known(0.0, 0.01), "gust_std_rad": 0.01, "rho1": 0.1, "airspeed_m_s": v,
+        "aileron_fed_back": 0.0, "names": (), "theta": np.zeros(0), "covariance": np.zeros((0, 0)),
+        "criterion": 0.0,
+    }  # fmt: skip
+    return Airframe(**(given | changed))
+
+
+def found(n: int, of: Airframe | None, motion: Motion | str = MOTION) -> Fitted:
+    return Fitted(n, motion, of, "" if of is not None else str(motion))
+
+
+def test_airframes_of_other_airspeeds_are_brought_to_the_middle_one_by_their_laws():
+    """At 40, 50 and 60 m/s with wn = 0.05 V, N_beta = 2 V^2, N_r = -0.01 V, roll = 10 / V."""
+    each = [
+        found(n, airframe(
+            v, 0.05 * v, 0.001 * v, roll_s=Known(10.0 / v, 1.0 / v),
+            derivatives=dict.fromkeys(NAMES, Known(1.0, 0.1)) | {
+                "N_beta": Known(2.0 * v**2, 0.1 * v**2), "N_r": Known(-0.01 * v, 0.001 * v)},
+        ))
+        for n, v in enumerate((40.0, 50.0, 60.0), start=1)
+    ]  # fmt: skip
+
+    bare = bare_of(each, None)
+
+    assert bare is not None
+    assert bare.dutch_roll is not None
+    assert bare.roll_mode is not None
+    assert bare.derivatives is not None
+    assert bare.airspeed_m_s == 50.0
+    assert bare.dutch_roll.wn_rad_s == pytest.approx(2.5)
+    assert bare.dutch_roll.wn_std == pytest.approx(0.05 / math.sqrt(3.0))
+    assert bare.roll_mode.time_constant_s == pytest.approx(0.2)
+    assert bare.derivatives["N_beta"].value == pytest.approx(5000.0)
+    assert bare.derivatives["N_r"].value == pytest.approx(-0.5)
+    assert bare.used == [1, 2, 3]
+
+
+def test_a_scatter_beyond_their_sigmas_makes_sigma_larger():
+    """2.3 and 2.5 with 0.02 each: the mean is 2.4, and sigma 0.1 as their half difference."""
+    bare = bare_of([found(1, airframe(wn=2.3)), found(2, airframe(wn=2.5))], None)
+
+    assert bare is not None
+    assert bare.dutch_roll is not None
+    assert bare.dutch_roll.wn_rad_s == pytest.approx(2.4)
+    assert bare.dutch_roll.wn_std == pytest.approx(0.1)
+
+
+def test_only_manoeuvres_that_pass_are_used():
+    failed = airframe(wn=9.0, failed=(FailedGate("coloured", 0.5, 0.35),))
+
+    bare = bare_of([found(1, failed), found(2, airframe()), found(3, None, "no attitude")], None)
+
+    assert bare is not None
+    assert bare.dutch_roll is not None
+    assert bare.used == [2]
+    assert bare.dutch_roll.wn_rad_s == 2.4
+
+
+def test_a_manoeuvre_that_a_gate_stops_has_its_words_and_no_number():
+    told = lateral_of(found(4, airframe(failed=(FailedGate("coloured", 0.5, 0.35),))))
+
+    assert told.dutch_roll is None
+    assert told.derivatives is None
+    assert not told.verdict.usable
+    said = "the innovations of one sample predict 0.50 of the next (limit 0.35)"
+    assert told.verdict.reasons[0].text == said
+    assert told.verdict.next is not None
+
+
+def test_a_motion_that_is_missing_is_the_cause():
+    told = lateral_of(fitted(1, "the airspeed is not known", None))
+
+    assert [reason.text for reason in told.verdict.reasons] == ["the airspeed is not known"]
+
+
+@pytest.mark.parametrize(
+    ("gate", "together"), [("lag_unknown", True), ("rudder_copies_aileron", False)]
+)
+def test_manoeuvres_whose_lag_is_unknown_are_fitted_together(
+    monkeypatch: pytest.MonkeyPatch, gate: str, together: bool
+):
+    """What speaks against the data itself is not mended by more of it."""
+    asked: list[int] = []
+
+    def fit(motions: list[Motion], *, servo_lag_s: float | None) -> Airframe:
+        asked.append(len(motions))
+        return airframe()
+
+    monkeypatch.setattr(bare_answer, "fit_airframe", fit)
+    failed = airframe(failed=(FailedGate(gate, 1.0, 2.0),))
+
+    bare = bare_of([found(1, failed), found(2, failed)], None)
+
+    assert bare is not None
+    assert asked == ([2] if together else [])
+    assert bare.verdict.usable == together

@@ -1,0 +1,111 @@
+"""The motion of a manoeuvre: on its grids, with gaps left open, averaged where it is too fast."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from yawid.blocks import StampedRows
+from yawid.lateral.motion import COMMAND_STEP_S, Motion
+from yawid.manoeuvres.motion_store import motion_of
+
+W = 2.0
+"""The frequency of every sine here in rad/s."""
+
+
+def rows(t_s: np.ndarray, *columns: Any) -> StampedRows:
+    t_us = np.rint(1e6 * t_s).astype(np.int64)
+    values = np.column_stack([np.broadcast_to(c, len(t_s)) for c in columns])
+    return StampedRows(t_us, 1000 * t_us, values)
+
+
+def attitude(t_s: np.ndarray) -> StampedRows:
+    return rows(t_s, np.sin(W * t_s), 0.1, np.cos(W * t_s), 0.0, -np.sin(W * t_s))
+
+
+def commands(t_s: np.ndarray, aileron: float = 0.0) -> StampedRows:
+    return rows(t_s, np.sin(W * t_s), aileron, 0.0, 1.0)
+
+
+NONE = rows(np.zeros(0), np.zeros(0), np.zeros(0))
+SERVOS = commands(9.0 + 0.02 * np.arange(600) + 0.007)
+
+
+def made(of: StampedRows, servos: StampedRows = SERVOS) -> Motion:
+    motion = motion_of(of, servos, NONE, 20.0)
+    assert isinstance(motion, Motion)
+    return motion
+
+
+def test_it_is_on_its_own_grids_from_its_first_attitude():
+    motion = made(attitude(10.0 + 0.04 * np.arange(200)))
+
+    t = 10.0 + motion.sample_time_s * np.arange(len(motion.p))
+    fine = 10.0 + motion.command_times_s()
+    assert motion.sample_time_s == pytest.approx(0.04)
+    assert len(motion.p) == 200
+    assert np.allclose(motion.roll, np.sin(W * t), atol=1e-5)
+    assert np.allclose(motion.r, -np.sin(W * t), atol=1e-5)
+    assert motion.commands_start_s == pytest.approx(-0.5)
+    # On lines between stamps 20 ms apart a sine is wrong by (W 0.02)^2 / 8 at most.
+    assert np.abs(motion.rudder - np.sin(W * fine)).max() < (W * 0.02) ** 2 / 8 + 1e-9
+
+
+def test_times_that_jitter_are_put_on_the_grid_and_a_gap_stays_open():
+    rng = np.random.default_rng(1)
+    t = 10.0 + 0.04 * np.arange(200) + rng.uniform(-0.004, 0.004, 200)
+    t = np.delete(t, slice(100, 110))
+
+    motion = made(attitude(t))
+
+    at = t[0] + motion.sample_time_s * np.arange(len(motion.p))
+    lost = np.isnan(motion.p)
+    inside = (at > t[99] + 0.02) & (at < t[100] - 0.02)
+    assert 8 <= lost.sum() <= 11
+    assert lost[inside].all()
+    assert np.abs(motion.p - np.cos(W * at))[~lost].max() < 2e-3
+
+
+def test_fast_attitudes_are_averaged_without_a_delay():
+    """The mean of 9 values 2.5 ms apart around t is sin(W t) within 1 - (9 W 0.0025)^2 / 24."""
+    motion = made(attitude(10.0 + 0.0025 * np.arange(3000)))
+
+    t = 10.0 + motion.sample_time_s * np.arange(len(motion.p))
+    inner = slice(1, -1)
+    assert motion.sample_time_s == pytest.approx(0.02)
+    assert np.abs(motion.roll - np.sin(W * t))[inner].max() < 1e-4
+
+
+def test_servo_messages_that_come_slower_set_the_step():
+    motion = made(attitude(10.0 + 0.02 * np.arange(400)), commands(9.0 + 0.1 * np.arange(110)))
+
+    assert motion.sample_time_s == pytest.approx(0.1)
+
+
+@pytest.mark.parametrize(
+    ("servos", "why"),
+    [
+        (commands(10.5 + 0.02 * np.arange(600)), "do not cover"),
+        (commands(9.0 + 0.02 * np.arange(60)), "do not cover"),
+        (commands(np.delete(9.0 + 0.02 * np.arange(600), slice(100, 150))), "no servo message for"),
+    ],
+)
+def test_commands_that_are_missing_are_the_cause(servos: StampedRows, why: str):
+    motion = motion_of(attitude(10.0 + 0.04 * np.arange(200)), servos, NONE, 20.0)
+
+    assert isinstance(motion, str)
+    assert why in motion
+
+
+def test_an_aileron_that_nothing_reports_is_not_known():
+    t = 10.0 + 0.04 * np.arange(200)
+    unknown, known = (made(attitude(t), commands(9.0 + 0.02 * np.arange(600), a))
+                      for a in (np.nan, 0.3))  # fmt: skip
+
+    assert not unknown.aileron_known
+    assert np.all(unknown.aileron == 0.0)
+    assert known.aileron_known
+    assert np.allclose(known.aileron, 0.3)
+    assert len(known.rudder) * COMMAND_STEP_S > 8.0
