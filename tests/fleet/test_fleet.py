@@ -29,7 +29,7 @@ from yawid.cli.main import main
 from yawid.dataset.files import read_table
 from yawid.fleet.journal import FINISHED
 
-COUNT = 24
+COUNT = 16
 NO_DISK = "/proc/self/mem"
 """Reading its first byte is an input/output error, as of a broken disk."""
 
