@@ -19,6 +19,8 @@ from yawid.cli.main import main
 from yawid.config.run import RunConfig
 from yawid.lateral.motion import Motion
 from yawid.pipeline import Pipeline
+from yawid.report.lateral_picture import free_run, lateral_picture
+from yawid.report.write import report
 from yawid.runs.job import feed_all
 from yawid.sinks.mcap.reader import open_run
 from yawid.sources.open_log import TlogBytes
@@ -177,3 +179,26 @@ def test_a_record_is_refused_without_a_fit_as_its_commands_are_on_its_rows(
     read = list(open_run(tmp_path / "out/flight.mcap").samples_and_motion())
     attitude = np.vstack([e.attitude.values for e in read if isinstance(e, MotionBlock)])
     assert np.allclose(attitude[:, 2], m.p[-len(attitude) :], atol=1e-9)
+
+
+def test_the_report_draws_the_airframe_next_to_the_motion_measured(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    """It runs free, so that what is left is the measurements' noise and the rounding to 1 us."""
+    (tmp_path / "log.tlog").write_bytes(log())
+    main(["replay", str(tmp_path / "log.tlog"), "--lateral", "auto", "--servo-lag", "0",
+          "--out", str(tmp_path)])  # fmt: skip
+    capsys.readouterr()
+    run = open_run(tmp_path / "log.mcap")
+    blocks = [each for each in run.samples_and_motion() if isinstance(each, MotionBlock)]
+    motion = MotionBlock.joined(blocks)
+    assert run.summary.bare is not None
+    rows = [part.select(part.t_us > 1e6 * START_S) for part in (motion.attitude, motion.commands)]
+
+    simulated = free_run(run.summary.bare, *rows)
+
+    measured = rows[0].values[:, (2, 4, 0)]
+    left = (measured - simulated).std(axis=0) / measured.std(axis=0)
+    assert np.all(left < 0.15), left
+    assert lateral_picture(run) is not None
+    assert "of the bare airframe" in report(run)

@@ -1,6 +1,7 @@
 """``yawid report``: one HTML file for a flight-test engineer to read, print and pass on."""
 
 from collections.abc import Iterator
+from functools import cached_property
 from pathlib import Path
 
 from yawid.answers.run_summary import ReasonSummary, RunSummary
@@ -9,6 +10,7 @@ from yawid.report.airspeed_picture import airspeed_picture
 from yawid.report.bare import bare_section
 from yawid.report.data import gather
 from yawid.report.html import first_screen, note, numbers, page, pictures, tables
+from yawid.report.lateral_picture import lateral_picture
 from yawid.report.manoeuvre_data import Drawn
 from yawid.report.manoeuvres import flight_numbers, flight_section
 from yawid.report.model_pictures import bode_picture, poles_picture, residuals_picture, step_picture
@@ -84,7 +86,13 @@ class Report:
 
     def pictures(self) -> list[Picture]:
         """Return all pictures of the page, in their order."""
-        return [*self._of_flight(), *self._of_model(), *self._of_stream(), *self._of_link()]
+        return [
+            *self._of_airframe,
+            *self._of_flight(),
+            *self._of_model(),
+            *self._of_stream(),
+            *self._of_link(),
+        ]
 
     def _sections(self, name: str) -> Iterator[str]:
         summary, run = self._summary, self._run
@@ -97,6 +105,7 @@ class Report:
         unit = HALF_TRAVEL if run.grid is None else run.grid.rudder_unit
         yield from flight_section(summary, unit)
         yield from bare_section(summary)
+        yield pictures("", self._of_airframe)
         yield pictures("Measurement and model", self._of_flight())
         against = [] if summary.deciding.usable else summary.deciding.fatal
         of = f" of manoeuvre {self._first.found.n}" if self._first is not None else ""
@@ -136,6 +145,11 @@ class Report:
         in_order = sorted(data.drawn, key=lambda each: each.found.n)
         fits = [manoeuvre_picture(each, grid) for each in in_order]
         return [*shown, *([over_airspeed] if over_airspeed is not None else []), *fits]
+
+    @cached_property
+    def _of_airframe(self) -> list[Picture]:
+        shown = lateral_picture(self._run)
+        return [] if shown is None else [shown]
 
     def _of_model(self) -> list[Picture]:
         data, grid, answer = self._data, self._run.grid, self._summary.answer

@@ -138,7 +138,7 @@ def live(
         outputs.folder.mkdir(parents=True, exist_ok=True)
     read_options = read_options or ReadOptions()
     fits, disk = Worker("yawid-manoeuvres"), Worker("yawid-disk")
-    lateral = Worker("yawid-lateral")
+    lateral = Worker("yawid-lateral") if config.lateral == "auto" else None
     viewers = Worker("yawid-viewers") if outputs.has_viewer else None
     switch_s = sys.getswitchinterval()
     sys.setswitchinterval(SWITCH_S)

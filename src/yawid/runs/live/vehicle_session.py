@@ -71,7 +71,7 @@ class Setting(NamedTuple):
     fits: Worker
     disk: DiskBeside
     viewers: Worker | None
-    lateral: Worker
+    lateral: Worker | None
 
 
 class LiveSession:

@@ -1,0 +1,146 @@
+"""The picture of a manoeuvre's lateral motion: p, r and roll as measured, and by the bare airframe.
+
+The model runs free: eq. 21 from the commands of rudder and aileron after the servos' lag. Where it
+starts and how it is trimmed is not known, and is fitted by least squares.
+"""
+
+import math
+from datetime import datetime
+from typing import Final
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from yawid.answers.run_summary import Bare, Manoeuvre, RunSummary
+from yawid.blocks import Floats, MotionBlock, StampedRows
+from yawid.quantities.airspeed import GRAVITY
+from yawid.report.picture import Picture
+from yawid.report.time_pictures import TIME_LABEL
+from yawid.sinks.mcap.reader import McapRun
+from yawid.sinks.palette import AILERON, BARE, DATA, RUDDER
+
+SHOWN: Final = ("p", "r", "roll")
+_AT: Final = (2, 4, 0)  # their columns in an attitude
+_PITCH: Final = 1
+_AWAY_S: Final = 5.0
+_LEAST_ROWS: Final = 20
+
+
+def lateral_picture(run: McapRun) -> Picture | None:
+    """Return the picture of the first manoeuvre whose airframe is known, None without one.
+
+    Raises:
+        SourceError: the file is damaged.
+    """
+    found = _first(run.summary)
+    if found is None or found.lateral is None or not run.has_motion:
+        return None
+    blocks = [each for each in run.samples_and_motion() if isinstance(each, MotionBlock)]
+    motion = MotionBlock.joined(blocks)
+    attitude, commands = _own(motion.attitude, found), _own(motion.commands, found, lead_s=1.0)
+    if min(len(attitude), len(commands)) < _LEAST_ROWS:
+        return None
+    t, measured = attitude.t_us / 1e6, attitude.values[:, _AT]
+    simulated = free_run(found.lateral, attitude, commands)
+
+    def draw(figure: Figure) -> None:
+        axes = figure.subplots(4, 1, height_ratios=(0.9, 1.4, 1.4, 1.4))
+        for i, (name, colour) in enumerate((("rudder", RUDDER), ("aileron", AILERON))):
+            axes[0].plot(commands.t_us / 1e6, commands.values[:, i], color=colour, label=name)
+        axes[0].set_ylabel("commands")
+        for i, name in enumerate(SHOWN):
+            ax = axes[i + 1]
+            ax.plot(t, measured[:, i], color=DATA, linewidth=2.4, label="measured" if not i else "")
+            said = "bare airframe" if not i else ""
+            ax.plot(t, simulated[:, i], color=BARE, linewidth=1.1, label=said)
+            ax.set_ylabel(f"{name}\n[{'rad' if name == 'roll' else 'rad/s'}]")
+        for ax in axes:
+            ax.set_xlim(t[0], t[-1])
+            ax.tick_params(labelbottom=ax is axes[-1])
+        axes[-1].set_xlabel(TIME_LABEL)
+        figure.align_ylabels(axes)
+        figure.legend(loc="outside upper right", ncols=4)
+
+    look = (
+        "The bare airframe runs free from the commands of both surfaces; start and trim are "
+        "fitted. Gusts, which the estimate knows of, are not in it: in rough air the two part."
+    )
+    title = f"Manoeuvre {found.n}: the lateral motion as measured, and of the bare airframe"
+    return Picture("lateral", title, look, draw, (9.2, 6.4))
+
+
+def _first(summary: RunSummary) -> Manoeuvre | None:
+    """Return the first manoeuvre whose airframe is known."""
+    known = (m for m in summary.manoeuvres or () if m.lateral and m.lateral.dutch_roll)
+    return next(known, None)
+
+
+def _own(rows: StampedRows, found: Manoeuvre, lead_s: float = 0.0) -> StampedRows:
+    """Return the rows of a manoeuvre: another boot may have the same seconds."""
+    t = rows.t_us / 1e6
+    chosen = (t >= found.from_s - lead_s) & (t <= found.to_s) & np.isfinite(rows.values).all(axis=1)
+    if found.date is not None:
+        begin_s = datetime.fromisoformat(found.date).timestamp()
+        away_s = rows.unix_ns / 1e9 - begin_s - (t - found.from_s)
+        chosen &= np.abs(away_s) < _AWAY_S
+    return rows.select(chosen)
+
+
+def free_run(bare: Bare, attitude: StampedRows, commands: StampedRows) -> Floats:
+    """Return p, r and roll (n, 3) of the airframe at the times of the attitudes (n,)."""
+    A, B = airframe(bare, float(attitude.values[:, _PITCH].mean()))
+    t = (attitude.t_us - attitude.t_us[0]) / 1e6
+    step_s = float(np.median(np.diff(t)))
+    grid = np.arange(math.ceil(t[-1] / step_s) + 1) * step_s
+    u = _lagged(bare, (commands.t_us - attitude.t_us[0]) / 1e6, commands.values[:, :2], grid)
+    # The states run with the inputs, from each unit start, and with each unit trim.
+    whole = np.zeros((10, 10))
+    whole[:4, :4], whole[:4, 4:6], whole[:4, 6:] = A, B, np.eye(4)
+    from scipy.linalg import expm  # it takes long to load, and few runs need it
+
+    move = expm(whole * step_s)[:4]
+    states = np.zeros((len(grid), 4, 9))
+    states[0, :, 1:5] = np.eye(4)
+    for k in range(len(grid) - 1):
+        states[k + 1] = move[:, :4] @ states[k]
+        states[k + 1, :, 0] += move[:, 4:6] @ (0.5 * (u[k] + u[k + 1]))
+        states[k + 1, :, 5:] += move[:, 6:]
+    seen = states[:, 1:].reshape(len(grid), 27)  # p, r and roll of each run
+    at_times = np.column_stack([np.interp(t, grid, x) for x in seen.T])
+    runs = at_times.reshape(len(t), 3, 9)
+    measured = attitude.values[:, _AT]
+    weights = 1.0 / np.maximum(measured.std(axis=0), 1e-6)
+    rest = ((measured - runs[:, :, 0]) * weights).ravel()
+    parts = (runs[:, :, 1:] * weights[None, :, None]).reshape(-1, 8)
+    start, *_ = np.linalg.lstsq(parts, rest, rcond=None)
+    return np.asarray(runs[:, :, 0] + runs[:, :, 1:] @ start, np.float64)
+
+
+def airframe(bare: Bare, alpha: float) -> tuple[Floats, Floats]:
+    """Return A (4, 4) of sideslip, p, r, roll, and B (4, 2) of rudder and aileron (eq. 21)."""
+    of = dict.fromkeys(Bare.NAMES, 0.0)
+    of |= {name: each.value or 0.0 for name, each in (bare.derivatives or {}).items()}
+    turn = GRAVITY / (bare.airspeed_m_s or math.inf) * math.cos(alpha)
+    A = np.array([
+        [of["Y_beta"], alpha, -1.0, turn],
+        [of["L_beta"], of["L_p"], of["L_r"], 0.0],
+        [of["N_beta"], of["N_p"], of["N_r"], 0.0],
+        [0.0, 1.0, math.tan(alpha), 0.0],
+    ])  # fmt: skip
+    B = np.array([
+        [of["Y_delta_r"], 0.0], [of["L_delta_r"], of["L_delta_a"]],
+        [of["N_delta_r"], of["N_delta_a"]], [0.0, 0.0],
+    ])  # fmt: skip
+    return A, B
+
+
+def _lagged(bare: Bare, t: Floats, commands: Floats, grid: Floats) -> Floats:
+    """Return the surfaces (n, 2) on the grid: the commands on lines, after a lag of first order."""
+    lag_s = 0.0 if bare.servo_lag_s is None else max(bare.servo_lag_s.value or 0.0, 0.0)
+    fine = np.arange(min(t[0], 0.0), grid[-1] + 0.005, 0.005)
+    u = np.column_stack([np.interp(fine, t, x) for x in commands.T])
+    if lag_s > 0.0:
+        stays = math.exp(-0.005 / lag_s)
+        for k in range(1, len(u)):
+            u[k] = stays * u[k - 1] + (1.0 - stays) * u[k]
+    return np.column_stack([np.interp(grid, fine, x) for x in u.T])
