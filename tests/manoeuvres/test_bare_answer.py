@@ -122,3 +122,16 @@ def test_manoeuvres_whose_lag_is_unknown_are_fitted_together(
     assert bare is not None
     assert asked == ([2] if together else [])
     assert bare.verdict.usable == together
+
+
+def test_a_fit_that_fails_is_a_cause_and_no_error(monkeypatch: pytest.MonkeyPatch):
+    """The answer as flown must not fail with it."""
+
+    def fails(motions: list[Motion], *, servo_lag_s: float | None) -> Airframe:
+        raise IndexError("nothing there")
+
+    monkeypatch.setattr(bare_answer, "fit_airframe", fails)
+
+    told = lateral_of(fitted(1, MOTION, None))
+
+    assert told.verdict.reasons[0].text == "the fit failed: nothing there"

@@ -77,8 +77,8 @@ def fitted(n: int, motion: Motion | str, servo_lag_s: float | None) -> Fitted:
 def _fit(motions: Sequence[Motion], servo_lag_s: float | None) -> tuple[Airframe | None, str]:
     try:
         return fit_airframe(motions, servo_lag_s=servo_lag_s), ""
-    except (ValueError, np.linalg.LinAlgError) as error:
-        return None, str(error)
+    except Exception as error:  # whatever happens here, the answer as flown must stay
+        return None, f"the fit failed: {error}"
 
 
 def lateral_of(found: Fitted) -> Bare:

@@ -12,6 +12,7 @@ from itertools import pairwise
 import numpy as np
 
 from yawid.blocks import Floats, Ints, MotionBlock, SampleBlock, StampedRows
+from yawid.errors import ConfigError
 from yawid.lateral.motion import COMMAND_STEP_S, LEAD_S, Motion
 from yawid.quantities.airspeed import Kind, density_ratio
 
@@ -75,7 +76,11 @@ class MotionStore:
         commands = commands.select(slice(int(first), int(stop) + 2))
         ay = _inside(_own_clock(block.acceleration, samples), *span_us)
         next_us = attitude.t_us[-1]
-        return motion_of(attitude, commands, ay.select(ay.values[:, 1] <= next_us), airspeed_m_s)
+        ay = ay.select(ay.values[:, 1] <= next_us)
+        try:
+            return motion_of(attitude, commands, ay, airspeed_m_s)
+        except ConfigError as error:  # the answer as flown must not fail with it
+            return str(error)
 
 
 def motion_of(

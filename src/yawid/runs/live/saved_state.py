@@ -26,7 +26,10 @@ VERSION = "yawid-state-1"
 SAVE_S = 60.0
 _REMEDY = "to start again, remove it or give another file to --state"
 # These settings choose the samples, or what is derived from the model; they do not change it.
-_NOT_THE_MODEL = ("sysid", "from_s", "to_s", "boot", "servo_tau", "manoeuvres", "airborne", "given")
+_NOT_THE_MODEL = (
+    *("sysid", "from_s", "to_s", "boot", "servo_tau", "manoeuvres", "lateral", "servo_lag"),
+    *("airborne", "given"),
+)
 _OF_RECORDS = (
     "columns",
     "units",
