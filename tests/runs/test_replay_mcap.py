@@ -14,6 +14,7 @@ from printed import printed
 from yawid.cli.main import main
 
 OTHER = ("--orders", "4,4,2,1", "--forgetting", "0.999")
+STREAM = ("--manoeuvres", "off")
 
 
 @pytest.fixture(scope="module")
@@ -60,7 +61,7 @@ def test_a_replay_of_a_run_equals_a_replay_of_its_log_to_the_bit(
 def test_the_log_behind_the_samples_is_named_through_any_number_of_replays(
     first: Path, tmp_path: Path
 ) -> None:
-    second = replayed(first, tmp_path / "second", *OTHER)
+    second = replayed(first, tmp_path / "second", *OTHER, *STREAM)
     third = replayed(second, tmp_path / "third")
 
     origin = {name: summary_of(first)[name] for name in ("log", "sha256")}
@@ -72,15 +73,15 @@ def test_the_log_behind_the_samples_is_named_through_any_number_of_replays(
 def test_memory_takes_the_place_of_the_forgetting_factor_of_the_run(
     first: Path, tmp_path: Path
 ) -> None:
-    second = replayed(first, tmp_path / "second", "--forgetting", "0.99")
+    second = replayed(first, tmp_path / "second", "--forgetting", "0.99", *STREAM)
     third = replayed(second, tmp_path / "third", "--memory", "60")
 
     assert summary_of(third)["estimates"] == summary_of(first)["estimates"]
 
 
 def test_automatic_orders_are_those_of_the_log(first: Path, tmp_path: Path) -> None:
-    direct = replayed(C172P, tmp_path / "direct", "--rate", 10, "--orders", "auto")
-    again = replayed(first, tmp_path / "again", "--orders", "auto")
+    direct = replayed(C172P, tmp_path / "direct", "--rate", 10, "--orders", "auto", *STREAM)
+    again = replayed(first, tmp_path / "again", "--orders", "auto", *STREAM)
 
     assert summary_of(again)["estimates"] == summary_of(direct)["estimates"]
 
