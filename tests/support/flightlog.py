@@ -110,8 +110,11 @@ def samples_of(data: bytes, config: RunConfig | None = None, cuts: Sequence[int]
 
 
 def summary_of(data: bytes, config: RunConfig | None = None) -> dict[str, Any]:
-    """Replay a log in one piece; return the object that ``--json`` prints."""
-    return finished(data, config)[0].to_json()
+    """Replay a log in one piece; return the object that ``--json`` prints.
+
+    Without a configuration, no manoeuvres are searched for: that takes most of the time.
+    """
+    return finished(data, config or RunConfig(manoeuvres="off"))[0].to_json()
 
 
 def finished(
