@@ -20,7 +20,9 @@ from yawid.answers.run_summary import (
 )
 from yawid.report.bare import bare_section
 from yawid.report.model_pictures import bare_poles
+from yawid.sinks.rerun.documents import verdict_markdown
 from yawid.sinks.words import bare_rows
+from yawid.tables.page import answer
 
 USABLE = VerdictSummary(usable=True, reasons=[])
 KNOWN = Bare(
@@ -88,3 +90,9 @@ def test_the_pole_map_has_the_bare_airframe_next_to_the_model():
     assert np.angle(z) == pytest.approx(
         [0.05 * 2.41 * math.sqrt(1 - 0.12**2), -0.05 * 2.41 * math.sqrt(1 - 0.12**2)]
     )
+
+
+def test_the_viewers_text_and_python_have_it_next_to_the_answer():
+    assert "**The bare airframe:** wn 2.410 ± 0.030 rad/s" in verdict_markdown(summary(KNOWN))
+    assert "bare airframe" not in verdict_markdown(summary(None))
+    assert any(line.startswith("  bare  wn 2.410") for line in answer(summary(KNOWN)))

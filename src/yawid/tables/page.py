@@ -5,7 +5,7 @@ from html import escape
 from pathlib import Path
 
 from yawid.answers.run_summary import RunSummary
-from yawid.sinks.words import NEXT, dutch_roll, flight_rows, next_step
+from yawid.sinks.words import NEXT, bare_rows, dutch_roll, flight_rows, next_step
 from yawid.tables.table import Table
 
 
@@ -51,7 +51,7 @@ def reasons(summary: RunSummary) -> list[str]:
 
 def answer(summary: RunSummary) -> list[str]:
     """Return the lines of the flight's answer, and the stream's where there was no manoeuvre."""
-    lines = [f"{row.name:>6}  {row.text}" for row in flight_rows(summary)]
+    lines = [f"{row.name:>6}  {row.text}" for row in (*flight_rows(summary), *bare_rows(summary))]
     mode = summary.dutch_roll
     if summary.flight is None and mode is not None and summary.answering is not None:
         lines.append(f"stream  {dutch_roll(mode)} at its end, by {summary.answering.upper()}")

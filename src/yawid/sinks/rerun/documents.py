@@ -19,6 +19,7 @@ from yawid.quantities.units import HALF_TRAVEL
 from yawid.sinks.words import (
     GREEK,
     NEXT,
+    bare_rows,
     conditions,
     dutch_roll,
     loop_of,
@@ -46,6 +47,8 @@ def verdict_markdown(summary: RunSummary, rudder_unit: str = HALF_TRAVEL) -> str
     elif summary.answering is not None:
         said = _answer(summary.dutch_roll, usable=verdict.usable)
         lines.append(f"The stream, {summary.answering.upper()}: {said}.")
+    if bare := [row.text for row in bare_rows(summary)]:
+        lines += ["", f"**The bare airframe:** {'; '.join(bare)}.", ""]
     lines += [f"- **{reason.id}** ({reason.weight}): {reason.text}" for reason in verdict.reasons]
     if (step := next_step(verdict)) is not None:
         lines += ["", f"**{NEXT}** {step}"]
