@@ -127,6 +127,7 @@ def newest(wheel: Path, scratch: Path) -> str:
     constraints.write_text("\n".join(newest_allowed()))
     python = environment(scratch / "newest", sys.executable)
     install(python, wheel, "--constraint", constraints)
+    os.environ["XDG_CACHE_HOME"] = str(scratch / "cache")  # where no code is kept by others
     compiled = run(python, "-m", "yawid", "warm", cwd=scratch)
     assert compiled.startswith("compiled the estimators"), compiled
     listed = json.loads(run(python, "-m", "pip", "list", "--format", "json"))
