@@ -68,6 +68,24 @@ def test_times_that_jitter_are_put_on_the_grid_and_a_gap_stays_open():
     assert np.abs(motion.p - np.cos(W * at))[~lost].max() < 2e-3
 
 
+def test_even_times_that_are_cut_to_whole_ms_are_even_again():
+    """Every 19.93 ms: cut to ms, times are up to 1 ms early, and a sine of 5 rad/s 0.5 %."""
+    exact = 10.0 + 0.01993 * np.arange(500)
+    sent = attitude(exact)
+    cut = StampedRows(sent.t_us // 1000 * 1000, sent.unix_ns, sent.values)
+    lost = cut.select(np.r_[0:200, 230:500])
+
+    for each in (cut, lost):
+        motion = made(each)
+        # Where it begins is known to a ms; the steps are even.
+        t = motion.sample_time_s * np.arange(len(motion.p))
+        known = np.isfinite(motion.roll)
+        phase = np.unwrap(np.arctan2(motion.roll, motion.p)[known])
+        late = phase / W - t[known]
+        assert motion.sample_time_s == pytest.approx(0.01993, rel=1e-4)
+        assert np.ptp(late) < 2e-4
+
+
 def test_fast_attitudes_are_averaged_without_a_delay():
     """The mean of 9 values 2.5 ms apart around t is sin(W t) within 1 - (9 W 0.0025)^2 / 24."""
     motion = made(attitude(10.0 + 0.0025 * np.arange(3000)))

@@ -20,6 +20,8 @@ BEHIND_S = 40.0
 """The time in s for which a manoeuvre may wait for its end to be decided, and its lead."""
 SMALL_ROWS = 1000
 """The rows up to which new motion is added to the last block, of which there are then few."""
+ROUNDED_S = 0.0012
+"""The range in s of what rounding to ms, as of ATTITUDE, adds to times that are even."""
 LEAST_ROWS = 50
 """The fewest attitudes of a manoeuvre."""
 LEAST_STEP_S = 0.0195
@@ -90,7 +92,7 @@ def motion_of(
 
     The step of the grid is that of the slower of attitudes and commands.
     """
-    t_s = (attitude.t_us - attitude.t_us[0]) / 1e6
+    t_s = _without_rounding((attitude.t_us - attitude.t_us[0]) / 1e6)
     interval_s = float(np.median(np.diff(t_s)))
     known = np.isfinite(commands.values[:, 0])
     aileron_known = bool(known.any() and np.isfinite(commands.values[known, 1]).all())
@@ -160,6 +162,18 @@ def _own_clock(rows: StampedRows, samples: SampleBlock) -> StampedRows:
 def _inside(rows: StampedRows, first_us: int, last_us: int) -> StampedRows:
     first, stop = np.searchsorted(rows.t_us, (first_us, last_us + 1))
     return rows.select(slice(int(first), int(stop)))
+
+
+def _without_rounding(t_s: Floats) -> Floats:
+    """Return times (n,) of messages sent evenly without their rounding to ms; others as they are.
+
+    Rounding is slow to change where messages come at almost whole ms: it colours what is left.
+    """
+    steps = np.diff(t_s)
+    number = np.concatenate([[0.0], np.cumsum(np.rint(steps / np.median(steps)))])
+    slope, first = np.polyfit(number, t_s, 1)
+    even = first + slope * number
+    return np.asarray(even if np.ptp(t_s - even) < ROUNDED_S else t_s, np.float64)
 
 
 def _averaged(values: Floats, count: int) -> Floats:
