@@ -18,6 +18,7 @@ from yawid.errors import ConfigError
 from yawid.pipeline import Pipeline
 from yawid.runs.job import feed_all, open_log
 
+STREAM = ("--manoeuvres", "off")
 TWO_VEHICLES = ROOT / "replay_logs" / "two_vehicles" / "log.tlog"
 
 
@@ -79,7 +80,7 @@ def test_the_numbers_are_those_of_the_phases_that_inspect_shows(log: Path):
 
 def test_several_boots_are_named_and_cut_alike_only_with_a_warning(log: Path, tmp_path, capsys):
     def said(*options: str) -> tuple[str, str]:
-        main(["replay", str(log), "--out", str(tmp_path), "--force", *options])
+        main(["replay", str(log), *STREAM, "--out", str(tmp_path), "--force", *options])
         return capsys.readouterr()
 
     out, err = said()
@@ -94,13 +95,13 @@ def test_several_boots_are_named_and_cut_alike_only_with_a_warning(log: Path, tm
 
 
 def test_the_summary_has_the_boots_only_where_there_are_several(log: Path, tmp_path, capsys):
-    main(["replay", str(log), "--out", str(tmp_path), "--json"])
+    main(["replay", str(log), *STREAM, "--out", str(tmp_path), "--json"])
     boots = json.loads(capsys.readouterr().out)["boots"]
     assert [boot["boot"] for boot in boots] == [1, 2, 3]
     assert boots[1]["from"] == pytest.approx(20.0)
 
     log.write_bytes(one_boot(10.0, 20.0, 0.2).data)
-    main(["replay", str(log), "--out", str(tmp_path), "--json", "--force"])
+    main(["replay", str(log), *STREAM, "--out", str(tmp_path), "--json", "--force"])
     assert "boots" not in json.loads(capsys.readouterr().out)
 
 
@@ -148,14 +149,15 @@ def test_two_vehicles_are_named_and_the_one_that_is_answered(
     command, sysid, answered, tmp_path, capsys
 ):
     out = ["--out", str(tmp_path)] if command == "replay" else []
-    main([command, str(TWO_VEHICLES), *out, *sysid])
+    main([command, str(TWO_VEHICLES), *STREAM, *out, *sysid])
     page = " ".join(capsys.readouterr().out.split())
 
     assert f"{answered} fixed wing (answered)" in page
     assert "1/1 fixed wing" in page
     assert "2/1 fixed wing" in page
     assert "choose another by --sysid" in page
-    main([command, str(TWO_VEHICLES), *out, *sysid, "--json", *(["--force"] if out else [])])
+    again = ["--json", *(["--force"] if out else [])]
+    main([command, str(TWO_VEHICLES), *STREAM, *out, *sysid, *again])
     vehicles = json.loads(capsys.readouterr().out)["vehicles"]
     assert [vehicle["sysid"] for vehicle in vehicles] == [1, 2]
 
