@@ -8,7 +8,9 @@ Results go to stdout, everything else to stderr. Large modules are imported only
 
 import argparse
 import gc
+import shlex
 import sys
+import webbrowser
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
@@ -40,7 +42,8 @@ from yawid.cli.standard_streams import bring_out, make_ready
 from yawid.cli.trend import add_trend
 from yawid.errors import UNFORESEEN, SinkError, YawidError
 from yawid.runs.stop import Interrupted, StopFlag
-from yawid.sinks.door import DEBUG, mute, say, show_traceback, tell_json, tell_page
+from yawid.sinks.door import DEBUG, mute, say, show_traceback, tell, tell_json, tell_page
+from yawid.sinks.part_file import check_free
 from yawid.sources.formats import RUN, recorded
 from yawid.version import __version__
 
@@ -52,7 +55,7 @@ INTERRUPTED = 130
 MOST_SAID = 300
 """The most characters of an unforeseen error's text that are printed: it may hold an array."""
 OVERVIEW = {
-    "a flight": ("replay", "live", "inspect", "orders"),
+    "a flight": ("fly", "replay", "live", "inspect", "orders"),
     "a finished run": ("view", "report", "export", "recover"),
     "many flights": ("fleet", "trend", "diff", "regress"),
     "the paper's plants and step responses": ("simulate", "step"),
@@ -64,6 +67,7 @@ TRIED |= {"--manoeuvres"}
 """Options of an estimator that have no meaning for the comparison of orders."""
 EXAMPLES = """\
 examples:
+  yawid fly flight.tlog           all in one: what it can answer, the answer, the report
   yawid inspect flight.tlog       what a log can answer, and the command to run
   yawid replay flight.tlog        wn and zeta of each manoeuvre and of the flight
   yawid live udpin:127.0.0.1:14560
@@ -105,6 +109,7 @@ def _parser() -> argparse.ArgumentParser:
     commands = parser.add_subparsers(
         required=True, metavar="COMMAND", title=argparse.SUPPRESS, prog="yawid"
     )
+    _add_fly(commands, parser)
     _add_replay(commands)
     add_live(commands)
     _add_looks(commands)
@@ -118,6 +123,19 @@ def _parser() -> argparse.ArgumentParser:
     add_warm(commands)
     add_completion(commands, parser)
     return parser
+
+
+def _add_fly(commands: Commands, whole: argparse.ArgumentParser) -> None:
+    fly = add_command(
+        commands, "fly", "LOG", "inspect a log, replay it as that recommends, open the report",
+        "yawid fly flight.tlog\nyawid fly flight.BIN --out answers --no-open",
+    )  # fmt: skip
+    fly.add_argument("log", metavar="LOG", type=Path, help=recorded())
+    fly.add_argument("--no-open", action="store_true", help="write the report without opening it")
+    add_format(fly)
+    add_outputs(fly, without={"--json", "--rerun"})
+    add_record_options(fly)
+    fly.set_defaults(run=partial(_fly, whole))
 
 
 def _add_replay(commands: Commands) -> None:
@@ -155,6 +173,40 @@ def _add_looks(commands: Commands) -> None:
         add_estimator_options(command, without)
         add_record_options(command)
         command.set_defaults(run=run)
+
+
+def _fly(whole: argparse.ArgumentParser, arguments: argparse.Namespace) -> int:
+    """Print what a log can answer and the answer, and write the report; return the answer's code.
+
+    The settings are those of the replay that ``inspect`` recommends, if it recommends one.
+    """
+    from yawid.report.write import write_report
+    from yawid.runs.inspect_log import inspect
+    from yawid.runs.outputs import output_names
+    from yawid.runs.replay import replay
+    from yawid.sinks.terminal.inspection import print_inspection
+    from yawid.system.processes import has_desktop
+
+    settings, read_options = settings_of(arguments), read_options_of(arguments)
+    [name] = output_names([arguments.log])
+    outputs = outputs_of(arguments, name)
+    for suffix in (".mcap", ".html"):
+        check_free(outputs.path(suffix), force=arguments.force)
+    _compile_behind()
+    found, _ = inspect(arguments.log, settings, read_options)
+    tell_page(print_inspection, found)
+    if found.command is not None:
+        settings = settings_of(whole.parse_args(shlex.split(found.command)[1:]))
+    tell("")
+    with StopFlag().installed() as stop:
+        summary, verdict = replay(arguments.log, settings, outputs, stop, read_options)
+    tell_page(_print_summary, summary)
+    page = write_report(Path((summary.files or {})["mcap"]), force=arguments.force)
+    tell(f"report: {page}")
+    if not arguments.no_open and sys.stdout.isatty() and has_desktop():
+        webbrowser.open(page.as_uri())
+    code: int = verdict.exit_code
+    return code
 
 
 def _replay(arguments: argparse.Namespace) -> int:

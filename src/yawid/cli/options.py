@@ -156,23 +156,28 @@ def add_command(
     return command
 
 
-def add_outputs(parser: argparse.ArgumentParser) -> None:
-    """Add the options of a command that writes results, including those of the estimator."""
+def add_outputs(parser: argparse.ArgumentParser, without: Container[str] = frozenset()) -> None:
+    """Add the options of a command that writes results, and those of the estimator.
+
+    Those ``without`` are left out.
+    """
     files = parser.add_argument_group("what is written")
     files.add_argument(
         "--out", type=Path, default=Path(DEFAULT_OUT), metavar="DIR",
         help=f"folder of the files (default: {DEFAULT_OUT})",
     )  # fmt: skip
     files.add_argument("--force", action="store_true", help="overwrite files that exist")
-    files.add_argument("--json", action="store_true", help="print one JSON object per log")
-    files.add_argument(
-        "--rerun",
-        default="off",
-        metavar="off|save|spawn|URL",
-        help="a Rerun recording, or a viewer: rerun+http://HOST:PORT/proxy (default: off)",
-    )
+    if "--json" not in without:
+        files.add_argument("--json", action="store_true", help="print one JSON object per log")
+    if "--rerun" not in without:
+        files.add_argument(
+            "--rerun",
+            default="off",
+            metavar="off|save|spawn|URL",
+            help="a Rerun recording, or a viewer: rerun+http://HOST:PORT/proxy (default: off)",
+        )
     add_signing(parser)
-    add_estimator_options(parser)
+    add_estimator_options(parser, without)
 
 
 def add_signing(parser: argparse.ArgumentParser) -> None:
@@ -249,7 +254,7 @@ def outputs_of(arguments: argparse.Namespace, name: str) -> "Outputs":
     """
     from yawid.runs.outputs import Outputs
 
-    rerun = arguments.rerun
+    rerun = getattr(arguments, "rerun", "off")
     if rerun not in ("off", "save", "spawn") and not rerun.startswith("rerun+http"):
         raise ConfigError(f"--rerun must be off, save, spawn or rerun+http://..., got {rerun!r}")
     record = not getattr(arguments, "no_record", False)

@@ -47,6 +47,12 @@ def cores() -> int:
         return len(os.sched_getaffinity(0))
 
 
+def has_desktop() -> bool:
+    """Return whether a page can be opened in a browser with windows, not in the terminal."""
+    shown = {"DISPLAY", "WAYLAND_DISPLAY", "BROWSER"}
+    return sys.platform in ("win32", "darwin") or not shown.isdisjoint(os.environ)
+
+
 def steady_ns() -> int:
     """Return the time of a clock that never steps, and where possible counts suspended time."""
     if sys.platform == "win32":
