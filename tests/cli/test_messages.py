@@ -13,6 +13,7 @@ from places import REPLAY_LOGS
 
 import yawid
 from yawid.answers.reports import OrdersReport
+from yawid.cli.config_file import parsed
 from yawid.cli.main import _parser, main
 from yawid.cli.options import given_options
 from yawid.config.run import check_settings
@@ -248,3 +249,16 @@ def test_the_american_spelling_is_the_same_option():
 
     assert both == [{"manoeuvres": "off"}] * 2
     assert check_settings({"maneuvers": "off"}, "x.toml")["manoeuvres"] == "off"
+
+
+def test_the_endpoints_to_publish_to_are_a_list_and_the_command_line_overrules_the_file_s(tmp_path):
+    settings = tmp_path / "live.toml"
+    live = ["live", "udpin:127.0.0.1:14560", "--config", str(settings)]
+    for text, found in (('"tap"', ["tap"]), ('["udpout:a:1", "tap"]', ["udpout:a:1", "tap"])):
+        settings.write_text(f"publish = {text}")
+        assert parsed(_parser(), live).publish == found
+    given = ["--publish", "udpout:b:2", "--publish", "udpout:c:3"]
+    assert parsed(_parser(), [*live, *given]).publish == ["udpout:b:2", "udpout:c:3"]
+    settings.write_text("publish = [3]")
+    with pytest.raises(ConfigError, match="publish must be a text or a list of texts, got"):
+        parsed(_parser(), live)

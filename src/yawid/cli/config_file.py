@@ -36,7 +36,8 @@ def parsed(parser: argparse.ArgumentParser, argv: Sequence[str] | None) -> argpa
 
     settings, options = _split(read_toml(file), _options_of_all(parser))
     for action in command._actions:
-        if action.dest in options:
+        is_list = isinstance(action, argparse._AppendAction)  # the command line would only add
+        if action.dest in options and not (is_list and getattr(arguments, action.dest)):
             command.set_defaults(**{action.dest: _text(action, options[action.dest], file)})
     arguments = parser.parse_args(argv)
     arguments.settings = check_settings(settings, str(file))
@@ -100,7 +101,12 @@ def _text(action: argparse.Action, value: Any, file: Path) -> Any:
     Raises:
         ConfigError: the value has the wrong type.
     """
-    if isinstance(value, bool):
+    if isinstance(action, argparse._AppendAction):
+        if isinstance(value, str):
+            return [value]
+        if isinstance(value, list) and all(isinstance(each, str) for each in value):
+            return value
+    elif isinstance(value, bool):
         if action.nargs == 0:
             return value
         if action.const is not None:  # an option whose value may be left out
@@ -108,4 +114,6 @@ def _text(action: argparse.Action, value: Any, file: Path) -> Any:
     elif isinstance(value, str | int | float) and action.nargs != 0:
         return str(value)
     wanted = "true or false" if action.nargs == 0 else "a text or a number"
+    if isinstance(action, argparse._AppendAction):
+        wanted = "a text or a list of texts"
     raise ConfigError(f"{file}: {action.dest.replace('_', '-')} must be {wanted}, got {value!r}")

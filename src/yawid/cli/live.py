@@ -61,11 +61,11 @@ def add_live(commands: Commands) -> None:
         f"it is the vehicle's (default: {REQUEST_SYSID})",
     )  # fmt: skip
     live.add_argument(
-        "--publish", metavar="ENDPOINT",
+        "--publish", metavar="ENDPOINT", action="append",
         help="transmit: the answer once a second as MAVLink, NAMED_VALUE_FLOAT and STATUSTEXT, to "
         "udpout:HOST:PORT (a ground station listens there), to whoever sends to udpin:HOST:PORT, "
-        "or to tap: back over the tap's own link, so to the vehicle as well (default: transmit "
-        "nothing)",
+        "or to tap: back over the tap's own link, so to the vehicle as well; may be given several "
+        "times (default: transmit nothing)",
     )  # fmt: skip
     live.add_argument(
         "--publish-compid", type=int, default=COMPID, metavar="N",
@@ -102,7 +102,7 @@ def _live(arguments: argparse.Namespace) -> int:
         every_vehicle=every_vehicle,
         most_vehicles=arguments.most_vehicles,
         record_others=arguments.record_others,
-        publish=arguments.publish,
+        publish=tuple(arguments.publish or ()),
         publish_compid=arguments.publish_compid,
     )
     with StopFlag().installed() as stop:

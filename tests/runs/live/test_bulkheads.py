@@ -141,7 +141,7 @@ def test_where_outputs_fail_each_is_said_once_the_rest_goes_on_and_the_exit_code
 ):
     failed = {OUTPUTS[place] for place in places}
     shown = Outputs(tmp_path, "live", "rerun+http://127.0.0.1:9/proxy")
-    asked = {"state": tmp_path / "state", "publish": "tap", "request_hz": 50.0}
+    asked = {"state": tmp_path / "state", "publish": ("tap",), "request_hz": 50.0}
     with monkeypatch.context() as patched:
         for place in places:
             fail(patched, place)

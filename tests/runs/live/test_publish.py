@@ -56,6 +56,12 @@ def receive(station: socket.socket, enough: Callable[[list[object]], bool]) -> l
     return found
 
 
+def at_free_port(listener: socket.socket) -> int:
+    listener.bind(("127.0.0.1", 0))
+    listener.settimeout(10.0)
+    return int(listener.getsockname()[1])
+
+
 def values(messages: list[object]) -> dict[str, float]:
     """Return the newest values by name."""
     return {m.name: m.value for m in messages if m.get_type() == "NAMED_VALUE_FLOAT"}
@@ -65,7 +71,12 @@ def test_a_ground_station_gets_the_flight_s_answer_and_the_session_stays_what_it
     tmp_path: Path, ground: socket.socket
 ):
     host, port = ground.getsockname()
-    with listening(tmp_path, publish=f"udpout:{host}:{port}") as session:
+    with (
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as second,
+        listening(
+            tmp_path, publish=(f"udpout:{host}:{port}", f"udpout:{host}:{at_free_port(second)}")
+        ) as session,
+    ):
         send(SENT, session.port)
         got = receive(
             ground,
@@ -74,6 +85,8 @@ def test_a_ground_station_gets_the_flight_s_answer_and_the_session_stays_what_it
                 and any("yawid m1" in m.text for m in found if m.get_type() == "STATUSTEXT")
             ),
         )
+        for message in got:  # the second ground station gets the same bytes
+            assert second.recv(2048) == bytes(message.get_msgbuf())
         # What is published comes back over the link, as from a router.
         echo = [bytes(message.get_msgbuf()) for message in got]
         send(echo, session.port)
@@ -126,7 +139,7 @@ def test_back_over_the_tap_two_vehicles_have_their_turns_each_in_its_own_name(tm
     one, two = frames(10.0, sysid=1), frames(10.0, sysid=2)
     with (
         socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as link,
-        listening(tmp_path, publish="tap", publish_compid=77, every_vehicle=True) as session,
+        listening(tmp_path, publish=("tap",), publish_compid=77, every_vehicle=True) as session,
     ):
         link.settimeout(0.2)
         send([*one, *two], session.port, link)
@@ -144,7 +157,7 @@ def test_what_is_asked_and_what_is_published_is_of_one_sender_in_one_sequence(tm
     reader, link = mavlink.MAVLink(None), mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
     link.signing.secret_key, link.signing.timestamp, link.signing.sign_outgoing = key, 1, True
     options = {
-        "publish": "tap",
+        "publish": ("tap",),
         "request_hz": 50.0,
         "read_options": ReadOptions(key=SigningKey(key)),
     }
@@ -221,7 +234,10 @@ def test_a_verdict_is_a_text_that_fits():
 
 def test_a_component_that_is_the_autopilot_s_is_refused():
     with pytest.raises(ConfigError, match="--publish-compid must be 2 to 255"):
-        LiveOptions("udpin:127.0.0.1:14560", publish="tap", publish_compid=1)
-    options = LiveOptions("udpin:127.0.0.1:14560", publish="udpout:127.0.0.1:14570")
+        LiveOptions("udpin:127.0.0.1:14560", publish=("tap",), publish_compid=1)
+    options = LiveOptions("udpin:127.0.0.1:14560", publish=("udpout:127.0.0.1:14570",))
     assert not options.may_transmit
-    assert replace(options, publish="tap").may_transmit
+    assert replace(options, publish=("tap",)).may_transmit
+    assert replace(options, publish=(*options.publish, "tap")).may_transmit
+    with pytest.raises(ConfigError, match="14570 is given twice"):
+        replace(options, publish=options.publish * 2)

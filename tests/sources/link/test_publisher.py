@@ -72,7 +72,7 @@ def received(station: socket.socket) -> list[bytes]:
 
 def published(to: socket.socket, key: bytes | None = None) -> Publisher:
     way = OverUdp(Endpoint(*to.getsockname(), "udpout"))
-    return Publisher(way, "there", 194, None if key is None else SigningKey(key))
+    return Publisher({"there": way}, 194, None if key is None else SigningKey(key))
 
 
 STEPS = st.lists(
@@ -93,7 +93,7 @@ def test_no_ten_seconds_have_more_bytes_than_may_be_and_every_verdict_arrives(
     steps: list[tuple[float, str, int, int]], signed: bool
 ) -> None:
     way, most = Noted(), 3500 if signed else 2500
-    publisher = Publisher(way, "there", 194, SigningKey(KEY) if signed else None)
+    publisher = Publisher({"there": way}, 194, SigningKey(KEY) if signed else None)
     verdicts: dict[int, str] = {}
     for number, (pause_s, what, sysid, size) in enumerate(steps):
         way.now_s += pause_s
@@ -137,7 +137,7 @@ def test_what_was_sent_counts_for_ten_seconds_both_ends_of_them_included() -> No
 def test_rounds_once_a_second_leave_room_for_texts_and_always_have_their_own() -> None:
     for key in (None, SigningKey(KEY)):
         way = Noted()
-        publisher = Publisher(way, "there", 194, key)
+        publisher = Publisher({"there": way}, 194, key)
         for second in range(60):
             way.now_s = float(second)
             for number in range(2 * MOST_WAITING):
@@ -194,7 +194,7 @@ def test_udpin_answers_who_sent_last_and_sends_nothing_before(ground: socket.soc
     ground.sendto(b"", ground.getsockname())  # its own port is not the publisher's
     assert received(ground) == [b""]
     way = OverUdp(Endpoint("127.0.0.1", 0))
-    publisher = Publisher(way, "here", 194)
+    publisher = Publisher({"here": way}, 194)
     publisher.send_round(1, 0, VALUES, 0.0)
     ground.sendto(3000 * b"x", way._socket.getsockname())
     publisher.send_round(1, 0, VALUES, 1.0)

@@ -27,7 +27,7 @@ from yawid.sinks.terminal.progress import Console
 from yawid.sources.link.endpoints import Endpoint, parse_endpoint
 from yawid.sources.link.inbox import Stamps
 from yawid.sources.link.outgoing import COMPID
-from yawid.sources.link.publisher import open_publisher, parse_publish
+from yawid.sources.link.publisher import open_publisher, parse_all
 from yawid.sources.link.rate_requests import SYSID, RateRequests
 from yawid.sources.link.tap import BATCH_S, Tap
 from yawid.sources.link.tcp_serial import StreamTap
@@ -60,8 +60,8 @@ class LiveOptions:
 
     ``seconds`` None: the run lasts until it is stopped. ``request_hz`` None: no rate is requested.
     ``every_vehicle``: each vehicle has its own session, ``most_vehicles`` at most; their tlogs hold
-    frames of senders that are not vehicles only with ``record_others``. ``publish`` None: no
-    answer is ever sent.
+    frames of senders that are not vehicles only with ``record_others``. ``publish`` has where to
+    send the answer; where it is empty, no answer is ever sent.
 
     Raises:
         ConfigError: a value is outside its limits, or two options exclude each other.
@@ -75,16 +75,14 @@ class LiveOptions:
     every_vehicle: bool = False
     most_vehicles: int = MOST_VEHICLES
     record_others: bool = False
-    publish: str | None = None
+    publish: tuple[str, ...] = ()
     publish_compid: int = COMPID
 
     @property
     def may_transmit(self) -> bool:
         """Whether anything is ever sent on the link that the tap listens to."""
-        by_tap = self.publish is not None and (
-            parse_publish(self.publish, parse_endpoint(self.endpoint)) is None
-        )
-        return by_tap or self.request_hz is not None
+        places = parse_all(self.publish, parse_endpoint(self.endpoint))
+        return None in places.values() or self.request_hz is not None
 
     def __post_init__(self) -> None:
         if self.seconds is not None and not self.seconds > 0.0:
@@ -107,8 +105,7 @@ class LiveOptions:
                 f"got {self.publish_compid}"
             )
         endpoint = parse_endpoint(self.endpoint)
-        if self.publish is not None:
-            parse_publish(self.publish, endpoint)
+        parse_all(self.publish, endpoint)
         kind = endpoint.kind
         if kind == "udpout" and self.request_hz is None:
             raise ConfigError(
@@ -192,12 +189,12 @@ def _attend(
 @contextmanager
 def _publishing(tap: Tap, setting: Setting, options: LiveOptions) -> Iterator[Publish | None]:
     """Open the publisher of answers, if ``--publish`` asks for one."""
-    if options.publish is None:
+    if not options.publish:
         yield None
         return
     key = setting.read_options.key
     publisher = open_publisher(options.publish, tap, options.publish_compid, key)
-    setting.say(f"publishing to {publisher.name} as component {publisher.compid} of the vehicle")
+    setting.say(f"publishing to {publisher.names} as component {publisher.compid} of the vehicle")
     try:
         yield Publish(publisher, setting.fits, setting.reached_us)
     finally:

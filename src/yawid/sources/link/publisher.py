@@ -19,7 +19,9 @@ MAVProxy shows texts of a component other than the autopilot after ``set target_
 import errno
 import math
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
+from itertools import product
 from typing import Protocol
 
 from yawid.errors import ConfigError, SourceError
@@ -133,23 +135,24 @@ class OverUdp:
 
 
 class Publisher:
-    """The sender of rounds and texts over one way, within the limits of bytes.
+    """The sender of rounds and texts over ways by name, each within the limits of bytes.
 
-    ``news`` has lines about it that have not been reported yet.
+    The same frames go over every way. ``news`` has lines about them that have not been reported
+    yet.
     """
 
-    def __init__(self, way: Way, name: str, compid: int, key: SigningKey | None = None) -> None:
-        self.name = name
+    def __init__(self, ways: Mapping[str, Way], compid: int, key: SigningKey | None = None) -> None:
+        self.names = ", ".join(ways)
         self.compid = compid
         self.news: deque[str] = deque()
-        self._way = way
+        self._ways = dict(ways)
         self.sender_of = senders(compid, key)
         signed = key is not None
         self._all = Limiter(MOST_SIGNED_BYTES if signed else MOST_BYTES)
         self._of_texts = Limiter(TEXT_SIGNED_BYTES if signed else TEXT_BYTES)
         self._texts: dict[tuple[int, str], tuple[int, str]] = {}
         self._said = 0
-        self._has_failed = False
+        self._failed: set[str] = set()
 
     def send_round(
         self, sysid: int, boot_ms: int, values: Mapping[str, float], now_s: float
@@ -207,18 +210,19 @@ class Publisher:
 
     def close(self) -> None:
         """Close what was opened."""
-        self._way.close()
+        for way in self._ways.values():
+            way.close()
 
     def _send(self, frames: list[bytes], sysid: int) -> None:
-        """Send frames, each in a datagram of its own; a refusal is reported one time."""
-        for frame in frames:
+        """Send frames, each in a datagram of its own; a way's refusal is reported one time."""
+        for name, frame in product(self._ways, frames):
             try:
-                self._way.send(frame, sysid)
+                self._ways[name].send(frame, sysid)
             except OSError as error:
-                if not self._has_failed:
-                    self._has_failed = True
+                if name not in self._failed:
+                    self._failed.add(name)
                     self.news.append(
-                        f"nothing receives what is published to {self.name} "
+                        f"nothing receives what is published to {name} "
                         f"({error.strerror or error}): publishing goes on"
                     )
 
@@ -258,20 +262,38 @@ def _is_at_tap(endpoint: Endpoint, tapped: Endpoint) -> bool:
     return listens and (endpoint.host in _ANY or (endpoint.kind == "udpin" and tapped.host in _ANY))
 
 
-def open_publisher(
-    text: str, tap: Tap, compid: int = COMPID, key: SigningKey | None = None
-) -> Publisher:
-    """Return the open publisher that ``--publish`` names, next to this tap.
+def parse_all(texts: Sequence[str], tapped: Endpoint) -> dict[str, Endpoint | None]:
+    """Return by name where to publish, as :func:`parse_publish` of each text.
 
     Raises:
-        ConfigError: it is no place to publish to.
-        SourceError: it cannot be opened.
+        ConfigError: one is no place to publish to, or two are the same.
     """
-    endpoint = parse_publish(text, tap.endpoint)
-    if endpoint is None:
-        return Publisher(BackOverTap(tap), f"{tap.endpoint}", compid, key)
-    try:
-        way = OverUdp(endpoint)
-    except SourceError as error:
-        raise SourceError(f"--publish {text}: {error}") from error
-    return Publisher(way, str(endpoint), compid, key)
+    places: dict[str, Endpoint | None] = {}
+    for text in texts:
+        place = parse_publish(text, tapped)
+        name = str(place or tapped)
+        if name in places:
+            raise ConfigError(f"--publish {text}: {name} is given twice: give it once")
+        places[name] = place
+    return places
+
+
+def open_publisher(
+    texts: Sequence[str], tap: Tap, compid: int = COMPID, key: SigningKey | None = None
+) -> Publisher:
+    """Return the open publisher to what each ``--publish`` names, next to this tap.
+
+    Raises:
+        ConfigError: as :func:`parse_all`.
+        SourceError: one cannot be opened.
+    """
+    ways: dict[str, Way] = {}
+    with ExitStack() as opened:
+        for name, place in parse_all(texts, tap.endpoint).items():
+            try:
+                ways[name] = BackOverTap(tap) if place is None else OverUdp(place)
+            except SourceError as error:
+                raise SourceError(f"--publish {name}: {error}") from error
+            opened.callback(ways[name].close)
+        opened.pop_all()
+    return Publisher(ways, compid, key)
