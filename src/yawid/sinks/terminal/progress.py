@@ -11,6 +11,13 @@ from typing import TYPE_CHECKING, TextIO
 from yawid.sinks.door import plain
 from yawid.sinks.terminal.live_facts import LiveFacts
 from yawid.sinks.terminal.outlet import Outlet
+from yawid.sinks.terminal.restore import (
+    CLEAR_LINE,
+    HIDE_CURSOR,
+    SHOW_CURSOR,
+    SHOWN,
+    write_now,
+)
 
 if TYPE_CHECKING:
     from rich.progress import Progress, TaskID
@@ -19,7 +26,6 @@ SOON_S = 1.0
 """Work that takes no longer than this gets no bar."""
 PLAIN_LINE_S = 10.0
 TERMINAL_LINE_S = 0.5
-_CLEAR = "\r\x1b[2K"
 _TASK: "TaskID" = 0  # type: ignore[assignment] # the only task
 
 
@@ -62,6 +68,7 @@ class Bar:
                 console = RichConsole(file=self._stream, markup=False)
                 self._shown = parts.Progress(*columns, console=console, transient=True)
                 self._shown.add_task(self._name, total=self._total or None, completed=self._done)
+                SHOWN.append(self)  # first: Ctrl-Z may come at once
                 self._shown.start()
 
     def close(self) -> None:
@@ -70,6 +77,15 @@ class Bar:
             self._is_over = True
             if self._shown is not None:
                 self._shown.stop()
+                SHOWN.remove(self)
+
+    def leave(self) -> None:
+        """Remove the bar, and show the cursor: see :mod:`yawid.sinks.terminal.restore`."""
+        write_now(self._stream, CLEAR_LINE + SHOW_CURSOR)
+
+    def come_back(self) -> None:
+        """Hide the cursor again; the bar's own thread draws it."""
+        write_now(self._stream, HIDE_CURSOR)
 
 
 @contextmanager
@@ -117,7 +133,7 @@ class Console:
     def say(self, text: str) -> None:
         """Write a line that is not updated later."""
         with self._lock:
-            clear = _CLEAR if self._shown else ""
+            clear = CLEAR_LINE if self._shown else ""
             self._outlet.write(f"{clear}yawid: {plain(text)}\n{self._shown}")
 
     def is_due(self) -> bool:
@@ -134,7 +150,7 @@ class Console:
         with self._lock:
             if self._is_terminal:
                 self._shown = line[: shutil.get_terminal_size().columns - 1]
-                self._outlet.write(_CLEAR + self._shown)
+                self._outlet.write(CLEAR_LINE + self._shown)
             else:
                 self._outlet.write(f"yawid: {line}\n")
 
