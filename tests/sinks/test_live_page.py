@@ -12,6 +12,7 @@ from rich.screen import Screen
 
 from yawid.sinks.terminal.live_facts import LiveFacts, VehicleFacts
 from yawid.sinks.terminal.live_page import Page, what_to_do
+from yawid.sources.link.endpoints import parse_endpoint
 
 FLIGHT = four_of_a_flight()
 FLYING = VehicleFacts(
@@ -119,3 +120,25 @@ def test_of_many_vehicles_those_in_trouble_have_a_row_and_the_rest_are_counted()
 
 def test_a_window_too_small_for_the_page_has_the_line() -> None:
     assert drawn(LINK, 50, 10)[0].strip() == "yawid: 1 vehicle, 9 msg/s"
+
+
+def coloured(facts: LiveFacts) -> str:
+    out = io.StringIO()
+    console = Console(file=out, width=80, height=24, force_terminal=True, color_system="standard")
+    console.print(Page(facts, ()))
+    return out.getvalue()
+
+
+def test_a_verdict_of_more_than_two_seconds_ago_is_dim_and_says_its_age() -> None:
+    now = coloured(with_vehicles(replace(FLYING, flight=None, verdict_age_s=1.9)))
+    assert "\x1b[1;31mNOT USABLE\x1b[0m (of the stream" in now
+    old = coloured(with_vehicles(replace(FLYING, flight=None, verdict_age_s=7.4)))
+    assert "\x1b[2mNOT USABLE\x1b[0m\x1b[2m, 7 s old (of the stream" in old
+
+
+def test_where_nothing_was_heard_the_sender_s_line_is_there() -> None:
+    to_send = parse_endpoint("udpin:0.0.0.0:14560").to_send
+    silent = replace(LINK, vehicles=(), age_s=None, to_send=to_send)
+    text = " ".join(" ".join(drawn(silent)).split())
+    assert "SENDER in MAVProxy: output add ADDRESS-OF-THIS-MACHINE:14560; mavlink-router" in text
+    assert "SENDER" not in " ".join(drawn(replace(silent, age_s=0.1)))

@@ -91,11 +91,14 @@ def orders_report(
     ):
         config = source.settled(settings)
         job, samples = _sampled(source, config, bar)
-        if samples is None:
-            first = job.conclude()[1].reasons[0]
+        try:
+            found, chosen = _compared(samples, config, bar)
+        except NotIdentifiable as error:  # the log's own first reason says more, if it has one
+            first = next(iter(job.conclude()[1].reasons), None)
+            if first is None or (samples is not None and first.exit_code != 3):
+                raise
             kind = ChannelError if first.exit_code == 3 else NotIdentifiable
-            raise kind(f"{log}: {first}")
-        found, chosen = _compared(samples, config, bar)
+            raise kind(f"{log}: {first}") from error
         trial = Trials(source, bar).of(_with(chosen, config))
     report = OrdersReport(
         log=str(log.absolute()),

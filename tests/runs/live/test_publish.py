@@ -26,14 +26,17 @@ from yawid.results.summary import summarise
 from yawid.runs.live import LiveOptions
 from yawid.runs.live.publish import values_of, verdict_text
 from yawid.runs.live.running_answer import Answer, RunningAnswer
+from yawid.runs.live.screen_facts import Gatherer
 from yawid.runs.outputs import Outputs
 from yawid.runs.replay import StopFlag, replay
+from yawid.sinks.terminal.live_facts import VehicleFacts
 from yawid.sources.mavlink.decoder import Decoder
 from yawid.sources.mavlink.signing import SigningKey
 from yawid.sources.open_log import ReadOptions
 
 # One doublet, and rest, that ends the manoeuvre.
 SENT = frames(24.0, doublet_s=9.0)
+PARAM_VALUE = 22
 
 
 @pytest.fixture
@@ -210,6 +213,31 @@ def test_the_stream_s_answer_is_its_summary_s_as_it_stood_when_it_was_asked_for(
     found = answer.look(pipeline, decoder.link)
     assert (found.verdict, found.dutch_roll) == (verdict, summary.dutch_roll)
     assert summarise(pipeline, decoder.link, "", "")[0].dutch_roll != found.dutch_roll
+
+
+def test_the_screen_s_verdict_has_its_age_and_is_none_in_the_first_ten_seconds(monkeypatch):
+    config = replace(CONFIG, manoeuvres="off")
+    decoder, pipeline, worker, now = Decoder(WANTED), Pipeline(config), Later(), [1000.0]
+    monkeypatch.setattr(time, "monotonic", lambda: now[0])
+    heard = [f for f in SENT if int.from_bytes(f[7:10], "little") != PARAM_VALUE]
+    records = [pack(">Q", 1_700_000_000_000_000 + 6_000 * i) + f for i, f in enumerate(heard)]
+    pipeline.feed(decoder.feed(b"".join(records)))
+    gatherer = Gatherer(worker)
+
+    def look(at_s: float) -> VehicleFacts:
+        now[0] = at_s
+        return gatherer.facts(pipeline, decoder.link, "", closely=True)
+
+    assert look(1000.0).verdict is None
+    worker.done.set_result(worker.act())
+    assert look(1009.9).verdict is None  # judged, but of the first seconds
+    known = look(1012.0)
+    assert known.verdict is not None
+    assert known.verdict_age_s == pytest.approx(12.0)
+    assert known.rudder == (
+        'SERVO_OUTPUT_RAW.servo4_raw (assumed: no parameters were heard; in MAVProxy type "param '
+        'fetch")'
+    )
 
 
 ROLL = DutchRoll(wn_rad_s=10.06, wn_std=0.28, zeta=0.646, zeta_std=0.042)

@@ -296,6 +296,7 @@ class _Loop:
             dropped=self._dropped(),
             vehicles=tuple(self._sessions.facts()),
             line=line,
+            to_send=self._tap.endpoint.to_send,
         )
         self._console.draw(facts, time.monotonic() - begun_s)
         return True
@@ -385,7 +386,9 @@ class _Loop:
             self._is_silent = not self._is_silent
             seconds = SILENT_US // 1_000_000
             text = f"no data for {seconds} s" if self._is_silent else "the link is back"
-            self._tell(f"{text} on {self._tap.endpoint}")
+            never = self._is_silent and not self._tap.inbox.last_us
+            to_send = f"; {self._tap.endpoint.to_send}" if never else ""
+            self._tell(f"{text} on {self._tap.endpoint}{to_send}")
         for line in self._overload.lines():
             self._tell(line)
         if self._rates is not None:

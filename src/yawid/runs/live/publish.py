@@ -7,6 +7,7 @@ from functools import partial
 
 from yawid.answers.run_summary import Manoeuvre
 from yawid.runs.live.running_answer import Answer, RunningAnswer
+from yawid.runs.live.screen_facts import SETTLE_S
 from yawid.runs.live.vehicle_session import LiveSession
 from yawid.runs.live.worker import Worker
 from yawid.sinks.words import dutch_roll, says
@@ -15,8 +16,6 @@ from yawid.sources.link.publisher import INFO, LONGEST_TEXT, NOTICE, Publisher
 ROUND_S = 1.0
 SILENT_US = 5_000_000
 """Nothing is published for a vehicle that has been silent for this long."""
-SETTLE_S = 10.0
-"""No text is sent on a verdict of the first seconds, when few data have arrived."""
 REASON_S = 15.0
 """The least time between two texts that say "not usable" for different reasons."""
 

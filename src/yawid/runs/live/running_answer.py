@@ -45,6 +45,12 @@ class RunningAnswer:
         self._judging: Future[tuple[Answer, float]] | None = None
         self._of_stream: Answer | None = None
         self._next_s = float("-inf")
+        self._asked_s = self._of_s = 0.0
+
+    @property
+    def stream_age_s(self) -> float:
+        """How long ago the stream was as its last answer says, in s; 0 where it was not judged."""
+        return time.monotonic() - self._of_s if self._of_stream is not None else 0.0
 
     def look(self, pipeline: Pipeline, link: LinkStats) -> Answer | None:
         """Return the answer, None before there is one; to be called about once each second."""
@@ -62,10 +68,12 @@ class RunningAnswer:
         now_s = time.monotonic()
         if self._judging is not None and self._judging.done():
             self._of_stream, took_s = self._judging.result()
+            self._of_s = self._asked_s
             self._judging, self._next_s = None, now_s + max(AGAIN_S, took_s / self._share)
         if bank is None or not bank.last or basis.rates_hz is None:
             return Answer(Verdict.of(basis.reasons), None)
         if self._judging is None and now_s >= self._next_s and not self._worker.waiting:
+            self._asked_s = now_s
             self._judging = self._worker.submit(_judge, bank.snapshot(), basis)
         return self._of_stream
 

@@ -19,6 +19,9 @@ from yawid.sinks.terminal.live_facts import VehicleFacts
 
 WINDOW_S = 2.0
 """Rates are counted over this time; where no sample is used for this long, the reason is shown."""
+SETTLE_S = 10.0
+"""No verdict on the stream is shown or sent in its first seconds, when few data have arrived."""
+ASSUMED = ' (assumed: no parameters were heard; in MAVProxy type "param fetch")'
 
 
 class Gatherer:
@@ -30,6 +33,7 @@ class Gatherer:
 
     def __init__(self, worker: Worker | None = None) -> None:
         self._counts: deque[tuple[float, int, int, int, int]] = deque()
+        self._first_s: float | None = None
         self._of_stream = None if worker is None else RunningAnswer(worker, SHARE_SHOWN)
 
     def facts(
@@ -39,7 +43,7 @@ class Gatherer:
         channels, vehicle = pipeline.channels, pipeline.channels.lock.vehicle
         rates, unused = self._rates(pipeline, link)
         progress, unanswered = pipeline.progress(closely=closely)
-        flight, verdict = self._answer(pipeline, link)
+        flight, verdict, age_s = self._answer(pipeline, link)
         name = ""
         if vehicle is not None:
             kind = type_name(vehicle.type)
@@ -49,7 +53,10 @@ class Gatherer:
         return VehicleFacts(
             sysid=0 if vehicle is None else vehicle.sysid,
             name=name,
-            rudder=", ".join(surface.source for surface in channels.surfaces),
+            rudder=", ".join(
+                f"{each.source}{ASSUMED if each.how == 'assumed' else ''}"
+                for each in channels.surfaces
+            ),
             yaw=channels.yaw.label if channels.yaw.rows else "",
             quiet=quiet,
             held=_held(pipeline) if unused and not quiet else "",
@@ -69,6 +76,7 @@ class Gatherer:
             stream=_stream(pipeline) if closely else "",
             state=SILENT if quiet else _state(pipeline),
             verdict=None if verdict is None else verdict.usable,
+            verdict_age_s=age_s,
             why=tuple(map(str, fatal or reasons)),
             next=_next(pipeline, verdict),
         )
@@ -86,15 +94,24 @@ class Gatherer:
         rates = tuple((after - before) / max(lasted_s, 1e-9) for before, after in counted)
         return rates, lasted_s >= WINDOW_S and now[4] == first[4]
 
-    def _answer(self, pipeline: Pipeline, link: LinkStats) -> tuple[Flight | None, Verdict | None]:
-        """Return the flight and its verdict; without a flight, the stream's verdict if known."""
+    def _answer(
+        self, pipeline: Pipeline, link: LinkStats
+    ) -> tuple[Flight | None, Verdict | None, float]:
+        """Return the flight, its verdict and the verdict's age in s.
+
+        Without a flight the verdict is the stream's, None in the first ``SETTLE_S`` of it.
+        """
         found = pipeline.flight(of_the_log(basis_of(pipeline, link).reasons))
         if found is not None:
-            return found
-        answer = None
-        if self._of_stream is not None and link.frames:
-            answer = self._of_stream.look(pipeline, link)
-        return None, None if answer is None else answer.verdict
+            return *found, 0.0
+        if self._of_stream is None or not link.frames:
+            return None, None, 0.0
+        now_s = time.monotonic()
+        self._first_s = now_s if self._first_s is None else self._first_s
+        answer = self._of_stream.look(pipeline, link)
+        if answer is None or now_s - self._first_s < SETTLE_S:
+            return None, None, 0.0
+        return None, answer.verdict, self._of_stream.stream_age_s
 
 
 def _next(pipeline: Pipeline, verdict: Verdict | None) -> str:

@@ -19,8 +19,8 @@ class VehicleFacts:
     is True once the rudder has moved far enough. ``unanswered`` manoeuvres have ended and are being
     estimated; ``finds`` is False where manoeuvres are not looked for. ``stream`` is the running
     estimate in words, ``state`` its status in one or two. ``verdict`` says whether the answer is
-    usable, the flight's or before that the stream's, None where unknown; ``why`` lists its reasons
-    and ``next`` says what to do about the first fatal one.
+    usable, the flight's or before that the stream's, None where unknown, and ``verdict_age_s`` how
+    old that is; ``why`` lists its reasons and ``next`` says what to do about the first fatal one.
     """
 
     sysid: int = 0
@@ -45,6 +45,7 @@ class VehicleFacts:
     stream: str = ""
     state: str = ""
     verdict: bool | None = None
+    verdict_age_s: float = 0.0
     why: tuple[str, ...] = ()
     next: str = ""
 
@@ -60,7 +61,7 @@ class LiveFacts:
 
     ``lasted_s`` is how long it has run, ``age_s`` the age of the last datagram, None before the
     first; ``dropped`` is the number of datagrams dropped here, as text. ``line`` is the state in
-    one line, for a window too small for more.
+    one line, for a window too small for more; ``to_send`` is what to type at the sender.
     """
 
     endpoint: str
@@ -69,3 +70,4 @@ class LiveFacts:
     dropped: str
     vehicles: tuple[VehicleFacts, ...]
     line: str
+    to_send: str = ""

@@ -20,6 +20,8 @@ LEAST_WIDTH, LEAST_HEIGHT = 72, 20
 """A smaller window has no room for the page and shows one line."""
 DEAD_S = 1.2
 """A link with no data for this long is shown as dead, so that a person sees it within 2 s."""
+OLD_S = 2.0
+"""An older verdict is dimmed, and its age is shown."""
 NAME_WIDTH = 10
 SCALE = 0.5
 """The end of the meter's scale, as a part of half the travel."""
@@ -121,6 +123,8 @@ def _several(facts: LiveFacts, width: int, room: int) -> Group:
     title = _title(facts, f"{len(vehicles) or 'no'} vehicles{'' if vehicles else ' yet'}", width)
     dead = [_row("LINK", Text(f" {quiet.upper()} ", _RED))] if (quiet := _dead(facts)) else []
     counts = _row("" if dead else "LINK", _counts(facts, rate, lost))
+    if facts.age_s is None and facts.to_send:
+        dead += _wrapped("SENDER", facts.to_send, width)
     link = [*dead, counts, Text()]
     rows = room - len(link) - 3
     table = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0))
@@ -255,12 +259,15 @@ def _answer(vehicle: VehicleFacts, width: int) -> Iterator[Text]:
     if vehicle.verdict is None:
         yield _row("VERDICT", Text("none yet"))
         return
+    is_old = vehicle.verdict_age_s > OLD_S
     word = Text("usable", "bold green") if vehicle.verdict else Text("NOT USABLE", "bold red")
+    word, rest = (Text(word.plain, "dim"), "dim") if is_old else (word, "")
     of = "" if flight else " (of the stream: no manoeuvre has been answered yet)"
-    said = "; ".join((f"{word.plain}{of}", *vehicle.why))
+    age = f", {vehicle.verdict_age_s:.0f} s old" if is_old else ""
+    said = "; ".join((f"{word.plain}{age}{of}", *vehicle.why))
     why = wrap(said, width - NAME_WIDTH, max_lines=MOST_WHY)
-    yield _row("VERDICT", Text().append_text(word).append(why[0][len(word.plain) :]))
-    yield from (_row("", Text(line)) for line in why[1:])
+    yield _row("VERDICT", Text().append_text(word).append(why[0][len(word.plain) :], rest))
+    yield from (_row("", Text(line, rest)) for line in why[1:])
     if vehicle.next:
         yield from _wrapped("", f"{NEXT} {vehicle.next}", width)
 

@@ -33,6 +33,17 @@ class Endpoint:
         return f"{self.kind}:{written(self.host, self.port)}"
 
     @property
+    def to_send(self) -> str:
+        """What to type at the sender, or to check, where nothing arrives."""
+        here = "ADDRESS-OF-THIS-MACHINE" if self.host in ("0.0.0.0", "::") else self.host
+        at = written(here, self.port)
+        if self.kind == "udpin":
+            return f"in MAVProxy: output add {at}; mavlink-router: mavlink-routerd -e {at} ..."
+        if self.kind == "serial":
+            return f"check cable, port, baud rate ({self.port}) and the radio"
+        return f"start the program that sends to {self}"
+
+    @property
     def is_ipv6(self) -> bool:
         """Whether the host is an IPv6 address."""
         return ":" in self.host
