@@ -165,7 +165,7 @@ def test_orders_takes_no_option_that_it_would_not_use(option: str, capsys):
     with pytest.raises(SystemExit, match="2"):
         main(["orders", C172P, option, "2"])
     said = capsys.readouterr().err
-    assert f"yawid orders has no option {option}: it belongs to replay, " in said
+    assert f"yawid orders has no option {option}: it belongs to fly, replay, " in said
     assert "yawid orders --help" in said
 
 
