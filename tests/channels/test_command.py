@@ -39,7 +39,8 @@ def tlog(
         if i % 25 == 0:
             log.add(t, mavlink.MAVLink_heartbeat_message(1, 12, base_mode, 0, 4, 3))
             over_ground = groundspeed(s)
-            log.add(t, mavlink.MAVLink_vfr_hud_message(over_ground, over_ground, 0, 50, 100.0, 0.0))
+            speeds, altitude = (over_ground, over_ground), 100.0 + over_ground
+            log.add(t, mavlink.MAVLink_vfr_hud_message(*speeds, 0, 50, altitude, 0.0))
         log.attitude(t, 0.1 * np.sin(t))
         rudder = [0.0, 0.0, 0.2 * (i // 20 % 2), *[0.0] * 5]
         us = round(1e6 * (t + 0.01))

@@ -122,6 +122,12 @@ def test_a_list_that_lacks_the_stock_channels_function_leaves_the_stock_channel(
         assert "1 of its parameters are missing" in reason[1]
 
 
+def test_nothing_is_assumed_while_the_list_is_on_its_way():
+    found = samples_of(log_with_parameters({"SERVO1_FUNCTION": 4}, [1500, 0, 0, 1700], 900))
+
+    assert found.channels.surfaces == ()
+
+
 def test_a_torn_list_whose_stock_channel_does_something_else_has_no_rudder():
     found = samples_of(log_with_parameters({"SERVO4_FUNCTION": 19}, [1500, 0, 0, 1700], 900))
 

@@ -1,12 +1,14 @@
 """How often the verdict errs, on logs with a known answer and on logs without excitation.
 
-    python tools/bench.py verdict [--excited 120] [--unexcited 210] [--runs default,inspect]
-                                  [--logs DIR] [--jobs 2] [--readme]
+    python tools/bench.py verdict [--excited 120] [--unexcited 210] [--take-off 0] [--misled 0]
+                                  [--runs default,inspect] [--logs DIR] [--jobs 2] [--readme]
 
 The logs are flights of JSBSim whose rudder is moved on purpose, half of them in turbulence
-(flights/moved.py), and logs in which nothing excites the Dutch roll (flights/quiet.py). Each is
-replayed with the options of every run. Below the table are the logs that were judged wrongly, and
-the reasons that refused right answers.
+(flights/moved.py), and logs in which nothing excites the Dutch roll (flights/quiet.py). There are
+also take-off rolls (flights/drawn.py) and flights with the rudder of another flight, with their own
+reversed in time, and with one that is late (flights/misled.py). Each is replayed with the options
+of every run. Below the table are the logs that were judged wrongly, and the reasons that refused
+right answers.
 """
 
 from __future__ import annotations
@@ -19,7 +21,9 @@ from functools import partial
 from pathlib import Path
 
 from checks.judge import Row, folder_of, in_processes, judged, kept, options_of
+from flights.drawn import take_off
 from flights.fly import Made
+from flights.misled import misled
 from flights.moved import excited
 from flights.quiet import unexcited
 
@@ -28,7 +32,14 @@ from yawid.runs.inspect_log import inspect
 
 RIGHT_PCT, WRONG_PCT = 5.0, 10.0
 """Limits of wn's error in %: an answer below the first is right, one above the second is wrong."""
-MAKERS: dict[str, Callable[[int], Made]] = {"excited": excited, "unexcited": unexcited}
+MAKERS: dict[str, Callable[[int], Made]] = {
+    "excited": excited,
+    "unexcited": unexcited,
+    "take_off": take_off,
+    "misled": misled,
+}
+FALSE = ("unexcited", "take_off", "misled")
+"""The kinds of logs of which none may be usable."""
 
 
 def _recommended(log: Path) -> RunConfig | None:
@@ -73,15 +84,21 @@ def table(rows: list[Row]) -> Iterator[str]:
     yield "|---|---|---|---|---|"
     others = []
     for run in dict.fromkeys(row["run"] for row in rows):
-        quiet, flights = (
-            [row for row in rows if row["run"] == run and row["log"] == kind]
-            for kind in ("unexcited", "excited")
-        )
+        mine = [row for row in rows if row["run"] == run]
+        quiet = [row for row in mine if row["log"] in FALSE]
+        flights = [row for row in mine if row["log"] == "excited"]
         false = [row for row in quiet if row["usable"]]
         right = [row for row in flights if off_pct(row) < RIGHT_PCT]
         refused = [row for row in right if not row["usable"]]
         wrong = [row for row in flights if row["usable"] and off_pct(row) > WRONG_PCT]
-        counts = (f"{len(false)} of {len(quiet)}", f"{len(right)} of {len(flights)}")
+        kinds = [kind for kind in FALSE if any(row["log"] == kind for row in quiet)]
+        usable = ", ".join(
+            f"{sum(row['log'] == kind for row in false)} of "
+            f"{sum(row['log'] == kind for row in quiet)}"
+            + (f" ({kind})" if kind != FALSE[0] else "")
+            for kind in kinds
+        )
+        counts = (usable, f"{len(right)} of {len(flights)}")
         yield f"| {run} | {' | '.join(counts)} | {len(refused)} | {len(wrong)} |"
         others += [f"{run}: {row['name']} ({row['group']}) is usable" for row in [*false, *wrong]]
         reasons = Counter(reason for row in refused for reason in row["fatal"].split())
@@ -95,6 +112,8 @@ def main(arguments: list[str]) -> Iterator[str]:
     parser = argparse.ArgumentParser(prog="bench.py verdict", description=__doc__)
     parser.add_argument("--excited", type=int, default=120)
     parser.add_argument("--unexcited", type=int, default=210)
+    parser.add_argument("--take-off", type=int, default=0)
+    parser.add_argument("--misled", type=int, default=0, help="of three kinds in turn")
     parser.add_argument("--runs", default="default,inspect", help=f"of {', '.join(RUNS)}")
     options_of(parser)
     options = parser.parse_args(arguments)

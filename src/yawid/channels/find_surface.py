@@ -40,8 +40,8 @@ def find_surface(
 
     With ``auto`` these are the outputs that the parameters name. On an ArduPilot fixed-wing that
     has reported no SERVOn_FUNCTION at all, the stock channel is assumed; likewise where none of
-    those reported names it, the list is incomplete, and that of the stock channel is among what is
-    missing. On another autopilot that
+    those reported names it, the list is incomplete, and that of the stock channel was lost. On
+    another autopilot that
     has named no output, it is ACTUATOR_CONTROL_TARGET if that is ``received`` and the vehicle has
     wings. For a fixed-wing that sends no output at all, the pilot's stick is the substitute, unless
     its parameters name other surfaces and not this one. A vehicle whose type has no rudder gets
@@ -165,8 +165,9 @@ def _ardupilot(what: str, vehicle: Vehicle, table: ParameterTable) -> Surface | 
     twins = [n for n, function in functions.items() if function == AP_SINGLE[what]][1:]
     parts = _ap_parts(what, servo_of, outputs)
     if not parts:
-        is_torn = table.missing and STOCK_SERVO[what] not in functions and not outputs.is_old
-        return assumed if is_torn else None
+        # They come in order: one of a later servo says that that of the stock servo was lost.
+        is_lost = STOCK_SERVO[what] not in functions and max(functions) > STOCK_SERVO[what]
+        return assumed if table.missing and is_lost and not outputs.is_old else None
     reported = all(table.travel(f"{outputs.prefix}{part.number}")[2] for part in parts)
     how = "parameter" if reported else "parameter, travel assumed"
     alike = tuple(outputs.servo(number) for number in twins)

@@ -30,6 +30,7 @@ from yawid.manoeuvres.calm_air import apart_reasons, is_calm
 from yawid.manoeuvres.candidate import OTHER_SPEED, speed_factors, speed_rows
 from yawid.manoeuvres.conditions import conditions, without_airspeed
 from yawid.results.excitation import LEAST_STROKE, excitation, own_part
+from yawid.results.feedback import fed_back_reasons, rate_feedback
 from yawid.results.judge_estimate import Evidence, bank_verdict
 from yawid.results.judge_rudder import rudder_reasons, rudder_shifts
 from yawid.results.judge_samples import (
@@ -252,6 +253,12 @@ def answer_by(
     unchecked = tries > 1 or math.isnan(pct[first])
     unchecked |= any(math.isnan(each.dutch_roll[0]) for each in evidence.values())
     alone += rudder_reasons(fits.rudder_effect(wn_rad_s, shifted=unchecked), tries)
+    if wn_rad_s > 0.0:
+        # In every band: a damper goes on where the pilot's rudder rests, which a filter blurs.
+        _, _, u, y = fitted_samples(setting, fits.config, samples, None)
+        alone += fed_back_reasons(
+            rate_feedback(u[:, 0], y, samples.aileron, wn_rad_s, setting.sample_time_s)
+        )
     alone += [] if untrue is None else [untrue.reason]
     verdict = bank_verdict(fits, evidence, setting.rates_hz, alone, first_answers=True)
     config = fits.config

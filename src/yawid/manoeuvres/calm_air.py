@@ -10,14 +10,13 @@ from collections.abc import Iterator
 import numpy as np
 
 from yawid.blocks import Floats, shifted
+from yawid.results.feedback import near_mode
 from yawid.results.judge_samples import explained
 from yawid.results.reasons import Reason
 
 MOST_POWER = 0.015
 """Power of the free run's residual near the mode, over that of the yaw rate there: gusts excite the
 mode, noise of a gyro hardly. It was below 0.015 in 71 of 71 calm answers."""
-NEAR_MODE = (0.5, 2.0)
-"""Of wn: what is near the mode."""
 MOST_RATIO = 12.0
 """Variance of the free run's residual over that of the innovations: one step ahead a gust is
 predicted by what it has done already, a free run never sees it."""
@@ -47,8 +46,8 @@ def is_calm(
     lags = [shifted(left, 1 + spacing * i) for i in range(FED_BACK_LAGS)]
     return bool(
         power < MOST_RATIO * ratio
-        and _near_mode(left[known], wn_rad_s, ts_s)
-        < MOST_POWER * _near_mode(y[known], wn_rad_s, ts_s)
+        and near_mode(left[known], wn_rad_s, ts_s)
+        < MOST_POWER * near_mode(y[known], wn_rad_s, ts_s)
         and explained(rudder, np.column_stack(lags)) < MOST_FED_BACK
     )
 
@@ -61,11 +60,3 @@ def apart_reasons(wn_rad_s: float, other_rad_s: float) -> Iterator[Reason]:
             f"wn is {wn_rad_s:.3g} rad/s by OE and {other_rad_s:.3g} by RML: they may differ by "
             f"{100 * MOST_APART:g} % at most",
         )
-
-
-def _near_mode(x: Floats, wn_rad_s: float, ts_s: float) -> float:
-    """Return the power of x (n,) near the mode, under a Hann window."""
-    spectrum = np.fft.rfft((x - x.mean()) * np.hanning(len(x)))
-    of_wn = 2.0 * np.pi * np.fft.rfftfreq(len(x), ts_s) / wn_rad_s
-    near = (of_wn > NEAR_MODE[0]) & (of_wn < NEAR_MODE[1])
-    return float(np.sum(np.abs(spectrum[near]) ** 2))

@@ -1,0 +1,111 @@
+"""The feedback from yaw rate to rudder, as a yaw damper makes it, and what speaks against it.
+
+Between his movements a pilot's rudder rests, and that of a damper goes on: there its changes are
+those of the yaw rate times its gain. A regression that leaves out the samples that fit worst finds
+this gain, whatever else moved the rudder. On the flights of an ArduPlane with YAW2SRV_DAMP 0 to 8
+it is within 10 % of that of the autopilot's code.
+
+A rudder that mostly feeds back identifies the inverse of the controller with all that the model
+lacks: answers were right up to a share of 0.9, and 9 to 12 % too high from 1.3 on.
+"""
+
+import math
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from yawid.blocks import Floats, shifted
+from yawid.results.reasons import Reason
+
+KEPT = 0.7
+"""The part of the samples that the regression keeps: the others are a pilot's movements."""
+LEAST_EXPLAINED = 0.8
+"""The part of the rudder's changes in these samples that a feedback explains. It was 0.84 or more
+with a damper of YAW2SRV_DAMP 0.5 or more, and 0.2 at most for a negative gain without one."""
+PERIOD_SHARE = 0.1
+"""The time over which changes are taken, in periods of the mode."""
+MOST_STEPS = 20
+"""The most steps of a regression; each begins with the samples that fitted best before."""
+SOME_SHARE, MOST_SHARE = 0.5, 1.0
+"""The feedback near the mode, over the whole rudder there, above which there is a warning, and
+above which there is no answer: there it is larger than the rudder that it is a part of."""
+NEAR_MODE = (0.5, 2.0)
+"""Of wn: what is near the mode."""
+
+
+class Feedback(NamedTuple):
+    """A rudder that feeds back the yaw rate with ``gain``, in its unit per rad/s.
+
+    ``share`` is the root mean square of that part near the mode over that of the rudder.
+    """
+
+    gain: float
+    share: float
+
+
+def rate_feedback(
+    rudder: Floats, rate: Floats, aileron: Floats, wn_rad_s: float, sample_time_s: float
+) -> Feedback | None:
+    """Return the feedback against the yaw rate that is in the rudder, None where there is none.
+
+    Rudder, yaw rate and aileron (n,) are not filtered, and NaN where they are unknown.
+    """
+    step = max(1, round(PERIOD_SHARE * 2.0 * math.pi / (wn_rad_s * sample_time_s)))
+    # The rudder of a sample is the mean up to the next one.
+    causes = [0.5 * (rate + shifted(rate, -1))]
+    if np.isfinite(aileron).any():
+        causes.append(aileron)
+    changes = np.column_stack([shifted(x, -step) - x for x in (rudder, *causes)])
+    changes = changes[np.isfinite(changes).all(axis=1)]
+    kept = int(KEPT * len(changes))
+    moved = changes[np.argsort(np.abs(changes[:, 0]), kind="stable")]
+    if kept < 10 * changes.shape[1] or not moved[:kept, 0].any():
+        return None  # a rudder that rests most of the time
+    _, gain, explained = min(_trimmed(rows, changes, kept) for rows in (moved[:kept], changes))
+    if not (gain < 0.0 and explained >= LEAST_EXPLAINED):
+        return None
+    known = np.isfinite(rudder) & np.isfinite(rate)
+    near = [near_mode(x[known], wn_rad_s, sample_time_s) for x in (rate, rudder)]
+    return Feedback(gain, -gain * math.sqrt(near[0] / near[1])) if near[1] > 0.0 else None
+
+
+def _trimmed(first: Floats, changes: Floats, kept: int) -> tuple[float, float, float]:
+    """Return the least sum of squares over ``kept`` rows, the gain, and R^2 there.
+
+    The rows with which it begins are the ``first``.
+    """
+    rows = first
+    for _ in range(MOST_STEPS):
+        columns = np.column_stack([rows[:, 1:], np.ones(len(rows))])
+        found = np.linalg.lstsq(columns, rows[:, 0], rcond=None)[0]
+        left = (changes[:, 0] - changes[:, 1:] @ found[:-1] - found[-1]) ** 2
+        order = np.argsort(left, kind="stable")[:kept]
+        before, rows = rows, changes[order]
+        if np.array_equal(before, rows):
+            break
+    loss, power = float(left[order].sum()), float(np.var(rows[:, 0])) * kept
+    return loss, float(found[0]), 1.0 - loss / power if power > 0.0 else 0.0
+
+
+def near_mode(x: Floats, wn_rad_s: float, sample_time_s: float) -> float:
+    """Return the power of x (n,) near the mode, under a Hann window."""
+    spectrum = np.fft.rfft((x - x.mean()) * np.hanning(len(x)))
+    of_wn = 2.0 * np.pi * np.fft.rfftfreq(len(x), sample_time_s) / wn_rad_s
+    near = (of_wn > NEAR_MODE[0]) & (of_wn < NEAR_MODE[1])
+    return float(np.sum(np.abs(spectrum[near]) ** 2))
+
+
+def fed_back_reasons(found: Feedback | None) -> Iterator[Reason]:
+    """Judge how much of the rudder near the mode feeds back the yaw rate."""
+    if found is None or found.share <= SOME_SHARE:
+        return
+    said = (
+        f"the rudder feeds back the yaw rate, as a yaw damper does (gain {found.gain:.2g} per "
+        f"rad/s): near the mode that part is {found.share:.2f} times the whole rudder"
+    )
+    if found.share > MOST_SHARE:
+        text = f"{said}, and at most {MOST_SHARE:g} times is allowed: wn may be 12 % off"
+        yield Reason("mode_not_driven", text)
+    else:
+        yield Reason("closed_loop", f"{said}; beyond {MOST_SHARE:g} times it biases the answer")
