@@ -29,8 +29,8 @@ from yawid.manoeuvres.airspeed_check import of_one_manoeuvre
 from yawid.manoeuvres.calm_air import apart_reasons, is_calm
 from yawid.manoeuvres.candidate import OTHER_SPEED, speed_factors, speed_rows
 from yawid.manoeuvres.conditions import conditions, without_airspeed
+from yawid.manoeuvres.feedback import fed_back_reasons, rate_feedback
 from yawid.results.excitation import LEAST_STROKE, excitation, own_part
-from yawid.results.feedback import fed_back_reasons, rate_feedback
 from yawid.results.judge_estimate import Evidence, bank_verdict
 from yawid.results.judge_rudder import rudder_reasons, rudder_shifts
 from yawid.results.judge_samples import (

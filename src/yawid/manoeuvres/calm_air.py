@@ -10,7 +10,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from yawid.blocks import Floats, shifted
-from yawid.results.feedback import near_mode
+from yawid.manoeuvres.feedback import near_mode
 from yawid.results.judge_samples import explained
 from yawid.results.reasons import Reason
 
