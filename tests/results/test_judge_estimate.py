@@ -44,28 +44,36 @@ def test_a_line_on_the_gyro_is_no_dutch_roll_whatever_the_fit(lined: Path):
 @pytest.mark.slow
 def test_choosing_the_orders_by_the_log_does_not_make_the_line_usable(lined: Path):
     with closing(open_log(lined, again=True)) as source:
-        verdict = judged(lined, with_orders(source, RunConfig(orders="auto")))
+        verdict = judged(lined, with_orders(source, RunConfig(orders="auto", manoeuvres="off")))
 
     assert "mode_not_driven" in {reason.id for reason in verdict.reasons}
 
 
 @pytest.mark.slow
-def test_inspect_finds_the_band_in_which_the_rudder_does_drive_the_mode(lined: Path):
-    report, verdict = inspect(lined, {})
+@pytest.mark.parametrize("given", [{}, {"orders": "auto"}], ids=["default", "auto"])
+def test_a_second_try_finds_the_mode_below_the_line(lined: Path, given: dict[str, str]):
+    with closing(open_log(lined, again=True)) as source:
+        summary, verdict = summarised(lined, with_orders(source, RunConfig(**given)))
 
     assert verdict.usable
-    config = RunConfig(
-        forgetting=1.0,
-        rate=report.recommend["rate"],
-        band=tuple(float(edge) for edge in report.recommend["band"].split(",")),
-        from_s=report.recommend["from"],
-        to_s=report.recommend["to"],
-    )
-    summary, again = summarised(lined, config)
-    assert again == verdict
+    assert summary.manoeuvres is not None
+    first, second = (summary.manoeuvres[0].tries or [])[:2]
+    assert "mode_not_driven" in first.reasons
+    assert second.answers
+    assert second.band_hz is not None
+    assert second.band_hz[1] < 2.4
     assert summary.flight is not None
     assert summary.flight.dutch_roll is not None
     assert summary.flight.dutch_roll.wn_rad_s == pytest.approx(TRUE_WN, rel=0.03)
+
+
+@pytest.mark.slow
+def test_inspect_recommends_the_replay_whose_second_try_answers(lined: Path):
+    report, verdict = inspect(lined, {})
+
+    assert verdict.usable
+    assert report.command == f"yawid replay {lined}"
+    assert summarised(lined, RunConfig())[1] == verdict
 
 
 REMEDY = RunConfig(forgetting=1.0, turn="remove", band=(0.15, 3.0))
