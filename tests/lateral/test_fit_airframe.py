@@ -11,7 +11,9 @@ from scipy.linalg import expm
 
 from yawid.lateral.airframe import Airframe
 from yawid.lateral.fit_airframe import fit_airframe
+from yawid.lateral.gates import GATES, failed_gates
 from yawid.lateral.motion import COMMAND_STEP_S, Motion
+from yawid.lateral.record import Record
 from yawid.plant.lateral import LateralCoefficients, lateral_motion
 
 WN, ZETA, ROLL_S = modes(airframe(DERIVATIVES)[0])
@@ -112,3 +114,12 @@ def test_manoeuvres_of_one_speed_are_pooled() -> None:
     near(found)
     rudder = found.derivatives["N_delta_r"].std / alone.derivatives["N_delta_r"].std
     assert 0.5 < rudder < 0.9
+
+
+def test_a_fit_that_does_not_settle_says_after_how_many_steps() -> None:
+    """The text once said "within nan steps"."""
+    motion = flown(seed=3, seconds=12.0)
+    records = [Record(motion)]
+    gates = list(failed_gates(fit_airframe([motion]), records, settled=False, starts_agreeing=3))
+    said = [GATES[each.name].sentence.format(found=each.found, limit=each.limit) for each in gates]
+    assert said[0] == "the fit did not settle within 30 steps"

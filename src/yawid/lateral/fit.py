@@ -90,20 +90,20 @@ def fit(criterion: Criterion) -> Fit:
         variance = float(e @ e) / criterion.count
         loss = _loss(criterion, x, e, variance)
         H, score = _curvature(criterion, x, e, variance)
-        held = (x <= criterion.least) & (score > 0.0)
+        held = _held(criterion, x, H, score)
         gain, motion_gain = _gains(H, score, held, criterion.is_noise)
         if gain < _SMALL_GAIN or (step >= _EARLY and motion_gain < _SMALL_GAIN):
             settled = True
             break
         better = None
         for _ in range(TRIALS):
-            tried = _moved(criterion, x, _step(H, score, held, damping))
+            tried = _moved(criterion, x, _step(criterion, x, H, score, held, damping))
             left = _errors_or_none(criterion, tried)
             after = math.inf if left is None else _loss(criterion, tried, left, variance)
             if after < loss:
                 better = left
                 break
-            damping *= _HARDER
+            damping = max(damping * _HARDER, _DAMPING)
         if better is None:
             settled = gain < 1.0  # nothing is gained within the rounding of the slopes
             break
@@ -161,19 +161,49 @@ def _expected(H: Floats, score: Floats, step: Floats) -> float:
 def _moved(criterion: Criterion, x: Floats, step: Floats) -> Floats:
     """Return the point after a step, which a variance of noise takes as itself, not as logarithm.
 
-    The likelihood is nearly square in a variance that is small next to others (Fisher's scoring).
+    The likelihood is nearly square in a variance that is small next to others (Fisher's scoring). A
+    step that is too long keeps its direction.
     """
-    twice, tried = 2.0 * criterion.scale, x + np.clip(step, -LONGEST_STEP, LONGEST_STEP)
+    others = ~criterion.is_size
+    step = np.where(others, step * _share_of(step[others]), step)
+    twice, step = 2.0 * criterion.scale, np.clip(step, -LONGEST_STEP, LONGEST_STEP)
     share = np.log1p(np.clip(twice * step, -_SHRINK, _GROW)) / twice
-    tried = np.where(criterion.is_size, x + share, tried)
+    tried = np.where(criterion.is_size, x + share, x + step)
     return np.asarray(np.maximum(tried, criterion.least), np.float64)
 
 
-def _step(H: Floats, score: Floats, held: np.ndarray, damping: float) -> Floats:
-    step, on = np.zeros(len(score)), ~held
-    some = H[np.ix_(on, on)]
-    step[on] = -np.linalg.solve(some + damping * np.diag(np.diag(some)), score[on])
-    return step
+def _share_of(step: Floats) -> float:
+    return LONGEST_STEP / max(LONGEST_STEP, float(np.abs(step).max()))
+
+
+def _held(criterion: Criterion, x: Floats, H: Floats, score: Floats) -> np.ndarray:
+    """Return which parameters (n,) stay at their least value, because the step would go below."""
+    at_least = x <= criterion.least
+    held = at_least & (score > 0.0)
+    while (more := at_least & ~held & (_solved(H, score, ~held, np.zeros(len(x))) < 0.0)).any():
+        held |= more
+    return np.asarray(held, np.bool_)
+
+
+def _step(
+    criterion: Criterion, x: Floats, H: Floats, score: Floats, held: np.ndarray, damping: float
+) -> Floats:
+    """Return the damped step (n,); what would go below its least value goes there."""
+    damped, step, on = H + damping * np.diag(np.diag(H)), np.zeros(len(x)), ~held
+    to_least = criterion.least - x
+    while True:
+        step = _solved(damped, score, on, step)
+        below = on & ~criterion.is_size & (step < to_least)
+        if not below.any():
+            return step
+        step, on = np.where(below, to_least, step), on & ~below
+
+
+def _solved(H: Floats, score: Floats, on: np.ndarray, step: Floats) -> Floats:
+    """Return the step to the least criterion in ``on``, with the others of ``step`` as given."""
+    found = np.where(on, 0.0, step)
+    found[on] = -np.linalg.solve(H[np.ix_(on, on)], (score + H @ found)[on])
+    return np.asarray(found, np.float64)
 
 
 def _gains(H: Floats, score: Floats, held: np.ndarray, is_noise: np.ndarray) -> tuple[float, float]:

@@ -18,7 +18,7 @@ from yawid.lateral.record import Record
 START_LAGS_S = (0.04, 0.1, 0.16)
 GIVEN_LAG_STD_S = 0.005
 """How well a servo lag is known that the user gives."""
-FLOORS = (0.01, 0.0, 0.1, 0.0)
+FLOORS = (0.01, 0.03, 0.1, 0.0)
 """Least sigma of wn, zeta, roll mode and spiral as a share of them: what a linear model of an
 aircraft is worth, measured on flights of JSBSim."""
 ZETA_FLOOR = 0.007

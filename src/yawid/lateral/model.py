@@ -96,7 +96,7 @@ PARAMETERS = (
     Parameter(
         "Y_delta_r",
         lambda guess: max(0.05 * abs(guess.start["N_delta_r"]), 1e-4),
-        lambda guess: (0.0, 0.2 * max(abs(guess.start["N_delta_r"]), 0.1)),
+        lambda guess: (0.0, 0.05 * max(abs(guess.start["N_delta_r"]), 0.1)),
     ),
     Parameter("L_beta", _stiffness("L_beta")),
     Parameter("L_p", _rate("L_p")),
