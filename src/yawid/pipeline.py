@@ -104,9 +104,9 @@ class Pipeline:
             return UnderWay(), 0
         return stage.progress(closely=closely), stage.unanswered
 
-    def flight(self, of_the_log: list[Reason]) -> tuple[Flight, Verdict] | None:
-        """Return the flight's answer and its verdict, None where there is no manoeuvre."""
-        return None if self._manoeuvres is None else self._manoeuvres.flight(of_the_log)
+    def flights(self, of_the_log: list[Reason]) -> list[tuple[Flight, Verdict]]:
+        """Return the flight's answers with their verdicts, the headline first; see the stage."""
+        return [] if self._manoeuvres is None else self._manoeuvres.flights(of_the_log)
 
     def bare(self) -> Bare | None:
         """Return the bare airframe of the flight, which may take a fit; None without any."""

@@ -1,7 +1,7 @@
 """What manoeuvres say together: random effects, kappa, who is left out, when all is refused."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -18,7 +18,7 @@ from yawid.answers.run_summary import (
 )
 from yawid.manoeuvres.airspeed_check import Finding
 from yawid.manoeuvres.answer import OTHER_ORDERS, Answered, Structure
-from yawid.manoeuvres.flight import TAU_WN_SHARE, TAU_ZETA, flight_of
+from yawid.manoeuvres.flight import POWERS, TAU_WN_SHARE, TAU_ZETA, flights_of
 from yawid.results.reasons import Reason, Verdict
 from yawid.results.summary import as_summary
 
@@ -41,11 +41,13 @@ def answered(
     other: tuple[float, float] | None = None,
     altitude: float | None = 100.0,
     beyond: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    physics: Mapping[str, tuple[float, float, float]] | None = None,
 ) -> Answered:
     """A manoeuvre with its answer; ``other`` is (wn, zeta) of the other structure.
 
     ``beyond`` are the sigmas of wn, zeta and K that noise does not explain.
     """
+    numbers = physics or {"K": (*gain, beyond[2])}
     verdict = Verdict.of([Reason(reason, f"about {reason}") for reason in reasons], "rml")
     roll = (wn, wn_std, zeta, zeta_std)
     found = manoeuvre(
@@ -62,18 +64,23 @@ def answered(
         estimates={"rml": estimate("rml", DutchRoll.of(roll), physics=None)},
         verdict=as_summary(verdict),
     )
-    structures = {OWN: Structure(np.array(roll), gain, held_back[0], beyond)}
+    structures = {OWN: Structure(np.array(roll), held_back[0], beyond[:2], numbers)}
     if other is not None:
         second = np.array([other[0], wn_std, other[1], zeta_std])
-        structures[OTHER_ORDERS] = Structure(second, gain, held_back[1], beyond)
+        structures[OTHER_ORDERS] = Structure(second, held_back[1], beyond[:2], numbers)
     return Answered(found, verdict, (n, n + 1), structures)
 
 
+def by_loop(*manoeuvres: Answered, log: Sequence[Reason] = ()) -> list[Flight]:
+    found = flights_of(manoeuvres, list(log))
+    assert found
+    for flight, verdict in found:
+        assert flight.verdict == as_summary(verdict)
+    return [flight for flight, _ in found]
+
+
 def together(*manoeuvres: Answered, log: Sequence[Reason] = ()) -> Flight:
-    found = flight_of(manoeuvres, list(log))
-    assert found is not None
-    flight, verdict = found
-    assert flight.verdict == as_summary(verdict)
+    [flight] = by_loop(*manoeuvres, log=log)
     return flight
 
 
@@ -263,18 +270,117 @@ def test_disagreement_is_counted_over_speed():
     assert not together(answered(1, 10.0), answered(2, 15.0)).verdict.usable
 
 
-def test_roll_loops_are_not_mixed():
-    """The one with more manoeuvres is told; where they are as many, the airframe's"""
-    bare, closed = (
-        answered(1, 10.0),
-        [answered(n, 13.0, 0.6, loop="with_roll_loop") for n in (2, 3)],
+LOOPS = {"a": "airframe", "r": "with_roll_loop", "u": "unknown"}
+
+
+@pytest.mark.parametrize(
+    ("flown", "wn_std", "first"),
+    [
+        ("arr", {"a": 0.05, "r": 0.05}, "a"),  # hypot(.05, .15, .15) = .218 is 1.17 times .187
+        ("ar", {"a": 0.30, "r": 0.01}, "r"),
+        ("ar", {"a": 0.25, "r": 0.25}, "a"),
+        ("uurr", {"u": 0.05, "r": 0.05}, "u"),
+        ("uurrr", {"u": 0.05, "r": 0.06}, "r"),  # alike: that from more manoeuvres
+        ("uaarr", {"u": 0.05, "a": 0.9, "r": 0.05}, "r"),
+    ],
+)
+def test_each_loop_has_an_answer_and_the_surest_is_the_headline(
+    flown: str, wn_std: dict[str, float], first: str
+):
+    """The airframe's where sigmas are within 20 % of the smallest, then the one from more"""
+    manoeuvres = [
+        answered(n, 10.0, wn_std=wn_std[each], loop=LOOPS[each])
+        for n, each in enumerate(flown, start=1)
+    ]
+    found = by_loop(*manoeuvres)
+
+    assert found[0].loop == LOOPS[first]
+    assert {each.loop: each.used for each in found} == {
+        LOOPS[each]: [n for n, loop in enumerate(flown, start=1) if loop == each]
+        for each in dict.fromkeys(flown)
+    }
+    for each in found:
+        assert each.verdict.usable
+        assert (each.dutch_roll.level is not None) == (each.loop == "airframe")
+        alone = [m for m in manoeuvres if m.found.loop == each.loop]
+        assert each == together(*alone)
+
+
+def test_an_answer_that_is_not_usable_is_no_headline_before_one_that_is():
+    """Two of the airframe disagree, though they are surer than the one with the roll loop"""
+    bare = [answered(n, wn, wn_std=0.01) for n, wn in ((1, 10.0), (2, 15.0))]
+    one, other = by_loop(*bare, answered(3, 11.0, wn_std=0.6, loop="with_roll_loop"))
+
+    assert (one.loop, one.verdict.usable) == ("with_roll_loop", True)
+    assert (other.loop, other.verdict.usable) == ("airframe", False)
+
+
+def test_derivatives_are_pooled_over_the_power_of_the_airspeed_with_which_they_go():
+    """Of an aircraft at constant density: K = 0.02 V, T = 20 / V, N_beta = 0.16 V^2 and so on"""
+    law = {
+        "K": lambda v: 0.02 * v, "T_theta_s": lambda v: 20.0 / v, "a_z_beta": lambda v: v / 20.0,
+        "a_my_omega_y": lambda v: 0.1 * v, "a_my_beta": lambda v: 0.16 * v * v,
+        "a_my_delta_h": lambda v: 0.02 * 0.16 * v * v,
+    }  # fmt: skip
+    manoeuvres = [
+        answered(
+            n, 0.4 * v, speed=v,
+            physics={name: (of(v), 0.01 * of(v), 0.02 * of(v)) for name, of in law.items()},
+        )
+        for n, v in enumerate((15.0, 20.0, 28.0), start=1)
+    ]  # fmt: skip
+    flight = together(*manoeuvres)
+
+    assert flight.physics.keys() == POWERS.keys() == law.keys()
+    for name, of in law.items():
+        found, power = flight.physics[name], 2 if "_my_" in name and "omega" not in name else 1
+        assert found.value == pytest.approx(of(20.0)), name
+        assert found.std_noise == pytest.approx(0.01 / math.sqrt(3.0) * of(20.0))
+        tau = TAU_WN_SHARE * power
+        std = math.hypot(tau, math.hypot(0.01, tau) / math.sqrt(3.0), 0.02)
+        assert found.std == pytest.approx(std * of(20.0))
+    assert flight.K_per_V.value == pytest.approx(0.02)
+
+
+def test_without_an_airspeed_derivatives_are_pooled_as_they_are():
+    some = {"a_my_beta": (90.0, 1.0, 0.0)}, {"a_my_beta": (110.0, 1.0, 0.0)}
+    flight = together(
+        *(
+            answered(n, 10.0, speed=None, source=None, physics=each)
+            for n, each in enumerate(some, start=1)
+        )
     )
-    flight = together(bare, *closed)
-    assert (flight.loop, flight.used, flight.disagree) == ("with_roll_loop", [2, 3], [])
-    assert flight.dutch_roll.level is None
-    even = together(closed[0], bare)
-    assert (even.loop, even.used) == ("airframe", [1])
-    assert even.dutch_roll.level is not None
+
+    assert flight.physics["a_my_beta"].value == pytest.approx(100.0)
+    assert flight.physics["a_my_beta"].std > 10.0  # the two differ by twenty
+    assert together(answered(1, 10.0)).physics is None
+
+
+def test_a_flight_shows_the_fit_of_each_manoeuvre_that_it_uses():
+    """One manoeuvre, one number: 10.5 by 4,4,3,1 stands for the manoeuvre's own 10.0"""
+    manoeuvres = [
+        answered(n, 10.0, held_back=(70.0, 73.0), other=(10.5, 0.35), gain=(0.4, 0.03),
+                 beyond=(0.12, 0.02, 0.04))
+        for n in (1, 2)
+    ]  # fmt: skip
+    flight = together(*manoeuvres)
+
+    assert str(flight.orders) == "4,4,3,1"
+    assert [each.n for each in flight.refits] == [1, 2]
+    for each in flight.refits:
+        roll, gain = each.dutch_roll, each.physics["K"]
+        assert (roll.wn_rad_s, roll.zeta, roll.wn_std_noise) == (10.5, 0.35, 0.05)
+        assert (roll.wn_std, roll.zeta_std) == pytest.approx((0.13, math.hypot(0.01, 0.02)))
+        assert (gain.value, gain.std, gain.std_noise) == pytest.approx((0.4, 0.05, 0.03))
+    assert together(*at_one_speed(10.0, 10.1)).refits is None
+
+
+def test_manoeuvres_by_different_orders_are_each_used_by_their_own():
+    one, other = at_one_speed(10.0, 10.1)
+    other = replace(other, structures={(2, 2, 2, 1): other.structures[OWN]})
+
+    flight = together(one, other)
+    assert (flight.orders, flight.refits, flight.used) == (None, None, [1, 2])
 
 
 def test_a_manoeuvre_that_may_not_be_used_is_not():
@@ -351,7 +457,7 @@ def test_what_speaks_against_the_log_speaks_against_the_flight():
 
 
 def test_no_manoeuvre_is_no_flight():
-    assert flight_of([], [Reason("rudder_assumed", "of the log")]) is None
+    assert flights_of([], [Reason("rudder_assumed", "of the log")]) == []
 
 
 @pytest.mark.parametrize(
@@ -426,7 +532,7 @@ def test_of_an_airspeed_that_cannot_be_true_nothing_is_told_but_how_manoeuvres_c
     by_factor = Finding(Reason("airspeed_implausible", "2 times"), is_factor=True)
     blocked = Finding(Reason("airspeed_implausible", "no wind is as fast"), is_factor=False)
 
-    found, verdict = flight_of(three, [], by_factor) or pytest.fail("no flight")
+    [(found, verdict)] = flights_of(three, [], by_factor)
     assert verdict.usable
     assert (found.used, found.disagree) == ([1, 2, 3], [])
     assert found.dutch_roll is not None
@@ -437,6 +543,6 @@ def test_of_an_airspeed_that_cannot_be_true_nothing_is_told_but_how_manoeuvres_c
     assert (found.airspeed_m_s, found.airspeed_source) == (None, None)
     assert [(r.id, r.weight) for r in verdict.reasons] == [("airspeed_implausible", "warning")]
 
-    found, verdict = flight_of(three, [], blocked) or pytest.fail("no flight")
+    [(found, verdict)] = flights_of(three, [], blocked)
     assert "manoeuvres_disagree" in {reason.id for reason in verdict.reasons}
     assert "m/s" not in next(r.text for r in verdict.reasons if r.id == "manoeuvres_disagree")

@@ -193,13 +193,21 @@ def forty() -> RunSummary:
 
 
 def mixed_loops() -> RunSummary:
-    """A flight of which the one with its roll loop is told."""
+    """A flight with an answer for each loop, that with the roll loop first."""
     every = [
         manoeuvre(1, 10.4, 0.61, mode="MANUAL", loop="airframe", inputs=["rudder", "aileron"]),
         manoeuvre(2, 10.2, 0.63, airspeed_source="ground speed"),
         manoeuvre(3, 10.3, 0.62, mode=None, loop="unknown"),
     ]
-    return summary(every, flight(used=[2], disagree=[]))
+    first = flight(used=[2], disagree=[], physics={"a_my_beta": Value(101.0, 3.0, 1.0)})
+    bare = flight(
+        used=[1], disagree=[], loop="airframe", dutch_roll=roll_of(10.4, 0.61, 0.3, 0.03),
+        kappa_rad_m=Value(0.473, 0.014, 0.002), physics={"a_my_beta": Value(104.0, 6.0, 2.0)},
+    )  # fmt: skip
+    unknown = flight(
+        used=[3], disagree=[], loop="unknown", dutch_roll=roll_of(10.3, 0.62, 0.4, 0.04)
+    )
+    return replace(summary(every, first), flights=[first, bare, unknown])
 
 
 EVERY = {

@@ -45,9 +45,9 @@ class Inspection(Origin, frozen=True, kw_only=True):
     """What a log can answer, and its frames by sender (``sysid/compid``).
 
     ``unchecked`` is a note on signed frames that were not checked. ``excited`` has the stretches in
-    which the rudder moved on its own. ``manoeuvres`` and ``flight`` are the results of a replay
-    with the options asked for. ``recommend`` has the options for a replay, and what to ``record``
-    next time; ``card`` says what to fly, if asked for.
+    which the rudder moved on its own. ``manoeuvres``, ``flight`` and ``flights`` are the results
+    of a replay with the options asked for. ``recommend`` has the options for a replay, and what to
+    ``record`` next time; ``card`` says what to fly, if asked for.
     """
 
     senders: dict[str, int]
@@ -59,6 +59,7 @@ class Inspection(Origin, frozen=True, kw_only=True):
     excited: list[Span]
     manoeuvres: list[Manoeuvre] | None = None
     flight: Flight | None = None
+    flights: list[Flight] | None = None
     recommend: dict[str, Any]
     command: str | None = None
     card: FlightTestCard | None = None

@@ -320,12 +320,22 @@ TAU_WN_SHARE, TAU_ZETA = 0.015, 0.02
 """The floors of that scatter, relative for wn, for zeta absolute: few manoeuvres do not show it."""
 
 
+class Refit(Part, frozen=True, kw_only=True):
+    """A manoeuvre's fit by the orders of its flight, where its own answer is by other orders."""
+
+    n: Count
+    dutch_roll: DutchRoll
+    physics: dict[str, Value] | None = None
+
+
 class Flight(Part, frozen=True, kw_only=True):
-    """The answer from all manoeuvres of a flight; ``used`` and ``disagree`` have their numbers.
+    """The answer from a flight's manoeuvres of one ``loop``; ``used`` and ``disagree`` name them.
 
     The Dutch roll is that at ``airspeed_m_s``, the median of those used; its sigmas are those of a
     next manoeuvre. ``kappa_rad_m`` is wn / V and ``K_per_V`` is K / V, with V the equivalent
-    airspeed. Without a usable manoeuvre there is only the verdict, with the best one's reasons.
+    airspeed. ``physics`` holds K, T_theta_s and the four derivatives of eq. 22 at that airspeed.
+    ``refits`` are there where ``orders`` are not the manoeuvres' own. Without a usable manoeuvre
+    there is only the verdict, with the best one's reasons.
     """
 
     method: str | None = None
@@ -340,9 +350,11 @@ class Flight(Part, frozen=True, kw_only=True):
     dutch_roll: DutchRoll | None = None
     kappa_rad_m: Value | None = None
     K_per_V: Value | None = None
+    physics: dict[str, Value] | None = None
     between_std: BetweenStd | None = None
     used: list[Count]
     disagree: list[Count]
+    refits: list[Refit] | None = None
     verdict: VerdictSummary
 
 
@@ -381,13 +393,15 @@ class RunSummary(Origin, frozen=True, kw_only=True):
     """The summary of a run; ``estimates`` by method, None where there was no bank.
 
     ``estimates`` and ``verdict`` are those of the stream at its end. ``manoeuvres`` is None where
-    none were searched for, ``flight`` where there was none.
+    none were searched for, ``flight`` where there was none. ``flights`` has an answer for each loop
+    with a usable manoeuvre, ``flight`` first; it is None without one, and in older files.
     """
 
     estimates: dict[str, MethodSummary] | None = None
     verdict: VerdictSummary
     manoeuvres: list[Manoeuvre] | None = None
     flight: Flight | None = None
+    flights: list[Flight] | None = None
     bare: Bare | None = None
     live: LiveFacts | None = None
     files: dict[str, str] | None = None
@@ -409,6 +423,16 @@ class RunSummary(Origin, frozen=True, kw_only=True):
         except msgspec.ValidationError as error:
             what, _, where = str(error).partition(" - at `$.")
             raise ValueError(f"{where.rstrip('`') or 'its summary'}: {what}") from error
+
+    @property
+    def by_loop(self) -> list[Flight]:
+        """The flight's answers, one for each loop; the first is ``flight``."""
+        return self.flights or ([] if self.flight is None else [self.flight])
+
+    @property
+    def used(self) -> set[int]:
+        """The numbers of the manoeuvres on which an answer of the flight rests."""
+        return {n for flight in self.by_loop for n in flight.used}
 
     @property
     def deciding(self) -> VerdictSummary:

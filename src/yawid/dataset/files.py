@@ -39,6 +39,20 @@ def read_table(folder: Path, name: str, columns: Sequence[str] | None = None) ->
     return _read(folder, TABLES[name], [each["path"] for each in files], columns)
 
 
+def read_flights_by_loop(folder: Path, columns: Sequence[str]) -> pa.Table:
+    """Return some columns of ``flights_by_loop``, ``log_sha256`` among them.
+
+    Logs of an older analysis have no rows there: those in ``flights`` stand in for them.
+
+    Raises:
+        SourceError: there is no data set, or a file that its manifest names cannot be read.
+    """
+    by_loop, older = (read_table(folder, name, columns) for name in ("flights_by_loop", "flights"))
+    has = pc.is_in(older["log_sha256"].cast(pa.string()), by_loop["log_sha256"].cast(pa.string()))
+    older = older.filter(pc.invert(has))
+    return pa.concat_tables([by_loop, older]).unify_dictionaries()
+
+
 def merge(folder: Path, entries: Iterable[Entry]) -> Row:
     """Merge logs with all their rows into a data set, which is created if there is none.
 

@@ -2,7 +2,7 @@
 
     DATASET/manifest.json                                        which files count, with their rows
     DATASET/logs/part-000001-0.parquet
-    DATASET/flights/month=2026-03/part-000001-0.parquet          runs, manoeuvres, modes likewise
+    DATASET/flights/month=2026-03/part-000001-0.parquet          flights_by_loop, runs, ... likewise
     DATASET/_new/flights/month=2026-03/part-000002-0.parquet     made, and not in its place yet
 
 New files are made below ``_new``, outside of the folders that people read by a glob. The manifest

@@ -18,7 +18,7 @@ import pyarrow as pa
 
 from yawid.quantities.table import YAW_CHANNEL, quantity
 
-ANALYSIS_VERSION: Final = "3"
+ANALYSIS_VERSION: Final = "4"
 """Version of the numbers: when the same log gives other numbers it is raised, and a fleet runs all
 logs again."""
 FORMAT: Final = 1
@@ -158,7 +158,7 @@ LOGS: Final = Table(
 )
 FLIGHTS: Final = Table(
     "flights",
-    "a boot of a vehicle in a log: its answer",
+    "a boot of a vehicle in a log: its answer, the headline",
     (
         *_KEYS,
         *_WHOSE,
@@ -185,6 +185,14 @@ FLIGHTS: Final = Table(
     ),
     ("log_sha256", "sysid", "boot"),
     ("vehicle", "date", "log_sha256", "sysid", "boot"),
+)
+FLIGHTS_BY_LOOP: Final = Table(
+    "flights_by_loop",
+    "a loop (airframe, with roll loop, unknown) of a boot that has a usable manoeuvre: its answer; "
+    "without any, the boot's row in flights",
+    FLIGHTS.columns,
+    (*FLIGHTS.keys, "loop"),
+    (*FLIGHTS.order, "loop"),
 )
 RUNS: Final = Table(
     "runs",
@@ -217,7 +225,7 @@ MANOEUVRES: Final = Table(
         ("check_wn_rad_s", NUMBER, "wn by the method that checks"),
         ("check_zeta", NUMBER, "zeta by the method that checks"),
         *_MODEL,
-        ("used", FLAG, "whether the flight's answer rests on it"),
+        ("used", FLAG, "whether the flight's answer for its loop rests on it"),
         *_JUDGED,
     ),
     ("log_sha256", "sysid", "boot", "n"),
@@ -238,7 +246,9 @@ MODES: Final = Table(
     ("log_sha256", "sysid", "boot", "boot_s"),
     ("vehicle", "date", "log_sha256", "sysid", "boot", "boot_s"),
 )
-TABLES: Final = {table.name: table for table in (LOGS, FLIGHTS, RUNS, MANOEUVRES, MODES)}
+TABLES: Final = {
+    table.name: table for table in (LOGS, FLIGHTS, FLIGHTS_BY_LOOP, RUNS, MANOEUVRES, MODES)
+}
 
 
 def json_schema() -> dict[str, Any]:

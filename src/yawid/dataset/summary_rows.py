@@ -1,4 +1,4 @@
-"""Turns a run's summary into flat rows of the tables ``flights``, ``runs`` and ``manoeuvres``."""
+"""Turns a run's summary into flat rows of the tables of flights, ``runs`` and ``manoeuvres``."""
 
 from collections.abc import Iterator, Sequence
 from datetime import datetime
@@ -17,12 +17,13 @@ from yawid.dataset.values import Row, known_date
 from yawid.quantities.table import YAW_CHANNEL
 
 
-def flight_row(summary: RunSummary, first_us: int | None, duration_s: float | None) -> Row:
-    """Return the row of one boot of one vehicle: its flight's answer, else its stream's.
+def flight_rows(summary: RunSummary, first_us: int | None, duration_s: float | None) -> list[Row]:
+    """Return the rows of one boot of one vehicle: its flight's answers by loop, else its stream's.
 
-    ``first_us`` is the time of its first sample in us since 1970, ``duration_s`` its length in s.
+    The first is the headline. ``first_us`` is the time of the boot's first sample in us since 1970,
+    ``duration_s`` its length in s.
     """
-    flight, vehicle, stream = summary.flight, summary.vehicle, summary.answer
+    vehicle, stream = summary.vehicle, summary.answer
     yaw, rudder = summary.channels.get("yaw"), summary.channels.get("rudder")
     row: Row = {
         "date": first_us,
@@ -31,16 +32,14 @@ def flight_row(summary: RunSummary, first_us: int | None, duration_s: float | No
         "yaw_source": None if yaw is None else yaw.source,
         "rudder_source": None if rudder is None else rudder.source,
         "rate_hz": None if stream is None else 1.0 / stream.sample_time_s,
-        **_judged(summary.deciding),
     }
     if vehicle is not None:
         row |= {"compid": vehicle.compid, "vehicle_type": vehicle.type}
         row["autopilot"] = vehicle.autopilot
-    if flight is not None:
-        return row | _answer(flight, first_us)
-    if stream is None:
-        return row
-    return row | {"answer": "stream", **_of_method(stream)}
+    if summary.by_loop:
+        return [row | _answer(flight, first_us) for flight in summary.by_loop]
+    row |= _judged(summary.verdict)
+    return [row if stream is None else row | {"answer": "stream", **_of_method(stream)}]
 
 
 def _answer(flight: Flight, first_us: int | None) -> Row:
@@ -58,6 +57,7 @@ def _answer(flight: Flight, first_us: int | None) -> Row:
         "between_zeta": None if between is None else between.zeta,
         "used": flight.used,
         "disagree": flight.disagree,
+        **_judged(flight.verdict),
     }
 
 
@@ -73,7 +73,6 @@ def run_rows(summary: RunSummary) -> Iterator[Row]:
 
 def manoeuvre_rows(summary: RunSummary) -> Iterator[Row]:
     """Yield a row for each manoeuvre."""
-    used = () if summary.flight is None else summary.flight.used
     reasons = () if summary.flight is None else summary.flight.verdict.reasons
     implausible = any(reason.id == "airspeed_implausible" for reason in reasons)
     for each in summary.manoeuvres or ():
@@ -81,7 +80,7 @@ def manoeuvre_rows(summary: RunSummary) -> Iterator[Row]:
             **_taken(each, OF_MANOEUVRE),
             **_taken(each.orders, ORDERS),
             "date": _us(each.date),
-            "used": each.n in used,
+            "used": each.n in summary.used,
             **_judged(each.verdict),
         }
         if (answer := each.answer) is not None:

@@ -13,7 +13,7 @@ from typing import Any
 
 from yawid.answers.run_summary import LinkCounts, ReasonSummary, RunSummary
 from yawid.config.run import RunConfig
-from yawid.dataset.summary_rows import flight_row, manoeuvre_rows, run_rows
+from yawid.dataset.summary_rows import flight_rows, manoeuvre_rows, run_rows
 from yawid.dataset.values import FAILED, ReadRow, Row, failed, known_date, plain, serial_of
 from yawid.errors import ConfigError, SourceError, YawidError
 from yawid.fleet.seconds import FlightSink
@@ -166,7 +166,7 @@ def _flown(source: Recording, config: RunConfig, spec: Spec) -> _Flown:
 
 
 def _rows(summary: RunSummary, flights: list[_Flown], log: ReadRow, spec: Spec) -> Rows:
-    rows: Rows = {"flights": [], "runs": [], "manoeuvres": [], "modes": []}
+    rows: Rows = {"flights": [], "flights_by_loop": [], "runs": [], "manoeuvres": [], "modes": []}
     for flown in flights:
         vehicle = flown.summary.vehicle
         if vehicle is None and flown.summary.estimates is None:
@@ -178,9 +178,10 @@ def _rows(summary: RunSummary, flights: list[_Flown], log: ReadRow, spec: Spec) 
             "boot": flown.boot,
         }
         first_us = flown.sink.first_us or log["date"]
-        flight = flight_row(flown.summary, first_us, flown.sink.duration_s)
-        rows["flights"].append(whose | flight)
-        date = {"date": flight["date"]}
+        by_loop = flight_rows(flown.summary, first_us, flown.sink.duration_s)
+        rows["flights"].append(whose | by_loop[0])
+        rows["flights_by_loop"] += [whose | row for row in by_loop]
+        date = {"date": by_loop[0]["date"]}
         rows["runs"] += [whose | date | row for row in run_rows(flown.summary)]
         rows["manoeuvres"] += [whose | row for row in manoeuvre_rows(flown.summary)]
         rows["modes"] += [whose | row for row in flown.sink.seconds]

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from yawid.answers.run_summary import Manoeuvre, MethodSummary, Orders, Value
+from yawid.answers.run_summary import Manoeuvre, MethodSummary, Orders
 from yawid.blocks import EstimateBlock, Floats, SampleBlock
 from yawid.config.run import BOTH, RunConfig
 from yawid.estimation.bank import SampleHistory
@@ -81,16 +81,17 @@ class ManoeuvreSetting:
 
 @dataclass(frozen=True, slots=True)
 class Structure:
-    """A manoeuvre's result by some orders: Dutch roll (4,), K with its sigma, held-back fit in %.
+    """A manoeuvre's result by some orders: Dutch roll (4,) and held-back fit in %.
 
-    These sigmas are of noise; ``beyond`` holds the parts of the sigmas of wn, zeta and K that noise
-    does not explain.
+    These sigmas are of noise; ``beyond`` holds the parts of the sigmas of wn and zeta that noise
+    does not explain. ``physics`` has, by the name of a number of eq. 22-23, its value, its sigma of
+    noise and that other part.
     """
 
     dutch_roll: Floats
-    gain: tuple[float, float]
     held_back_pct: float
-    beyond: tuple[float, float, float]
+    beyond: tuple[float, float]
+    physics: Mapping[str, tuple[float, float, float]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -370,25 +371,32 @@ def _structures(
     fits: Fits, found: MethodSummary, evidence: Evidence, spread: Spread
 ) -> dict[tuple[int, ...], Structure]:
     """Return the results of the own orders and, if those were not given, of the richer ones."""
-    K = (found.physics or {}).get("K", Value())  # noqa: N806  the field's name
-    value, noise = (math.nan if x is None else x for x in (K.value, K.std_noise))
-    own = _structure(spread, evidence.dutch_roll, (value, noise), evidence.held_back_pct)
+    physics = {
+        name: (each.value, each.std_noise)
+        for name, each in (found.physics or {}).items()
+        if each.value is not None and each.std_noise is not None
+    }
+    own = _structure(spread, evidence.dutch_roll, physics, evidence.held_back_pct)
     structures: dict[tuple[int, ...], Structure] = {fits.config.four_orders: own}
     richer = spread.next
     if richer is not None and not fits.config.binds("orders"):
-        gain_of = richer.values.get("K", math.nan), richer.sigmas.get("K", math.nan)
+        physics = {name: (each, richer.sigmas[name]) for name, each in richer.values.items()}
         structures[richer.orders] = _structure(
-            spread, richer.dutch_roll, gain_of, richer.held_back_pct
+            spread, richer.dutch_roll, physics, richer.held_back_pct
         )
     return structures
 
 
 def _structure(
-    spread: Spread, dutch_roll: Floats, gain: tuple[float, float], held_back: float
+    spread: Spread,
+    dutch_roll: Floats,
+    physics: Mapping[str, tuple[float, float]],
+    held_back: float,
 ) -> Structure:
     if not math.isfinite(dutch_roll[0]):
-        return Structure(dutch_roll, gain, held_back, (math.nan,) * 3)
+        return Structure(dutch_roll, held_back, (math.nan,) * 2, {})
     spread = spread.around(float(dutch_roll[0]))
     wn = spread.beyond("wn_rad_s", float(dutch_roll[0]))
     zeta = spread.beyond("zeta", float(dutch_roll[2]))
-    return Structure(dutch_roll, gain, held_back, (wn, zeta, spread.beyond("K", gain[0])))
+    known = {n: (value, noise, spread.beyond(n, value)) for n, (value, noise) in physics.items()}
+    return Structure(dutch_roll, held_back, (wn, zeta), known)

@@ -1,16 +1,17 @@
-"""A flight's answer from all its usable manoeuvres, by a random-effects mean.
+"""A flight's answers from its usable manoeuvres, one for each loop, by a random-effects mean.
 
-From one condition to another wn = kappa V, zeta is constant, and K is proportional to V (V is the
-equivalent airspeed). Manoeuvres scatter by more than the sigma of one fit, so the flight's sigma is
-that of the next manoeuvre: sqrt(tau^2 + se^2), with tau the scatter between them (DerSimonian and
-Laird 1986). What the structure leaves out is common to all of them: that part of sigma is added and
-does not shrink.
+Another loop makes it another aircraft. From one condition to another wn = kappa V, zeta is
+constant, and the numbers of eq. 22-23 go with a power of V, the equivalent airspeed (``POWERS``).
+Manoeuvres scatter by more than the sigma of one fit, so the flight's sigma is that of the next
+manoeuvre: sqrt(tau^2 + se^2), with tau the scatter between them (DerSimonian and Laird 1986). What
+the structure leaves out is common to all of them: that part of sigma is added and does not shrink.
 """
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Final
 
 import numpy as np
 
@@ -21,6 +22,7 @@ from yawid.answers.run_summary import (
     DutchRoll,
     Flight,
     Orders,
+    Refit,
     Value,
 )
 from yawid.blocks import Bools, Floats
@@ -42,6 +44,15 @@ LEAST_AGREEING = 2.0 / 3.0
 """The share of weight that must agree, or else ``manoeuvres_disagree`` is fatal."""
 BETTER_PCT = 1.0
 """Points that more parameters must add to the mean held-back fit to be chosen for a flight."""
+
+POWERS: Final = {
+    "K": 1, "T_theta_s": -1, "a_z_beta": 1, "a_my_omega_y": 1, "a_my_beta": 2, "a_my_delta_h": 2,
+}  # fmt: skip
+"""The power of V with which each number of eq. 22-23 goes at constant air density: derivatives of
+moments by angles as V^2, those by rates and of forces as V; T is 1 / a_z, K is a_delta a_z / wn^2.
+"""
+CLOSE: Final = 1.2
+"""Sigmas of wn by so small a factor apart do not choose between the airframe and its loops."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,28 +96,45 @@ def pooled(x: Floats, std: Floats, floor: float, beyond: Floats) -> Pooled:
     return Pooled(mean, float(weights.sum() ** -0.5), tau, float(total**-0.5), common)
 
 
-def flight_of(
+def flights_of(
     answered: Sequence[Answered], of_the_log: list[Reason], untrue: Finding | None = None
-) -> tuple[Flight, Verdict] | None:
-    """Return the flight's answer and its verdict, which includes the reasons ``of_the_log``.
+) -> list[tuple[Flight, Verdict]]:
+    """Return an answer for each loop with a usable manoeuvre, the headline first.
 
-    ``untrue`` says why the airspeed cannot be true: then it is not reported. None is returned where
-    there is no manoeuvre. Each ``loop`` makes it another aircraft: only that with the most usable
-    manoeuvres answers, of equally many the airframe.
+    Its verdict includes the reasons ``of_the_log``. ``untrue`` says why the airspeed cannot be
+    true: then it is not reported. If no manoeuvre is usable, the one answer says why; without any
+    manoeuvre there is none.
     """
     if not answered:
-        return None
+        return []
     if untrue is not None:
         of_the_log = [*of_the_log, untrue.reason]
     usable = [each for each in answered if each.verdict.usable]
     if not usable:
-        return _refused(answered, of_the_log)
-    loops = [each.found.loop for each in usable]
-    loop = max(dict.fromkeys(loops), key=lambda name: (loops.count(name), name == AIRFRAME))
-    alike = [each for each in usable if each.found.loop == loop]
-    orders = _orders(alike)
-    told = [each.structures.get(orders) or next(iter(each.structures.values())) for each in alike]
-    return _together(alike, told, orders, of_the_log, untrue)
+        return [_refused(answered, of_the_log)]
+    by_loop: dict[str, list[Answered]] = {}
+    for each in usable:
+        by_loop.setdefault(each.found.loop, []).append(each)
+    found = [_together(alike, of_the_log, untrue) for alike in by_loop.values()]
+    headline = _headline(found)
+    return [headline, *(each for each in found if each is not headline)]
+
+
+def _headline(found: Sequence[tuple[Flight, Verdict]]) -> tuple[Flight, Verdict]:
+    """Return the answer to show first, a usable one if there is one.
+
+    It is that with the smallest sigma of wn; of those within 20 % of it the airframe's, else that
+    from the most manoeuvres.
+    """
+
+    def sigma(each: tuple[Flight, Verdict]) -> float:
+        roll = each[0].dutch_roll
+        return math.inf if roll is None or roll.wn_std is None else roll.wn_std
+
+    known = [each for each in found if each[1].usable] or found
+    least = min(map(sigma, known))
+    near = [each for each in known if sigma(each) <= CLOSE * least]
+    return max(near, key=lambda e: (e[0].loop == AIRFRAME, len(e[0].used), -sigma(e)))
 
 
 def _refused(answered: Sequence[Answered], of_the_log: list[Reason]) -> tuple[Flight, Verdict]:
@@ -122,12 +150,15 @@ def _refused(answered: Sequence[Answered], of_the_log: list[Reason]) -> tuple[Fl
     return Flight(used=[], disagree=[], verdict=as_summary(verdict)), verdict
 
 
-def _orders(alike: Sequence[Answered]) -> tuple[int, ...]:
+def _orders(alike: Sequence[Answered]) -> tuple[int, ...] | None:
     """Return the flight's orders: the richer ones if they add 1 point to the mean held-back fit.
 
     With more parameters a model has more modes to choose from. In each manoeuvre both orders must
-    have found the same one; otherwise the manoeuvres' own orders are returned.
+    have found the same one; otherwise the manoeuvres' own orders are returned, None where these
+    differ.
     """
+    if len({next(iter(each.structures)) for each in alike}) > 1:
+        return None
     own = next(iter(alike[0].structures))
     gains = []
     for each in alike:
@@ -142,17 +173,17 @@ def _orders(alike: Sequence[Answered]) -> tuple[int, ...]:
 
 
 def _together(
-    alike: Sequence[Answered],
-    told: Sequence[Structure],
-    orders: tuple[int, ...],
-    of_the_log: list[Reason],
-    untrue: Finding | None,
+    alike: Sequence[Answered], of_the_log: list[Reason], untrue: Finding | None
 ) -> tuple[Flight, Verdict]:
-    """Return the answer from the manoeuvres of one aircraft, all estimated with the same orders.
+    """Return the answer from the manoeuvres of one loop.
 
-    ``told`` holds their results. An airspeed that is wrong by one factor still serves to compare
-    manoeuvres.
+    An airspeed that is wrong by one factor still serves to compare manoeuvres.
     """
+    orders = _orders(alike)
+    told = [
+        next(iter(each.structures.values())) if orders is None else each.structures[orders]
+        for each in alike
+    ]
     speeds = np.array([each.found.airspeed_m_s or np.nan for each in alike])
     sources = {each.found.airspeed_source for each in alike}
     scaled = sources == {"airspeed"} and (untrue is None or untrue.is_factor)
@@ -160,17 +191,17 @@ def _together(
     rolls = np.array([each.dutch_roll for each in told])
     x, std = rolls[:, 0] / by, rolls[:, 1] / by
     agree, share = _agreement(x, std)
-    used = [each for each, is_in in zip(alike, agree, strict=True) if is_in]
-    apart = [each for each, is_in in zip(alike, agree, strict=True) if not is_in]
+    used = [alike[i] for i in np.flatnonzero(agree).tolist()]
+    apart = [(alike[i], float(rolls[i, 0])) for i in np.flatnonzero(~agree).tolist()]
     speed = float(np.median(speeds[agree])) if np.isfinite(speeds[agree]).all() else None
     unit = speed if scaled and speed is not None else 1.0
-    has_kappa = scaled and untrue is None
-    if untrue is not None:
-        speed = None
+    is_true = untrue is None
+    speed = speed if is_true else None
     heights = [h for each in used if (h := each.found.altitude_m) is not None]
     warned = list(_warnings(used))
     moves = np.max([(0.0, 0.0), *(reason.moves for reason in warned)], axis=0)
     wn, zeta = _averages([(*each.dutch_roll, *each.beyond) for each in told], by, agree, moves)
+    physics = _physics([told[i] for i in np.flatnonzero(agree).tolist()], by[agree])
     reasons = [*of_the_log, *warned]
     if apart:
         text = _disagreement(apart, wn.mean * unit, wn.std * unit, speed, len(used))
@@ -179,10 +210,10 @@ def _together(
     loop = used[0].found.loop
     flight = Flight(
         method=verdict.method,
-        orders=Orders(*orders),
+        orders=None if orders is None else Orders(*orders),
         airspeed_m_s=speed,
-        airspeed_source=_common(sources) if untrue is None else None,
-        airspeed_kind=_common({m.found.airspeed_kind for m in alike}) if untrue is None else None,
+        airspeed_source=_common(sources) if is_true else None,
+        airspeed_kind=_common({m.found.airspeed_kind for m in alike}) if is_true else None,
         altitude_m=float(np.median(heights)) if heights else None,
         date=used[0].found.date,
         loop=loop,
@@ -191,16 +222,33 @@ def _together(
             (wn.noise * unit, zeta.noise),
             has_level=loop == AIRFRAME,
         ),
-        kappa_rad_m=Value(wn.mean, wn.std, wn.noise) if has_kappa else None,
-        K_per_V=_gain(np.array([(*each.gain, each.beyond[2]) for each in told])[agree], by[agree])
-        if has_kappa
-        else None,
+        kappa_rad_m=Value(wn.mean, wn.std, wn.noise) if scaled and is_true else None,
+        K_per_V=physics.get("K") if scaled and is_true else None,
+        physics={n: _scaled(each, unit ** POWERS[n]) for n, each in physics.items()} or None,
         between_std=BetweenStd(wn_rad_s=wn.tau * unit, zeta=zeta.tau),
         used=[each.found.n for each in used],
-        disagree=[each.found.n for each in apart],
+        disagree=[each.found.n for each, _ in apart],
+        refits=list(_refits(alike, told)) or None,
         verdict=as_summary(verdict),
     )
     return flight, verdict
+
+
+def _refits(alike: Sequence[Answered], told: Sequence[Structure]) -> Iterator[Refit]:
+    """Yield the results ``told`` of manoeuvres whose own results are by other orders."""
+    for each, used in zip(alike, told, strict=True):
+        if used is next(iter(each.structures.values())):
+            continue
+        wn, wn_std, zeta, zeta_std = used.dutch_roll.tolist()
+        total = np.hypot((wn_std, zeta_std), used.beyond).tolist()
+        roll = DutchRoll.of(
+            (wn, total[0], zeta, total[1]), (wn_std, zeta_std),
+            has_level=each.found.loop == AIRFRAME,
+        )  # fmt: skip
+        assert roll is not None  # only a structure with a Dutch roll is chosen
+        numbers = {name: used.physics[name] for name in POWERS if name in used.physics}
+        physics = {n: Value(x, math.hypot(std, more), std) for n, (x, std, more) in numbers.items()}
+        yield Refit(n=each.found.n, dutch_roll=roll, physics=physics or None)
 
 
 def _averages(
@@ -258,29 +306,40 @@ def _agreement(x: Floats, std: Floats) -> tuple[Bools, float]:
 
 
 def _disagreement(
-    apart: Sequence[Answered], wn: float, std: float, speed: float | None, count: int
+    apart: Sequence[tuple[Answered, float]], wn: float, std: float, speed: float | None, count: int
 ) -> str:
-    """Return in words which manoeuvres disagree with the others."""
+    """Return in words which manoeuvres (each with its wn) disagree with the others."""
     said = []
-    for each in apart:
-        roll, v = each.found.dutch_roll, each.found.airspeed_m_s
+    for each, own in apart:
+        v = each.found.airspeed_m_s
         at = "" if v is None or speed is None else f" at {v:.1f} m/s"
-        assert roll is not None  # it may be used
-        said.append(f"manoeuvre {each.found.n} has wn {roll.wn_rad_s:.3g} rad/s{at}")
+        said.append(f"manoeuvre {each.found.n} has wn {own:.3g} rad/s{at}")
     others = f"the other {count} have" if count > 1 else "the other one has"
     at = "" if speed is None else f" at {speed:.1f} m/s"
     them = "it is" if len(apart) == 1 else "they are"
     return f"{', '.join(said)}; {others} {wn:.3g} ± {std:.2g}{at}: {them} left out of the answer"
 
 
-def _gain(gains: Floats, speeds: Floats) -> Value | None:
-    """Return K / V from gains at airspeeds (n,); None where unknown.
+def _physics(told: Sequence[Structure], speeds: Floats) -> Mapping[str, Value]:
+    """Return the numbers of eq. 22-23 over the power of V with which they go, where known.
 
-    ``gains`` (n, 3) holds K, its sigma of noise, and the sigma that noise does not explain.
+    ``told`` are the results of n manoeuvres, ``speeds`` (n,) their airspeeds.
     """
-    known = np.isfinite(gains).all(axis=1) & (gains[:, 1] > 0.0)
-    if not known.any():
-        return None
-    x, std, beyond = (gains[known] / speeds[known, None]).T
-    found = pooled(x, std, TAU_WN_SHARE * abs(float(np.median(x))), beyond)
-    return Value(found.mean, found.std, found.noise)
+    found = {}
+    for name, power in POWERS.items():
+        rows = np.array([each.physics.get(name, (math.nan,) * 3) for each in told])
+        known = np.isfinite(rows).all(axis=1) & (rows[:, 1] > 0.0)
+        if known.any():
+            x, std, beyond = (rows[known] / speeds[known, None] ** power).T
+            floor = TAU_WN_SHARE * abs(power) * abs(float(np.median(x)))
+            mean = pooled(x, std, floor, beyond)
+            found[name] = Value(mean.mean, mean.std, mean.noise)
+    return found
+
+
+def _scaled(each: Value, by: float) -> Value:
+    """Return a number and its sigmas times ``by``."""
+    assert each.value is not None
+    assert each.std is not None
+    assert each.std_noise is not None
+    return Value(by * each.value, by * each.std, by * each.std_noise)

@@ -12,7 +12,7 @@ from yawid.manoeuvres.answer import Answered, ManoeuvreSetting
 from yawid.manoeuvres.candidate import LONGEST_S, UnderWay
 from yawid.manoeuvres.conditions import is_bare
 from yawid.manoeuvres.find import LONGEST_STATED_S, Finder, Stated
-from yawid.manoeuvres.flight import flight_of
+from yawid.manoeuvres.flight import flights_of
 from yawid.manoeuvres.laterals import Laterals
 from yawid.manoeuvres.tries import answer
 from yawid.results.reasons import Reason, Verdict
@@ -78,9 +78,9 @@ class Manoeuvres:
             self.answered.append(answered)
             yield answered
 
-    def flight(self, of_the_log: list[Reason]) -> tuple[Flight, Verdict] | None:
-        """Return the flight's answer from those answered: see :func:`flight_of`."""
-        return flight_of(self.answered, of_the_log, self._airspeed.finding())
+    def flights(self, of_the_log: list[Reason]) -> list[tuple[Flight, Verdict]]:
+        """Return the flight's answers from those answered: see :func:`flights_of`."""
+        return flights_of(self.answered, of_the_log, self._airspeed.finding())
 
     def _answer(self, found: SampleBlock) -> None:
         self._count += 1

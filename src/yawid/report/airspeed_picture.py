@@ -12,8 +12,8 @@ from matplotlib.ticker import MaxNLocator
 from yawid.answers.run_summary import DutchRoll, Flight, Manoeuvre, Value
 from yawid.blocks import Bools, Floats
 from yawid.report.picture import Picture, band
-from yawid.sinks.palette import BAD, MANOEUVRE, MODEL, NEUTRAL
-from yawid.sinks.words import NOT_USED, outcome
+from yawid.sinks.palette import BAD, LINES, MANOEUVRE, MODEL, NEUTRAL
+from yawid.sinks.words import NOT_USED, dutch_roll_in, loop_of, outcome
 
 MOST_NUMBERED: Final = 12
 """Up to this many points have their numbers: with more, the numbers would hide each other."""
@@ -21,8 +21,10 @@ LEAST_SPAN: Final = 0.1
 """The least width of the axis as a part of V: a change of 0.1 m/s must not fill the picture."""
 SIGMAS: Final = 2.0
 _REFUSED: Final = "not usable"
+_OTHER_LOOP: Final = "used, another loop"
 _LOOKS: Final[dict[str, dict[str, Any]]] = {
     "used": {"marker": "o", "color": MANOEUVRE},
+    _OTHER_LOOP: {"marker": "s", "color": MANOEUVRE},
     NOT_USED: {"marker": "o", "color": MANOEUVRE, "fillstyle": "none"},
     "disagrees": {"marker": "D", "color": BAD},
     _REFUSED: {"marker": "x", "color": NEUTRAL, "alpha": 0.8},
@@ -30,6 +32,8 @@ _LOOKS: Final[dict[str, dict[str, Any]]] = {
 ALIKE: Final = 0.03
 """A range of airspeeds smaller than this part of V counts as one airspeed: then the manoeuvres are
 drawn side by side."""
+_COLOURS: Final = (MODEL, LINES[2], LINES[4])
+"""The colours of the flight's answers by loop, the headline's first."""
 _TITLES: Final = {False: "The manoeuvres over airspeed", True: "The manoeuvres side by side"}
 _PANELS: Final = ("ωn [rad/s]", "ζ")
 
@@ -52,16 +56,16 @@ class _Points:
     limits: Floats
 
 
-def airspeed_picture(manoeuvres: Sequence[Manoeuvre], flight: Flight) -> Picture | None:
+def airspeed_picture(manoeuvres: Sequence[Manoeuvre], flights: Sequence[Flight]) -> Picture | None:
     """Return wn and zeta over airspeed, None where fewer than two manoeuvres have both."""
     known = [
-        (each, each.airspeed_m_s, each.dutch_roll)
+        (each, each.airspeed_m_s, mode)
         for each in manoeuvres
-        if each.airspeed_m_s is not None and each.dutch_roll is not None
+        if each.airspeed_m_s is not None and (mode := dutch_roll_in(each, flights)) is not None
     ]
     if len(known) < 2:
         return None
-    points = _points(known, flight)
+    points = _points(known, flights)
     alike = _ends(points.speed)[1] > 0.0 and np.ptp(points.speed) < ALIKE * points.speed.max()
     if alike:  # they are drawn side by side: at one airspeed they would hide each other
         points = replace(points, speed=np.array(points.n, dtype=np.float64))
@@ -77,23 +81,29 @@ def airspeed_picture(manoeuvres: Sequence[Manoeuvre], flight: Flight) -> Picture
                 ax.set_xlim(*_ends(points.speed))
             ax.set_ylim(*points.limits[i])
             ax.set_ylabel(_PANELS[i])
-            _draw_flight(ax, flight, i, alike=alike)
+            for flight, colour in zip(flights, _COLOURS, strict=False):
+                name = f", {loop_of(flight.loop).name}" if len(flights) > 1 else ""
+                _draw_flight(ax, flight, i, colour, name, alike=alike)
             _draw_points(ax, points, i, numbered=not alike and len(points.n) <= MOST_NUMBERED)
         axes[1].set_xlabel("manoeuvre" if alike else f"{' or '.join(sources)} [m/s]")
         canvas.legend(*axes[0].get_legend_handles_labels(), loc="outside upper right", ncols=3)
 
     if alike:
-        look = "All at one airspeed: do they agree? Bars, and the band of the flight: 2 sigma."
+        look = "All at one airspeed: do they agree? Bars, and bands of the flight: 2 sigma."
     else:
-        line = "along the line ωn = κV" if flight.kappa_rad_m is not None else "in proportion"
+        line = (
+            "along the line ωn = κV"
+            if any(each.kappa_rad_m for each in flights)
+            else "in proportion"
+        )
         look = f"Does ωn grow with the airspeed, {line}, and does ζ stay? Bars and bands: 2 sigma."
     if hidden := int(np.sum(~points.within.all(axis=1))):
         look += f" Off the picture: {hidden} that cannot be used."
     return Picture("airspeed", _TITLES[alike], look, draw, (5.6, 4.4))
 
 
-def _points(known: list[tuple[Manoeuvre, float, DutchRoll]], flight: Flight) -> _Points:
-    kind = [_kind(m, flight) for m, _, _ in known]
+def _points(known: list[tuple[Manoeuvre, float, DutchRoll]], flights: Sequence[Flight]) -> _Points:
+    kind = [_kind(m, flights) for m, _, _ in known]
     value = np.array([_values(mode) for _, _, mode in known])
     spread = SIGMAS * np.array([_sigmas(mode) for _, _, mode in known])
     sure = np.array([each != _REFUSED for each in kind])
@@ -101,8 +111,8 @@ def _points(known: list[tuple[Manoeuvre, float, DutchRoll]], flight: Flight) -> 
     shown = sure if sure.any() else np.full(len(kind), fill_value=True)
     reach = np.minimum(spread, 0.5 * np.abs(value))
     ends = np.concatenate([(value - reach)[shown], (value + reach)[shown]])
-    if flight.dutch_roll is not None:
-        middle, reach = (np.array(each(flight.dutch_roll)) for each in (_values, _sigmas))
+    for told in (each.dutch_roll for each in flights if each.dutch_roll is not None):
+        middle, reach = np.array(_values(told)), np.array(_sigmas(told))
         ends = np.vstack([ends, middle - SIGMAS * reach, middle + SIGMAS * reach])
     low, high = ends.min(axis=0), ends.max(axis=0)
     room = np.maximum(high - low, 0.05 * np.abs(high))
@@ -114,9 +124,12 @@ def _points(known: list[tuple[Manoeuvre, float, DutchRoll]], flight: Flight) -> 
     return _Points([m.n for m, _, _ in known], kind, speed, value, spread, within, limits)
 
 
-def _kind(manoeuvre: Manoeuvre, flight: Flight) -> str:
-    came_of_it = outcome(manoeuvre, flight) if manoeuvre.verdict.usable else _REFUSED
-    return came_of_it if came_of_it in _LOOKS else NOT_USED
+def _kind(manoeuvre: Manoeuvre, flights: Sequence[Flight]) -> str:
+    if not manoeuvre.verdict.usable:
+        return _REFUSED
+    result = outcome(manoeuvre, flights)
+    is_other = result == "used" and manoeuvre.loop != flights[0].loop
+    return _OTHER_LOOP if is_other else result
 
 
 def _values(mode: DutchRoll) -> tuple[float, float]:
@@ -151,25 +164,28 @@ def _draw_points(ax: Axes, points: _Points, i: int, *, numbered: bool) -> None:
         ax.annotate(str(points.n[j]), place, (4, 3), textcoords="offset points", fontsize=7.5)
 
 
-def _draw_flight(ax: Axes, flight: Flight, i: int, *, alike: bool) -> None:
+def _draw_flight(ax: Axes, flight: Flight, i: int, colour: str, name: str, *, alike: bool) -> None:
     """Draw the line of kappa or that of a constant, and the point of the flight's answer."""
     mode, kappa = flight.dutch_roll, flight.kappa_rad_m
     x = np.array(ax.get_xlim())
     if i == 0 and not alike and kappa is not None and kappa.value is not None:
-        _line(ax, x, kappa, x, f"ωn = {kappa.value:.3g} V")
+        _line(ax, x, kappa, x, colour, f"ωn = {kappa.value:.3g} V{name}")
     if mode is None:
         return
     value, sigma = _values(mode)[i], _sigmas(mode)[i]
     if i == 1 or alike:
-        _line(ax, x, Value(value, sigma), np.ones(2), "the flight" if alike else None)
+        label = f"the flight{name}" if alike else None
+        _line(ax, x, Value(value, sigma), np.ones(2), colour, label)
     if not alike and flight.airspeed_m_s is not None:
         ax.errorbar(
             [flight.airspeed_m_s], [value], [SIGMAS * sigma], marker="*", markersize=11,
-            color=MODEL, elinewidth=1.6, linestyle="none", label="the flight", zorder=1.9,
+            color=colour, elinewidth=1.6, linestyle="none", label=f"the flight{name}", zorder=1.9,
         )  # fmt: skip
 
 
-def _line(ax: Axes, x: Floats, slope: Value, along: Floats, label: str | None) -> None:
+def _line(ax: Axes, x: Floats, slope: Value, along: Floats, colour: str, label: str | None) -> None:
     value, spread = (slope.value or 0.0) * along, SIGMAS * (slope.std or 0.0) * along
-    ax.plot(x, value, color="#444444", linestyle="--", linewidth=1.0, label=label, zorder=1.5)
-    band(ax, x, value - spread, value + spread, NEUTRAL)
+    first = colour == _COLOURS[0]
+    dark = "#444444" if first else colour
+    ax.plot(x, value, color=dark, linestyle="--", linewidth=1.0, label=label, zorder=1.5)
+    band(ax, x, value - spread, value + spread, NEUTRAL if first else colour)

@@ -133,7 +133,7 @@ class _Gatherer:
         self._full: list[tuple[Any, ...]] = []
         self._last = np.empty(0)
         self._manoeuvres = [
-            Rows(each) for each in to_draw(run.summary.manoeuvres or (), run.summary.flight)
+            Rows(each) for each in to_draw(run.summary.manoeuvres or (), run.summary.used)
         ]
 
     def add(

@@ -3,14 +3,14 @@
 The file holds the sigma of theta but not its covariance, which every band needs; the fit gives it.
 """
 
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
 from typing import Final
 
 import numpy as np
 
-from yawid.answers.run_summary import Flight, Manoeuvre
+from yawid.answers.run_summary import Manoeuvre
 from yawid.blocks import Bools, Floats, Ints, SampleBlock
 from yawid.config.run import RunConfig
 from yawid.errors import ConfigError
@@ -35,14 +35,13 @@ class Drawn:
     judged: Judged
 
 
-def to_draw(manoeuvres: Sequence[Manoeuvre], flight: Flight | None) -> list[Manoeuvre]:
+def to_draw(manoeuvres: Sequence[Manoeuvre], used: Container[int]) -> list[Manoeuvre]:
     """Return the manoeuvres to draw, the best first.
 
-    Those used for the flight come first, then those with fewer fatal reasons and with reasons
+    Those ``used`` for the flight come first, then those with fewer fatal reasons and with reasons
     further down the table of reasons. Among equals the higher simulated fit comes first, or the
     lower number where a manoeuvre is not usable.
     """
-    used = () if flight is None else flight.used
     ranks = {id_: rank for rank, id_ in enumerate(KINDS)}
 
     def worth(each: Manoeuvre) -> tuple[bool, tuple[int, ...], float]:

@@ -12,16 +12,19 @@ from yawid.answers.run_summary import (
 )
 from yawid.report.html import Cell, note, sheet, table
 from yawid.report.manoeuvre_data import Drawn
-from yawid.report.run_tables import yaw_channel
+from yawid.report.run_tables import NO_YAW_CHANNEL, yaw_channel
 from yawid.sinks.words import (
     NONE,
+    dutch_roll_in,
     in_brackets,
     loop_of,
     no_manoeuvre,
     of_value,
     outcome,
     percent,
+    physics_in,
     plus_minus,
+    refitted,
     sigma_means,
     tried,
     utc,
@@ -34,7 +37,7 @@ MOST_COLUMNS: Final = 2
 
 def flight_section(summary: RunSummary, rudder_unit: str) -> Iterator[str]:
     """Yield the section on a run's manoeuvres; nothing where they were not looked for."""
-    manoeuvres, flight = summary.manoeuvres, summary.flight
+    manoeuvres, flights = summary.manoeuvres, summary.by_loop
     if manoeuvres is None:
         return
     if not manoeuvres:
@@ -44,14 +47,16 @@ def flight_section(summary: RunSummary, rudder_unit: str) -> Iterator[str]:
         "n", "from–to, s", "mode", "airspeed, m/s", "altitude, m", "inputs", "ωn, rad/s", "ζ",
         f"K, rad/s per {rudder_unit}", "fit, %", "result",
     )  # fmt: skip
-    rows = [(_row(each, flight), not each.verdict.usable) for each in manoeuvres]
+    rows = [(_row(each, flights), not each.verdict.usable) for each in manoeuvres]
     yield sheet("Manoeuvres", heading, rows)
     means = sigma_means(each.dutch_roll for each in manoeuvres)
+    refits = refitted(flights)
     in_brackets = "; in brackets of noise alone" if means.startswith(":") else ""
     yield note(
         "",
         f"± is one sigma{means}{in_brackets}. Seconds are those since boot, as on the pictures' "
-        "axes. Fit: one step ahead / simulated / simulated on held-back data.",
+        "axes. Fit: one step ahead / simulated / simulated on held-back data."
+        f"{refits and f' {_begun(refits)}; the fits and pictures are of its own orders.'}",
     )
     reasons = {
         f"{each.n}: {reason.name}": reason.text
@@ -61,7 +66,12 @@ def flight_section(summary: RunSummary, rudder_unit: str) -> Iterator[str]:
     yield table("reasons of each manoeuvre", reasons, folded=True)
 
 
-def _row(each: Manoeuvre, flight: Flight | None) -> Iterator[Cell]:
+def _begun(text: str) -> str:
+    """Return a text as the begin of a sentence."""
+    return text[:1].upper() + text[1:]
+
+
+def _row(each: Manoeuvre, flights: Sequence[Flight]) -> Iterator[Cell]:
     answer = each.answer
     yield str(each.n), ""
     yield f"{each.from_s:.1f}–{each.to_s:.1f}", utc(each.date)
@@ -69,18 +79,18 @@ def _row(each: Manoeuvre, flight: Flight | None) -> Iterator[Cell]:
     yield _speed(each), each.airspeed_source or ""
     yield NONE if each.altitude_m is None else f"{each.altitude_m:.0f}", ""
     yield ", ".join(each.inputs), tried(each) or ("turn removed" if each.turn_removed else "")
-    mode = each.dutch_roll
+    mode, physics = dutch_roll_in(each, flights), physics_in(each, flights)
     if mode is None:
         yield "none", ""
         yield "none", ""
     else:
         yield plus_minus(mode.wn_rad_s, mode.wn_std), in_brackets(mode.wn_std_noise)
         yield plus_minus(mode.zeta, mode.zeta_std), in_brackets(mode.zeta_std_noise)
-    gain = Value() if answer is None else (answer.physics or {}).get("K", Value())
+    gain = physics.get("K", Value())
     yield plus_minus(gain.value, gain.std), in_brackets(gain.std_noise)
     yield (NONE, "") if answer is None else (_fits(answer), _method(each))
     ids = [reason.name for reason in each.verdict.reasons]
-    yield outcome(each, flight).replace("_", " "), ", ".join(ids) if each.verdict.usable else ""
+    yield outcome(each, flights).replace("_", " "), ", ".join(ids) if each.verdict.usable else ""
 
 
 def _speed(each: Manoeuvre) -> str:
@@ -101,16 +111,38 @@ def _fits(answer: MethodSummary) -> str:
 
 
 def flight_numbers(summary: RunSummary, drawn: Sequence[Drawn], rudder_unit: str) -> Iterator[str]:
-    """Yield the tables of the flight's answer, and of its manoeuvres' numbers of eq. 22-23."""
-    if summary.flight is not None:
-        yield table("The flight, ± one σ", dict(_facts(summary.flight, rudder_unit)))
-    told = {
+    """Yield the tables of the flight's answers and of their numbers of eq. 22-23.
+
+    Where no answer has these, those of manoeuvres are shown, else why there are none.
+    """
+    flights = summary.by_loop
+    for flight in flights:
+        of = f", {whose(flight)}" if len(flights) > 1 else ""
+        yield table(f"The flight{of}, ± one σ", dict(_facts(flight, rudder_unit)))
+    told = {_column(each, len(flights)): each.physics for each in flights if each.physics}
+    told = told or {
         f"manoeuvre {each.found.n}": each.found.answer.physics
         for each in drawn[:MOST_COLUMNS]
         if each.found.answer is not None and each.found.answer.physics
     }
     if told:
         yield yaw_channel(told, rudder_unit)
+    without = [each for each in flights if not each.physics]
+    if without and (summary.flights is not None or not summary.used):  # older files hold none
+        yield note("", f"{_begun('; '.join(map(_no_physics, without)))}.")
+
+
+def _column(flight: Flight, count: int) -> str:
+    """Return the heading of a flight's numbers of eq. 22-23, which are those at its airspeed."""
+    of = loop_of(flight.loop).name if count > 1 else "the flight"
+    return of if flight.airspeed_m_s is None else f"{of} at {flight.airspeed_m_s:.1f} m/s"
+
+
+def _no_physics(flight: Flight) -> str:
+    """Return why a flight has no numbers of eq. 22-23."""
+    if not flight.used:
+        return "no manoeuvre is usable, so the flight has no derivatives (eq. 22-23)"
+    return f"derivatives of {whose(flight)} are absent: in each manoeuvre used {NO_YAW_CHANNEL}"
 
 
 def _facts(flight: Flight, rudder_unit: str) -> Iterator[tuple[str, str]]:

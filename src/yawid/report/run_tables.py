@@ -5,6 +5,7 @@ from typing import Final
 
 from yawid.answers.model_parts import Fit
 from yawid.answers.run_summary import MethodSummary, RunSummary, Value
+from yawid.physics.derivatives import LARGEST_ERROR
 from yawid.quantities.table import QUANTITIES, REDUCTION_ERROR, YAW_CHANNEL
 from yawid.report.data import ReportData
 from yawid.report.html import grid, note, symbol, table
@@ -16,6 +17,11 @@ PAPER: Final = (
     "M. T. Vu, Development of a kinematic identification framework for the directional motion of a "
     "fixed-wing aircraft based on an ARMAX model, eq. 22-23"
 )
+NO_YAW_CHANNEL: Final = (
+    f"the model has no yaw mode, or differs from eq. 23 by more than {100 * LARGEST_ERROR:.0f} % "
+    "over 0.3 to 3 ωn when its other poles are divided out"
+)
+"""Why a model has no numbers of eq. 22-23."""
 LEAST_P: Final = 0.0001
 """The smallest p of a test that is printed: still smaller values mean the same."""
 
@@ -50,8 +56,10 @@ def stream_numbers(summary: RunSummary, answer: MethodSummary, run_grid: Grid) -
     yield grid(
         f"All modes of {answer.method.upper()}, ± one σ of noise", ("", "ωn, rad/s", "ζ"), modes
     )
-    if answer.physics and summary.flight is None:
+    if summary.flight is None and answer.physics:
         yield yaw_channel({answer.method.upper(): answer.physics}, run_grid.rudder_unit)
+    elif summary.flight is None:
+        yield note("", f"Derivatives are absent: {NO_YAW_CHANNEL}.")
 
 
 def yaw_channel(told: Mapping[str, Mapping[str, Value]], rudder_unit: str) -> str:

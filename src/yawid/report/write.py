@@ -141,7 +141,7 @@ class Report:
         flight = summary.flight
         if flight is None:
             return [*shown, fit_picture(data, summary.dutch_roll, summary.answer.fit, grid)]
-        over_airspeed = airspeed_picture(summary.manoeuvres or [], flight)
+        over_airspeed = airspeed_picture(summary.manoeuvres or [], summary.by_loop)
         in_order = sorted(data.drawn, key=lambda each: each.found.n)
         fits = [manoeuvre_picture(each, grid) for each in in_order]
         return [*shown, *([over_airspeed] if over_airspeed is not None else []), *fits]

@@ -97,13 +97,15 @@ def advised(summary: RunSummary) -> RunSummary:
     def complete(verdict: VerdictSummary) -> VerdictSummary:
         return replace(verdict, next=next_step(verdict.reasons, situation))
 
-    flight, manoeuvres = summary.flight, summary.manoeuvres
+    flight, flights, manoeuvres = summary.flight, summary.flights, summary.manoeuvres
     if flight is not None:
         flight = replace(flight, verdict=complete(flight.verdict))
+    if flights is not None:
+        flights = [replace(each, verdict=complete(each.verdict)) for each in flights]
     if manoeuvres is not None:
         manoeuvres = [replace(each, verdict=complete(each.verdict)) for each in manoeuvres]
     verdict = complete(summary.verdict)
-    return replace(summary, verdict=verdict, flight=flight, manoeuvres=manoeuvres)
+    return replace(summary, verdict=verdict, flight=flight, flights=flights, manoeuvres=manoeuvres)
 
 
 def next_step(reasons: Sequence[ReasonSummary], situation: Situation) -> str | None:

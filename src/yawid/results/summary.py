@@ -1,7 +1,7 @@
 """The summary of a run: all that ``--json`` prints, the verdict, and the part of each method."""
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Protocol
@@ -64,8 +64,8 @@ class Finished(Protocol):
     def manoeuvres(self) -> list[Manoeuvre] | None:
         """The manoeuvres found, None where none were searched for."""
 
-    def flight(self, of_the_log: list[Reason]) -> tuple[Flight, Verdict] | None:
-        """Return the flight's answer from all its manoeuvres, None where there is no manoeuvre."""
+    def flights(self, of_the_log: list[Reason]) -> list[tuple[Flight, Verdict]]:
+        """Return the flight's answers, the headline first; none where there is no manoeuvre."""
 
     def bare(self) -> Bare | None:
         """Return the bare airframe of all its manoeuvres, None where none was looked for."""
@@ -85,7 +85,7 @@ def summarise(
         estimates, evidence = bank_summaries(bank)
     basis = _basis(pipeline, report, link)
     verdict = Verdict.of(basis.reasons) if bank is None else basis.verdict(bank, evidence)
-    flight = pipeline.flight(of_the_log(verdict.reasons))
+    flights = pipeline.flights(of_the_log(verdict.reasons))
     summary = RunSummary(
         log=log,
         sha256=sha256,
@@ -98,10 +98,23 @@ def summarise(
         estimates=estimates,
         verdict=as_summary(verdict),
         manoeuvres=pipeline.manoeuvres,
-        flight=None if flight is None else flight[0],
         bare=pipeline.bare(),
     )
-    return advised(with_yaw_loop(summary)), verdict if flight is None else flight[1]
+    return concluded(summary, verdict, flights)
+
+
+def concluded(
+    summary: RunSummary, verdict: Verdict, flights: Sequence[tuple[Flight, Verdict]]
+) -> tuple[RunSummary, Verdict]:
+    """Return the summary with its flight's answers and with advice, and the verdict that decides.
+
+    ``verdict`` is the stream's; ``flights`` are the flight's answers, the headline first.
+    """
+    if not flights:
+        return advised(with_yaw_loop(summary)), verdict
+    told = [flight for flight, _ in flights if flight.used]
+    summary = replace(summary, flight=flights[0][0], flights=told or None)
+    return advised(with_yaw_loop(summary)), flights[0][1]
 
 
 def of_the_log(reasons: Iterable[Reason]) -> list[Reason]:

@@ -19,11 +19,9 @@ from yawid.config.run import RunConfig, overruled
 from yawid.errors import ConfigError, SourceError, YawidError
 from yawid.pipeline import Pipeline
 from yawid.quantities.link import LinkStats
-from yawid.results.advice import advised
 from yawid.results.judge_estimate import bank_verdict
 from yawid.results.reasons import KINDS, Reason, Verdict
-from yawid.results.summary import as_summary, bank_summaries
-from yawid.results.yaw_loop import with_yaw_loop
+from yawid.results.summary import as_summary, bank_summaries, concluded
 from yawid.sinks.mcap.reader import McapRun, open_run
 from yawid.sources.formats import RUN
 
@@ -128,7 +126,7 @@ class FinishedRun:
             verdict = bank_verdict(bank, evidence, rates_hz, of_the_log)
         else:
             verdict = Verdict.of(reasons if run.grid is None else of_the_log)
-        flight = pipeline.flight(of_the_log)
+        flights = pipeline.flights(of_the_log)
         with run.path.open("rb") as stream:
             sha256 = hashlib.file_digest(stream, "sha256").hexdigest()
         summary = RunSummary(
@@ -142,10 +140,9 @@ class FinishedRun:
             estimates=estimates,
             verdict=as_summary(verdict),
             manoeuvres=pipeline.manoeuvres,
-            flight=None if flight is None else flight[0],
             bare=pipeline.bare(),
         )
-        return advised(with_yaw_loop(summary)), verdict if flight is None else flight[1]
+        return concluded(summary, verdict, flights)
 
     def close(self) -> None:
         """Do nothing: the file is opened and closed at each reading."""

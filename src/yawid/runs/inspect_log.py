@@ -123,6 +123,7 @@ def _inspected(
         excited=found,
         manoeuvres=whole.summary.manoeuvres,
         flight=whole.summary.flight,
+        flights=whole.summary.flights,
         recommend=recommend,
         command=command,
         card=_card(whole, samples, rates, channels.parameters.values) if with_card else None,

@@ -167,8 +167,11 @@ def refused(summary: RunSummary, verdict: Verdict, reason: Reason) -> tuple[RunS
     said = ReasonSummary(reason.id, reason.weight, reason.text)
     marked = msgspec.structs.replace(summary, verdict=_with(said, summary.verdict))
     if (flight := summary.flight) is not None:
-        flight = msgspec.structs.replace(flight, verdict=_with(said, flight.verdict))
-        marked = msgspec.structs.replace(marked, flight=flight)
+        flight, *flights = (
+            msgspec.structs.replace(each, verdict=_with(said, each.verdict))
+            for each in (flight, *(summary.flights or ()))
+        )
+        marked = msgspec.structs.replace(marked, flight=flight, flights=flights or None)
     return advised(marked), Verdict.of([reason, *verdict.reasons], verdict.method)
 
 

@@ -26,6 +26,7 @@ from yawid.sinks.words import (
     duration,
     dutch_roll,
     kappa,
+    of_loop,
     whose,
     with_sigma,
 )
@@ -105,7 +106,10 @@ def headline(summary: RunSummary, stretch: Stretch = (None, None)) -> str:
         conditions(flight),
         counted(flight, summary.manoeuvres or ()),
     )
-    return f"{said} It holds for {', '.join(fact for fact in facts if fact)}."
+    others = [
+        f" Also: {of_loop(each, summary.manoeuvres or (), GREEK)}." for each in summary.by_loop[1:]
+    ]
+    return f"{said} It holds for {', '.join(fact for fact in facts if fact)}.{''.join(others)}"
 
 
 def _stretch(stretch: Stretch) -> str:
@@ -121,6 +125,13 @@ def _elsewhere(summary: RunSummary) -> str:
     """Return a sentence on the part of a refused log that is usable by itself, "" without any."""
     if summary.flight is None:
         return ""
+    told = [
+        of_loop(each, summary.manoeuvres or (), GREEK)
+        for each in summary.by_loop
+        if each.verdict.usable
+    ]
+    if told:
+        return f"This can be used: {'; '.join(told)}."
     alone = [
         f"{each.n} ({each.from_s:.0f} to {each.to_s:.0f} s)"
         for each in summary.manoeuvres or ()

@@ -5,7 +5,7 @@ manoeuvre or a flight was flown, and the rows of a flight's answer.
 """
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Final, NamedTuple
 
 from yawid.answers.run_summary import (
@@ -13,6 +13,7 @@ from yawid.answers.run_summary import (
     DutchRoll,
     Flight,
     Manoeuvre,
+    Refit,
     RunSummary,
     Try,
     Value,
@@ -156,6 +157,35 @@ def count(manoeuvres: int) -> str:
     return "one manoeuvre" if manoeuvres == 1 else f"{manoeuvres} manoeuvres"
 
 
+def dutch_roll_in(found: Manoeuvre, flights: Sequence[Flight]) -> DutchRoll | None:
+    """Return a manoeuvre's Dutch roll as its flight uses it: by the flight's orders."""
+    refit = _refit(found, flights)
+    return found.dutch_roll if refit is None else refit.dutch_roll
+
+
+def physics_in(found: Manoeuvre, flights: Sequence[Flight]) -> Mapping[str, Value]:
+    """Return a manoeuvre's numbers of eq. 22-23 as its flight uses them."""
+    refit = _refit(found, flights) or found.answer
+    return {} if refit is None else refit.physics or {}
+
+
+def _refit(found: Manoeuvre, flights: Sequence[Flight]) -> Refit | None:
+    refits = (each for flight in flights for each in flight.refits or () if each.n == found.n)
+    return next(refits, None)
+
+
+def refitted(flights: Sequence[Flight]) -> str:
+    """Return which manoeuvres a flight uses by other orders than their own, "" for none."""
+    said = [
+        f"{', '.join(str(each.n) for each in flight.refits)} by orders {flight.orders}"
+        for flight in flights
+        if flight.refits
+    ]
+    if not said:
+        return ""
+    return f"wn and zeta of {' and of '.join(said)}, which explain held-back samples better"
+
+
 def counted(flight: Flight, manoeuvres: Sequence[Manoeuvre]) -> str:
     """Return from how many of the manoeuvres the flight's answer is made."""
     total = len(manoeuvres)
@@ -171,11 +201,12 @@ def flown(found: Manoeuvre) -> str:
     return ", ".join(said)
 
 
-def says(found: Manoeuvre) -> str:
+def says(found: Manoeuvre, flights: Sequence[Flight] = ()) -> str:
     """Return a manoeuvre's answer: its Dutch roll, or the first reason why it is not usable."""
-    if found.verdict.why is not None or found.dutch_roll is None:
+    mode = dutch_roll_in(found, flights)
+    if found.verdict.why is not None or mode is None:
         return f"not usable: {found.verdict.why}"
-    return dutch_roll(found.dutch_roll)
+    return dutch_roll(mode)
 
 
 def said_try(each: Try) -> str:
@@ -195,16 +226,13 @@ def tried(found: Manoeuvre) -> str:
     return f"{len(tries)} tries, none usable" if tries else ""
 
 
-def outcome(manoeuvre: Manoeuvre, flight: Flight | None) -> str:
+def outcome(manoeuvre: Manoeuvre, flights: Sequence[Flight]) -> str:
     """Return a manoeuvre's result in a word or two; if refused, the first fatal reason's id."""
     if not manoeuvre.verdict.usable:
         return manoeuvre.verdict.why or "not usable"
-    if flight is not None and manoeuvre.n in flight.disagree:
+    if any(manoeuvre.n in flight.disagree for flight in flights):
         return "disagrees"
-    if flight is not None and manoeuvre.n in flight.used:
-        return "used"
-    # A flight's answer describes either the airframe or the aircraft with its roll loop.
-    return "other loop" if flight is not None and manoeuvre.loop != flight.loop else NOT_USED
+    return "used" if any(manoeuvre.n in flight.used for flight in flights) else NOT_USED
 
 
 def conditions(flight: Flight) -> str:
@@ -241,7 +269,7 @@ def no_manoeuvre(summary: RunSummary) -> str:
 
 
 def flight_rows(summary: RunSummary) -> Iterator[Row]:
-    """Yield the rows of the flight's answer; without a flight, one row why there is none."""
+    """Yield the rows of the flight's answers; without a flight, one row why there is none."""
     flight = summary.flight
     if flight is None:
         if summary.manoeuvres is not None:
@@ -260,6 +288,8 @@ def flight_rows(summary: RunSummary) -> Iterator[Row]:
     if slope := kappa(flight):
         kind = flight.airspeed_kind if flight.airspeed_kind in _AS_GIVEN else "equivalent"
         yield Row("", f"wn = {slope}, where V is the {kind} airspeed")
+    for other in summary.by_loop[1:]:
+        yield Row("also", of_loop(other, manoeuvres))
     yield Row("flown", ", ".join(_flown(flight, manoeuvres, summary.vehicle)))
 
 
@@ -293,6 +323,15 @@ def lateral_says(bare: Bare) -> str:
         why = bare.verdict.reasons[0].text if bare.verdict.reasons else "no reason was given"
         return f"the bare airframe is not known: {why}"
     return f"the bare airframe: {dutch_roll(bare.dutch_roll)}"
+
+
+def of_loop(flight: Flight, manoeuvres: Sequence[Manoeuvre], names: tuple[str, str] = LATIN) -> str:
+    """Return the answer for another loop than the headline's in one line."""
+    mode = flight.dutch_roll
+    said = "no answer" if mode is None else dutch_roll(mode, names)
+    why = "" if flight.verdict.usable else f", not usable: {flight.verdict.why}"
+    where = ", ".join(filter(None, (conditions(flight), counted(flight, manoeuvres))))
+    return f"{said} for {whose(flight)}, {where}{why}"
 
 
 def _flown(

@@ -181,9 +181,9 @@ def manoeuvre_columns(summary: RunSummary, known: Units) -> Iterator[Column]:
         column: Array = np.array(values, types[name])
         yield known.column(name, column) if name != "reasons" else Column(name, column)
         if name == "usable":
-            used = () if summary.flight is None else summary.flight.used
-            says = "whether the flight's answer rests on it"
-            yield Column("used", np.array([each.n in used for each in found], bool), says=says)
+            says = "whether the flight's answer for its loop rests on it"
+            used = np.array([each.n in summary.used for each in found], bool)
+            yield Column("used", used, says=says)
     kinds = (("theta", "", "parameter"), ("theta_std", "_std", "its sigma, of noise"))
     for name in _parameters(found):
         for field, suffix, says in kinds:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from yawid.answers.run_summary import Bare, RunSummary
+from yawid.answers.run_summary import Bare, Flight, RunSummary
 from yawid.blocks import EstimateBlock, ModesBlock, SampleBlock
 from yawid.config.run import RunConfig
 from yawid.sinks.base import Grid, Sink, rudder_unit
@@ -53,6 +53,19 @@ class Run:
         if grid is None:
             grid = Grid((), config.inputs, (), math.nan, rudder_unit(in_rad=config.in_rad))
         self._known = Units(grid, config)
+
+    @property
+    def flight(self) -> Flight | None:
+        """The flight's answer, the headline; None where there was no manoeuvre."""
+        return self.summary.flight
+
+    @property
+    def flights(self) -> list[Flight]:
+        """The flight's answers, one for each loop (airframe, with roll loop), the headline first.
+
+        Without a usable manoeuvre there is only the one that says why, if any.
+        """
+        return self.summary.by_loop
 
     @cached_property
     def samples(self) -> Table:

@@ -17,7 +17,7 @@ import numpy as np
 
 from yawid.answers.part import Part
 from yawid.answers.run_summary import Value
-from yawid.dataset.summary_rows import flight_row
+from yawid.dataset.summary_rows import flight_rows
 from yawid.dataset.values import serial_of
 from yawid.sinks.mcap.reader import McapRun, open_run
 from yawid.trend.changes import scatter
@@ -78,13 +78,14 @@ class _Side:
     """One side of the comparison, a run or a data set.
 
     ``numbers`` and the degrees of freedom ``dof`` of their sigmas are by (vehicle, loop, quantity).
-    ``row``, ``run`` and ``sha256`` are those of a run.
+    ``rows`` are a run's answers by loop, the headline first; ``run`` and ``sha256`` are those of a
+    run.
     """
 
     path: Path
     numbers: dict[tuple[str, str, str], Value] = field(default_factory=dict)
     dof: dict[tuple[str, str, str], float] = field(default_factory=dict)
-    row: FlightRow | None = None
+    rows: dict[str, FlightRow] = field(default_factory=dict)
     run: McapRun | None = None
     sha256: str | None = None
 
@@ -119,16 +120,18 @@ def _side(path: Path) -> _Side:
     if path.is_dir():
         return _Side(path)
     run = open_run(path)
-    row = flight_row(run.summary, None, None)
+    rows: dict[str, FlightRow] = {
+        row.get("loop") or NO_LOOP: row for row in flight_rows(run.summary, None, None)
+    }
     vehicle = _vehicle(run)
-    loop = row.get("loop") or NO_LOOP
     numbers = {
         (vehicle, loop, quantity): Value(value=row[quantity], std=row[std])
+        for loop, row in rows.items()
         for quantity, std in _RUN_QUANTITIES.items()
         if row.get(quantity) is not None and row.get(std) is not None
     }
     sha256 = run.summary.own_source.sha256
-    return _Side(path, numbers, row=row, run=run, sha256=sha256)
+    return _Side(path, numbers, rows=rows, run=run, sha256=sha256)
 
 
 def _vehicle(run: McapRun) -> str:
@@ -141,26 +144,27 @@ def _pick(run: _Side, fleet: _Side, studied: list[Studied], notes: list[str]) ->
 
     The sigmas become those of one more flight.
     """
-    (old, loop) = next((key[:2] for key in run.numbers), (_vehicle_of(run), NO_LOOP))
-    own = [each for each in studied if each.history.loop == loop]
+    loops = list(run.rows)
+    own = [each for each in studied if each.history.loop in loops]
     vehicle = _own_vehicle(run, own)
     run.numbers = {
-        (vehicle or old, loop, key[2]): value
+        (vehicle or key[0], *key[1:]): value
         for key, value in run.numbers.items()
         if key[2] in FOLLOWED
     }
     fleet.numbers, fleet.dof = {}, {}
     for key, value in run.numbers.items():
-        alike = [each for each in own if each.history.quantity == key[2]]
+        of = f" ({key[1]})" if len(loops) > 1 else ""
+        alike = [each for each in own if (each.history.loop, each.history.quantity) == key[1:]]
         mine = [each for each in alike if each.history.vehicle == vehicle]
         sigma = value.std or 0.0
         if mine and mine[0].told.days >= LEAST_OWN:
             fleet.numbers[key], fleet.dof[key] = one_more(mine[0], sigma), mine[0].fitted.dof
         elif len(alike) >= LEAST_OWN:
             fleet.numbers[key], fleet.dof[key] = _among(alike, sigma), len(alike) - 1.0
-            notes.append(f"{key[2]}: compared with all {len(alike)} vehicles")
+            notes.append(f"{key[2]}{of}: compared with all {len(alike)} vehicles")
     if not fleet.numbers:
-        notes.append(_nothing(run, fleet, studied, own, loop, vehicle))
+        notes.append(_nothing(run, fleet, studied, own, " and ".join(loops), vehicle))
 
 
 def one_more(each: Studied, sigma: float) -> Value:
@@ -208,11 +212,6 @@ def _nothing(
     )
 
 
-def _vehicle_of(run: _Side) -> str:
-    assert run.run is not None
-    return _vehicle(run.run)
-
-
 def _own_vehicle(run: _Side, studied: list[Studied]) -> str | None:
     """Return the run's vehicle as the data set names it; None if it cannot be identified."""
     assert run.run is not None
@@ -226,14 +225,12 @@ def _own_vehicle(run: _Side, studied: list[Studied]) -> str | None:
 
 
 def _told(a: _Side, b: _Side, facts: list[Fact], notes: list[str]) -> Diff:
-    if a.row is not None and b.row is not None:
-        # Two runs are compared whatever their vehicles are called.
-        (a_numbers, b_numbers) = (_by_quantity(side.numbers) for side in (a, b))
-    else:
-        a_numbers, b_numbers = a.numbers, b.numbers
+    a_numbers, b_numbers = a.numbers, b.numbers
+    if a.rows and b.rows:
+        a_numbers, b_numbers = _alike(a, b), _alike(b, a)
     both = {key for key in a_numbers if key in b_numbers}
     pairs = [(key, a_numbers[key], b_numbers[key]) for key in a_numbers if key in both]
-    why = [_not_judged(a, b, key[2], {each[2] for each in both}) for key, *_ in pairs]
+    why = [_not_judged(a, b, key, both) for key, *_ in pairs]
     dofs = [min(side.dof.get(key, ALL) for side in (a, b)) for key, *_ in pairs]
     why = [reason or (None if dof > 0 else "too few days flown")
            for reason, dof in zip(why, dofs, strict=True)]  # fmt: skip
@@ -253,25 +250,36 @@ def _told(a: _Side, b: _Side, facts: list[Fact], notes: list[str]) -> Diff:
     )
 
 
-def _by_quantity(
-    numbers: Mapping[tuple[str, str, str], Value],
-) -> dict[tuple[str, str, str], Value]:
-    return {("", "", key[2]): value for key, value in numbers.items()}
+def _alike(run: _Side, other: _Side) -> dict[tuple[str, str, str], Value]:
+    """Return a run's numbers for the loops that both runs have, whatever the vehicles' names are.
+
+    Without such a loop they are the headline's, with an empty loop.
+    """
+    both, first = run.rows.keys() & other.rows.keys(), next(iter(run.rows))
+    return {
+        ("", loop if both else "", quantity): value
+        for (_, loop, quantity), value in run.numbers.items()
+        if (loop in both if both else loop == first)
+    }
 
 
-def _not_judged(a: _Side, b: _Side, quantity: str, both: set[str]) -> str | None:
+def _not_judged(
+    a: _Side, b: _Side, key: tuple[str, str, str], both: set[tuple[str, str, str]]
+) -> str | None:
     """Return in words why a difference cannot be judged, or None if it can be."""
-    for side, name in ((a, "A"), (b, "B")):
-        if side.row is not None and not side.row["usable"]:
-            return f"{name} is not usable: {', '.join(side.row['reasons'])}"
-    if a.row is None or b.row is None:
+    vehicle, loop, quantity = key
+    rows = [side.rows.get(loop) or next(iter(side.rows.values()), None) for side in (a, b)]
+    for row, name in zip(rows, "AB", strict=True):
+        if row is not None and not row["usable"]:
+            return f"{name} is not usable: {', '.join(row['reasons'])}"
+    if rows[0] is None or rows[1] is None:
         return None
-    if a.row.get("loop") != b.row.get("loop"):
+    if not loop:
         return "another loop"
     if quantity == "wn_rad_s":
-        if "kappa_rad_m" in both:
+        if (vehicle, loop, "kappa_rad_m") in both:
             return "varies with the airspeed: see ωn/V"
-        one, other = _airspeed(a.row), _airspeed(b.row)
+        one, other = (_airspeed(row) for row in rows if row is not None)
         if one is None or other is None:
             return "varies with the airspeed, which is unknown"
         if abs(other / one - 1.0) > SAME_SPEED:
@@ -315,7 +323,7 @@ def _of_runs(a: _Side, b: _Side) -> Iterator[Fact]:
            for each in (one, other)]  # fmt: skip
     if ids[0] != ids[1]:
         yield Fact(what="reasons", a=ids[0], b=ids[1], changed=False)
-    loops = [each.row.get("loop") or NO_LOOP for each in (a, b) if each.row is not None]
+    loops = [" and ".join(each.rows) for each in (a, b)]
     if loops[0] != loops[1]:
         yield Fact(what="loop", a=loops[0], b=loops[1], changed=False)
     for name in sorted({*one.channels, *other.channels}):

@@ -13,7 +13,7 @@ from typing import Any, Final
 import numpy as np
 
 from yawid.blocks import Floats, Ints
-from yawid.dataset.files import read_table
+from yawid.dataset.files import read_flights_by_loop
 from yawid.trend.days import Track
 
 FOLLOWED: Final = {"kappa_rad_m": "kappa_std", "zeta": "zeta_std", "K_per_V": "K_per_V_std"}
@@ -26,7 +26,7 @@ MADE: Final = (
 _WHO: Final = ("vehicle", "loop", "vehicle_type", "date", "log_sha256", "sysid", "boot", "usable")
 NO_LOOP: Final = "unknown"
 FlightRow = Mapping[str, Any]
-"""A row of ``flights`` by its columns."""
+"""A row of ``flights_by_loop`` by its columns."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +47,7 @@ class History:
 
 @dataclass(frozen=True, slots=True)
 class Flights:
-    """The rows of the table ``flights``, their histories, and how many were left out by reason."""
+    """The flights' answers by loop, their histories, and how many were left out by reason."""
 
     rows: Sequence[FlightRow]
     left_out: dict[str, int]
@@ -63,7 +63,7 @@ def read_flights(folder: Path, without_sha: str | None = None) -> Flights:
         SourceError: there is no data set, or it cannot be read.
     """
     columns = [*_WHO, *MADE, *FOLLOWED, *FOLLOWED.values()]
-    table = read_table(folder, "flights", columns)
+    table = read_flights_by_loop(folder, columns)
     dates = table["date"].cast("int64").to_pylist()
     rows = [row | {"date": date} for row, date in zip(table.to_pylist(), dates, strict=True)]
     if without_sha is not None:
@@ -72,7 +72,7 @@ def read_flights(folder: Path, without_sha: str | None = None) -> Flights:
 
 
 def flights_of(rows: Sequence[FlightRow]) -> Flights:
-    """Return the histories in rows of the table ``flights``, whose dates are in us since 1970."""
+    """Return the histories in rows of ``flights_by_loop``, whose dates are in us since 1970."""
     left_out = {"not usable": 0, "without a date": 0, "without a number and its sigma": 0}
     by_whose: dict[tuple[str, str], list[int]] = {}
     for i, row in enumerate(rows):

@@ -64,9 +64,8 @@ def _histories(rows: list[Followed]) -> Table:
     last = ("", "")
     for each in rows:
         whose = (each.vehicle, each.loop)
-        loop = {"airframe": "", "with_roll_loop": " roll"}.get(each.loop, " ?")
         table.add_row(
-            "" if whose == last else f"{each.vehicle}{loop}",
+            "" if whose == last else _named(*whose),
             words.name_of(each.quantity),
             str(each.flights),
             words.spread(each.now),
@@ -77,6 +76,11 @@ def _histories(rows: list[Followed]) -> Table:
         )
         last = whose
     return table
+
+
+def _named(vehicle: str, loop: str) -> str:
+    """Return a vehicle's name with its loop; an empty loop, as of two runs, has none."""
+    return vehicle + {"airframe": "", "": "", "with_roll_loop": " roll"}.get(loop, " ?")
 
 
 def print_diff(told: Diff, stream: TextIO) -> None:
@@ -95,7 +99,8 @@ def print_diff(told: Diff, stream: TextIO) -> None:
         came = f"not judged: {each.not_judged}" if each.not_judged else "agrees"
         came = "CHANGED" if each.changed else came
         table.add_row(
-            each.vehicle, words.name_of(each.quantity), words.spread(each.a), words.spread(each.b),
+            _named(each.vehicle, each.loop).strip(), words.name_of(each.quantity),
+            words.spread(each.a), words.spread(each.b),
             f"{each.difference:+.3g}", "-" if each.sigmas is None else f"{each.sigmas:+.1f}",
             came, style="red" if each.changed else "",
         )  # fmt: skip

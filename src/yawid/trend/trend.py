@@ -157,7 +157,7 @@ def trend(folder: Path, vehicle: str | None = None) -> tuple[Trend, list[Studied
         false_alarm_rate=FALSE_ALARMS,
         histories_tested=sum(each.told.tested for each in studied),
         numbers_tested=sum(len(each.history.flights) for each in studied),
-        flights=len(flights.rows),
+        flights=len({(row["log_sha256"], row["sysid"], row["boot"]) for row in flights.rows}),
         left_out={why: count for why, count in flights.left_out.items() if count},
         followed=[each.told for each in shown],
     )

@@ -55,12 +55,12 @@ class RunningAnswer:
     def look(self, pipeline: Pipeline, link: LinkStats) -> Answer | None:
         """Return the answer, None before there is one; to be called about once each second."""
         basis = basis_of(pipeline, link)
-        flight = pipeline.flight(of_the_log(basis.reasons))
-        if flight is not None and flight[0].dutch_roll is not None:
-            return Answer(flight[1], flight[0].dutch_roll)
+        flights = pipeline.flights(of_the_log(basis.reasons))
+        if flights and flights[0][0].dutch_roll is not None:
+            return Answer(flights[0][1], flights[0][0].dutch_roll)
         stream = self._stream(pipeline.bank, basis)
-        if flight is not None:
-            return Answer(flight[1], None if stream is None else stream.dutch_roll)
+        if flights:
+            return Answer(flights[0][1], None if stream is None else stream.dutch_roll)
         return stream
 
     def _stream(self, bank: Bank | None, basis: Basis) -> Answer | None:

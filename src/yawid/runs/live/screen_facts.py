@@ -43,7 +43,7 @@ class Gatherer:
         channels, vehicle = pipeline.channels, pipeline.channels.lock.vehicle
         rates, unused = self._rates(pipeline, link)
         progress, unanswered = pipeline.progress(closely=closely)
-        flight, verdict, age_s = self._answer(pipeline, link)
+        flights, verdict, age_s = self._answer(pipeline, link)
         name = ""
         if vehicle is not None:
             kind = type_name(vehicle.type)
@@ -72,7 +72,7 @@ class Gatherer:
             is_excited=progress.is_excited,
             unanswered=unanswered,
             manoeuvres=tuple(pipeline.manoeuvres or ()),
-            flight=flight,
+            flights=flights,
             stream=_stream(pipeline) if closely else "",
             state=SILENT if quiet else _state(pipeline),
             verdict=None if verdict is None else verdict.usable,
@@ -96,22 +96,22 @@ class Gatherer:
 
     def _answer(
         self, pipeline: Pipeline, link: LinkStats
-    ) -> tuple[Flight | None, Verdict | None, float]:
-        """Return the flight, its verdict and the verdict's age in s.
+    ) -> tuple[tuple[Flight, ...], Verdict | None, float]:
+        """Return the flight's answers, the verdict that decides, and that verdict's age in s.
 
         Without a flight the verdict is the stream's, None in the first ``SETTLE_S`` of it.
         """
-        found = pipeline.flight(of_the_log(basis_of(pipeline, link).reasons))
-        if found is not None:
-            return *found, 0.0
+        found = pipeline.flights(of_the_log(basis_of(pipeline, link).reasons))
+        if found:
+            return tuple(flight for flight, _ in found), found[0][1], 0.0
         if self._of_stream is None or not link.frames:
-            return None, None, 0.0
+            return (), None, 0.0
         now_s = time.monotonic()
         self._first_s = now_s if self._first_s is None else self._first_s
         answer = self._of_stream.look(pipeline, link)
         if answer is None or now_s - self._first_s < SETTLE_S:
-            return None, None, 0.0
-        return None, answer.verdict, self._of_stream.stream_age_s
+            return (), None, 0.0
+        return (), answer.verdict, self._of_stream.stream_age_s
 
 
 def _next(pipeline: Pipeline, verdict: Verdict | None) -> str:

@@ -22,11 +22,13 @@ from yawid.sinks.words import (
     bare_rows,
     conditions,
     dutch_roll,
+    dutch_roll_in,
     loop_of,
     next_step,
     numbers,
     of_noise,
     plus_minus,
+    refitted,
     sigma_means,
     tried,
     whose,
@@ -42,9 +44,8 @@ def verdict_markdown(summary: RunSummary, rudder_unit: str = HALF_TRAVEL) -> str
     """Return the deciding verdict for the text panel: the answer, the reasons, then numbers."""
     verdict = summary.deciding
     lines = ["# Usable" if verdict.usable else "# Not usable"]
-    if summary.flight is not None:
-        lines.append(flight_line(summary.flight))
-    elif summary.answering is not None:
+    lines += map(flight_line, summary.by_loop)
+    if summary.flight is None and summary.answering is not None:
         said = _answer(summary.dutch_roll, usable=verdict.usable)
         lines.append(f"The stream, {summary.answering.upper()}: {said}.")
     if bare := [row.text for row in bare_rows(summary)]:
@@ -55,9 +56,8 @@ def verdict_markdown(summary: RunSummary, rudder_unit: str = HALF_TRAVEL) -> str
     if summary.estimates and not verdict.usable:
         lines += ["", _UNUSABLE]
     lines += _methods(summary.estimates or {})
-    whose, physics = _yaw_channel(summary)
-    if physics:
-        lines += ["", f"| yaw channel, {whose} | |", "|-|-:|"]
+    for name, physics in _yaw_channels(summary):
+        lines += ["", f"| yaw channel, {name} | |", "|-|-:|"]
         lines += _numbers(physics, rudder_unit)
     if summary.estimates:
         roll = summary.dutch_roll if summary.flight is None else summary.flight.dutch_roll
@@ -74,21 +74,25 @@ def _methods(estimates: Mapping[str, MethodSummary]) -> Iterator[str]:
         yield f"| {method.upper()} | {wn} | {zeta} | {'' if fit is None else f'{fit:.0f} %'} |"
 
 
-def _yaw_channel(summary: RunSummary) -> tuple[str, Mapping[str, Value]]:
-    """Return the name and the numbers of the yaw channel to show.
+def _yaw_channels(summary: RunSummary) -> Iterator[tuple[str, Mapping[str, Value]]]:
+    """Yield the name and the numbers of each yaw channel to show.
 
-    They are those of the used manoeuvre with the smallest sigma of wn, or, without a flight, of the
-    stream's answer.
+    They are the flight's, for each loop; in older files those of the used manoeuvre with the
+    smallest sigma of wn; without a flight those of the stream's answer.
     """
-    used = summary.flight.used if summary.flight is not None else []
+    pooled = [each for each in summary.by_loop if each.physics]
+    for each in pooled:
+        said = filter(None, (whose(each), conditions(each)))
+        yield f"the flight, {' '.join(said)}", each.physics or {}
+    used = summary.used
     found = [m for m in summary.manoeuvres or () if m.n in used and m.answer and m.answer.physics]
-    if found:
+    if found and not pooled:
         best = min(found, key=lambda each: (each.dutch_roll and each.dutch_roll.wn_std) or 1e9)
         assert best.answer is not None  # only manoeuvres with an answer were chosen
-        return f"manoeuvre {best.n}, {best.answer.method.upper()}", best.answer.physics or {}
-    if summary.flight is None and summary.answer is not None and summary.answering is not None:
-        return f"stream, {summary.answering.upper()}", summary.answer.physics or {}
-    return "", {}
+        yield f"manoeuvre {best.n}, {best.answer.method.upper()}", best.answer.physics or {}
+    answer = summary.answer
+    if summary.flight is None and answer is not None and answer.physics:
+        yield f"stream, {answer.method.upper()}", answer.physics
 
 
 def _numbers(physics: Mapping[str, Value], rudder_unit: str) -> Iterator[str]:
@@ -100,20 +104,21 @@ def _numbers(physics: Mapping[str, Value], rudder_unit: str) -> Iterator[str]:
         yield f"| {row.words} {row.symbol} | {number} |"
 
 
-def manoeuvres_markdown(found: Sequence[Manoeuvre], flight: Flight | None = None) -> str:
-    """Return the manoeuvres as a table, with the flight's answer above it."""
+def manoeuvres_markdown(found: Sequence[Manoeuvre], flights: Sequence[Flight] = ()) -> str:
+    """Return the manoeuvres as a table, with the flight's answers above it."""
     if not found:
         return "No manoeuvre.\n"
-    lines = [] if flight is None else [flight_line(flight), ""]
+    lines = [line for flight in flights for line in (flight_line(flight), "")]
     lines += ["| | mode | loop | V m/s | ωn rad/s | ζ | usable |", "|-:|-|-|-:|-:|-:|-|"]
     for each in found:
         speed = "" if each.airspeed_m_s is None else f"{each.airspeed_m_s:.1f}"
         cells = [str(each.n), each.mode or "", loop_of(each.loop).name, speed]
         again = f", {tried(each)}" if each.tries else ""
-        cells += [*numbers(each.dutch_roll), f"{_usable(each.verdict)}{again}"]
+        cells += [*numbers(dutch_roll_in(each, flights)), f"{_usable(each.verdict)}{again}"]
         lines.append(f"| {' | '.join(cells)} |")
     means = sigma_means(each.dutch_roll for each in found)
-    return "\n".join([*lines, "", f"± is one sigma{means}."]) + "\n"
+    notes = filter(None, (f"± is one sigma{means}", refitted(flights)))
+    return "\n".join([*lines, "", f"{'; '.join(notes)}."]) + "\n"
 
 
 def flight_line(flight: Flight) -> str:

@@ -160,7 +160,7 @@ class RerunView(Sink):
         """
         self._show("verdict", verdict_markdown(summary, self._rudder_unit))
         found = self._manoeuvres if summary.manoeuvres is None else summary.manoeuvres
-        self._show("manoeuvres", manoeuvres_markdown(found, summary.flight))
+        self._show("manoeuvres", manoeuvres_markdown(found, summary.by_loop))
         self.abort()
 
     def abort(self) -> None:

@@ -11,7 +11,16 @@ from rich.table import Table
 
 from yawid.answers.run_summary import DutchRoll, Flight, Manoeuvre
 from yawid.quantities.airspeed import GROUND_SPEED
-from yawid.sinks.words import loop_of, outcome, sigma_means, tried, utc, whose
+from yawid.sinks.words import (
+    dutch_roll_in,
+    loop_of,
+    outcome,
+    refitted,
+    sigma_means,
+    tried,
+    utc,
+    whose,
+)
 
 MOST_ROWS: Final = 20
 """The largest number of rows; manoeuvres between the first and the last ten are in --json."""
@@ -25,8 +34,11 @@ _LARGEST: Final = 1000.0
 """Numbers as large as this, from estimates that diverged, have three digits."""
 
 
-def manoeuvres_table(manoeuvres: Sequence[Manoeuvre], flight: Flight | None) -> Table:
-    """Return a table with a row for each manoeuvre; those that are not usable are dim."""
+def manoeuvres_table(manoeuvres: Sequence[Manoeuvre], flights: Sequence[Flight]) -> Table:
+    """Return a table with a row for each manoeuvre; those that are not usable are dim.
+
+    A manoeuvre's wn and zeta are those that the answer of its loop, one of ``flights``, uses.
+    """
     table = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0))
     for name in ("n", "from-to s"):
         table.add_column(name, justify="right", no_wrap=True)
@@ -42,7 +54,8 @@ def manoeuvres_table(manoeuvres: Sequence[Manoeuvre], flight: Flight | None) -> 
         if left_out > 0 and i == half:
             table.add_row("..", style="dim")
         style = "" if each.verdict.usable else "dim"
-        table.add_row(*_cells(each), outcome(each, flight), style=style)
+        mode = dutch_roll_in(each, flights)
+        table.add_row(*_cells(each), *in_columns(mode), outcome(each, flights), style=style)
     return table
 
 
@@ -55,7 +68,6 @@ def _cells(each: Manoeuvre) -> Iterator[str]:
     mark = "*" if each.airspeed_source == GROUND_SPEED else ""
     yield "-" if each.airspeed_m_s is None else f"{each.airspeed_m_s:.1f}{mark}"
     yield "-" if each.altitude_m is None else f"{each.altitude_m:.0f}"
-    yield from in_columns(each.dutch_roll)
 
 
 def in_columns(mode: DutchRoll | None) -> tuple[str, str]:
@@ -76,7 +88,7 @@ def _short(value: float, sigma: float | None, digits: int) -> str:
     return f"{said}±{sigma:.{digits}f}" if sigma < 10.0 else f"{said}±{min(sigma, _LARGEST):.0f}"
 
 
-def table_notes(manoeuvres: Sequence[Manoeuvre]) -> str:
+def table_notes(manoeuvres: Sequence[Manoeuvre], flights: Sequence[Flight]) -> str:
     """Return the meaning of the table's signs, how many rows it leaves out, and the boot's date."""
     notes = [f"± is one sigma{sigma_means(each.dutch_roll for each in manoeuvres)}"]
     sources = dict.fromkeys(each.airspeed_source for each in manoeuvres)
@@ -91,6 +103,7 @@ def table_notes(manoeuvres: Sequence[Manoeuvre]) -> str:
     notes += [
         f"{each.n} {tried(each)}" for each in manoeuvres if each.tries and each.verdict.usable
     ]
+    notes += filter(None, [refitted(flights)])
     notes += _since(manoeuvres)
     if len(manoeuvres) > MOST_ROWS:
         notes.append(f"{len(manoeuvres) - MOST_ROWS} more are in --json")

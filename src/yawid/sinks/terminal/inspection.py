@@ -16,7 +16,7 @@ from yawid.sinks.terminal.summary_table import (
     origin,
     print_verdict,
 )
-from yawid.sinks.words import count, dutch_roll, flown, says, tried
+from yawid.sinks.words import count, dutch_roll, flown, of_loop, says, tried
 
 MOST_PHASES = 6
 LEAST_PHASE_S = 2.0
@@ -55,7 +55,7 @@ def _rows(report: Inspection) -> Iterator[tuple[str, str]]:
     windows = [_window(each) for each in report.excited]
     yield "excited", _first(windows, MOST_WINDOWS) if windows else "nowhere"
     if report.flight is not None:
-        yield from _flight(report.flight, report.manoeuvres or [])
+        yield from _flight(report.flights or [report.flight], report.manoeuvres or [])
     if report.answerable is not None:
         most, well = report.answerable.wn_max_rad_s, report.answerable.wn_well_rad_s
         yield (
@@ -100,8 +100,11 @@ def _window(stretch: Span) -> str:
     return f"{_boot(stretch)}{stretch.from_s:g} to {stretch.to_s:g} s"
 
 
-def _flight(flight: Flight, manoeuvres: Sequence[Manoeuvre]) -> Iterator[tuple[str, str]]:
-    """Yield the flight's answer and its manoeuvres, or why none of them is usable."""
+def _flight(
+    flights: Sequence[Flight], manoeuvres: Sequence[Manoeuvre]
+) -> Iterator[tuple[str, str]]:
+    """Yield the flight's answers and its manoeuvres, or why none of them is usable."""
+    flight = flights[0]
     if flight.dutch_roll is None:
         fatal = Counter(each.verdict.why for each in manoeuvres)
         why = ", ".join(f"{n} {reason}" for reason, n in fatal.most_common())
@@ -109,9 +112,11 @@ def _flight(flight: Flight, manoeuvres: Sequence[Manoeuvre]) -> Iterator[tuple[s
         return
     said = f"{dutch_roll(flight.dutch_roll)} (± is one sigma)"
     yield "flight", f"{said} from {count(len(flight.used))}"
+    for other in flights[1:]:
+        yield "also", of_loop(other, manoeuvres)
     for each in manoeuvres[:MOST_MANOEUVRES]:
         again = f" ({tried(each)})" if each.tries else ""
-        yield f"#{each.n}", f"{flown(each)}: {says(each)}{again}"
+        yield f"#{each.n}", f"{flown(each)}: {says(each, flights)}{again}"
     if len(manoeuvres) > MOST_MANOEUVRES:
         yield "", f"and {count(len(manoeuvres) - MOST_MANOEUVRES)} more"
 

@@ -41,7 +41,7 @@ class VehicleFacts:
     is_excited: bool = False
     unanswered: int = 0
     manoeuvres: tuple[Manoeuvre, ...] = ()
-    flight: Flight | None = None
+    flights: tuple[Flight, ...] = ()
     stream: str = ""
     state: str = ""
     verdict: bool | None = None

@@ -14,7 +14,7 @@ from yawid.blocks import WINDOW_S
 from yawid.results.excitation import LEAST_STROKE
 from yawid.sinks.terminal.flight_table import in_columns, manoeuvres_table
 from yawid.sinks.terminal.live_facts import LiveFacts, VehicleFacts
-from yawid.sinks.words import NEXT, conditions, counted, dutch_roll
+from yawid.sinks.words import NEXT, conditions, counted, dutch_roll, whose
 
 LEAST_WIDTH, LEAST_HEIGHT = 72, 20
 """A smaller window has no room for the page and shows one line."""
@@ -112,7 +112,7 @@ def _one(facts: LiveFacts, width: int, room: int) -> Group:
     foot = [*_answer(vehicle, width), *stream]
     rows = room - len(head) - len(foot) - 3
     newest = vehicle.manoeuvres[-max(rows, 1) :]
-    table = (Text(), manoeuvres_table(newest, vehicle.flight), Text()) if newest else (Text(),)
+    table = (Text(), manoeuvres_table(newest, vehicle.flights), Text()) if newest else (Text(),)
     return Group(*head, *table, *foot)
 
 
@@ -154,8 +154,8 @@ def _cells(vehicle: VehicleFacts) -> Iterator[RenderableType]:
     yield f"{vehicle.message_hz:.0f}"
     yield _bar(vehicle.stroke, SHORT_BAR)
     yield _now(vehicle)
-    flight = vehicle.flight
-    usable = 0 if flight is None else len(flight.used)
+    flight = next(iter(vehicle.flights), None)
+    usable = sum(len(each.used) for each in vehicle.flights)
     yield f"{usable}/{len(vehicle.manoeuvres)}" if vehicle.manoeuvres else "-"
     yield from in_columns(None if flight is None else flight.dutch_roll)
     if vehicle.verdict is None:
@@ -247,22 +247,25 @@ def _recording(vehicle: VehicleFacts) -> Text:
 
 
 def _answer(vehicle: VehicleFacts, width: int) -> Iterator[Text]:
-    """Yield the rows of the flight's answer, and of the present verdict."""
-    flight = vehicle.flight
-    if flight is not None:
+    """Yield the rows of the flight's answers, and of the present verdict."""
+    for flight in vehicle.flights:
         count, roll = counted(flight, vehicle.manoeuvres), flight.dutch_roll
         told, where = "no answer", ""
         if roll is not None:
             told, where = dutch_roll(roll), conditions(flight)
-        yield _row("FLIGHT", Text().append(told, "bold").append("  (± is one sigma)"))
-        yield from _wrapped("", ", ".join(filter(None, (where, count))), width)
+        is_first = flight is vehicle.flights[0]
+        line = Text().append(told, "bold" if is_first else "")
+        line.append("  (± is one sigma)" if is_first else "")
+        yield _row("FLIGHT" if is_first else "ALSO", line)
+        of = f"of {whose(flight)}" if len(vehicle.flights) > 1 else ""
+        yield from _wrapped("", ", ".join(filter(None, (of, where, count))), width)
     if vehicle.verdict is None:
         yield _row("VERDICT", Text("none yet"))
         return
     is_old = vehicle.verdict_age_s > OLD_S
     word = Text("usable", "bold green") if vehicle.verdict else Text("NOT USABLE", "bold red")
     word, rest = (Text(word.plain, "dim"), "dim") if is_old else (word, "")
-    of = "" if flight else " (of the stream: no manoeuvre has been answered yet)"
+    of = "" if vehicle.flights else " (of the stream: no manoeuvre has been answered yet)"
     age = f", {vehicle.verdict_age_s:.0f} s old" if is_old else ""
     said = "; ".join((f"{word.plain}{age}{of}", *vehicle.why))
     why = wrap(said, width - NAME_WIDTH, max_lines=MOST_WHY)

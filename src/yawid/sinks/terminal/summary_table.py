@@ -48,8 +48,10 @@ def print_summary(summary: RunSummary, stream: TextIO) -> None:
     for row in (*flight_rows(summary), *bare_rows(summary)):
         console.print(Text(hanging(row.name, row.text, console.width), row.style))
     if summary.manoeuvres:
-        console.print(manoeuvres_table(summary.manoeuvres, summary.flight))
-        notes = fill(table_notes(summary.manoeuvres), console.width, break_on_hyphens=False)
+        console.print(manoeuvres_table(summary.manoeuvres, summary.by_loop))
+        notes = fill(
+            table_notes(summary.manoeuvres, summary.by_loop), console.width, break_on_hyphens=False
+        )
         console.print(Text(notes, "dim"))
     if summary.estimates:
         if summary.flight is not None:
