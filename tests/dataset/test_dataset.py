@@ -11,7 +11,15 @@ import pyarrow.dataset
 import pytest
 
 from yawid.dataset import files as dataset
-from yawid.dataset.files import MANIFEST, PAGE, SCHEMA, merge, read_manifest, read_table
+from yawid.dataset.files import (
+    MANIFEST,
+    PAGE,
+    SCHEMA,
+    merge,
+    read_flights_by_loop,
+    read_manifest,
+    read_table,
+)
 from yawid.dataset.schema import TABLES
 from yawid.errors import SourceError
 
@@ -40,6 +48,23 @@ def test_a_data_set_reads_back_with_its_types_by_our_reader_and_as_plain_parquet
     plain = pyarrow.dataset.dataset(tmp_path / "flights", partitioning="hive").to_table()
     assert plain["month"].to_pylist() == ["2026-05"] * 2
     assert plain.drop_columns("month").equals(flights)
+
+
+def test_where_an_older_analysis_has_no_rows_by_loop_its_flights_stand_in(tmp_path: Path) -> None:
+    old, new = entry("/a", "A", loop="airframe"), entry("/b", "B", loop="with_roll_loop")
+    other = new["flights"][0] | {"loop": "airframe"}
+    columns = ["log_sha256", "loop"]
+
+    merge(tmp_path, [old])
+    older = read_flights_by_loop(tmp_path, columns).to_pylist()
+    assert older == [{"log_sha256": "A", "loop": "airframe"}]
+    merge(tmp_path, [new | {"flights_by_loop": [*new["flights"], other]}])
+    assert read_flights_by_loop(tmp_path, columns).to_pylist() == [
+        {"log_sha256": "B", "loop": "airframe"},
+        {"log_sha256": "B", "loop": "with_roll_loop"},
+        *older,
+    ]
+    assert len(read_table(tmp_path, "flights")) == 2
 
 
 def test_the_newest_outcome_of_a_log_replaces_the_older_one_with_all_its_rows(

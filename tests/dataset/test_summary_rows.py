@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import pytest
-from hand_flights import manoeuvre, summary
+from hand_flights import four_of_a_flight, manoeuvre, mixed_loops, summary
 
-from yawid.dataset.summary_rows import manoeuvre_rows
+from yawid.dataset.summary_rows import flight_rows, manoeuvre_rows
 
 
 def test_kappa_and_k_over_v_and_all_their_sigmas_are_divided_by_the_airspeed() -> None:
@@ -28,3 +28,23 @@ def test_without_an_airspeed_there_is_neither(speed: float | None, source: str |
     (row,) = manoeuvre_rows(summary([manoeuvre(1, speed=speed, airspeed_source=source)], None))
 
     assert not [name for name in row if name.startswith(("kappa", "K_per_V"))]
+
+
+def test_each_loop_of_a_flight_is_a_row_and_its_headline_the_first() -> None:
+    rows = flight_rows(mixed_loops(), 1, 268.0)
+
+    assert [(row["loop"], row["wn_rad_s"], row["used"], row["usable"]) for row in rows] == [
+        ("with_roll_loop", 10.21, [2], True),
+        ("airframe", 10.4, [1], True),
+        ("unknown", 10.3, [3], True),
+    ]
+    assert {row["manoeuvres"] for row in rows} == {3}
+    assert [row["used"] for row in manoeuvre_rows(mixed_loops())] == [True] * 3
+
+
+def test_of_an_older_file_or_without_a_manoeuvre_there_is_one_row() -> None:
+    [flown] = flight_rows(four_of_a_flight(), 1, 268.0)
+    [stream] = flight_rows(summary(None, None), 1, 268.0)
+
+    assert (flown["answer"], flown["loop"]) == ("manoeuvres", "with_roll_loop")
+    assert (stream["answer"], stream["usable"]) == ("stream", False)
