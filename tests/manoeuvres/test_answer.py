@@ -217,11 +217,11 @@ def test_the_other_structure_tells_the_same_plant():
 
     assert other.dutch_roll[0] == pytest.approx(WN, rel=0.03)
     # A spare slow pole takes a part of the gain at rest.
-    assert other.gain[0] == pytest.approx(0.3, rel=0.2)
+    assert other.physics["K"][0] == pytest.approx(0.3, rel=0.2)
 
 
 def test_each_structure_bears_its_own_distance_from_the_others():
-    """Of wn, zeta and K, as a sigma: what a flight adds to noise and scatter"""
+    """Of wn and zeta, and of K, as a sigma: what a flight adds to noise and scatter"""
     found = told(flight())
     own, other = found.structures[(3, 3, 2, 1)], found.structures[OTHER_ORDERS]
     answer = found.found.estimates["oe"]
@@ -232,8 +232,9 @@ def test_each_structure_bears_its_own_distance_from_the_others():
     assert own.beyond != other.beyond
     assert answer.dutch_roll.wn_std_noise == own.dutch_roll[1]
     assert answer.dutch_roll.wn_std >= math.hypot(own.dutch_roll[1], own.beyond[0]) * (1.0 - 1e-12)
-    assert own.gain == (answer.physics["K"].value, answer.physics["K"].std_noise)
-    assert answer.physics["K"].std >= math.hypot(own.gain[1], own.beyond[2]) * (1.0 - 1e-12)
+    value, of_noise, beyond = own.physics["K"]
+    assert (value, of_noise) == (answer.physics["K"].value, answer.physics["K"].std_noise)
+    assert answer.physics["K"].std >= math.hypot(of_noise, beyond) * (1.0 - 1e-12)
 
 
 def test_els_answers_where_it_is_asked_for_alone():

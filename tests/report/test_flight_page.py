@@ -227,7 +227,7 @@ def test_a_refused_one_far_off_takes_no_axis_with_it() -> None:
     assert "Off the picture: 1 that cannot be used." in picture.look
     assert not re.findall(r"[0-9]{5,}\.[0-9]", picture.svg)
     no_speed = [manoeuvre(n, speed=0.0) for n in (1, 2)]
-    assert airspeed_picture(no_speed, flight(kappa_rad_m=None)) is not None
+    assert airspeed_picture(no_speed, [flight(kappa_rad_m=None)]) is not None
 
 
 def test_manoeuvres_are_shaded_where_they_were_flown_and_numbered(paged: Paged) -> None:

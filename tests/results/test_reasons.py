@@ -24,7 +24,7 @@ WARNINGS = {
     "rudder_assumed", "unit_assumed", "channel_stand_in", "disarmed", "els_rml_disagree",
     "coloured_residuals", "saturated", "airspeed_changed", "airspeed_implausible",
     "wrong_sign", "closed_loop",
-    "rate_changed", "rate_low",
+    "rate_changed", "rate_low", "bare_unknown",
 }  # fmt: skip
 
 

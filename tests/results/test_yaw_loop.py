@@ -40,7 +40,7 @@ def test_every_place_says_that_the_answer_is_without_the_yaw_damper() -> None:
     assert cards(run)[0].notes[-1] == whole
     assert f"this is {whole}" in [row.text for row in flight_rows(run)]
     assert whole in flight_line(run.flight)
-    assert whole in table_notes(run.manoeuvres or ())
+    assert whole in table_notes(run.manoeuvres or (), [run.flight])
     assert run.manoeuvres is not None
     assert run.manoeuvres[0].yaw_loop == run.flight.yaw_loop == OF_A_SERVO
 
