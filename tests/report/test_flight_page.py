@@ -150,7 +150,7 @@ def test_the_section_says_what_sigma_is_of() -> None:
     assert "11.92 ± 0.11 0.410 ± 0.012 0.3080" in older
 
 
-def test_what_was_flown_otherwise_is_said_row_by_row() -> None:
+def test_what_was_flown_otherwise_is_said_row_by_row(drawn: Drawn) -> None:
     html = "".join(flight_section(mixed_loops(), "half-travel"))
     text = section(html, "Manoeuvres")
 
