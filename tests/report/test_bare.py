@@ -8,10 +8,10 @@ import re
 import numpy as np
 import pytest
 
+from yawid.answers.heard import LinkCounts
 from yawid.answers.run_summary import (
     Bare,
     DutchRoll,
-    LinkCounts,
     ReasonSummary,
     RunSummary,
     TimeConstant,

@@ -7,7 +7,8 @@ import pytest
 from hand_flights import forty, four_of_a_flight, summary
 from msgspec.structs import replace
 
-from yawid.answers.run_summary import ReasonSummary, VehicleSeen
+from yawid.answers.heard import VehicleSeen
+from yawid.answers.run_summary import ReasonSummary
 from yawid.estimation.bank import SampleHistory
 from yawid.estimation.free_run import RudderEffect
 from yawid.results.advice import Situation, advised, next_step, remedy, to_do

@@ -15,8 +15,9 @@ from places import C172P, REPLAY_LOGS
 from printed import printed
 
 from yawid.answers.flight_test_card import FlightTestCard
+from yawid.answers.heard import VehicleSeen
 from yawid.answers.inspection import Inspection
-from yawid.answers.run_summary import ChannelFound, Origin, RunSummary, VehicleSeen
+from yawid.answers.run_summary import ChannelFound, Origin, RunSummary
 from yawid.cli.main import main
 from yawid.results.make_card import Flown, make_card
 from yawid.sinks.terminal.card import print_card

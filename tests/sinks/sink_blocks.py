@@ -16,16 +16,15 @@ import msgspec
 import numpy as np
 from hand_flights import roll_of
 
+from yawid.answers.heard import LinkCounts, VehicleSeen
 from yawid.answers.model_parts import Fit
 from yawid.answers.run_summary import (
     ChannelFound,
     Flight,
-    LinkCounts,
     Manoeuvre,
     ReasonSummary,
     RunSummary,
     Value,
-    VehicleSeen,
     VerdictSummary,
 )
 from yawid.blocks import EstimateBlock, Held, ModesBlock, SampleBlock, Status

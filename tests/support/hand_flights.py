@@ -8,19 +8,18 @@ from typing import Any
 
 from msgspec.structs import replace
 
+from yawid.answers.heard import LinkCounts, VehicleSeen
 from yawid.answers.model_parts import Fit, Mode
 from yawid.answers.run_summary import (
     BetweenStd,
     DutchRoll,
     Flight,
-    LinkCounts,
     Manoeuvre,
     MethodSummary,
     Orders,
     ReasonSummary,
     RunSummary,
     Value,
-    VehicleSeen,
     VerdictSummary,
 )
 

@@ -6,7 +6,8 @@ Reasons are pairs of id and text; ``results/reasons.py`` explains the ids.
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 
-from yawid.answers.run_summary import BootSpan, ChannelFound, LinkCounts, VehicleSeen
+from yawid.answers.heard import BootSpan, LinkCounts, VehicleSeen
+from yawid.answers.run_summary import ChannelFound
 from yawid.blocks import Held
 
 Said = tuple[str, str]

@@ -7,7 +7,8 @@ from msgspec import convert
 from msgspec.structs import replace
 
 from yawid.answers.channel_report import ChannelReport, Said
-from yawid.answers.run_summary import BootSpan, ChannelFound, LinkCounts, VehicleSeen
+from yawid.answers.heard import BootSpan, LinkCounts, VehicleSeen
+from yawid.answers.run_summary import ChannelFound
 from yawid.channels.find_surface import why_no_surface
 from yawid.channels.grid_rate import RATE_TOLERANCE
 from yawid.channels.parameters import STOCK_TRAVEL_US, ParameterTable

@@ -11,7 +11,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from yawid.answers.run_summary import LinkCounts, ReasonSummary, RunSummary
+from yawid.answers.heard import LinkCounts
+from yawid.answers.run_summary import ReasonSummary, RunSummary
 from yawid.config.run import RunConfig
 from yawid.dataset.summary_rows import flight_rows, manoeuvre_rows, run_rows
 from yawid.dataset.values import FAILED, ReadRow, Row, failed, known_date, plain, serial_of

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 from msgspec.structs import replace
 
 from yawid.answers.channel_report import ChannelReport
-from yawid.answers.run_summary import ReasonSummary, RunSummary, VehicleSeen, VerdictSummary
+from yawid.answers.heard import VehicleSeen
+from yawid.answers.run_summary import ReasonSummary, RunSummary, VerdictSummary
 from yawid.quantities.vehicles import ARDUPILOT, WITHOUT_RUDDER
 from yawid.results.reasons import ASK_HZ, COPIES, KINDS, PARAMETERS, PARAMETERS_ON
 

@@ -22,6 +22,7 @@ from yawid.answers.flight_test_card import (
     ParameterToSet,
     RudderMove,
 )
+from yawid.answers.heard import VehicleSeen
 from yawid.answers.run_summary import (
     TAU_WN_SHARE,
     TAU_ZETA,
@@ -30,7 +31,6 @@ from yawid.answers.run_summary import (
     Flight,
     Manoeuvre,
     RunSummary,
-    VehicleSeen,
     VerdictSummary,
 )
 from yawid.blocks import Floats, Noted, SampleBlock

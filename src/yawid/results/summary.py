@@ -10,12 +10,12 @@ import numpy as np
 from msgspec.structs import replace
 
 from yawid.answers.channel_report import ChannelReport
+from yawid.answers.heard import LinkCounts
 from yawid.answers.model_parts import Fit, Mode
 from yawid.answers.run_summary import (
     Bare,
     DutchRoll,
     Flight,
-    LinkCounts,
     Manoeuvre,
     MethodSummary,
     Orders,

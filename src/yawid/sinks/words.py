@@ -8,6 +8,7 @@ import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Final, NamedTuple
 
+from yawid.answers.heard import VehicleSeen
 from yawid.answers.run_summary import (
     Bare,
     DutchRoll,
@@ -17,7 +18,6 @@ from yawid.answers.run_summary import (
     RunSummary,
     Try,
     Value,
-    VehicleSeen,
     VerdictSummary,
 )
 from yawid.estimation.fit import WORST_PCT

@@ -31,7 +31,7 @@ from sources.logs.ulog_flight import (
 )
 from sources.logs.ulog_writer import ULogFile
 
-from yawid.answers.run_summary import VehicleSeen
+from yawid.answers.heard import VehicleSeen
 from yawid.channels.stage import Channels
 from yawid.config.run import RunConfig
 from yawid.errors import SourceError

@@ -14,10 +14,10 @@ from typing import Any, Final
 from google.protobuf.message import DecodeError
 from msgspec.structs import replace
 
+from yawid.answers.heard import LinkCounts
 from yawid.answers.model_parts import Fit
 from yawid.answers.run_summary import (
     DutchRoll,
-    LinkCounts,
     MethodSummary,
     Orders,
     ReasonSummary,

@@ -7,8 +7,9 @@ from typing import TextIO
 import numpy as np
 from rich.text import Text
 
+from yawid.answers.heard import VehicleSeen
 from yawid.answers.inspection import FlightPhase, Inspection, MessageRate, Span
-from yawid.answers.run_summary import Flight, Manoeuvre, VehicleSeen
+from yawid.answers.run_summary import Flight, Manoeuvre
 from yawid.sinks.door import page_console
 from yawid.sinks.terminal.summary_table import (
     NAME_WIDTH,

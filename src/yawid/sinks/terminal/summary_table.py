@@ -10,14 +10,9 @@ from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
 
+from yawid.answers.heard import VehicleSeen
 from yawid.answers.reports import OrdersReport
-from yawid.answers.run_summary import (
-    MethodSummary,
-    Origin,
-    RunSummary,
-    VehicleSeen,
-    VerdictSummary,
-)
+from yawid.answers.run_summary import MethodSummary, Origin, RunSummary, VerdictSummary
 from yawid.sinks.door import page_console
 from yawid.sinks.terminal.flight_table import manoeuvres_table, table_notes
 from yawid.sinks.words import (
