@@ -130,9 +130,9 @@ def coloured(facts: LiveFacts) -> str:
 
 
 def test_a_verdict_of_more_than_two_seconds_ago_is_dim_and_says_its_age() -> None:
-    now = coloured(with_vehicles(replace(FLYING, flight=None, verdict_age_s=1.9)))
+    now = coloured(with_vehicles(replace(FLYING, flights=(), verdict_age_s=1.9)))
     assert "\x1b[1;31mNOT USABLE\x1b[0m (of the stream" in now
-    old = coloured(with_vehicles(replace(FLYING, flight=None, verdict_age_s=7.4)))
+    old = coloured(with_vehicles(replace(FLYING, flights=(), verdict_age_s=7.4)))
     assert "\x1b[2mNOT USABLE\x1b[0m\x1b[2m, 7 s old (of the stream" in old
 
 
