@@ -30,6 +30,7 @@ BENCHES = (
     "speeds",
     "upset",
     "start",
+    "lateral",
 )
 PLACES = {"truth": ("truth", "truth_by", "truth_short")}
 """The markers of a bench's first tables. A bench that is not here writes its first table, below the

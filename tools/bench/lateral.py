@@ -1,0 +1,185 @@
+"""Judges the bare airframe of JSBSim's flights under a roll hold against their linearisation.
+
+    python tools/bench.py lateral [--seed 811] [--flights 120] [--manoeuvres 1] [--logs DIR]
+                                  [--jobs 2] [--csv FILE] [--readme]
+
+The flights are those of flights/lateral.py: the roll hold hears the noisy signals. Of each flight
+the first ``--manoeuvres`` are fitted, each alone, as ``--lateral auto`` does. Figures are of those
+that pass all gates. z is (estimate - truth) / sigma. The criteria are for an aileron that is also
+moved; the exit code is 1 if one is not met. The gates were chosen with seed 701.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import json
+import math
+import time
+from collections.abc import Generator, Iterator, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from checks.judge import Row, folder_of, in_processes, options_of
+from flights.lateral import AILERONS, COUNT, LOGGED_S, MANOEUVRES_S, SEVERITIES, kept
+
+from yawid.lateral.fit_airframe import START_LAGS_S, fit_airframe
+from yawid.lateral.motion import COMMAND_STEP_S, LEAD_S, Motion
+
+SEED = 811
+STRIDE = 7
+"""Step between the numbers of the flights flown; coprime to COUNT, so that a few mix all
+conditions."""
+COLUMNS = (
+    "fits", "pass %", "wn %", "zeta", "roll mode %", "N_dr %", "z wn", "z zeta", "in 2 sigma %",
+    "beyond 3 %", "worst wn %", "s a start",
+)  # fmt: skip
+"""Errors are medians of their sizes; z is the root mean square; ``in 2 sigma`` and ``beyond 3``
+are of wn and of zeta; the last column is the CPU time of a fit from one start."""
+HIGH_ZETA, ZETA_SHARE = 0.4, 0.03
+LEAST = {"pass %": 70.0, "in 2 sigma %": 92.0}
+MOST = {"wn %": 1.2, "zeta": 0.012, "roll mode %": 10.0, "N_dr %": 4.0, "beyond 3 %": 2.0}
+Z_FROM, Z_TO, WRONG_PCT = 0.7, 1.3, 10.0
+
+
+def motion(flight: dict[str, Any], number: int) -> Motion:
+    """Return manoeuvre ``number`` (from 0) of a flight of ``flights.lateral``."""
+    start_s = json.loads(str(flight["truth"]))["manoeuvres"][number]["start_s"]
+    t_s = flight["attitude"][:, 0]
+    its = flight["attitude"][(t_s > start_s - 1e-6) & (t_s < start_s + MANOEUVRES_S - 1e-6)]
+    span_s = its[-1, 0] - its[0, 0]
+    at = np.arange(round((LEAD_S + span_s) / COMMAND_STEP_S) + 2) * COMMAND_STEP_S - LEAD_S
+    stamps, rudder, aileron = flight["servos"].T
+    return Motion(
+        sample_time_s=LOGGED_S, p=its[:, 1], q=its[:, 2], r=its[:, 3], roll=its[:, 4],
+        pitch=its[:, 5], commands_start_s=-LEAD_S,
+        rudder=np.interp(at + its[0, 0], stamps, rudder),
+        aileron=np.interp(at + its[0, 0], stamps, aileron),
+        airspeed_m_s=float(its[:, 6].mean()),
+    )  # fmt: skip
+
+
+def rows_of(folder: Path, seed: int, manoeuvres: int, flight: int) -> list[Row]:
+    """Fly, or take from the folder, and fit; return a row for each manoeuvre."""
+    flown = kept(folder, seed, flight)
+    truth = json.loads(str(flown["truth"]))
+    return [_row(truth, number, motion(flown, number)) for number in range(manoeuvres)]
+
+
+def _row(truth: dict[str, Any], number: int, given: Motion) -> Row:
+    start = time.process_time()
+    found = fit_airframe([given])
+    spent_s = time.process_time() - start
+    A, controls = (np.array(truth["manoeuvres"][number][name]) for name in "AB")
+    poles = np.linalg.eigvals(A)
+    pair, roll = poles[np.argmax(poles.imag)], poles.real[np.abs(poles.imag) < 1e-6].min()
+    wn, zeta, roll_s = found.wn_rad_s, found.zeta, found.roll_s
+    true_wn, true_zeta = float(abs(pair)), float(-pair.real / abs(pair))
+    conditions = ("aircraft", "speed_kt", "severity", "aileron", "seed", "number")
+    return {name: truth[name] for name in conditions} | {
+        "manoeuvre": number, "failed": " ".join(each.name for each in found.failed),
+        "true_wn": true_wn, "true_zeta": true_zeta, "wn": wn.value, "wn_sigma": wn.std,
+        "zeta": zeta.value, "zeta_sigma": zeta.std,
+        "wn_pct": 100.0 * (wn.value / true_wn - 1.0), "zeta_error": zeta.value - true_zeta,
+        "wn_z": (wn.value - true_wn) / wn.std, "zeta_z": (zeta.value - true_zeta) / zeta.std,
+        "roll_pct": 100.0 * (-1.0 / roll_s.value / float(roll) - 1.0),
+        "n_dr_pct": 100.0 * (found.derivatives["N_delta_r"].value / controls[2, 1] - 1.0),
+        "rho1": found.rho1, "cpu_s": spent_s / len(START_LAGS_S),
+    }  # fmt: skip
+
+
+def figures(rows: Sequence[Row]) -> dict[str, tuple[float, ...]]:
+    """Return the figures of COLUMNS by name, NaN where none passes; those of z have two."""
+    good = [row for row in rows if not row["failed"]]
+    if not good:
+        none: dict[str, tuple[float, ...]] = dict.fromkeys(COLUMNS, (math.nan,))
+        return none | {"fits": (len(rows),), "pass %": (0.0,)}
+
+    def size(name: str) -> np.ndarray:
+        return np.abs([row[name] for row in good])
+
+    z = size("wn_z"), size("zeta_z")
+    return {
+        "fits": (len(rows),), "pass %": (100.0 * len(good) / len(rows),),
+        "wn %": (float(np.median(size("wn_pct"))),),
+        "zeta": (float(np.median(size("zeta_error"))),),
+        "roll mode %": (float(np.nanmedian(size("roll_pct"))),),
+        "N_dr %": (float(np.median(size("n_dr_pct"))),),
+        "z wn": (math.sqrt(float(np.mean(z[0] ** 2))),),
+        "z zeta": (math.sqrt(float(np.mean(z[1] ** 2))),),
+        "in 2 sigma %": tuple(100.0 * float(np.mean(each <= 2.0)) for each in z),
+        "beyond 3 %": tuple(100.0 * float(np.mean(each > 3.0)) for each in z),
+        "worst wn %": (float(size("wn_pct").max()),),
+        "s a start": (float(np.mean([row["cpu_s"] for row in rows])),),
+    }  # fmt: skip
+
+
+def line(name: str, rows: Sequence[Row]) -> str:
+    """Return the line of one condition."""
+    shown = {"fits": "{:.0f}", "pass %": "{:.0f}", "zeta": "{:.4f}", "worst wn %": "{:.1f}",
+             "in 2 sigma %": "{:.0f}", "beyond 3 %": "{:.0f}", "roll mode %": "{:.1f}"}  # fmt: skip
+    cells = [" ".join(shown.get(column, "{:.2f}").format(x) for x in values)
+             for column, values in figures(rows).items()]  # fmt: skip
+    return f"| {name} | " + " | ".join(cells).replace("nan", "-") + " |"
+
+
+def missed(rows: Sequence[Row]) -> list[str]:
+    """Return which criteria are not met by flights whose aileron is also moved."""
+    of, high = figures(rows), [r for r in rows if r["true_zeta"] > HIGH_ZETA and not r["failed"]]
+    low = [row for row in rows if row["true_zeta"] <= HIGH_ZETA]
+    of["zeta"] = figures(low)["zeta"]
+    found = [f"{name} is {min(of[name]):.3g}, {limit:g} or more is needed"
+             for name, limit in LEAST.items() if not min(of[name]) >= limit]  # fmt: skip
+    found += [f"{name} is {max(of[name]):.3g}, {limit:g} or less is needed"
+              for name, limit in MOST.items() if not max(of[name]) <= limit]  # fmt: skip
+    found += [f"{name} is {of[name][0]:.2f}, {Z_FROM:g} to {Z_TO:g} is needed"
+              for name in ("z wn", "z zeta") if not Z_FROM <= of[name][0] <= Z_TO]  # fmt: skip
+    if high and np.median([abs(r["zeta_error"]) / r["true_zeta"] for r in high]) > ZETA_SHARE:
+        found.append(f"zeta above {HIGH_ZETA:g} is off by more than {ZETA_SHARE:.0%}")
+    if of["worst wn %"][0] > WRONG_PCT:
+        found.append(f"wn is off by {of['worst wn %'][0]:.1f} %, {WRONG_PCT:g} is the most")
+    return found
+
+
+def _head(first: str) -> Iterator[str]:
+    yield f"|{first}| " + " | ".join(COLUMNS) + " |"
+    yield "|---" * (1 + len(COLUMNS)) + "|"
+
+
+def table(rows: Sequence[Row]) -> Generator[str, None, str | None]:
+    """Yield a table by aileron and severity and one by aircraft; return the criteria missed."""
+    yield from _head(" ")
+    for aileron in AILERONS:
+        its = [row for row in rows if row["aileron"] == aileron]
+        yield line(f"aileron {aileron}", its)
+        for severity in SEVERITIES:
+            yield line(f"severity {severity}", [r for r in its if r["severity"] == severity])
+    moved = [row for row in rows if row["aileron"] == AILERONS[0]]
+    yield ""
+    yield from _head(" aileron moved ")
+    for name in dict.fromkeys(row["aircraft"] for row in moved):
+        yield line(name, [row for row in moved if row["aircraft"] == name])
+    return "\n".join(missed(moved)) or None
+
+
+def main(arguments: list[str]) -> Generator[str, None, str | None]:
+    """Fly, fit, and yield the table."""
+    parser = argparse.ArgumentParser(prog="bench.py lateral", description=__doc__)
+    options_of(parser)
+    parser.add_argument("--seed", type=int, default=SEED)
+    parser.add_argument("--flights", type=int, default=COUNT)
+    parser.add_argument("--manoeuvres", type=int, default=1, choices=(1, 2, 3))
+    parser.add_argument("--csv", type=Path, metavar="FILE", help="a row for each manoeuvre")
+    options = parser.parse_args(arguments)
+    numbers = [i * STRIDE % COUNT for i in range(min(options.flights, COUNT))]
+    with folder_of(options.logs) as folder:
+        one = partial(rows_of, folder, options.seed, options.manoeuvres)
+        rows = [row for some in in_processes(one, numbers, options.jobs) for row in some]
+    if options.csv:
+        with options.csv.open("w", newline="", encoding="utf-8") as file:
+            writer = csv.DictWriter(file, rows[0])
+            writer.writeheader()
+            writer.writerows(rows)
+    return (yield from table(rows))
