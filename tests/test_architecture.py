@@ -27,14 +27,16 @@ MAY_IMPORT: dict[str, set[str]] = {
     "physics": {"config", "estimation"},
     "lateral": {"estimation"},
     "offline": {"config", "estimation", "physics"},
-    "damper": {"physics"},
+    "models": {"config", "estimation"},
+    "damper": {"config", "models", "physics"},
     "results": {"config", "estimation", "physics"},
     "manoeuvres": {"config", "estimation", "lateral", "results"},
     "sinks": {"estimation", "results"},
     "sinks/mcap": {"config", "estimation", "sinks"},
     "sinks/rerun": {"physics", "sinks"},
     "sinks/terminal": {"results", "sinks"},
-    "report": {"config", "estimation", "offline", "physics", "results"} | {"sinks", "sinks/mcap"},
+    "report": {"damper", "estimation", "models", "offline", "physics", "results"}
+    | {"sinks", "sinks/mcap"},
     "pipeline": {"config", "channels", "estimation", "physics", "manoeuvres", "results", "sinks"},
     "runs": {"config", "channels", "offline", "pipeline", "plant", "results"}
     | {"sources", RECORDS, *SINKS},
@@ -44,8 +46,8 @@ MAY_IMPORT: dict[str, set[str]] = {
     "dataset": {"sinks"},
     "fleet": {"config", "dataset", "runs", "sinks"} | {"sources"},
     "trend": {"dataset", "report", "sinks", "sinks/mcap"},
-    "tables": {"config", "runs", "sources", "sinks", "sinks/mcap"},
-    "cli": {"config", "dataset", "estimation", "fleet", "report", "results"}
+    "tables": {"config", "damper", "runs", "sources", "sinks", "sinks/mcap"},
+    "cli": {"config", "damper", "dataset", "estimation", "fleet", "report", "results"}
     | {"runs", "runs/live", "runs/regress", "sinks", "sinks/mcap", "sinks/terminal", "sources"}
     | {"tables", "trend"},
     "__main__": {"cli"},

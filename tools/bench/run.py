@@ -31,6 +31,7 @@ BENCHES = (
     "upset",
     "start",
     "lateral",
+    "damper",
 )
 PLACES = {"truth": ("truth", "truth_by", "truth_short")}
 """The markers of a bench's first tables. A bench that is not here writes its first table, below the

@@ -145,12 +145,16 @@ class Flight:
         rudder, aileron, elevator = self._commands()
         self.rudder_us, self.aileron_us = plan.rudder.pulse(rudder), plan.aileron.pulse(aileron)
         # The aircraft flies the servo outputs, with their quantisation.
-        fdm["fcs/rudder-cmd-norm"] = jsbsim_rudder(plan.rudder.unit(self.rudder_us))
+        fdm["fcs/rudder-cmd-norm"] = jsbsim_rudder(self._moved(plan.rudder.unit(self.rudder_us)))
         fdm["fcs/aileron-cmd-norm"] = plan.aileron.unit(self.aileron_us)
         fdm["fcs/elevator-cmd-norm"] = elevator
         fdm.run()
         if self._noises and self.ms % SENSED_MS == 0:
             self.noise = self._noises[self.ms // SENSED_MS]
+
+    def _moved(self, rudder: float) -> float:
+        """Return the deflection in this millisecond of a servo whose command is ``rudder``."""
+        return rudder
 
     def _commands(self) -> tuple[float, float, float]:
         """Return the commands of rudder, aileron and elevator in this millisecond."""

@@ -53,7 +53,7 @@ class FlightPlan:
     ``roll_gain`` and ``roll_rate_gain`` are the roll hold: aileron units per rad of roll and per
     rad/s. ``amplitude`` is in rudder units about trim; ``step_s`` is the manoeuvre's unit of time
     in s, best 0.3 periods of the Dutch roll. With ``true_feedback`` the autopilot's sensors have no
-    noise.
+    noise. ``parameters`` are sent next to those of the servos.
 
     Raises:
         ValueError: the manoeuvre is unknown, or a number is outside its limits.
@@ -72,6 +72,7 @@ class FlightPlan:
     true_feedback: bool = False
     rudder: Servo = field(default_factory=Servo)
     aileron: Servo = field(default_factory=Servo)
+    parameters: tuple[tuple[str, float], ...] = ()
 
     def __post_init__(self) -> None:
         if self.manoeuvre not in MANOEUVRES:

@@ -133,7 +133,7 @@ def schedule(plan: FlightPlan, link: Link, rng: np.random.Generator) -> list[tup
 
 
 def parameters(plan: FlightPlan) -> list[tuple[str, float]]:
-    """Return the SERVOn parameters of the four servos, and KFF_RDDRMIX, which is 0."""
+    """Return KFF_RDDRMIX, which is 0, the SERVOn parameters of four servos, and the plan's own."""
     outputs = [
         (AILERON, plan.aileron),
         (ELEVATOR, Servo()),
@@ -145,7 +145,7 @@ def parameters(plan: FlightPlan) -> list[tuple[str, float]]:
         values = (function, servo.min_us, servo.trim_us, servo.max_us, servo.reverse)
         names = ("FUNCTION", "MIN", "TRIM", "MAX", "REVERSED")
         found += [(f"SERVO{n}_{name}", float(v)) for name, v in zip(names, values, strict=True)]
-    return found
+    return [*found, *plan.parameters]
 
 
 class Messages:

@@ -184,13 +184,13 @@ def _with_roll_hold(plan: FlightPlan) -> tuple[Floats, Floats, Floats]:
 
     Results are cached: with a piston engine, JSBSim's linearisation takes up to 1 s, sometimes 12.
     """
-    A, aileron, rudder = _lateral(jsbsim.FGLinearization(trimmed(plan)))
+    A, aileron, rudder = lateral(jsbsim.FGLinearization(trimmed(plan)))
     hold = np.zeros(len(LATERAL))  # aileron = trim - hold @ (x - trim)
     hold[LATERAL.index("Phi")], hold[LATERAL.index("P")] = plan.roll_gain, plan.roll_rate_gain
     return A, A - np.outer(aileron, hold), rudder
 
 
-def _lateral(linear: Any) -> tuple[Floats, Floats, Floats]:
+def lateral(linear: Any) -> tuple[Floats, Floats, Floats]:
     """Return A (4, 4) of the lateral states and the columns (4,) of aileron and rudder commands."""
     states, inputs = list(linear.x_names), list(linear.u_names)
     rows = [states.index(name) for name in LATERAL]

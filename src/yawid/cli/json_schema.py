@@ -12,10 +12,12 @@ from typing import Any, Final
 
 import msgspec
 
+from yawid.answers.damper_report import DamperReport
 from yawid.answers.inspection import Inspection
 from yawid.answers.reports import OrdersReport, RegressReport, StepReport
 from yawid.answers.run_summary import RunSummary
 from yawid.config.run import RunConfig
+from yawid.damper.refusals import OF_DAMPER
 from yawid.errors import EXIT_CODES
 from yawid.estimation.methods import METHODS
 from yawid.quantities.airspeed import Kind
@@ -25,7 +27,7 @@ from yawid.results.reasons import KINDS
 Schema = dict[str, Any]
 _PRINTED: Final = {
     "replay": RunSummary, "live": RunSummary, "inspect": Inspection, "orders": OrdersReport,
-    "step": StepReport, "regress": RegressReport,
+    "step": StepReport, "regress": RegressReport, "damper": DamperReport,
 }  # fmt: skip
 """The type that each command prints; those of trend and diff take long to import."""
 _ENDS: Final = {
@@ -79,7 +81,7 @@ class _Keys:
         if (values := self.find("values", owner, key)) is not None:
             schema = {"enum": values}
         elif key == "id":
-            schema = {"enum": list(KINDS)}
+            schema = {"enum": [*KINDS, *OF_DAMPER]}
         elif key == "recommend":
             schema = self.options()
         elif key == "physics":

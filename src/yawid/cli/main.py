@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO, TypeVar
 
 from yawid.cli.config_file import parsed
+from yawid.cli.damper import add_damper
 from yawid.cli.explain import add_explain
 from yawid.cli.finished_run import add_finished_run
 from yawid.cli.fleet import add_fleet
@@ -56,7 +57,7 @@ MOST_SAID = 300
 """The most characters of an unforeseen error's text that are printed: it may hold an array."""
 OVERVIEW = {
     "a flight": ("fly", "replay", "live", "inspect", "orders"),
-    "a finished run": ("view", "report", "export", "recover"),
+    "a finished run": ("view", "report", "damper", "export", "recover"),
     "many flights": ("fleet", "trend", "diff", "regress"),
     "the paper's plants and step responses": ("simulate", "step"),
     "the program itself": ("explain", "schema", "warm", "completion"),
@@ -115,6 +116,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_looks(commands)
     add_commands(commands)
     add_finished_run(commands)
+    add_damper(commands)
     add_regress(commands)
     add_fleet(commands)
     add_trend(commands)

@@ -60,18 +60,6 @@ class Law:
 
 
 @dataclass(frozen=True, slots=True)
-class Unknown:
-    """What is missing before the loop is known (``needed``), or what stands against it (``text``).
-
-    ``id`` names the reason; ``needed`` holds the names of parameters.
-    """
-
-    id: str
-    text: str
-    needed: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True, slots=True)
 class Autopilot:
     """One autopilot's yaw damper.
 
@@ -87,7 +75,7 @@ class Autopilot:
     gain: str
     loop_rate: str
     needs: Callable[[Parameters], tuple[tuple[str, ...], ...]]
-    against: Callable[[Parameters], Unknown | None]
+    against: Callable[[Parameters], str | None]
     scaling: Callable[[Parameters, float], float]
     law: Callable[[Parameters, float], Law]
     turn: str | None
@@ -119,12 +107,12 @@ def _arduplane_law(values: Parameters, loop_hz: float) -> Law:
     return Law(math.degrees(1.0) / 45.0, washout, integral, 0.0, 0.5 / loop_hz)
 
 
-def _arduplane_against(values: Parameters) -> Unknown | None:
+def _arduplane_against(values: Parameters) -> str | None:
     if values.get("YAW_RATE_ENABLE", 0.0):
-        return Unknown("other_loop", "YAW_RATE_ENABLE is on: a rate PID moves the rudder next to "
+        return ("YAW_RATE_ENABLE is on: a rate PID moves the rudder next to "
                        "the damper, and its part is not modelled; set it to 0")  # fmt: skip
     if values.get("YAW2SRV_INT", 0.0) and values.get("YAW2SRV_SLIP", 0.0):
-        return Unknown("other_loop", "YAW2SRV_SLIP and YAW2SRV_INT are set: they feed back the "
+        return ("YAW2SRV_SLIP and YAW2SRV_INT are set: they feed back the "
                        "lateral acceleration, of which rudder to yaw rate says nothing; set "
                        "YAW2SRV_SLIP to 0")  # fmt: skip
     return None
@@ -142,14 +130,14 @@ def _px4_law(values: Parameters, loop_hz: float) -> Law:
     return Law(1.0, 0.0, 0.0, values.get("FW_YR_I", 0.0), 0.5 / loop_hz)
 
 
-def _px4_against(values: Parameters) -> Unknown | None:
+def _px4_against(values: Parameters) -> str | None:
     if values.get("FW_YR_D", 0.0):
-        return Unknown("other_loop", "FW_YR_D is set: it feeds back the yaw acceleration, which is "
+        return ("FW_YR_D is set: it feeds back the yaw acceleration, which is "
                        "not modelled; set it to 0")  # fmt: skip
     shares = [abs(value) for name, value in values.items()
               if name.startswith("CA_SV_CS") and name.endswith("_TRQ_Y") and value]  # fmt: skip
     if len(shares) > 1 or any(abs(share - 1.0) > 1e-3 for share in shares):
-        return Unknown("other_loop", "several surfaces share the yaw torque, or one takes it by "
+        return ("several surfaces share the yaw torque, or one takes it by "
                        "another factor than 1 (CA_SV_CSi_TRQ_Y): what reaches the rudder is "
                        "not known")  # fmt: skip
     return None

@@ -24,7 +24,7 @@ REAL: Final = 1e-3
 """A pair whose imaginary part is less than this share of |s| has become two real poles."""
 LOWEST, HIGHEST_OF_WN, HIGHEST_OF_RATE = 0.1, 3.0, 0.2
 """Where G is known: from this part of wn to this multiple of wn, and to this part of the rate."""
-POINTS: Final = 600
+POINTS: Final = 300
 
 
 def closed_dutch_roll(G: Transfer, law: Law, gains: Floats) -> Complexes:  # noqa: N803  as in text
@@ -118,14 +118,14 @@ def margins(G: Transfer, law: Law, gains: Floats, w: Floats) -> Margins:  # noqa
 def _phase_margin(over: Floats, angle: Floats) -> Floats:
     """Return the least phase margin (n,) in degrees; ``over`` is ln |L|, both (n, k).
 
-    Where |L| falls through 1, the angle left is that down to -180 degrees; where it rises through
-    1, that up to 180 degrees.
+    ``angle`` is continuous from the lowest frequency on: where |L| is 1 the loop is stable as long
+    as it lies between -180 and 180 degrees.
     """
     crosses = (over[:, :-1] > 0.0) != (over[:, 1:] > 0.0)
     with np.errstate(divide="ignore", invalid="ignore"):
         part = np.where(crosses, over[:, :-1] / (over[:, :-1] - over[:, 1:]), 0.0)
-    left = np.degrees(np.angle(-np.exp(1j * (angle[:, :-1] + part * np.diff(angle, axis=1)))))
-    margin = np.where(over[:, :-1] > 0.0, left, -left)
+    at = angle[:, :-1] + part * np.diff(angle, axis=1)
+    margin = 180.0 - np.abs(np.degrees(at))
     return np.asarray(np.min(np.where(crosses, margin, np.inf), axis=1))
 
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from yawid.blocks import Floats
+from yawid.blocks import Bools, Floats
 from yawid.config.estimator import ArmaxOrders
 from yawid.physics.derivatives import CANCELLED, numerator_polynomial, without_alternating
 from yawid.physics.modes import (
@@ -46,6 +46,11 @@ class Transfer:
         found = self.poles[np.arange(len(self)), self.pair.astype(int)]
         return np.where(self.pair >= 0, found, np.nan)
 
+    @property
+    def effect(self) -> Floats:
+        """The size of the Dutch roll's residue (n,): at wn, G is about that over zeta wn."""
+        return np.asarray(np.abs(self.residues[np.arange(len(self)), self.pair.astype(int)]))
+
     def at(self, s: Complexes) -> Complexes:
         """Return G(s) (n, k) at points ``s`` (k,) of all models, or (n, k) of each."""
         s = np.broadcast_to(s, (len(self), np.shape(s)[-1]))
@@ -53,7 +58,7 @@ class Transfer:
         found: Complexes = terms.sum(axis=2) + self.direct[:, None]
         return found * np.exp(-s * self.delay_s)
 
-    def select(self, rows: slice | Floats) -> "Transfer":
+    def select(self, rows: slice | Bools) -> "Transfer":
         """Return the transfer functions of these rows."""
         return replace(self, poles=self.poles[rows], residues=self.residues[rows],
                        direct=self.direct[rows], pair=self.pair[rows])  # fmt: skip

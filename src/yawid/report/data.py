@@ -25,9 +25,10 @@ from yawid.blocks import (
 )
 from yawid.estimation.bank import Bank
 from yawid.estimation.fit import simulate
+from yawid.models.fitted import Judged, Model
+from yawid.models.refit import Drawn, Rows
 from yawid.physics.modes import modes as physics_modes
-from yawid.report.manoeuvre_data import Drawn, Rows, to_draw
-from yawid.report.model_data import Judged, Model
+from yawid.report.manoeuvre_data import to_draw
 from yawid.sinks.mcap.reader import McapRun
 
 TRACK_POINTS = 600

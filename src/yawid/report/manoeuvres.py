@@ -10,8 +10,8 @@ from yawid.answers.run_summary import (
     RunSummary,
     Value,
 )
+from yawid.models.refit import Drawn
 from yawid.report.html import Cell, note, sheet, table
-from yawid.report.manoeuvre_data import Drawn
 from yawid.report.run_tables import NO_YAW_CHANNEL, yaw_channel
 from yawid.sinks.words import (
     NONE,

@@ -19,10 +19,10 @@ from scipy.signal import correlate, lfilter
 from yawid.answers.run_summary import DutchRoll
 from yawid.blocks import Floats, Ints
 from yawid.errors import YawidError
+from yawid.models.fitted import Judged, Model
 from yawid.offline.response_curves import FrequencyResponse, frequency_response
 from yawid.physics.model_response import step_response
 from yawid.physics.modes import Complexes, damping_lines, discrete_poles
-from yawid.report.model_data import Judged, Model
 from yawid.report.picture import Picture, band
 from yawid.sinks.base import Grid
 from yawid.sinks.palette import BAD, BARE, DATA, MODEL, NEUTRAL

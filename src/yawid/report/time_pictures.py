@@ -12,9 +12,9 @@ from matplotlib.ticker import StrMethodFormatter
 from yawid.answers.model_parts import Fit
 from yawid.answers.run_summary import DutchRoll
 from yawid.blocks import Floats
+from yawid.models.fitted import Judged
+from yawid.models.refit import Drawn
 from yawid.report.data import ReportData
-from yawid.report.manoeuvre_data import Drawn
-from yawid.report.model_data import Judged
 from yawid.report.picture import (
     Picture,
     band,

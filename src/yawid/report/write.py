@@ -5,13 +5,13 @@ from functools import cached_property
 from pathlib import Path
 
 from yawid.answers.run_summary import ReasonSummary, RunSummary
+from yawid.models.refit import Drawn
 from yawid.quantities.units import HALF_TRAVEL
 from yawid.report.airspeed_picture import airspeed_picture
 from yawid.report.bare import bare_section
 from yawid.report.data import gather
 from yawid.report.html import first_screen, note, numbers, page, pictures, tables
 from yawid.report.lateral_picture import lateral_picture
-from yawid.report.manoeuvre_data import Drawn
 from yawid.report.manoeuvres import flight_numbers, flight_section
 from yawid.report.model_pictures import bode_picture, poles_picture, residuals_picture, step_picture
 from yawid.report.picture import Picture

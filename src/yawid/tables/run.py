@@ -1,7 +1,8 @@
 """``yawid.load`` and ``yawid.replay``, which give a run in Python from its file or from a log."""
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property
 from os import PathLike
@@ -27,8 +28,9 @@ from yawid.tables.columns import (
 from yawid.tables.table import Column, Table
 
 if TYPE_CHECKING:
-    pass
+    from yawid.damper.study import Study
 
+PARAMETERS: Final = "parameters.txt"
 OF_FILES: Final = ("out", "force", "json", "rerun")
 """Options of the output files that a TOML file may hold for the command line: ignored here."""
 
@@ -37,7 +39,7 @@ class Run:
     """A run as tables: columns are NumPy arrays with units, rows are samples or manoeuvres.
 
     ``summary`` is what ``--json`` prints, ``config`` the configuration, ``path`` the file that was
-    read. Each table is made when it is first used.
+    read, ``parameters`` the vehicle's by name. Each table is made when it is first used.
     """
 
     def __init__(
@@ -47,8 +49,10 @@ class Run:
         config: RunConfig,
         grid: Grid | None,
         rows: RunRows | None,
+        parameters: Mapping[str, float] | None = None,
     ) -> None:
         self.path, self.summary, self.config = path, summary, config
+        self.parameters = {} if parameters is None else parameters
         self._rows = no_rows() if rows is None else rows
         if grid is None:
             grid = Grid((), config.inputs, (), math.nan, rudder_unit(in_rad=config.in_rad))
@@ -122,6 +126,34 @@ class Run:
         """Return ``record`` as an xarray.Dataset; see :meth:`Table.to_xarray`."""
         return self.record.to_xarray()
 
+    def damper(
+        self,
+        *,
+        aim: float | None = None,
+        autopilot: str | None = None,
+        loop_rate: float | None = None,
+        airspeed: tuple[float, float] | None = None,
+        parameters: Mapping[str, float] | None = None,
+        gains: Sequence[float] = (),
+    ) -> "Study":
+        """Return which gain of the autopilot's yaw damper gives which damping.
+
+        ``aim`` is the damping ratio aimed at, ``loop_rate`` the autopilot's in Hz, ``airspeed`` the
+        lowest and highest in m/s; ``parameters`` stand in for those of the log, and ``gains`` are
+        shown. ``.report`` is what ``yawid damper --json`` prints; where nothing can be said, its
+        verdict says why.
+
+        Raises:
+            ConfigError: a value is outside its limits, or the run has no samples.
+        """
+        from yawid.damper.study import Asked, Facts, study
+
+        asked = Asked(aim, autopilot, loop_rate, airspeed, parameters or {}, gains)
+        samples = self._rows.samples
+        sample_time_s = self._known.grid.sample_time_s
+        facts = Facts(self.summary, self.config, sample_time_s, [samples], self.parameters)
+        return study(facts, asked)
+
     def _tables(self) -> list[Table]:
         return [self.samples, *self.estimates.values(), self.modes, self.manoeuvres]
 
@@ -146,7 +178,9 @@ def load(path: str | PathLike[str]) -> Run:
 
     run = open_run(Path(path))
     parts = list(run.blocks())
-    return Run(run.path, run.summary, run.config, run.grid, joined(parts) if parts else None)
+    rows = joined(parts) if parts else None
+    known = _values(run.attachments.get(PARAMETERS, b""))
+    return Run(run.path, run.summary, run.config, run.grid, rows, known)
 
 
 def replay(path: str | PathLike[str], **options: Any) -> Run:
@@ -191,6 +225,7 @@ class Kept(Sink):
     parts: list[RunRows] = field(default_factory=list)
     summary: RunSummary | None = None
     configuration: bytes = b""
+    parameters: bytes = b""
 
     def run(self, path: Path) -> Run:
         """Return the run of the log at ``path``; the sink must be finished and is then empty."""
@@ -199,7 +234,8 @@ class Kept(Sink):
         assert self.summary is not None, "the run is not finished"
         rows = joined(self.parts) if self.parts else None
         self.parts = []
-        return Run(path, self.summary, read_config(self.configuration), self.grid, rows)
+        config, known = read_config(self.configuration), _values(self.parameters)
+        return Run(path, self.summary, config, self.grid, rows, known)
 
     def start(self, grid: Grid) -> None:
         """See :class:`yawid.sinks.base.Sink`."""
@@ -218,6 +254,17 @@ class Kept(Sink):
     def finish(self, summary: RunSummary, attachments: Mapping[str, bytes]) -> None:
         """See :class:`yawid.sinks.base.Sink`."""
         self.summary, self.configuration = summary, attachments["configuration.toml"]
+        self.parameters = attachments.get(PARAMETERS, b"")
+
+
+def _values(attached: bytes) -> dict[str, float]:
+    """Return the vehicle's parameters by name from the text attached to a run."""
+    lines = (line.rpartition(" ") for line in attached.decode("utf-8", "replace").splitlines())
+    known = {}
+    for name, _, value in lines:
+        with suppress(ValueError):
+            known[name] = float(value)
+    return known
 
 
 def no_rows() -> RunRows:

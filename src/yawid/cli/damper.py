@@ -1,0 +1,86 @@
+"""The command ``yawid damper``: which gain of the yaw damper gives which damping."""
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from yawid.cli.options import Commands, add_command
+from yawid.cli.standard_streams import hush
+from yawid.errors import ConfigError
+from yawid.sinks.door import say, tell_json, tell_page
+
+if TYPE_CHECKING:
+    from yawid.tables.run import Run
+
+
+def add_damper(commands: Commands) -> None:
+    """Add the command to the parser."""
+    damper = add_command(
+        commands, "damper", "RUN|LOG", "say which gain of the yaw damper gives which damping",
+        "yawid damper flight.mcap\nyawid damper flight.tlog --airspeed 15,25 -o page.html",
+    )  # fmt: skip
+    damper.add_argument(
+        "log", metavar="RUN|LOG", type=Path, help="the MCAP of a finished run, or a log to replay"
+    )
+    options = (
+        ("--aim", float, "ZETA", "the damping ratio aimed at (default: 0.3 to 0.4)"),
+        ("--loop-rate", float, "HZ", "the autopilot's loop rate (default: the log's)"),
+        ("--airspeed", _pair, "LO,HI", "airspeeds in m/s (default: those flown)"),
+    )
+    for name, kind, metavar, text in options:
+        damper.add_argument(name, type=kind, metavar=metavar, help=text)
+    damper.add_argument(
+        "--autopilot", choices=("ardupilot", "px4"), help="whose damper (default: the log's)"
+    )
+    damper.add_argument(
+        "--param", type=_parameter, action="append", default=[], metavar="NAME=VALUE",
+        help="a parameter of the autopilot that is not in the log; may be repeated",
+    )  # fmt: skip
+    damper.add_argument("--json", action="store_true", help="print one JSON object")
+    damper.add_argument("-o", "--out", type=Path, metavar="PAGE.html", help="write a page as well")
+    damper.add_argument("--force", action="store_true", help="overwrite a page that exists")
+    damper.set_defaults(run=_damper)
+
+
+def _pair(text: str) -> tuple[float, float]:
+    low, high = (float(part) for part in text.split(","))
+    return low, high
+
+
+def _parameter(text: str) -> tuple[str, float]:
+    name, _, value = text.partition("=")
+    return name.strip(), float(value)
+
+
+def _damper(arguments: argparse.Namespace) -> int:
+    from yawid.sinks.terminal.damper_table import print_damper
+
+    if arguments.out is not None and arguments.out.suffix != ".html":
+        raise ConfigError(f"-o {arguments.out}: the name must end in .html")
+    found = _run_of(arguments.log).damper(
+        aim=arguments.aim,
+        autopilot=arguments.autopilot,
+        loop_rate=arguments.loop_rate,
+        airspeed=arguments.airspeed,
+        parameters=dict(arguments.param),
+    )
+    if arguments.json:
+        tell_json(found.report.to_json())
+    else:
+        tell_page(print_damper, found.report)
+    if arguments.out is not None and found.predicted is None:
+        say(f"{arguments.out} was not written, as there is nothing to draw")
+    elif arguments.out is not None:
+        hush("matplotlib")  # it makes a folder for its cache where there is none, and logs that
+        from yawid.report.damper_page import write_damper_page
+
+        write_damper_page(found, arguments.out, force=arguments.force)
+    return found.exit_code
+
+
+def _run_of(log: Path) -> "Run":
+    """Return a finished run, or the replay of a log with the default options."""
+    from yawid.sources.formats import RUN, format_of
+    from yawid.tables.run import load, replay
+
+    return load(log) if format_of(log) is RUN else replay(log)

@@ -1,0 +1,224 @@
+"""Which gain to set: the band that the predictions allow, and the first step towards it.
+
+The least margins are those at the 95 % bound of the model: 45 degrees and, where it is known, 6 dB,
+at every airspeed asked for. Real records show why a band is given and no number: a gain designed
+for zeta .30 gave .26 to .32 there.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from yawid.answers.damper_report import DamperAt, DamperGain, Recommended
+from yawid.blocks import Bools, Floats
+from yawid.damper.autopilots import Law
+from yawid.damper.draws import Aircraft
+from yawid.damper.loop import closed_dutch_roll, known_frequencies, margins
+from yawid.models.refit import Drawn
+from yawid.physics.continuous import Transfer
+from yawid.physics.modes import Complexes
+
+LEAST_PHASE_DEG, LEAST_GAIN_DB = 45.0, 6.0
+BOUND_PCT: Final = 5.0
+"""The percentile of the draws that a margin is given at, and a gain in zeta is judged at."""
+AIM: Final = (0.3, 0.4)
+"""The damping ratios aimed at."""
+AIM_HALF: Final = 0.05
+FIRST_STEP: Final = 0.1
+"""The most zeta that a first step from no damper may add."""
+MOST_RAISED: Final = 2.0
+LARGEST_ZETA_ADDED: Final = 0.6
+FINE: Final = 40
+"""The gains between 0 and the largest that are tried."""
+LEAST_KNOWN: Final = 0.8
+"""The share of the draws that must have the pair, or wn and zeta are left out."""
+
+
+@dataclass(frozen=True, slots=True)
+class Closed:
+    """Predictions for gains (m,) at airspeeds (v,), of n draws each: (v, m, n).
+
+    ``s`` is the closed Dutch roll; ``phase_deg``, ``gain_db`` and ``beyond`` are the margins.
+    """
+
+    gains: Floats
+    airspeeds_m_s: Sequence[float]
+    s: Complexes
+    phase_deg: Floats
+    gain_db: Floats
+    beyond: Bools
+    own: Bools
+
+    @property
+    def wn(self) -> Floats:
+        """The natural frequencies (v, m, n) in rad/s."""
+        return np.asarray(np.abs(self.s))
+
+    @property
+    def zeta(self) -> Floats:
+        """The damping ratios (v, m, n)."""
+        return np.asarray(-self.s.real / np.abs(self.s))
+
+    def middle(self, values: Floats) -> Floats:
+        """Return the medians (v, m) of the draws with the answer's own structure."""
+        own = values[..., self.own]
+        known: Bools = np.isfinite(own)
+        found = np.nanmedian(np.where(known.any(axis=-1, keepdims=True), own, 0.0), axis=-1)
+        return np.where(known.mean(axis=-1) >= LEAST_KNOWN, found, np.nan)
+
+    def std(self, values: Floats) -> Floats:
+        """Return the sigmas (v, m) of all draws about those medians."""
+        apart = values - self.middle(values)[..., None]
+        known = np.isfinite(apart)
+        count = np.maximum(known.sum(axis=-1), 1)
+        total = np.sqrt(np.where(known, apart**2, 0.0).sum(axis=-1) / count)
+        return np.where(np.isfinite(self.middle(values)), total, np.nan)
+
+    def bound(self, values: Floats) -> Floats:
+        """Return the 5th percentiles (v, m) of the draws."""
+        found: Floats = np.percentile(values, BOUND_PCT, axis=-1, method="lower")
+        return found
+
+    @property
+    def margins_known(self) -> Bools:
+        """Whether 95 % of the draws (v, m) cross |L| = 1 only where the model is known."""
+        return np.asarray(self.beyond.mean(axis=-1) <= BOUND_PCT / 100.0)
+
+    @property
+    def stable_enough(self) -> Bools:
+        """Whether the margins suffice, (v, m)."""
+        phase = np.asarray(self.bound(self.phase_deg) >= LEAST_PHASE_DEG)
+        gain = np.asarray(self.bound(self.gain_db) >= LEAST_GAIN_DB)
+        return phase & gain & self.margins_known
+
+    @property
+    def damps(self) -> Bools:
+        """Whether the gain adds damping to the pair in 95 % of the draws, (v, m); True at 0."""
+        zeta = self.zeta
+        none = closed_without(self.gains)
+        start = zeta[:, none : none + 1]
+        # A pair that has become two real poles is damped more than any pair.
+        more = np.where(np.isnan(zeta) & np.isfinite(start), np.inf, zeta) - start
+        enough = self.bound(np.where(np.isnan(more), -np.inf, more)) > 0.0
+        return np.asarray(enough | (self.gains == self.gains[none]))
+
+
+@dataclass(frozen=True, slots=True)
+class Predicted:
+    """The damped aircraft, for sentences and pages.
+
+    ``central`` is one aircraft with exactly the flight's answer, ``laws`` are by airspeed.
+    """
+
+    aircraft: Aircraft
+    central: Transfer
+    laws: tuple[Law, ...]
+    closed: Closed
+    manoeuvre: Drawn
+
+
+def closed_without(gains: Floats) -> int:
+    """Return the row of the least gain, which is 0 or the flown one."""
+    return int(np.argmin(gains))
+
+
+def closed_with(
+    aircraft: Aircraft, laws: Sequence[Law], gains: Floats, airspeeds_m_s: Sequence[float],
+    sample_time_s: float,
+) -> Closed:  # fmt: skip
+    """Return the predictions for gains (m,), ascending, at airspeeds with one law each."""
+    rows = []
+    for law, speed in zip(laws, airspeeds_m_s, strict=True):
+        G = aircraft.at(speed)  # noqa: N806
+        wn = float(np.median(np.abs(G.dutch_roll)))
+        found = margins(G, law, gains, known_frequencies(wn, sample_time_s))
+        s = closed_dutch_roll(G, law, gains)
+        rows.append((s, found.phase_deg, found.gain_db, found.beyond))
+    columns = [np.stack(column) for column in zip(*rows, strict=True)]
+    s, phase, gain_db, beyond = columns
+    return Closed(gains, airspeeds_m_s, s, phase, gain_db, beyond, aircraft.own)
+
+
+def largest_gain(aircraft: Aircraft, laws: Sequence[Law], airspeeds_m_s: Sequence[float]) -> float:
+    """Return the gain that would add about .6 of zeta, were there no lag, at each airspeed.
+
+    With |L| at wn, a damper without lag adds |L| zeta.
+    """
+    most = 0.0
+    for law, speed in zip(laws, airspeeds_m_s, strict=True):
+        G = aircraft.at(speed)  # noqa: N806
+        p = G.dutch_roll
+        wn, zeta = float(np.median(np.abs(p))), float(np.median(-p.real / np.abs(p)))
+        at = np.array([1j * wn])
+        size = float(np.median(np.abs(G.at(at)))) * law.scaling
+        most = max(most, LARGEST_ZETA_ADDED / max(size * max(zeta, 0.02), 1e-9))
+    return most
+
+
+def nice(step: float) -> float:
+    """Return the largest of 1, 2 or 5 times a power of ten that is not above ``step``."""
+    unit = 10.0 ** np.floor(np.log10(step) + 1e-9)
+    return float(max(unit * each for each in (1.0, 2.0, 5.0) if unit * each <= step * (1 + 1e-9)))
+
+
+def recommended(closed: Closed, flown: float, aim: float | None) -> Recommended | None:
+    """Return the band and the gain to fly next; None where no gain may be recommended.
+
+    ``closed`` has finely spaced gains from 0 on. A gain may be recommended where it and all lower
+    ones have the margins and add damping at every airspeed, 95 % sure.
+    """
+    low_aim, high_aim = AIM if aim is None else (aim - AIM_HALF, aim + AIM_HALF)
+    gains = closed.gains
+    allowed = np.logical_and.accumulate((closed.stable_enough & closed.damps).all(axis=0))
+    zeta = np.where(np.isnan(closed.middle(closed.zeta)), np.inf, closed.middle(closed.zeta))
+    most = int(np.count_nonzero(allowed)) - 1
+    if most < 1:
+        return None
+    # The last gain whose least damped airspeed is within the aim, and the first that reaches it.
+    least = zeta.min(axis=0)
+    within = np.flatnonzero(least <= high_aim)
+    high = min(most, int(within[-1]) if len(within) else 0)
+    if high < 1:
+        return None
+    low = min(high, int(np.argmax(least >= low_aim)) if (least >= low_aim).any() else high)
+    band = float(gains[low]), float(gains[high])
+    if flown > 0.0:
+        step = min(max(flown, band[0]), band[1], MOST_RAISED * flown)
+    else:
+        added = (zeta - zeta[:, :1]).max(axis=0)
+        first = int(np.flatnonzero(added <= FIRST_STEP)[-1])
+        step = float(gains[min(max(first, 1), max(low, 1))])
+    return Recommended(low=band[0], high=band[1], next=step)
+
+
+def table(closed: Closed) -> list[DamperGain]:
+    """Return the predictions as they are printed."""
+    wn, zeta = closed.wn, closed.zeta
+    shown = [closed.middle(wn), closed.std(wn), closed.middle(zeta), closed.std(zeta)]
+    margins_at = (closed.bound(closed.gain_db), closed.bound(closed.phase_deg))
+    bounds = [np.where(closed.margins_known, each, np.nan) for each in margins_at]
+    return [
+        DamperGain(
+            value=float(gain),
+            at=[
+                DamperAt(
+                    airspeed_m_s=float(speed),
+                    **_known({
+                        name: float(values[v, m])
+                        for name, values in zip(_NAMES, [*shown, *bounds], strict=True)
+                    }),
+                )
+                for v, speed in enumerate(closed.airspeeds_m_s)
+            ],
+        )
+        for m, gain in enumerate(closed.gains)
+    ]  # fmt: skip
+
+
+_NAMES = ("wn_rad_s", "wn_std", "zeta", "zeta_std", "gain_margin_db", "phase_margin_deg")
+
+
+def _known(values: dict[str, float]) -> dict[str, float]:
+    return {name: value for name, value in values.items() if np.isfinite(value)}

@@ -1,0 +1,141 @@
+"""The aircraft as far as it is known: transfer functions drawn from the answer's covariance.
+
+Each draw is one of the flight's manoeuvres, fitted by its own structure or by the next richer one,
+with theta drawn from its covariance. Moved to the flight's airspeed, the draws' Dutch rolls have
+the flight's wn and zeta on average, and its total sigmas.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+
+from yawid.answers.run_summary import Flight
+from yawid.blocks import Bools, Floats
+from yawid.models.fitted import Model
+from yawid.physics.continuous import Transfer, transfer
+from yawid.physics.modes import Complexes
+
+DRAWS: Final = 160
+SEED: Final = 20260101
+ALIKE: Final = 0.15
+"""A structure whose wn differs by more than this part of it has found another mode."""
+OWN_SHARE: Final = 0.6
+"""The share of the draws that have the answer's own structure."""
+
+
+@dataclass(frozen=True, slots=True)
+class Aircraft:
+    """Draws of the aircraft at ``airspeed_m_s``: n transfer functions.
+
+    ``own`` (n,) says which have the answer's own structure. ``lag`` (n,) is the column of the real
+    pole that stays where it is at another airspeed, -1 in half of the draws: whether it is the
+    servo's or the aircraft's is not known.
+    """
+
+    G: Transfer
+    own: Bools
+    lag: Floats
+    airspeed_m_s: float
+
+    def at(self, airspeed_m_s: float) -> Transfer:
+        """Return the transfer functions at another equivalent airspeed."""
+        return self.G.faster(airspeed_m_s / self.airspeed_m_s, self.lag)
+
+
+def drawn_aircraft(
+    flight: Flight,
+    own: Sequence[tuple[Model, float]],
+    richer: Sequence[tuple[Model, float]],
+    *,
+    mean_output: bool = False,
+) -> Aircraft | None:
+    """Return the flight's aircraft from models, each with its airspeed in m/s; None without one.
+
+    ``own`` are the manoeuvres' models by the flight's own structure, ``richer`` by another.
+    """
+    roll, speed = flight.dutch_roll, flight.airspeed_m_s
+    if roll is None or speed is None or not own:
+        return None
+    rng = np.random.default_rng(SEED)
+    wn = roll.wn_rad_s
+    parts: list[tuple[Transfer, bool]] = []
+    first = round(DRAWS * (OWN_SHARE if richer else 1.0))
+    for models, count, is_own in ((own, first, True), (richer, DRAWS - first, False)):
+        for i, (model, at) in enumerate(models):
+            share = count // len(models) + (i < count % len(models))
+            if share:
+                drawn = _drawn(model, share, rng, mean_output=mean_output)
+                kept = drawn.faster(speed / at)
+                near = np.abs(np.abs(kept.dutch_roll) / wn - 1.0) < ALIKE
+                parts.append((kept.select(near), is_own))
+    width = max(each.poles.shape[1] for each, _ in parts)
+    wide = [_widened(each, width) for each, _ in parts]
+    G = Transfer(  # noqa: N806  as in the text of damper/loop.py
+        poles=np.concatenate([each.poles for each in wide]),
+        residues=np.concatenate([each.residues for each in wide]),
+        direct=np.concatenate([each.direct for each in wide]),
+        delay_s=wide[0].delay_s,
+        pair=np.concatenate([each.pair for each in wide]),
+    )
+    own_rows = np.concatenate([np.full(len(each), is_own) for each, is_own in parts])
+    if np.count_nonzero(own_rows) < DRAWS // 4:
+        return None
+    G = G.with_pair(_as_told(flight, G.dutch_roll, own_rows, rng))  # noqa: N806
+    lag = np.where(np.arange(len(G)) % 2 == 0, _fastest_real(G), -1)
+    return Aircraft(G, own_rows, lag, speed)
+
+
+def central(aircraft: Aircraft, flight: Flight) -> Transfer:
+    """Return one transfer function with exactly the flight's wn and zeta, at its airspeed."""
+    assert flight.dutch_roll is not None
+    wn, zeta = flight.dutch_roll.wn_rad_s, flight.dutch_roll.zeta
+    poles = aircraft.G.dutch_roll
+    off = np.abs(np.log(np.abs(poles) / wn)) + np.abs(-poles.real / np.abs(poles) - zeta)
+    nearest = int(np.argmin(np.where(aircraft.own, off, np.inf)))
+    return aircraft.G.select(slice(nearest, nearest + 1)).with_pair(_pole(wn, np.array([zeta])))
+
+
+def _drawn(model: Model, count: int, rng: np.random.Generator, *, mean_output: bool) -> Transfer:
+    """Return ``count`` draws of a model."""
+    root = np.linalg.eigh(0.5 * (model.covariance + model.covariance.T))
+    spread = root.eigenvectors * np.sqrt(np.maximum(root.eigenvalues, 0.0))
+    theta = model.theta + rng.normal(size=(count, len(model.theta))) @ spread.T
+    return transfer(theta, model.orders, model.sample_time_s, mean_output=mean_output)
+
+
+def _as_told(flight: Flight, poles: Complexes, own: Bools, rng: np.random.Generator) -> Complexes:
+    """Return the Dutch rolls (n,) with the flight's mean and total sigma of wn and zeta."""
+    assert flight.dutch_roll is not None
+    roll = flight.dutch_roll
+    ln_wn, zeta = np.log(np.abs(poles)), -poles.real / np.abs(poles)
+    wanted = ((ln_wn, np.log(roll.wn_rad_s), (roll.wn_std or 0.0) / roll.wn_rad_s),
+              (zeta, roll.zeta, roll.zeta_std or 0.0))  # fmt: skip
+    told = []
+    for values, mean, std in wanted:
+        apart = values - np.mean(values[own])
+        have = float(np.sqrt(np.mean(apart**2)))
+        more = np.sqrt(max(std**2 - have**2, 0.0))
+        apart = apart * min(1.0, std / have if have > 0.0 else 1.0)
+        told.append(mean + apart + more * rng.normal(size=len(values)))
+    return _pole(np.exp(told[0]), np.clip(told[1], -0.9, 0.95))
+
+
+def _pole(wn: Floats | float, zeta: Floats) -> Complexes:
+    return np.asarray(wn * (-zeta + 1j * np.sqrt(1.0 - zeta**2)), complex)
+
+
+def _widened(G: Transfer, width: int) -> Transfer:  # noqa: N803
+    """Return it with further poles far away that have no effect, ``width`` in all."""
+    more = ((0, 0), (0, width - G.poles.shape[1]))
+    poles = np.pad(G.poles, more, constant_values=-1e9)
+    return replace(G, poles=poles, residues=np.pad(G.residues, more))
+
+
+def _fastest_real(G: Transfer) -> Floats:  # noqa: N803
+    """Return the column (n,) of the fastest stable real pole with an effect, -1 without one."""
+    real = (np.abs(G.poles.imag) < 1e-9) & (G.poles.real < 0.0) & (np.abs(G.residues) > 0.0)
+    speed = np.where(real, -G.poles.real, -np.inf)
+    fastest = np.argmax(speed, axis=1)
+    return np.where(real.any(axis=1), fastest, -1).astype(float)

@@ -1,0 +1,160 @@
+"""Why a run gives no advice on its damper: what must be known, each check with what to do."""
+
+from collections.abc import Mapping, Sequence
+from math import isfinite, pi
+from typing import Final
+
+import numpy as np
+
+from yawid.answers.run_summary import Flight, ReasonSummary, RunSummary
+from yawid.blocks import Floats
+from yawid.config.run import RunConfig
+from yawid.damper.autopilots import AUTOPILOTS, Autopilot, first
+from yawid.models.refit import Drawn
+
+EXIT_CODES: Final = {
+    "not_usable": 5, "stick": 5, "other_loop": 5, "airspeed_unknown": 5, "wn_uncertain": 5,
+    "gain_uncertain": 5, "roll_term": 5, "not_fitted": 5, "no_autopilot": 2, "loop_rate_unknown": 2,
+    "parameters_unknown": 2, "travel_unknown": 2, "too_far": 2,
+}  # fmt: skip
+"""The exit code of each reason for refusing."""
+OF_DAMPER: Final = (*EXIT_CODES, "lowers_damping")
+"""The reasons that only this report has; ``closed_loop`` is one of a replay, too."""
+MOST_WN_STD, MOST_GAIN_STD, MOST_TURN = 0.05, 0.2, 0.2
+"""The largest sigma of wn and of the gain at wn, and the largest share of the turn's term."""
+NEAR_WN: Final = (0.7, 1.4)
+"""The frequencies, over wn, at which the turn's term is compared with the yaw rate."""
+CARD: Final = "fly more manoeuvres at this airspeed: yawid inspect LOG --card says which"
+
+
+class Refused(Exception):  # noqa: N818  it names a finding, not a fault
+    """The reason for giving no advice, and what to do about it."""
+
+    def __init__(self, id_: str, text: str, to_do: str) -> None:
+        super().__init__(text)
+        self.reason = ReasonSummary(id_, "fatal", text)
+        self.to_do = to_do
+
+
+def usable_flight(summary: RunSummary) -> Flight:
+    """Return the flight's answer.
+
+    Raises:
+        Refused: it is not usable, wn is not known to 5 %, or the airspeed is not known.
+    """
+    flight = summary.flight
+    if flight is None or flight.dutch_roll is None or not flight.verdict.usable:
+        fatal = summary.deciding.fatal
+        why = ", ".join(reason.name for reason in fatal) or "no manoeuvre was found"
+        text = f"the log has no usable answer of a flight ({why})"
+        raise Refused("not_usable", text, summary.deciding.next or CARD)
+    roll = flight.dutch_roll
+    if roll.wn_std is None or not roll.wn_std <= MOST_WN_STD * roll.wn_rad_s:
+        std = roll.wn_std
+        known = "no sigma" if std is None else f"a sigma of {100 * std / roll.wn_rad_s:.1f} %"
+        text = f"wn has {known}, and at most {100 * MOST_WN_STD:g} % is needed"
+        raise Refused("wn_uncertain", text, CARD)
+    if flight.airspeed_m_s is None or flight.airspeed_source != "airspeed":
+        text = "the airspeed of the manoeuvres is not known, and the damper is scaled by it"
+        raise Refused("airspeed_unknown", text, "fly with an airspeed in the log")
+    return flight
+
+
+def autopilot_of(summary: RunSummary, name: str | None) -> Autopilot:
+    """Return the autopilot of the log, or the one named.
+
+    Raises:
+        Refused: its damper is not known.
+    """
+    if name is not None:
+        return AUTOPILOTS[name]
+    vehicle = summary.vehicle
+    for row in AUTOPILOTS.values():
+        if vehicle is not None and row.number == vehicle.autopilot:
+            return row
+    found = "names no autopilot" if vehicle is None else f"is of {vehicle.autopilot_name}"
+    text = f"the log {found}, and only the dampers of ArduPlane and PX4 are known"
+    raise Refused("no_autopilot", text, "name the autopilot: --autopilot ardupilot or px4")
+
+
+def check_input(summary: RunSummary, config: RunConfig) -> None:
+    """Check that the input is the command of the servo, in a known part of its travel.
+
+    Raises:
+        Refused: the input is the stick: its answer has the damper in it; or the travel is unknown.
+    """
+    rudder = summary.channels.get("rudder")
+    stands_in = any(reason.id == "channel_stand_in" for reason in summary.deciding.reasons)
+    if stands_in or (rudder is not None and rudder.source.startswith("RC_CHANNELS")):
+        text = "the input is the pilot's stick: such an answer is that of the damped aircraft"
+        raise Refused("stick", text, "log the servo outputs and fly again")
+    if config.in_rad and config.rudder_max_deg is None:
+        text = "the rudder is in rad and its travel, of which a damper moves parts, is not known"
+        raise Refused("travel_unknown", text, "replay with --rudder-max-deg D")
+
+
+def check_loop(autopilot: Autopilot, known: Mapping[str, float], loop_hz: float) -> None:
+    """Check that the damper can be modelled, and that its rate and parameters are known.
+
+    Raises:
+        Refused: they are not; the text names what is missing and how to give it.
+    """
+    if (against := autopilot.against(known)) is not None:
+        raise Refused("other_loop", against, "set it so, and fly again")
+    if not (isfinite(loop_hz) and loop_hz > 0.0):
+        text = f"{autopilot.loop_rate} is not in the log: delay and washout depend on it"
+        raise Refused("loop_rate_unknown", text, "give --loop-rate HZ")
+    missing = [names[0] for names in autopilot.needs(known) if first(known, names) is None]
+    if missing:
+        give = " ".join(f"--param {name}=VALUE" for name in missing)
+        text = f"not in the log: {', '.join(missing)}"
+        raise Refused("parameters_unknown", text, f"give {give}, or log all parameters")
+
+
+def check_gain(effect: Floats, known: Floats) -> None:
+    """Check that the gain at wn is known, by the draws' effect of the rudder on the pair (n,).
+
+    The gain itself is that over zeta wn, and its sigma mostly zeta's, which the predictions have
+    already. ``known`` are the draws that answer.
+
+    Raises:
+        Refused: its sigma is above 20 %.
+    """
+    spread = float(np.sqrt(np.mean((effect / np.median(known) - 1.0) ** 2)))
+    if spread > MOST_GAIN_STD:
+        most = 100 * MOST_GAIN_STD
+        text = (
+            f"the rudder's effect at wn has a sigma of {100 * spread:.0f} %, and at most "
+            f"{most:g} % is needed"
+        )
+        raise Refused("gain_uncertain", text, CARD)
+
+
+def check_turn(fits: Sequence[Drawn], wn: float, factor: float) -> None:
+    """Check that the turn's term, which feeds the roll back, is small next to the yaw rate.
+
+    ``factor`` is the parameter of the term. Both are compared near wn rad/s.
+
+    Raises:
+        Refused: it is above 20 %, or the bank is not known.
+    """
+    total = np.zeros(2)
+    for each in fits:
+        good = np.isfinite(each.judged.y) & np.isfinite(each.turn_rate)
+        if np.count_nonzero(good) < len(good) / 2:
+            text = "bank or airspeed is not known: the damper also feeds back the wanted turn"
+            raise Refused("roll_term", text, "log ATTITUDE and the airspeed")
+        t = np.arange(len(good))
+        w = 2.0 * pi * np.fft.rfftfreq(len(t), each.model.sample_time_s)
+        near = (w >= NEAR_WN[0] * wn) & (w <= NEAR_WN[1] * wn)
+        for i, signal in enumerate((each.judged.y, factor * each.turn_rate)):
+            whole = np.interp(t, t[good], signal[good])
+            spectrum = np.fft.rfft((whole - whole.mean()) * np.hanning(len(t)))
+            total[i] += np.sum(np.abs(spectrum[near]) ** 2)
+    share = float(np.sqrt(total[1] / total[0])) if total[0] > 0.0 else np.inf
+    if share > MOST_TURN:
+        text = (
+            f"near wn the wanted turn that the damper subtracts is {100 * share:.0f} % of the yaw "
+            f"rate: up to {100 * MOST_TURN:g} % may be left out of the loop"
+        )
+        raise Refused("roll_term", text, "hold the roll more closely in the manoeuvres")

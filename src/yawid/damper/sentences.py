@@ -1,0 +1,103 @@
+"""What the predictions of a damper say to the pilot, in sentences and warnings."""
+
+from collections.abc import Iterable
+from typing import Final
+
+import numpy as np
+
+from yawid.answers.damper_report import Recommended
+from yawid.answers.run_summary import ReasonSummary
+from yawid.damper.advice import AIM, AIM_HALF, Closed, Predicted
+
+MOSTLY_FEEDBACK: Final = 1.2
+"""With a larger |L(j wn)| the rudder moves mostly by feedback; there answers were 9 to 12 % off."""
+PREDICTION: Final = (
+    "This is a prediction: fly it in steps, at a safe height, ready to set the old value again."
+)
+
+
+def warnings(predicted: Predicted, name: str, flown: float) -> Iterable[ReasonSummary]:
+    """Yield what speaks against the predictions; ``name`` is the parameter, ``flown`` its value."""
+    closed = predicted.closed
+    G = predicted.aircraft.at(closed.airspeeds_m_s[0])  # noqa: N806
+    s = np.array([1j * float(np.median(np.abs(G.dutch_roll)))])
+    size = np.median(np.abs(predicted.laws[0].at(s, flown) * G.at(s)))
+    if flown > 0.0 and size > MOSTLY_FEEDBACK:
+        text = (
+            f"with {name} {flown:g} the rudder moved mostly by feedback, and such answers were "
+            "about 10 % off: fly once with half of it"
+        )
+        yield ReasonSummary("closed_loop", "warning", text)
+    if takes_damping(closed):
+        text = f"more {name} takes damping from this pair"
+        yield ReasonSummary("lowers_damping", "warning", text)
+
+
+def takes_damping(closed: Closed) -> bool:
+    """Return whether a gain that is tried lowers zeta below that of no damper, at any airspeed."""
+    zeta = closed.middle(closed.zeta)
+    return bool((zeta < zeta[:, :1]).any()) or not closed.damps[:, 1].all()
+
+
+def sentences(
+    predicted: Predicted, name: str, flown: float, found: Recommended | None, aim: float | None
+) -> Iterable[str]:
+    """Yield what the predictions mean: the band, the next step, and what to look for in flight."""
+    closed = predicted.closed
+    zeta, std, wn = closed.middle(closed.zeta), closed.std(closed.zeta), closed.middle(closed.wn)
+    low_aim, high_aim = AIM if aim is None else (aim - AIM_HALF, aim + AIM_HALF)
+    at = int(np.argmin(np.abs(closed.gains - flown)))
+    felt = f"wn {wn[0, at]:.3g} rad/s and zeta {zeta[0, at]:.2f}"
+    yield "The answer is the aircraft without its damper" + (
+        f"; {name} was {flown:g}, with which the pilot felt {felt}." if flown > 0.0 else "."
+    )
+    if takes_damping(closed):
+        yield _with_more_gain(predicted, name)
+    if found is None:
+        yield _why_none(closed, name, high_aim)
+        return
+    least = zeta[:, int(np.argmin(np.abs(closed.gains - found.high)))].min()
+    if least < low_aim:
+        yield (
+            f"The margins allow {name} {found.high:g} at most, which gives zeta {least:.2f}: "
+            f"{low_aim:g} is not reached."
+        )
+    first = ", a first step from no damper" if flown == 0.0 else ""
+    yield f"Aim at {name} {found.low:g} to {found.high:g}. Fly {found.next:g} next{first}."
+    row = int(np.argmin(np.abs(closed.gains - found.next)))
+    for v, speed in enumerate(closed.airspeeds_m_s):
+        yield (
+            f"There the decay at {speed:.1f} m/s should show wn {wn[v, row]:.3g} rad/s and zeta "
+            f"{zeta[v, row]:.2f} ± {std[v, row]:.2f}."
+        )
+    yield "A replay of that flight should find the same wn and zeta as now: those without damper."
+    yield f"If the tail wags, or less damping is felt than before, set {name} {flown:g} again."
+    yield PREDICTION
+
+
+def _why_none(closed: Closed, name: str, high_aim: float) -> str:
+    zeta = closed.middle(closed.zeta)
+    if zeta[:, 0].min() > high_aim:
+        return f"Without a damper zeta is {zeta[:, 0].min():.2f}: none is needed or recommended."
+    if not closed.damps[:, 1].all():
+        return "No gain is recommended, as none surely adds damping."
+    return (
+        f"No gain is recommended: no {name} has a phase margin of 45 degrees and a gain margin of "
+        "6 dB at every airspeed."
+    )
+
+
+def _with_more_gain(predicted: Predicted, name: str) -> str:
+    """Return what more gain does where it takes damping from the pair."""
+    closed = predicted.closed
+    zeta, wn = closed.middle(closed.zeta), closed.middle(closed.wn)
+    v, row = (int(i) for i in np.unravel_index(np.nanargmin(zeta - zeta[:, :1]), zeta.shape))
+    G = predicted.aircraft.at(closed.airspeeds_m_s[v])  # noqa: N806
+    lagging = predicted.aircraft.lag >= 0
+    slow = G.poles[lagging, predicted.aircraft.lag[lagging].astype(int)].real
+    lag = f", behind a lag of {float(np.median(-1.0 / slow)):.2g} s" if len(slow) else ""
+    return (
+        f"At {closed.airspeeds_m_s[v]:.1f} m/s more {name} takes damping from the pair{lag} (a "
+        f"slow servo or filter): {closed.gains[row]:g} would raise wn from {wn[v, 0]:.3g} to "
+        f"{wn[v, row]:.3g} rad/s and lower zeta from {zeta[v, 0]:.2f} to {zeta[v, row]:.2f}."
+    )

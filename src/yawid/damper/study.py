@@ -1,0 +1,220 @@
+"""From a run to the advice on its yaw damper: checks, predictions, sentences."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from math import radians
+from typing import Any, Final
+
+import numpy as np
+
+from yawid.answers.damper_report import DamperReport, Recommended
+from yawid.answers.run_summary import Flight, Manoeuvre, RunSummary, VerdictSummary
+from yawid.blocks import Floats, SampleBlock
+from yawid.config.run import RunConfig
+from yawid.damper.advice import (
+    FINE,
+    Closed,
+    Predicted,
+    closed_with,
+    largest_gain,
+    nice,
+    recommended,
+    table,
+)
+from yawid.damper.autopilots import AUTOPILOTS, Autopilot, law_at
+from yawid.damper.draws import central, drawn_aircraft
+from yawid.damper.refusals import (
+    EXIT_CODES,
+    Refused,
+    autopilot_of,
+    check_gain,
+    check_input,
+    check_loop,
+    check_turn,
+    usable_flight,
+)
+from yawid.damper.sentences import sentences, warnings
+from yawid.errors import ConfigError
+from yawid.models.refit import Drawn, Rows
+
+FURTHEST: Final = 1.5
+"""The largest factor between an airspeed asked for and those flown."""
+SAME_SPEED: Final = 0.03
+"""Airspeeds that differ by at most this part of them are one."""
+MOST_MANOEUVRES: Final = 6
+"""The largest number of manoeuvres that are fitted again."""
+RICHER: Final = ((3, 3, 2), (4, 4, 3))
+"""Structures: the draws have the flight's own and the other one of these."""
+LEAST_SHOWN: Final = 4.0
+"""At least this number of gains is printed."""
+
+
+@dataclass(frozen=True, slots=True)
+class Asked:
+    """What the user gives: a zeta to aim at, what the log does not say, and airspeeds in m/s.
+
+    Raises:
+        ConfigError: a value is outside its limits.
+    """
+
+    aim: float | None = None
+    autopilot: str | None = None
+    loop_rate_hz: float | None = None
+    airspeed: tuple[float, float] | None = None
+    parameters: Mapping[str, float] = field(default_factory=dict)
+    gains: Sequence[float] = ()
+
+    def __post_init__(self) -> None:
+        aim, rate, gains = self.aim or 0.3, self.loop_rate_hz or 50.0, self.gains
+        low, high = self.airspeed or (1.0, 1.0)
+        known = self.autopilot in (None, *AUTOPILOTS)
+        checks: tuple[tuple[str, object, bool, str], ...] = (
+            ("--aim", aim, 0.05 <= aim <= 0.9, "0.05 to 0.9"),
+            ("--autopilot", self.autopilot, known, f"one of {', '.join(AUTOPILOTS)}"),
+            ("--loop-rate", rate, 10.0 <= rate <= 1e4, "10 to 10000 Hz"),
+            ("--airspeed", self.airspeed, 0.0 < low <= high < 1e3, "LO,HI in m/s, 0 < LO <= HI"),
+            ("gains", gains, all(0.0 <= gain < 1e3 for gain in gains), "0 to 1000"),
+        )
+        for name, value, good, needed in checks:
+            if not good:
+                raise ConfigError(f"{name} must be {needed}, got {value!r}")
+
+
+@dataclass(frozen=True, slots=True)
+class Facts:
+    """A run: its summary and configuration, its samples in blocks, the vehicle's parameters."""
+
+    summary: RunSummary
+    config: RunConfig
+    sample_time_s: float
+    samples: Iterable[SampleBlock]
+    parameters: Mapping[str, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Study:
+    """The report, and the predictions behind it; None where it was refused."""
+
+    report: DamperReport
+    predicted: Predicted | None = None
+
+    @property
+    def exit_code(self) -> int:
+        """0 where there are predictions, else the code of the first fatal reason."""
+        fatal = self.report.verdict.fatal
+        return EXIT_CODES[fatal[0].id] if fatal else 0
+
+
+def study(facts: Facts, asked: Asked) -> Study:
+    """Return which gain of the yaw damper gives which damping, for a run and what the user asked.
+
+    A run for which that cannot be known gives a report whose verdict says why.
+    """
+    known: dict[str, float] = {**facts.parameters, **asked.parameters}
+    said: dict[str, Any] = {"log": facts.summary.log}
+    try:
+        flight = usable_flight(facts.summary)
+        autopilot = autopilot_of(facts.summary, asked.autopilot)
+        said |= {"autopilot": autopilot.words, "parameter": autopilot.gain}
+        check_input(facts.summary, facts.config)
+        loop_hz = asked.loop_rate_hz or known.get(autopilot.loop_rate, 0.0)
+        check_loop(autopilot, known, loop_hz)
+        flown = known[autopilot.gain]
+        said |= {"flown": flown, "loop_rate_hz": loop_hz}
+        predicted = _predicted(facts, flight, autopilot, known, loop_hz, asked)
+    except Refused as refused:
+        verdict = VerdictSummary(usable=False, reasons=[refused.reason], next=refused.to_do)
+        return Study(DamperReport(**said, gains=[], says=[], verdict=verdict))
+    found = recommended(predicted.closed, flown, asked.aim)
+    says = list(sentences(predicted, autopilot.gain, flown, found, asked.aim))
+    reasons = list(warnings(predicted, autopilot.gain, flown))
+    verdict = VerdictSummary(method=flight.method, usable=True, reasons=reasons)
+    rows = _shown(predicted.closed, found, flown, asked.gains)
+    gains = [each for i, each in enumerate(table(predicted.closed)) if i in rows]
+    report = DamperReport(**said, gains=gains, recommended=found, says=says, verdict=verdict)
+    return Study(report, predicted)
+
+
+def _predicted(
+    facts: Facts, flight: Flight, autopilot: Autopilot, known: Mapping[str, float],
+    loop_hz: float, asked: Asked,
+) -> Predicted:  # fmt: skip
+    used = [each for each in facts.summary.manoeuvres or () if each.n in flight.used]
+    fits = _fits(facts, flight, used)
+    own, richer = ([(each.model, speed) for each, speed in some] for some in fits)
+    aircraft = drawn_aircraft(flight, own, richer, mean_output=facts.config.output == "yaw")
+    if aircraft is None or flight.dutch_roll is None:
+        text = "the manoeuvres, fitted again, do not give the flight's answer"
+        raise Refused("not_fitted", text, "replay the log with this version")
+    wn = flight.dutch_roll.wn_rad_s
+    effect = aircraft.G.effect
+    check_gain(effect, effect[aircraft.own])
+    if autopilot.turn is not None:
+        check_turn([each for each, _ in fits[0]], wn, known.get(autopilot.turn, 1.0))
+    speeds = _airspeeds(flight, used, asked)
+    unit = radians(facts.config.rudder_max_deg) if facts.config.rudder_max_deg else 1.0
+    laws = [law_at(autopilot, known, loop_hz, speed) for speed in speeds]
+    laws = [replace(law, scaling=law.scaling * unit) for law in laws]
+    gains = _gains(largest_gain(aircraft, laws, speeds), known[autopilot.gain], asked.gains)
+    closed = closed_with(aircraft, laws, gains, speeds, facts.sample_time_s)
+    return Predicted(aircraft, central(aircraft, flight), tuple(laws), closed, fits[0][0][0])
+
+
+def _fits(
+    facts: Facts, flight: Flight, used: Sequence[Manoeuvre]
+) -> tuple[list[tuple[Drawn, float]], list[tuple[Drawn, float]]]:
+    """Return manoeuvres fitted by the flight's own and by the other structure, with airspeeds."""
+    few = np.linspace(0, len(used) - 1, min(len(used), MOST_MANOEUVRES)).round().astype(int)
+    rows = [Rows(used[i]) for i in few]
+    for block in facts.samples:
+        for each in rows:
+            each.add(block)
+    assert flight.orders is not None  # it is usable
+    na, nb, nc, nk = (getattr(flight.orders, name) for name in ("na", "nb", "nc", "nk"))
+    other = RICHER[1] if (na, nb, nc) != RICHER[1] else RICHER[0]
+    found: tuple[list[tuple[Drawn, float]], list[tuple[Drawn, float]]] = ([], [])
+    for into, structure in zip(found, ((na, nb, nc, nk), (*other, nk)), strict=True):
+        for each in rows:
+            drawn = each.drawn(facts.config, facts.sample_time_s, structure)
+            if drawn is not None and each.found.airspeed_m_s is not None:
+                into.append((drawn, each.found.airspeed_m_s))
+    return found
+
+
+def _airspeeds(flight: Flight, used: Sequence[Manoeuvre], asked: Asked) -> list[float]:
+    """Return the airspeeds in m/s of the predictions, ascending."""
+    told = flight.airspeed_m_s
+    assert told is not None  # usable_flight() has seen to it
+    flown = [each.airspeed_m_s for each in used if each.airspeed_m_s is not None]
+    low, high = asked.airspeed or (min(flown), max(flown))
+    if low < min(flown) / FURTHEST or high > max(flown) * FURTHEST:
+        text = (
+            f"{low:g} to {high:g} m/s is asked for and {min(flown):.1f} to {max(flown):.1f} m/s "
+            f"was flown: at most a factor of {FURTHEST:g} can be bridged"
+        )
+        to_do = "fly manoeuvres at those airspeeds, or ask for less by --airspeed LO,HI"
+        raise Refused("too_far", text, to_do)
+    if high - low <= SAME_SPEED * told and asked.airspeed is None:
+        return [told]
+    between = [told] if low * (1 + SAME_SPEED) < told < high / (1 + SAME_SPEED) else []
+    return sorted({low, *between, high})
+
+
+def _gains(largest: float, flown: float, asked: Sequence[float]) -> Floats:
+    """Return the gains that are tried, ascending from 0: finely spaced, with those asked for."""
+    step = nice(max(largest, flown) / FINE)
+    fine = np.round(np.arange(0.0, max(largest, flown) + 0.5 * step, step), 6)
+    return np.unique(np.concatenate([fine, [flown], asked]).astype(float))
+
+
+def _shown(
+    closed: Closed, found: Recommended | None, flown: float, asked: Sequence[float]
+) -> set[int]:
+    """Return the rows that are printed: some at equal distances, and those that have a name."""
+    gains = closed.gains
+    named = [0.0, flown, *asked]
+    if found is not None:
+        named += [found.low, found.high, found.next]
+    if not asked:
+        named += np.arange(0.0, 1.0001 * gains[-1], nice(float(gains[-1]) / LEAST_SHOWN)).tolist()
+    return {int(np.argmin(np.abs(gains - each))) for each in named}

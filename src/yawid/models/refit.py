@@ -1,0 +1,99 @@
+"""A manoeuvre's samples out of a run's rows, and its answering model fitted again.
+
+A run's file holds the sigma of theta but not its covariance, which every band needs; the fit from
+the same samples gives it, and shows that the file can be replayed.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from datetime import datetime
+from typing import Any, Final
+
+import numpy as np
+
+from yawid.answers.run_summary import Manoeuvre
+from yawid.blocks import Bools, Floats, SampleBlock
+from yawid.config.run import RunConfig
+from yawid.errors import ConfigError
+from yawid.estimation.fit import simulate
+from yawid.estimation.methods import METHODS
+from yawid.estimation.record_fit import FittedModel, fit_record
+from yawid.models.fitted import Judged, Model
+
+_AWAY_NS: Final = 2_000_000_000
+_COLUMNS: Final = ("u", "y", "turn_rate", "aileron")
+
+
+@dataclass(frozen=True, slots=True)
+class Drawn:
+    """A manoeuvre, its final model, and the samples that the model was fitted to.
+
+    ``turn_rate`` (n,) is the turn rate in rad/s that bank and airspeed imply.
+    """
+
+    found: Manoeuvre
+    model: Model
+    judged: Judged
+    turn_rate: Floats
+
+
+class Rows:
+    """The samples of one manoeuvre, taken from the blocks of a run."""
+
+    def __init__(self, found: Manoeuvre) -> None:
+        self.found = found
+        self._parts: list[tuple[Floats, ...]] = []
+        try:
+            begin = datetime.fromisoformat(found.date or "").timestamp()
+        except ValueError:  # a record without a date, or a file that somebody has changed
+            begin = np.nan
+        self._from_ns = begin * 1e9 - _AWAY_NS
+        self._to_ns = (begin + found.duration_s) * 1e9 + _AWAY_NS
+
+    def add(self, samples: SampleBlock) -> None:
+        """Take the manoeuvre's samples from a block; another boot may have the same seconds."""
+        t = samples.boot_us / 1e6
+        # A tolerance of a thousandth of a sample, since the summary's seconds are rounded.
+        near = 1e-3 * samples.sample_time_s
+        rows: Bools = (t >= self.found.from_s - near) & (t <= self.found.to_s + near)
+        if np.isfinite(self._from_ns):
+            rows &= (samples.unix_ns >= self._from_ns) & (samples.unix_ns <= self._to_ns)
+        if rows.any():
+            self._parts.append((t[rows], *(getattr(samples, name)[rows] for name in _COLUMNS)))
+
+    def drawn(
+        self, config: RunConfig, sample_time_s: float, orders: Sequence[int] | None = None
+    ) -> Drawn | None:
+        """Fit the manoeuvre by the method that answered it, with its own or other orders.
+
+        Return None where the fit fails or the manoeuvre has no answer.
+        """
+        answer = self.found.answer
+        if answer is None or not self._parts:
+            return None
+        t, u, y, turn, aileron = (np.concatenate(c) for c in zip(*self._parts, strict=True))
+        own = answer.orders.na, answer.orders.nb, answer.orders.nc, answer.orders.nk
+        asked: dict[str, Any] = {"orders": tuple(orders or own), "inputs": tuple(self.found.inputs)}
+        try:
+            fitting = replace(config, **asked, memory=None, forgetting=1.0)
+            fit = fitting.estimator(config.method, sample_time_s)
+        except ConfigError:
+            return None
+        u = u[:, : len(self.found.inputs)]
+        if u.shape[1] < len(self.found.inputs):
+            u = np.column_stack([u, aileron])
+        if self.found.turn_removed and config.turn == "keep":
+            y = y - turn
+        good = np.isfinite(y) & np.isfinite(u).all(axis=1)
+        u, y = np.where(good[:, None], u, np.nan), np.where(good, y, np.nan)
+        fitted: FittedModel = fit_record(fit, u, y, method=answer.method)
+        if not np.isfinite(fitted.covariance).all() or not np.isfinite(fitted.theta).all():
+            return None
+        theta, same = fitted.theta, fitted.theta.tolist() == list(answer.theta.values())
+        if METHODS[answer.method].runs_free:
+            simulated = fitted.y_hat
+        else:
+            simulated = simulate(theta, fit.orders, fit.bias, u, y)
+        model = Model(theta, fitted.covariance, fit.orders, sample_time_s, same)
+        judged = Judged(t, u, y, fitted.y_hat, simulated, y - fitted.y_hat)
+        return Drawn(self.found, model, judged, turn)

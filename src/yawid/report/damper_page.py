@@ -1,0 +1,233 @@
+"""The page of ``yawid damper``: one HTML file in the report's style."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from yawid.answers.damper_report import DamperReport
+from yawid.blocks import Floats
+from yawid.damper.advice import LEAST_PHASE_DEG, Predicted
+from yawid.damper.loop import closed_dutch_roll, known_frequencies
+from yawid.damper.response import closed_response
+from yawid.damper.study import Study
+from yawid.physics.continuous import Transfer
+from yawid.physics.modes import Complexes
+from yawid.report.html import Cell, head, listed, note, page, pictures, sheet
+from yawid.report.picture import Picture, band
+from yawid.sinks.palette import BAD, DATA, MODEL, NEUTRAL, RUDDER
+from yawid.sinks.part_file import check_free, write_whole
+
+SHADES: Final = (MODEL, RUDDER, BAD)
+"""The colour of each airspeed, the lowest first."""
+
+
+def write_damper_page(found: Study, path: Path, *, force: bool = False) -> None:
+    """Write the page of a damper's predictions to ``path``.
+
+    Raises:
+        SinkError: the file exists and ``force`` is not set, or it cannot be written.
+    """
+    check_free(path, force=force)
+    assert found.predicted is not None
+    name = Path(found.report.log).name
+    html = page(f"{name} - yawid damper", _sections(found.report, found.predicted, name))
+    write_whole({path: html.encode("utf-8", "replace")}, force=force)
+
+
+def _sections(report: DamperReport, predicted: Predicted, name: str) -> Iterator[str]:
+    band_said = report.recommended
+    sentence = (
+        f"No {report.parameter} is recommended."
+        if band_said is None
+        else f"{report.parameter}: aim at {band_said.low:g} to {band_said.high:g}, "
+        f"fly {band_said.next:g} next."
+    )
+    flown = f"{report.parameter} flown {report.flown:g}"
+    origin = f"{report.autopilot} · loop at {report.loop_rate_hz:g} Hz · {flown}"
+    reasons = [(each.weight, each.name, each.text, "") for each in report.verdict.reasons]
+    body = note("", " ".join(report.says)) + listed(reasons)
+    yield head(name, origin, sentence, body, usable=band_said is not None)
+    yield pictures("The damped aircraft", list(_pictures(report, predicted)))
+    heading = (
+        report.parameter or "",
+        "V m/s",
+        "wn rad/s",
+        "zeta",
+        "gain margin dB",
+        "phase margin deg",
+    )
+    yield sheet("Every gain", heading, [(cells, False) for cells in _rows(report)])
+    told = (
+        "± is one sigma, bands are 2 sigma. Margins are those of the open loop at the 95 % bound "
+        "of the model; where nothing crosses, or the model is not known, there is none."
+    )
+    yield note("", told)
+
+
+def _rows(report: DamperReport) -> Iterator[list[Cell]]:
+    for gain in report.gains:
+        for at in gain.at:
+            pairs = ((at.wn_rad_s, at.wn_std, ".2f"), (at.zeta, at.zeta_std, ".3f"))
+            told = [
+                "" if x is None else f"{x:{form}} ± {std or 0.0:{form}}" for x, std, form in pairs
+            ]
+            margins = [
+                "" if x is None else f"{x:.0f}" for x in (at.gain_margin_db, at.phase_margin_deg)
+            ]
+            yield [
+                (each, "")
+                for each in (f"{gain.value:g}", f"{at.airspeed_m_s:.1f}", *told, *margins)
+            ]
+
+
+def _pictures(report: DamperReport, predicted: Predicted) -> Iterator[Picture]:
+    gain = _gain_of(report, predicted)
+    yield _over_gain(report, predicted)
+    yield _locus(report, predicted)
+    yield _bode(predicted, gain, report.parameter or "")
+    yield _response(predicted, gain, report.parameter or "")
+
+
+def _gain_of(report: DamperReport, predicted: Predicted) -> float:
+    """Return the gain that is drawn: the next to fly, else the flown one, else a middle one."""
+    if report.recommended is not None:
+        return report.recommended.next
+    return report.flown or float(predicted.closed.gains[len(predicted.closed.gains) // 4])
+
+
+def _over_gain(report: DamperReport, predicted: Predicted) -> Picture:
+    closed = predicted.closed
+
+    def draw(figure: Figure) -> None:
+        axes = figure.subplots(2, 1, sharex=True)
+        for ax, values, label in zip(
+            axes, (closed.zeta, np.abs(closed.s)), ("ζ", "ωn [rad/s]"), strict=True
+        ):
+            middle, std = closed.middle(values), closed.std(values)
+            for v, speed in enumerate(closed.airspeeds_m_s):
+                shade = SHADES[v % len(SHADES)]
+                ax.plot(closed.gains, middle[v], color=shade, label=f"{speed:.1f} m/s")
+                band(ax, closed.gains, middle[v] - 2.0 * std[v], middle[v] + 2.0 * std[v], shade)
+            if report.recommended is not None:
+                ax.axvspan(
+                    report.recommended.low, report.recommended.high, color=NEUTRAL, alpha=0.2
+                )
+                ax.axvline(report.recommended.next, color=NEUTRAL, linestyle="--")
+            ax.set_ylabel(label)
+        axes[1].set_xlabel(report.parameter or "")
+        figure.legend(*axes[0].get_legend_handles_labels(), loc="outside upper right", ncols=3)
+
+    look = "Grey: the band aimed at; dashed: the gain to fly next. Bands: 2 sigma."
+    return Picture("over-gain", "Damping and frequency over the gain", look, draw, (5.6, 4.4))
+
+
+def _middle_of(predicted: Predicted, v: int) -> Transfer:
+    return predicted.central.faster(
+        predicted.closed.airspeeds_m_s[v] / predicted.aircraft.airspeed_m_s
+    )
+
+
+def _locus(report: DamperReport, predicted: Predicted) -> Picture:
+    closed = predicted.closed
+
+    def draw(figure: Figure) -> None:
+        ax = figure.subplots()
+        for v, (speed, law) in enumerate(zip(closed.airspeeds_m_s, predicted.laws, strict=True)):
+            s = closed_dutch_roll(_middle_of(predicted, v), law, closed.gains)[:, 0]
+            shade = SHADES[v % len(SHADES)]
+            ax.plot(s.real, s.imag, color=shade, label=f"{speed:.1f} m/s")
+            ax.plot(s.real[:1], s.imag[:1], "x", color=shade)
+            shown = [int(np.argmin(np.abs(closed.gains - each.value))) for each in report.gains]
+            ax.plot(s.real[shown], s.imag[shown], ".", color=shade)
+        low, high = ax.get_ylim()
+        for zeta in (0.1, 0.2, 0.3, 0.4, 0.6):
+            top = max(high, 1e-9)
+            ax.plot(
+                [0.0, -top * zeta / np.sqrt(1 - zeta**2)],
+                [0.0, top],
+                color="#cccccc",
+                linewidth=0.6,
+            )
+            ax.annotate(
+                f"{zeta:g}", (-top * zeta / np.sqrt(1 - zeta**2), top), fontsize=7, color="#777777"
+            )
+        ax.set_ylim(min(low, 0.0), high)
+        ax.set_xlabel("real [1/s]")
+        ax.set_ylabel("imaginary [rad/s]")
+        figure.legend(loc="outside upper right", ncols=3)
+
+    look = "The Dutch roll from no damper (x) on. Dots: gains of the table; grey: constant ζ."
+    return Picture("locus", "Root locus", look, draw, (5.6, 4.4))
+
+
+def _bode(predicted: Predicted, gain: float, name: str) -> Picture:
+    law, speed = predicted.laws[0], predicted.closed.airspeeds_m_s[0]
+    aircraft = predicted.aircraft.at(speed)
+    w = known_frequencies(
+        float(np.median(np.abs(aircraft.dutch_roll))), predicted.manoeuvre.model.sample_time_s
+    )
+    s: Complexes = (1j * w).astype(np.complex128)
+    every = law.at(s, gain) * aircraft.at(s)
+    middle = (law.at(s, gain) * _middle_of(predicted, 0).at(s))[0]
+
+    def draw(figure: Figure) -> None:
+        upper, lower = figure.subplots(2, 1, sharex=True)
+        decibels = 20.0 * np.log10(np.abs(every))
+        upper.semilogx(w, 20.0 * np.log10(np.abs(middle)), color=MODEL)
+        band(upper, w, *_ninety_five(decibels), MODEL)
+        upper.axhline(0.0, color=NEUTRAL, linewidth=0.9)
+        phase = np.degrees(np.unwrap(np.angle(every), axis=1))
+        lower.semilogx(w, np.degrees(np.unwrap(np.angle(middle))), color=MODEL)
+        band(lower, w, *_ninety_five(phase), MODEL)
+        for edge in (-180.0, 180.0):
+            lower.axhline(edge, color=BAD, linewidth=0.9)
+            inside = edge - np.sign(edge) * LEAST_PHASE_DEG
+            lower.axhline(inside, color=BAD, linewidth=0.7, linestyle=":")
+        upper.set_ylabel("|L| [dB]")
+        lower.set_ylabel("phase [deg]")
+        lower.set_xlabel("ω [rad/s]")
+
+    look = (
+        f"With {name} {gain:g} at {speed:.1f} m/s, over the frequencies where the model is known. "
+        "Where |L| crosses 0 dB the phase must be within the dotted lines. Bands: 95 %."
+    )
+    return Picture("open-loop", "Open loop", look, draw, (5.6, 4.4))
+
+
+def _ninety_five(values: Floats) -> tuple[Floats, Floats]:
+    low, high = np.percentile(values, [2.5, 97.5], axis=0)
+    return low, high
+
+
+def _response(predicted: Predicted, gain: float, name: str) -> Picture:
+    judged, model = predicted.manoeuvre.judged, predicted.manoeuvre.model
+    u = np.nan_to_num(judged.u[:, 0] - np.nanmean(judged.u[:, 0]))
+    t = judged.t - judged.t[0]
+    v = int(
+        np.argmin(
+            np.abs(np.array(predicted.closed.airspeeds_m_s) - predicted.aircraft.airspeed_m_s)
+        )
+    )
+    G, law = _middle_of(predicted, v), predicted.laws[v]
+    without, damped = (
+        closed_response(G, law, each, u, model.sample_time_s) for each in (None, gain)
+    )
+
+    def draw(figure: Figure) -> None:
+        upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=[1, 2])
+        upper.plot(t, u, color=RUDDER)
+        upper.set_ylabel("rudder")
+        lower.plot(t, judged.y - np.nanmean(judged.y), color=DATA, linewidth=0.9, label="measured")
+        lower.plot(t, without, color=NEUTRAL, label="without damper")
+        lower.plot(t, damped, color=MODEL, label=f"with {name} {gain:g}")
+        lower.set_ylabel("yaw rate [rad/s]")
+        lower.set_xlabel("s")
+        figure.legend(loc="outside upper right", ncols=3)
+
+    look = "The rudder of the manoeuvre, moved by the pilot, without and with the damper."
+    return Picture(
+        "response", "The manoeuvre flown, without and with the damper", look, draw, (5.6, 4.4)
+    )
