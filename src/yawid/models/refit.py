@@ -62,16 +62,21 @@ class Rows:
             self._parts.append((t[rows], *(getattr(samples, name)[rows] for name in _COLUMNS)))
 
     def drawn(
-        self, config: RunConfig, sample_time_s: float, orders: Sequence[int] | None = None
+        self,
+        config: RunConfig,
+        sample_time_s: float,
+        orders: Sequence[int] | None = None,
+        turn: float = 0.0,
     ) -> Drawn | None:
         """Fit the manoeuvre by the method that answered it, with its own or other orders.
 
-        Return None where the fit fails or the manoeuvre has no answer.
+        The output is less ``turn`` times the turn rate. Return None where the fit fails or the
+        manoeuvre has no answer.
         """
         answer = self.found.answer
         if answer is None or not self._parts:
             return None
-        t, u, y, turn, aileron = (np.concatenate(c) for c in zip(*self._parts, strict=True))
+        t, u, y, turn_rate, aileron = (np.concatenate(c) for c in zip(*self._parts, strict=True))
         own = answer.orders.na, answer.orders.nb, answer.orders.nc, answer.orders.nk
         asked: dict[str, Any] = {"orders": tuple(orders or own), "inputs": tuple(self.found.inputs)}
         try:
@@ -83,7 +88,9 @@ class Rows:
         if u.shape[1] < len(self.found.inputs):
             u = np.column_stack([u, aileron])
         if self.found.turn_removed and config.turn == "keep":
-            y = y - turn
+            y = y - turn_rate
+        if turn:
+            y = y - turn * turn_rate
         good = np.isfinite(y) & np.isfinite(u).all(axis=1)
         u, y = np.where(good[:, None], u, np.nan), np.where(good, y, np.nan)
         fitted: FittedModel = fit_record(fit, u, y, method=answer.method)
@@ -96,4 +103,4 @@ class Rows:
             simulated = simulate(theta, fit.orders, fit.bias, u, y)
         model = Model(theta, fitted.covariance, fit.orders, sample_time_s, same)
         judged = Judged(t, u, y, fitted.y_hat, simulated, y - fitted.y_hat)
-        return Drawn(self.found, model, judged, turn)
+        return Drawn(self.found, model, judged, turn_rate)
