@@ -19,6 +19,7 @@ from yawid.estimation.fit import simulate
 from yawid.estimation.methods import METHODS
 from yawid.estimation.record_fit import FittedModel, fit_record
 from yawid.models.fitted import Judged, Model
+from yawid.results.narrow import Narrow, narrowed
 
 _AWAY_NS: Final = 2_000_000_000
 _COLUMNS: Final = ("u", "y", "turn_rate", "aileron")
@@ -79,11 +80,6 @@ class Rows:
         t, u, y, turn_rate, aileron = (np.concatenate(c) for c in zip(*self._parts, strict=True))
         own = answer.orders.na, answer.orders.nb, answer.orders.nc, answer.orders.nk
         asked: dict[str, Any] = {"orders": tuple(orders or own), "inputs": tuple(self.found.inputs)}
-        try:
-            fitting = replace(config, **asked, memory=None, forgetting=1.0)
-            fit = fitting.estimator(config.method, sample_time_s)
-        except ConfigError:
-            return None
         u = u[:, : len(self.found.inputs)]
         if u.shape[1] < len(self.found.inputs):
             u = np.column_stack([u, aileron])
@@ -91,6 +87,18 @@ class Rows:
             y = y - turn_rate
         if turn:
             y = y - turn * turn_rate
+        tried = self.found.answering_try
+        if tried is not None and tried.band_hz is not None:
+            low_hz, high_hz = tried.band_hz
+            every = round(answer.sample_time_s / sample_time_s)
+            u, y = narrowed(u, y, sample_time_s, Narrow((low_hz, high_hz), every))
+            t, turn_rate = t[::every][: len(y)], turn_rate[::every][: len(y)]
+            sample_time_s = every * sample_time_s
+        try:
+            fitting = replace(config, **asked, memory=None, forgetting=1.0)
+            fit = fitting.estimator(config.method, sample_time_s)
+        except ConfigError:
+            return None
         good = np.isfinite(y) & np.isfinite(u).all(axis=1)
         u, y = np.where(good[:, None], u, np.nan), np.where(good, y, np.nan)
         fitted: FittedModel = fit_record(fit, u, y, method=answer.method)
