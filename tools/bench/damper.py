@@ -244,7 +244,8 @@ def _cells(rows: list[Row]) -> list[str]:
     told = [row for row in rows if not row["refused"]]
     right = [row for row in told if is_right(row["zeta"], row["closed"][1])]
     within = [row for row in told if is_within(row)]
-    off = [abs(row["wn"] / row["closed"][0] - 1.0) for row in told]
+    # A predicted pair that became two real poles has no wn; its zeta counts as wrong.
+    off = [abs(row["wn"] / row["closed"][0] - 1.0) for row in told if math.isfinite(row["wn"])]
     decays = [row for row in told if row["decay"] and row["decay_predicted"]]
     alike = [row for row in decays if is_right(row["decay_predicted"][1], row["decay"][1])]
     answered = [row for row in told if row["z"]]

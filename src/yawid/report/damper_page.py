@@ -16,7 +16,7 @@ from yawid.damper.study import Study
 from yawid.physics.continuous import Transfer
 from yawid.physics.modes import Complexes
 from yawid.report.html import Cell, head, listed, note, page, pictures, sheet
-from yawid.report.picture import Picture, band
+from yawid.report.picture import Picture, band, log_axis
 from yawid.sinks.palette import BAD, DATA, MODEL, NEUTRAL, RUDDER
 from yawid.sinks.part_file import check_free, write_whole
 
@@ -176,16 +176,17 @@ def _bode(predicted: Predicted, gain: float, name: str) -> Picture:
     def draw(figure: Figure) -> None:
         upper, lower = figure.subplots(2, 1, sharex=True)
         decibels = 20.0 * np.log10(np.abs(every))
-        upper.semilogx(w, 20.0 * np.log10(np.abs(middle)), color=MODEL)
+        upper.plot(w, 20.0 * np.log10(np.abs(middle)), color=MODEL)
         band(upper, w, *_ninety_five(decibels), MODEL)
         upper.axhline(0.0, color=NEUTRAL, linewidth=0.9)
         phase = np.degrees(np.unwrap(np.angle(every), axis=1))
-        lower.semilogx(w, np.degrees(np.unwrap(np.angle(middle))), color=MODEL)
+        lower.plot(w, np.degrees(np.unwrap(np.angle(middle))), color=MODEL)
         band(lower, w, *_ninety_five(phase), MODEL)
         for edge in (-180.0, 180.0):
             lower.axhline(edge, color=BAD, linewidth=0.9)
             inside = edge - np.sign(edge) * LEAST_PHASE_DEG
             lower.axhline(inside, color=BAD, linewidth=0.7, linestyle=":")
+        log_axis(upper)
         upper.set_ylabel("|L| [dB]")
         lower.set_ylabel("phase [deg]")
         lower.set_xlabel("ω [rad/s]")

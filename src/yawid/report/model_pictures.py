@@ -13,7 +13,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse
-from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 from scipy.signal import correlate, lfilter
 
 from yawid.answers.run_summary import DutchRoll
@@ -23,7 +22,7 @@ from yawid.models.fitted import Judged, Model
 from yawid.offline.response_curves import FrequencyResponse, frequency_response
 from yawid.physics.model_response import step_response
 from yawid.physics.modes import Complexes, damping_lines, discrete_poles
-from yawid.report.picture import Picture, band
+from yawid.report.picture import Picture, band, log_axis
 from yawid.sinks.base import Grid
 from yawid.sinks.palette import BAD, BARE, DATA, MODEL, NEUTRAL
 
@@ -128,10 +127,7 @@ def bode_picture(model: Model, judged: Judged, mode: DutchRoll | None, grid: Gri
         if mode is not None:
             for ax in (upper, lower):
                 ax.axvline(mode.wn_rad_s / (2.0 * np.pi), color=NEUTRAL, linewidth=0.9, ls="--")
-        upper.set_xscale("log")
-        upper.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-        upper.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
-        upper.xaxis.set_minor_formatter(NullFormatter())
+        log_axis(upper)
         upper.set_ylabel(f"gain [dB, rad/s per {grid.rudder_unit}]")
         lower.set_ylabel("phase [deg]")
         lower.set_xlabel("frequency [Hz]")

@@ -13,6 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
 from yawid.blocks import Floats
 from yawid.report.data import Events
@@ -116,6 +117,14 @@ def traced(ax: Axes, t: Floats, x: Floats, shade: str) -> None:
         starts = np.arange(0, len(rows), step)
         low, high = (each.reduceat(x[rows], starts) for each in (np.fmin, np.fmax))
         ax.fill_between(t[rows][starts], low, high, color=shade, alpha=0.55, linewidth=0.4)
+
+
+def log_axis(ax: Axes) -> None:
+    """Make the frequencies of a picture logarithmic, with numbers at 1, 2 and 5 of each decade."""
+    ax.set_xscale("log")
+    ax.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    ax.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+    ax.xaxis.set_minor_formatter(NullFormatter())
 
 
 def band(ax: Axes, x: Floats, low: Floats, high: Floats, shade: str, alpha: float = 0.2) -> None:
