@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import re
 from collections.abc import Callable
@@ -18,7 +19,10 @@ from sources.logs.ulog_writer import ULogFile
 
 from yawid.blocks import Floats
 from yawid.cli.main import main
-from yawid.config.run import RunConfig
+from yawid.config.run import RunConfig, check_settings
+from yawid.runs.choose_orders import orders_report
+from yawid.runs.inspect_log import inspect
+from yawid.sinks.terminal.summary_table import print_orders
 
 SECONDS, START_S = 30.0, 10.0
 ARMED, DISARMED = 128, 0
@@ -205,6 +209,25 @@ def test_a_flight_by_the_receiver_of_an_autopilot_never_armed_is_answered_by_its
     assert "mode_not_driven" in first.reasons
     assert second.answers
     assert second.band_hz[1] < 14.0 / (2.0 * np.pi)
+
+
+@RECORDED
+@pytest.mark.long
+def test_what_inspect_and_orders_recommend_for_it_leaves_the_second_try_its_freedom():
+    """With --orders 3,3,2,1 or --rate given, the vibration is all that is found"""
+    log = FLIGHTS / "dawn1_flight1.ulg"
+    report, verdict = orders_report(log, {})
+    assert verdict.usable
+    assert report.recommended is None
+    page = io.StringIO()
+    print_orders(report, page)
+    assert "leave --orders open" in page.getvalue()
+
+    inspection, verdict = inspect(log, {})
+    assert verdict.usable
+    options = check_settings(dict(inspection.recommend), "inspect")
+    assert summarised(log, RunConfig(**options))[1].usable
+    assert not summarised(log, RunConfig(given=("orders",)))[1].usable
 
 
 @RECORDED

@@ -25,7 +25,8 @@ class OrdersTried(Orders, frozen=True, kw_only=True):
 class OrdersReport(Part, frozen=True, kw_only=True):
     """The result of ``yawid orders``: every structure, the best first, and the recommended one.
 
-    ``recommended`` is None where a replay with the best one is not usable; the verdict says why.
+    ``recommended`` is None where a replay with the best one is not usable; the verdict says why, or
+    is that of a replay without --orders if that one is usable.
     """
 
     log: str

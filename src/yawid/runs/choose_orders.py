@@ -75,9 +75,10 @@ def _with(chosen: "Tried", config: RunConfig) -> RunConfig:
 def orders_report(
     log: Path, settings: Mapping[str, Any], read_options: ReadOptions | None = None
 ) -> tuple[OrdersReport, Verdict]:
-    """Return what ``yawid orders`` prints, and the verdict of a replay with the best orders.
+    """Return what ``yawid orders`` prints, and the verdict of a replay with those orders.
 
-    No orders are recommended where that replay is not usable.
+    Where that replay is not usable no orders are recommended, and the verdict is that of a replay
+    without --orders: if that one is usable, the orders are best left open.
 
     Raises:
         ChannelError: the log has no vehicle, rudder or yaw.
@@ -99,10 +100,14 @@ def orders_report(
                 raise
             kind = ChannelError if first.exit_code == 3 else NotIdentifiable
             raise kind(f"{log}: {first}") from error
-        trial = Trials(source, bar).of(_with(chosen, config))
+        trials = Trials(source, bar)
+        best = trial = trials.of(replace(_with(chosen, config), given=(*config.given, "orders")))
+        if not best.verdict.usable:
+            usual = trials.of(replace(config, orders=RunConfig().orders))
+            trial = usual if usual.verdict.usable else best
     report = OrdersReport(
         log=str(log.absolute()),
-        recommended=Orders(**_orders(chosen)) if trial.verdict.usable else None,
+        recommended=Orders(*best.config.four_orders) if best.verdict.usable else None,
         candidates=[_described(candidate) for candidate in found],
         verdict=trial.summary.deciding,
     )

@@ -97,6 +97,8 @@ def _inspected(
     if whole.summary.flight is not None and whole.verdict.usable:
         assert samples is not None  # there is an answer
         recommend = said_options(config) | {"rate": round(1.0 / samples.sample_time_s, 6)}
+        if any(each.tries for each in whole.summary.manoeuvres or ()):
+            recommend = _options(config, ())  # a further try may change only what is left open
         command = command_line(log, config, source.options)
     elif found and not UNANSWERABLE.intersection(reason.id for reason in whole.verdict.reasons):
         longest = max(found, key=lambda stretch: stretch.to_s - stretch.from_s)
