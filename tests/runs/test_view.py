@@ -57,7 +57,7 @@ def with_manoeuvres(run: Path, out: Path, date: str | None = None) -> Path:
     found = [make_manoeuvre(samples, *row, n)[0].to_json() for n, row in enumerate(rows, start=1)]
     if date is not None:
         found[0]["date"] = date
-    told = {"manoeuvres": found, "flight": FLIGHT.to_json()}
+    told = {"manoeuvres": found, "flight": FLIGHT.to_json(), "flights": [FLIGHT.to_json()]}
     return forge(run, out, summary=lambda summary: summary | told)
 
 

@@ -23,7 +23,6 @@ from yawid.quantities.vehicles import (
     ARDUPILOT,
     ARDUPLANE_HOVER,
     ARMED,
-    FIXED_WING,
     LANDED,
     VTOL_TYPES,
     WINGS,
@@ -37,8 +36,6 @@ LEAP_M = 30.0
 """An altitude that changes by more than this in one message has a new reference."""
 LEAST_MOTION = 1.0
 """An aircraft with both speeds below this, in m/s, stands."""
-CLIMBED_M = 10.0
-"""An aircraft that stood has left the ground where it is this much higher than it stood."""
 AP_MOTORS = range(33, 41)
 """The SERVOn_FUNCTION of motors 1 to 8."""
 DRIVEN = 0.05
@@ -164,29 +161,6 @@ class SlowFlight:
 
 
 @dataclass(slots=True)
-class TakeOff:
-    """The evidence that a fixed wing that is fast still rolls: it has not climbed since it stood.
-
-    Without an altitude, or where the log does not begin with the aircraft at rest, there is none.
-    """
-
-    _stood_m: float = np.nan
-
-    def rolls(self, altitude_m: Floats, airspeed: Floats, over_ground: Floats) -> Bools:
-        """Return where the rows (n,) that follow are a roll, by altitude and speeds in m/s."""
-        found = np.zeros(len(altitude_m), bool)
-        stands = (over_ground < LEAST_MOTION) & ~(airspeed >= LEAST_AIRSPEED)
-        rows = zip(altitude_m.tolist(), stands.tolist(), strict=True)
-        for i, (altitude, stood) in enumerate(rows):
-            if stood:
-                self._stood_m = altitude
-            elif abs(altitude - self._stood_m) >= CLIMBED_M:
-                self._stood_m = np.nan
-            found[i] = abs(altitude - self._stood_m) < CLIMBED_M
-        return found
-
-
-@dataclass(slots=True)
 class FlightState:
     """The newest VFR_HUD, HEARTBEAT and EXTENDED_SYS_STATE of the ``vehicle``.
 
@@ -196,9 +170,8 @@ class FlightState:
     all_flown: bool = False
     vehicle: Vehicle | None = None
     _slow: SlowFlight = field(default_factory=SlowFlight)
-    _take_off: TakeOff = field(default_factory=TakeOff)
     wings: Wings = field(default_factory=Wings)
-    _hud: Latest = field(default_factory=lambda: Latest(6))
+    _hud: Latest = field(default_factory=lambda: Latest(5))
     _state: Latest = field(default_factory=lambda: Latest(2))
     _system: Latest = field(default_factory=lambda: Latest(2))
 
@@ -236,22 +209,18 @@ class FlightState:
         }
 
     def _hud_columns(self, fields: Array) -> Floats:
-        """Return airspeed, ground speed, altitude, kind of airspeed, slow flight, roll, (n, 6).
+        """Return airspeed, ground speed, altitude, kind of airspeed, 1 for slow flight, (n, 5).
 
         An on-board log has the kind itself; for a message the autopilot decides it.
         """
         names = "airspeed", "groundspeed", "alt"
         air, ground, altitude = _columns(*names)(fields).T
         flies = self._slow.shows(altitude, air, ground).astype(float)
-        rolls = np.zeros(len(fields))
-        if self.vehicle is not None and self.vehicle.type == FIXED_WING:
-            rolls = self._take_off.rolls(altitude, air, ground).astype(float)
         if "airspeed_kind" in (fields.dtype.names or ()):
-            return np.column_stack([_columns(*names, "airspeed_kind")(fields), flies, rolls])
+            return np.column_stack([_columns(*names, "airspeed_kind")(fields), flies])
         autopilot = 0 if self.vehicle is None else self.vehicle.autopilot
         kind = AIRSPEED_GIVEN.get(("VFR_HUD", autopilot), AIRSPEED_GIVEN["VFR_HUD", "airspeed"])
-        kinds = np.full(len(fields), float(kind))
-        return np.column_stack([air, ground, altitude, kinds, flies, rolls])
+        return np.column_stack([air, ground, altitude, np.full(len(fields), float(kind)), flies])
 
     def _on_ground(self, hud: Floats, armed: Floats, landed: Floats) -> Floats:
         """Return 1 on the ground, 0 in the air and NaN where neither is reported, (n,).
@@ -259,8 +228,7 @@ class FlightState:
         A vehicle is on the ground if both speeds are low, or if it is disarmed (ArduPilot alone)
         and slow over ground, since VFR_HUD reports any airspeed at boot. An autopilot that reports
         it has landed is believed unless it is fast over ground: a disarmed PX4 may only be carried
-        along. Slower aircraft fly as well, and fast ones roll: see :class:`SlowFlight` and
-        :class:`TakeOff`.
+        along. Slower aircraft fly as well: see :class:`SlowFlight`.
         """
         if self.all_flown:
             return np.zeros(len(hud))
@@ -270,7 +238,6 @@ class FlightState:
         disarmed = (armed == 0.0) & counts
         flies = hud[:, 4] == 1.0
         grounded = slow & ((air < LEAST_AIRSPEED) & ~flies | disarmed) | ~fast & (landed == LANDED)
-        grounded |= hud[:, 5] == 1.0
         flying = fast | (air >= LEAST_AIRSPEED) | (landed > LANDED) | flies
         return np.where(grounded, 1.0, np.where(flying, 0.0, np.nan))
 

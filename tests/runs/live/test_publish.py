@@ -80,6 +80,7 @@ def test_a_ground_station_gets_the_flight_s_answer_and_the_session_stays_what_it
             tmp_path, publish=(f"udpout:{host}:{port}", f"udpout:{host}:{at_free_port(second)}")
         ) as session,
     ):
+        second.settimeout(60.0)
         send(SENT, session.port)
         got = receive(
             ground,
