@@ -1,4 +1,4 @@
-"""What a record does not say of itself: gathered, so that one error asks for all of it at once."""
+"""Gathers what a record lacks, so that one error asks for all of it at once."""
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
