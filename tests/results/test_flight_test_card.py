@@ -17,7 +17,7 @@ from printed import printed
 from yawid.answers.flight_test_card import FlightTestCard
 from yawid.answers.heard import VehicleSeen
 from yawid.answers.inspection import Inspection
-from yawid.answers.run_summary import ChannelFound, Origin, RunSummary
+from yawid.answers.run_summary import ChannelFound, Origin, ReasonSummary, RunSummary
 from yawid.cli.main import main
 from yawid.results.make_card import Flown, make_card
 from yawid.sinks.terminal.card import print_card
@@ -101,6 +101,19 @@ def test_without_an_answer_the_period_is_a_guess_and_says_so():
     assert "GUESSED" in page
     assert "not_converged" in page
     assert "[ ] ________" in page
+
+
+def test_manoeuvres_that_disagree_give_no_answer_but_a_reason():
+    summary = four_of_a_flight()
+    assert summary.flight is not None
+    reason = ReasonSummary("manoeuvres_disagree", "fatal", "manoeuvre 2 has wn 5 rad/s")
+    refused = replace(summary.flight.verdict, usable=False, reasons=[reason])
+    card = card_of(replace(summary, flight=replace(summary.flight, verdict=refused)))
+
+    assert card.answer is None
+    assert card.expected == card.answered == []
+    assert card.manoeuvre.wn_guessed
+    assert card.lacks[0].startswith("manoeuvres_disagree: manoeuvre 2")
 
 
 @pytest.mark.parametrize("autopilot", [3, 12, 0, None])

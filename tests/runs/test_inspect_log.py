@@ -10,12 +10,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from flightlog import FlightLog, fly
+from flightlog import FlightLog, fly, summarised
 from gate import one_in
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from inspecting import assert_is_read_in_ten_seconds, inspected
-from places import C172P, ROOT
+from places import C172P, REPLAY_LOGS, ROOT
 from places import SHARED_FLIGHTS as FLIGHTS
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from sources.logs.test_bare_frames import bare
@@ -25,7 +25,9 @@ from yawid.channels.series import Series
 from yawid.channels.survey import Survey
 from yawid.channels.yaw_reader import MODE, ON_GROUND, ROW
 from yawid.cli.main import main
+from yawid.config.run import RunConfig, check_settings
 from yawid.quantities.vehicles import mode_name
+from yawid.runs.inspect_log import inspect
 
 RECORDED = sorted(
     [*FLIGHTS.glob("*.tlog"), *FLIGHTS.glob("*.ulg"), *ROOT.glob("replay_logs/*/log.tlog")]
@@ -219,6 +221,24 @@ def test_the_recommended_options_replay(tmp_path: Path, capsys):
     assert main([*words[1:], "--out", str(tmp_path), "--json"]) == 0
     found = json.loads(capsys.readouterr().out)["flight"]["dutch_roll"]
     assert found["wn_rad_s"] == pytest.approx(2.404, rel=0.03)  # by JSBSim's own linearisation
+
+
+def test_the_options_recommended_bind_nothing_that_a_manoeuvre_chose():
+    """With the inputs given, the aileron's part is taken for the rudder's."""
+    log = REPLAY_LOGS / "c172p_aileron" / "log.tlog"
+    report, _ = inspect(log, {})
+    again, _ = summarised(log, RunConfig(**check_settings(dict(report.recommend), "inspect")))
+
+    assert again.flight == report.flight
+
+
+def test_the_card_has_the_answer_of_the_replay_that_is_recommended():
+    report, verdict = inspect(C172P, {"manoeuvres": "off"}, with_card=True)
+    again, _ = summarised(C172P, RunConfig(**check_settings(dict(report.recommend), "inspect")))
+
+    assert verdict.usable
+    assert report.card is not None
+    assert report.card.answer == again.dutch_roll
 
 
 @pytest.mark.parametrize(

@@ -139,9 +139,9 @@ def make_card(
     """
     autopilot = None if summary.vehicle is None else summary.vehicle.autopilot
     flight, used = summary.flight, _used(summary)
-    roll = summary.dutch_roll if summary.verdict.usable else None
-    if flight is not None:
-        roll = flight.dutch_roll
+    roll = summary.dutch_roll if flight is None else flight.dutch_roll
+    if not summary.deciding.usable:
+        roll, flight, used = None, None, []
     conditions = _conditions(autopilot, used, flown, parameters)
     wn = _guess(conditions.airspeed_m_s) if roll is None else roll.wn_rad_s
     amplitude = [

@@ -17,7 +17,7 @@ from msgspec import structs
 
 from yawid.answers.flight_test_card import FlightTestCard
 from yawid.answers.inspection import Answerable, FlightPhase, Inspection, MessageRate, Span
-from yawid.answers.run_summary import Origin
+from yawid.answers.run_summary import Orders, Origin
 from yawid.blocks import Floats, Ints, SampleBlock
 from yawid.channels.segments import REBOOT_US, Boots
 from yawid.channels.survey import AIRBORNE, GROUNDED, Phase, Survey
@@ -96,9 +96,7 @@ def _inspected(
     rates = _rates(survey)
     if whole.summary.flight is not None and whole.verdict.usable:
         assert samples is not None  # there is an answer
-        recommend = said_options(config) | {"rate": round(1.0 / samples.sample_time_s, 6)}
-        if any(each.tries for each in whole.summary.manoeuvres or ()):
-            recommend = _options(config, ())  # a further try may change only what is left open
+        recommend = recommended(whole, round(1.0 / samples.sample_time_s, 6))
         command = command_line(log, config, source.options)
     elif found and not UNANSWERABLE.intersection(reason.id for reason in whole.verdict.reasons):
         longest = max(found, key=lambda stretch: stretch.to_s - stretch.from_s)
@@ -106,7 +104,7 @@ def _inspected(
         if len(channels.boots.spans_us) < 2:
             longest = structs.replace(longest, boot=config.boot)
         chosen = _best(Trials(source, bar), whole, longest, later_hz)
-        recommend = said_options(chosen.config)
+        recommend = recommended(chosen)
         command = command_line(log, chosen.config, source.options)
     ids = [r.id for r in chosen.verdict.reasons if r.exit_code or r.id in WORTH_SAYING]
     if record := what_to_record(ids, job.pipeline.report()):
@@ -128,20 +126,26 @@ def _inspected(
         flights=whole.summary.flights,
         recommend=recommend,
         command=command,
-        card=_card(whole, samples, rates, channels.parameters.values) if with_card else None,
+        card=_card(chosen, config, samples, rates, channels.parameters.values)
+        if with_card
+        else None,
         verdict=chosen.summary.deciding,
     )
     return inspection, chosen.verdict
 
 
 def _card(
-    whole: Trial,
+    chosen: Trial,
+    config: RunConfig,
     samples: SampleBlock | None,
     rates: Mapping[str, MessageRate],
     known: Mapping[str, float],
 ) -> FlightTestCard | None:
-    """Return the flight test card, None for a vehicle for which no card can be made."""
-    summary, config = whole.summary, whole.config
+    """Return the flight test card, None for a vehicle for which no card can be made.
+
+    Its answer is that of the replay whose verdict inspect gives; ``config`` is as asked for.
+    """
+    summary = chosen.summary
     if why_no_card(summary.vehicle, summary.verdict) is not None:
         return None
     flown = Flown() if samples is None else Flown.of(samples)
@@ -153,9 +157,21 @@ def _card(
     return make_card(summary, flown, rates_hz, known, config.rudder_max_deg, live)
 
 
-def said_options(config: RunConfig) -> dict[str, Any]:
-    """Return rate, orders, inputs and each option not at its default, with values as in JSON."""
-    return _options(config, {"rate", "orders", "inputs"})
+def recommended(trial: Trial, rate_hz: float | None = None) -> dict[str, Any]:
+    """Return the options of a replay with its answer, with values as in JSON.
+
+    They are those of its command. Rate, orders and inputs are there at their defaults, too, unless
+    a manoeuvre or the flight chose others or needed a further try: options that are given bind.
+    """
+    config, summary = trial.config, trial.summary
+    own = Orders(*config.four_orders), list(config.inputs)
+    chose = any(each.refits for each in summary.by_loop) or any(
+        each.tries or (each.orders, each.inputs) != own for each in summary.manoeuvres or ()
+    )
+    if chose:
+        return _options(config, config.given)
+    known = {} if rate_hz is None else {"rate": rate_hz}
+    return _options(config, {*config.given, "rate", "orders", "inputs"}) | known
 
 
 def _options(config: RunConfig, always: Container[str]) -> dict[str, Any]:
