@@ -46,6 +46,16 @@ def test_the_steady_covariance_solves_riccatis_equation(system: System) -> None:
         np.testing.assert_allclose(predictor.P[i], expected, rtol=1e-8, atol=1e-12)
 
 
+def test_next_to_a_model_the_covariance_is_known_to_the_square_of_the_distance(
+    system: System,
+) -> None:
+    for distance in (1e-3, 1e-4):
+        moved = replace(system, A=system.A * (1.0 + distance), R=system.R * (1.0 - distance))
+        near = Predictor.of(moved, TS, Predictor.of(system, TS))
+
+        assert np.abs(near.P - Predictor.of(moved, TS).P).max() < distance**2
+
+
 @pytest.mark.parametrize("gaps", [(), ((20, 29), (40, 41)), ((0, 3), (90, 100))])
 def test_the_innovations_are_those_of_a_kalman_filter(
     system: System, gaps: tuple[tuple[int, int], ...]
@@ -58,7 +68,8 @@ def test_the_innovations_are_those_of_a_kalman_filter(
     own = rng.normal(size=8)  # the state at the start and the trims
 
     predictor = replace(Predictor.of(system, TS), settle=n)
-    found = whitened(predictor, y, u, missing)
+    runs = np.repeat(own[None], 2, axis=0)
+    found = whitened(predictor, y[None], u, missing, runs[:, :4], runs[:, 4:])
 
     for i in range(2):
         Phi, G, moment = (each[i] for each in exponential(system.A, TS))
@@ -78,5 +89,4 @@ def test_the_innovations_are_those_of_a_kalman_filter(
             log_det += np.log(np.diag(factor)).sum()
             x, P = Phi @ x + push + K @ e, Phi @ P @ Phi.T + Q - K @ S @ K.T
         expected *= np.exp(log_det / (3 * np.count_nonzero(~missing)))
-        got = found[i, :, :, 0] + found[i, :, :, 1:] @ own
-        np.testing.assert_allclose(got, expected, atol=1e-10)
+        np.testing.assert_allclose(found[i], expected, atol=1e-10)

@@ -7,16 +7,20 @@ beforehand. One scale of all noise is eliminated.
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from yawid.blocks import Floats
+from yawid.estimation.products import cross
 from yawid.lateral.model import AT, PARAMETERS, SIZES, Guess, system
 from yawid.lateral.predictor import Predictor, whitened
 from yawid.lateral.record import Record
 
 _RIDGE = 1e-13
 """Of the start and the trims, as a share of their power: it holds what the record does not show."""
+_DIFFERENCE = 1e-5
+"""Step of the slopes in scales."""
 
 
 class Criterion:
@@ -61,34 +65,101 @@ class Criterion:
         theta[:, self.free] = x * self.scale
         return theta
 
-    def errors(self, x: Floats) -> Floats:
-        """Return the whitened innovations (v, l) at the points ``x`` (v, n), 0 where missing.
+    def at(self, x: Floats) -> "Point":
+        """Return the innovations at a point ``x`` (n,).
 
         Raises:
-            numpy.linalg.LinAlgError: at one of the points the predictor does not exist.
+            numpy.linalg.LinAlgError: the predictor does not exist there.
         """
-        theta = self.theta(x)
-        return np.concatenate([_errors(each, theta) for each in self.records], axis=1)
+        theta = self.theta(x[None])
+        parts = [_part(each, theta) for each in self.records]
+        e = np.concatenate([each.e for each in parts])
+        if not np.isfinite(e).all():
+            raise np.linalg.LinAlgError("the innovations are not finite")
+        surprise = np.asarray((x * self.scale - self.mean) / self.spread, np.float64)
+        return Point(x, e, surprise, parts)
 
-    def surprise(self, x: Floats) -> Floats:
-        """Return the distances (v, n) of the points from what is known beforehand, in sigma."""
-        return np.asarray((x * self.scale - self.mean) / self.spread, np.float64)
+    def slopes(self, point: "Point") -> Floats:
+        """Return the slopes (l, n) of the innovations at a point, with its own start and trims.
+
+        What they would change in start and trims is left out, which changes neither the slope of
+        the criterion nor the information (Kaufman 1975).
+        """
+        theta = self.theta(point.x + _DIFFERENCE * np.eye(len(point.x)))
+        pairs = zip(self.records, point.parts, strict=True)
+        return np.vstack([_slopes(record, theta, part) for record, part in pairs])
 
 
-def _errors(record: Record, theta: Floats) -> Floats:
-    """Return the innovations (v, 3 n) of one manoeuvre, less those of its start and trims."""
-    lags, delays = (theta[:, AT[name]].tolist() for name in ("servo_lag", "delay"))
-    pairs = list(zip(lags, delays, strict=True))
-    made = {pair: record.inputs(*pair) for pair in set(pairs)}
-    u = np.stack([made[pair] for pair in pairs])
+@dataclass(frozen=True, slots=True)
+class Part:
+    """One manoeuvre at a point: its predictor, its start and trims ``own`` (8,).
+
+    ``inputs`` (n, 8) are those of ``pair``, the servo lag and the delay in s;
+    ``columns`` (3 n, 8) are what these add to the innovations, in units of ``size`` (8,), and
+    ``power`` (8, 8) their products; ``e`` (3 n,) are the innovations.
+    """
+
+    predictor: Predictor
+    pair: tuple[float, float]
+    inputs: Floats
+    own: Floats
+    columns: Floats
+    power: Floats
+    e: Floats
+
+
+@dataclass(frozen=True, slots=True)
+class Point:
+    """The whitened innovations ``e`` (l,) at ``x`` (n,), 0 where missing.
+
+    ``surprise`` (n,) is the distance from what is known beforehand, in sigma.
+    """
+
+    x: Floats
+    e: Floats
+    surprise: Floats
+    parts: list[Part]
+
+    def loss(self, variance: float) -> float:
+        """Return the criterion for a given scale of the noise."""
+        return float(self.e @ self.e) / variance + float(self.surprise @ self.surprise)
+
+
+def _part(record: Record, theta: Floats) -> Part:
+    """Return one manoeuvre at the parameters ``theta`` (1, len(PARAMETERS))."""
+    pair = _pair(theta[0])
+    inputs = record.inputs(*pair)
     model = system(theta, record.airspeed_m_s, record.law)
     predictor = Predictor.of(model, record.sample_time_s)
-    columns = whitened(predictor, record.y, u, record.missing).reshape(len(theta), -1, 9)
-    power = columns.swapaxes(1, 2) @ columns
-    size = np.sqrt(np.diagonal(power, axis1=1, axis2=2)[:, 1:]) + np.finfo(float).tiny
-    own = power[:, 1:, 1:] / (size[:, :, None] * size[:, None]) + _RIDGE * np.eye(8)
-    part = np.linalg.solve(own, power[:, 1:, :1] / size[:, :, None])[:, :, 0] / size
-    left = columns[:, :, 0] - (columns[:, :, 1:] @ part[:, :, None])[:, :, 0]
-    if not np.isfinite(left).all():
-        raise np.linalg.LinAlgError("the innovations are not finite")
-    return left
+    y, u = (np.zeros((9, *x.shape)) for x in (record.y, inputs))
+    y[0], u[0] = record.y, inputs
+    own = np.vstack([np.zeros(8), np.eye(8)])  # one run with the record, one of each unit
+    runs = whitened(predictor, y, u, record.missing, own[:, :4], own[:, 4:]).reshape(9, -1)
+    size = np.linalg.norm(runs[1:], axis=1) + np.finfo(float).tiny
+    columns = np.ascontiguousarray((runs[1:] / size[:, None]).T)
+    power = cross(columns, columns) + _RIDGE * np.eye(8)
+    found = -np.linalg.solve(power, columns.T @ runs[0])
+    e = runs[0] + columns @ found
+    return Part(predictor, pair, inputs, found / size, columns, power, e)
+
+
+def _pair(theta: Floats) -> tuple[float, float]:
+    return float(theta[AT["servo_lag"]]), float(theta[AT["delay"]])
+
+
+def _slopes(record: Record, theta: Floats, part: Part) -> Floats:
+    """Return the slopes (3 n, v) of one manoeuvre's innovations to the parameters (v, ...)."""
+    pairs = [_pair(each) for each in theta]
+    same = np.array([pair == part.pair for pair in pairs])
+    others = [record.inputs(*pair) for pair in pairs if pair != part.pair]
+    found = np.empty((len(theta), len(part.e)))
+    for its, u in ((same, [part.inputs]), (~same, others)):
+        model = system(theta[its], record.airspeed_m_s, record.law)
+        predictor = Predictor.of(model, record.sample_time_s, part.predictor)
+        own = np.repeat(part.own[None], np.count_nonzero(its), axis=0)
+        runs = whitened(
+            predictor, record.y[None], np.stack(u), record.missing, own[:, :4], own[:, 4:]
+        )
+        found[its] = runs.reshape(len(own), -1)
+    slopes = (found - part.e).T / _DIFFERENCE
+    return slopes - part.columns @ np.linalg.solve(part.power, part.columns.T @ slopes)

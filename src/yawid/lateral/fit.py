@@ -8,7 +8,7 @@ import numpy as np
 
 from yawid.blocks import Floats
 from yawid.estimation.products import cross
-from yawid.lateral.criterion import Criterion
+from yawid.lateral.criterion import Criterion, Point
 from yawid.lateral.model import NAMES, Guess
 from yawid.lateral.record import Record
 from yawid.lateral.start import equation_error
@@ -23,8 +23,6 @@ _SMALL_GAIN = 0.02
 """The expected gain of twice the log-likelihood below which the steps end."""
 _EARLY = 5
 """Steps after which what the noise would still gain no longer counts."""
-_DIFFERENCE = 1e-5
-"""Step of the slopes in scales."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,9 +43,12 @@ class Fit:
     steps: int
 
 
-def guess_from(records: Sequence[Record], lag_s: float) -> Guess:
-    """Return start values, from equation error with this servo lag and from the signals' sizes."""
-    start = equation_error(records, lag_s)
+def guess_from(records: Sequence[Record], lag_s: float, w: Floats) -> Guess:
+    """Return start values, from equation error with this servo lag and from the signals' sizes.
+
+    ``w`` (f,) are the frequencies of :func:`yawid.lateral.start.band`.
+    """
+    start = equation_error(records, lag_s, w)
     wn = max(math.sqrt(abs(start["N_beta"])), 0.5)
     Ts = records[0].sample_time_s
     p, r, roll = np.sqrt(np.mean([np.mean(each.y**2, axis=0) for each in records], axis=0))
@@ -83,73 +84,60 @@ def fit(criterion: Criterion) -> Fit:
     Raises:
         numpy.linalg.LinAlgError: there is no predictor at the start.
     """
-    x, damping, settled = criterion.start(), _DAMPING, False
-    e = criterion.errors(x[None])[0]
-    step = 0
-    for step in range(ITERATIONS):
-        variance = float(e @ e) / criterion.count
-        loss = _loss(criterion, x, e, variance)
-        H, score = _curvature(criterion, x, e, variance)
-        held = _held(criterion, x, H, score)
+    at, damping, settled = criterion.at(criterion.start()), _DAMPING, False
+    for step in range(ITERATIONS + 1):
+        variance = float(at.e @ at.e) / criterion.count
+        loss = at.loss(variance)
+        H, score = _curvature(criterion, at, variance)
+        held = _held(criterion, at.x, H, score)
         gain, motion_gain = _gains(H, score, held, criterion.is_noise)
-        if gain < _SMALL_GAIN or (step >= _EARLY and motion_gain < _SMALL_GAIN):
-            settled = True
+        settled = gain < _SMALL_GAIN or (step >= _EARLY and motion_gain < _SMALL_GAIN)
+        if settled or step == ITERATIONS:
             break
         better = None
         for _ in range(TRIALS):
-            tried = _moved(criterion, x, _step(criterion, x, H, score, held, damping))
-            left = _errors_or_none(criterion, tried)
-            after = math.inf if left is None else _loss(criterion, tried, left, variance)
+            moved = _moved(criterion, at.x, _step(criterion, at.x, H, score, held, damping))
+            tried = _at_or_none(criterion, moved)
+            after = math.inf if tried is None else tried.loss(variance)
             if after < loss:
-                better = left
+                better = tried
                 break
             damping = max(damping * _HARDER, _DAMPING)
         if better is None:
             settled = gain < 1.0  # nothing is gained within the rounding of the slopes
             break
-        expected = _expected(H, score, tried - x)
-        x, e = tried, better
+        expected = _expected(H, score, better.x - at.x)
+        at = better
         if loss - after > 0.5 * expected:
             damping = max(damping / _SOFTER, _LEAST)
-    return _ended(criterion, x, e, settled, step)
+    return _ended(criterion, at, H, settled, step)
 
 
-def _ended(criterion: Criterion, x: Floats, e: Floats, settled: bool, steps: int) -> Fit:
-    variance = float(e @ e) / criterion.count
-    H, _ = _curvature(criterion, x, e, variance)
+def _ended(criterion: Criterion, at: Point, H: Floats, settled: bool, steps: int) -> Fit:
+    variance, n = float(at.e @ at.e) / criterion.count, len(at.x)
     size = np.sqrt(np.diag(H))
-    inverse = np.linalg.inv(H / np.outer(size, size) + 1e-12 * np.eye(len(x)))
-    unbiased = criterion.count / max(criterion.count - len(x), 1)
+    inverse = np.linalg.inv(H / np.outer(size, size) + 1e-12 * np.eye(n))
+    unbiased = criterion.count / max(criterion.count - n, 1)
     covariance = unbiased * inverse / np.outer(size, size)
-    surprise = criterion.surprise(x[None])[0]
-    total = criterion.count * math.log(variance) + float(surprise @ surprise)
+    total = criterion.count * math.log(variance) + float(at.surprise @ at.surprise)
     scale = math.sqrt(variance)
-    return Fit(criterion, x, covariance, total, scale, e / scale, settled, steps)
+    return Fit(criterion, at.x, covariance, total, scale, at.e / scale, settled, steps)
 
 
-def _loss(criterion: Criterion, x: Floats, e: Floats, variance: float) -> float:
-    surprise = criterion.surprise(x[None])[0]
-    return float(e @ e) / variance + float(surprise @ surprise)
-
-
-def _errors_or_none(criterion: Criterion, x: Floats) -> Floats | None:
+def _at_or_none(criterion: Criterion, x: Floats) -> Point | None:
     try:
-        return np.asarray(criterion.errors(x[None])[0], np.float64)
+        return criterion.at(x)
     except np.linalg.LinAlgError:
         return None
 
 
-def _curvature(
-    criterion: Criterion, x: Floats, e: Floats, variance: float
-) -> tuple[Floats, Floats]:
+def _curvature(criterion: Criterion, at: Point, variance: float) -> tuple[Floats, Floats]:
     """Return the Hessian (n, n) and the slope (n,) of half the criterion, over the variance."""
-    n = len(x)
-    points = x + _DIFFERENCE * np.eye(n)
-    J = (criterion.errors(points) - e).T / _DIFFERENCE
-    H, score = cross(J, J) / variance, cross(J, e) / variance
+    J = criterion.slopes(at)
+    H, score = cross(J, J) / variance, cross(J, at.e) / variance
     H[np.ix_(criterion.is_noise, criterion.is_noise)] *= 2.0
     H += np.diag(1.0 / (criterion.spread / criterion.scale) ** 2)
-    score += criterion.surprise(x[None])[0] * criterion.scale / criterion.spread
+    score += at.surprise * criterion.scale / criterion.spread
     return H, score
 
 

@@ -14,6 +14,7 @@ from yawid.lateral.gates import failed_gates
 from yawid.lateral.model import AT, DERIVATIVES, NAMES, modes
 from yawid.lateral.motion import Motion
 from yawid.lateral.record import Record
+from yawid.lateral.start import band
 
 START_LAGS_S = (0.04, 0.1, 0.16)
 GIVEN_LAG_STD_S = 0.005
@@ -42,7 +43,8 @@ def fit_airframe(motions: Sequence[Motion], *, servo_lag_s: float | None = None)
     records = [Record(motion) for motion in motions]
     given = servo_lag_s is not None
     lags = (servo_lag_s,) if servo_lag_s is not None else START_LAGS_S
-    fits = [found for lag_s in lags if (found := _from(records, lag_s, given)) is not None]
+    w = band(records)
+    fits = [found for lag_s in lags if (found := _from(records, lag_s, given, w)) is not None]
     if not fits:
         raise ValueError("the fit of the bare airframe found no predictor from any start")
     fits.sort(key=lambda each: each.criterion)
@@ -53,11 +55,11 @@ def fit_airframe(motions: Sequence[Motion], *, servo_lag_s: float | None = None)
     return replace(airframe, failed=tuple(gates))
 
 
-def _from(records: Sequence[Record], lag_s: float, given: bool) -> Fit | None:
+def _from(records: Sequence[Record], lag_s: float, given: bool, w: Floats) -> Fit | None:
     """Return the fit from one start; None if there is no predictor there."""
     priors = {"servo_lag": (lag_s, GIVEN_LAG_STD_S)} if given else {}
     try:
-        return fit(Criterion(records, guess_from(records, lag_s), priors))
+        return fit(Criterion(records, guess_from(records, lag_s, w), priors))
     except np.linalg.LinAlgError:
         return None
 

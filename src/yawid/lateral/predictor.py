@@ -1,8 +1,7 @@
 """The predictor: what p, r and roll should be one sample ahead, by the steady Kalman filter.
 
 All functions work on v variants of a model at once, because the fit needs its slope along every
-parameter. The innovations are linear in the state at the start and in the trims; they are returned
-as columns, so that the fit can eliminate these.
+parameter. A leading axis of 1 stands for all v.
 """
 
 import math
@@ -16,9 +15,6 @@ from yawid.blocks import Floats
 from yawid.lateral.model import STATES, System
 from yawid.lateral.motion import Flags
 
-COLUMNS = 9
-"""Columns of the innovations: the record's own, four of the state at the start, four of trims."""
-_OF_STATE, _OF_TRIMS = slice(1, 5), slice(5, COLUMNS)
 _TERMS, _SMALL = 8, 0.25
 """Terms of the series of the exponential, whose argument is halved until it is as small as this."""
 _MOST_DOUBLINGS, _SETTLED = 40, 1e-12
@@ -48,8 +44,13 @@ class Predictor:
     settle: int
 
     @classmethod
-    def of(cls, model: System, sample_time_s: float) -> "Predictor":
+    def of(
+        cls, model: System, sample_time_s: float, near: "Predictor | None" = None
+    ) -> "Predictor":
         """Return the predictor of a model.
+
+        Next to a predictor whose model is ``near``, the covariance is that of one step of Newton's
+        method (Kleinman 1968) from there: its error is the square of the distance.
 
         Raises:
             numpy.linalg.LinAlgError: a covariance is singular or not finite.
@@ -58,7 +59,10 @@ class Predictor:
         half, *_ = exponential(model.A, sample_time_s / 2.0)
         Q = model.Q + 4.0 * _around(half, model.Q) + _around(Phi, model.Q)  # Simpson's rule
         Q = Q * sample_time_s / 6.0
-        P = steady_covariance(Phi, model.C, Q, model.R)
+        if near is None:
+            P = steady_covariance(Phi, model.C, Q, model.R)
+        else:
+            P = _sum_around(Phi - near.K @ model.C, Q + _around(near.K, model.R))
         K, whiten, log_det = _gain(Phi, model.C, P, model.R)
         sloped = (0.5 * sample_time_s * area - moment) @ model.B
         drive, trim = np.concatenate([area @ model.B, sloped], axis=2), area[:, :, :4]
@@ -106,6 +110,17 @@ def steady_covariance(Phi: Floats, C: Floats, Q: Floats, R: Floats) -> Floats:
     return H
 
 
+def _sum_around(F: Floats, Q: Floats) -> Floats:
+    """Return the sum (v, 6, 6) of F^i Q F^i' over all i from 0, by doubling."""
+    found = Q
+    for _ in range(_MOST_DOUBLINGS):
+        more = _around(F, found)
+        found, F = found + more, F @ F
+        if np.abs(more).max() <= _SETTLED * np.abs(found).max():
+            break
+    return found
+
+
 def _gain(Phi: Floats, C: Floats, P: Floats, R: Floats) -> tuple[Floats, Floats, Floats]:
     """Return K (v, 6, 3), the whitening (v, 3, 3) and log det L (v,) of S = L L' = C P C' + R."""
     seen = P @ C.swapaxes(1, 2)
@@ -115,29 +130,35 @@ def _gain(Phi: Floats, C: Floats, P: Floats, R: Floats) -> tuple[Floats, Floats,
     return K, whiten, np.log(np.diagonal(factor, axis1=1, axis2=2)).sum(axis=1)
 
 
-def whitened(predictor: Predictor, y: Floats, u: Floats, missing: Flags) -> Floats:
-    """Return the whitened innovations (v, n, 3, COLUMNS), 0 where the measurement is missing.
+def whitened(
+    predictor: Predictor, y: Floats, u: Floats, missing: Flags, start: Floats, trim: Floats
+) -> Floats:
+    """Return the whitened innovations (v, n, 3), 0 where the measurement is missing.
 
-    ``y`` (n, 3) are p, r and roll, ``u`` (v, n, 8) the inputs' means and slopes over each step,
-    ``missing`` (n,) is True where y is not known. In a gap the predictor runs on, with the
-    covariance that belongs to it until SETTLE_S later. The whitening has a mean determinant of 1,
-    so that the sum of squares has its least where the likelihood is largest, whatever the scale of
-    the noise.
+    ``y`` (v, n, 3) are p, r and roll, ``u`` (v, n, 8) the inputs' means and slopes over each step,
+    ``missing`` (n,) is True where y is not known, ``start`` (v, 4) are the first four states of the
+    first sample and ``trim`` (v, 4) the trims, whose number of rows is v. In a gap the predictor
+    runs on, with the covariance that belongs to it until SETTLE_S later. The whitening has a mean
+    determinant of 1, so that the sum of squares has its least where the likelihood is largest,
+    whatever the scale of the noise.
     """
-    found = np.zeros((len(u), *y.shape, COLUMNS))
-    X = np.zeros((len(u), len(STATES), COLUMNS))
-    X[:, :4, _OF_STATE] = np.eye(4)
-    log_det = np.zeros(len(u))
-    for start, stop, is_steady in _runs(missing, predictor.settle):
-        its = slice(start, stop)
+    found = np.zeros((len(start), y.shape[1], 3))
+    X = np.hstack([start, np.zeros((len(start), 2))])[:, None]
+    push = trim[:, None] @ predictor.trim.swapaxes(1, 2)
+    log_det = np.zeros(len(predictor.Phi))
+    for begin, stop, is_steady in _runs(missing, predictor.settle):
+        its = slice(begin, stop)
         if is_steady:
-            found[:, its], X = _steady(predictor, y[its], u[:, its], X)
-            log_det += (stop - start) * predictor.log_det
+            found[:, its], X = _steady(predictor, y[:, its], u[:, its], push, X)
+            log_det += (stop - begin) * predictor.log_det
         else:
-            found[:, its], X, some = _unsettled(predictor, y[its], u[:, its], missing[its], X)
+            found[:, its], X, some = _unsettled(
+                predictor, y[:, its], u[:, its], push, X, missing[its]
+            )
             log_det += some
     known = len(missing) - np.count_nonzero(missing)
-    return found * np.exp(log_det / (3 * known))[:, None, None, None]
+    found *= np.exp(log_det / (3 * known))[:, None, None]
+    return found
 
 
 def _runs(missing: Flags, settle: int) -> Iterator[tuple[int, int, bool]]:
@@ -151,65 +172,54 @@ def _runs(missing: Flags, settle: int) -> Iterator[tuple[int, int, bool]]:
             yield start, stop, not unsettled[start]
 
 
-def _steady(of: Predictor, y: Floats, u: Floats, X: Floats) -> tuple[Floats, Floats]:
-    """Return the whitened innovations of a run and the states (v, 6, COLUMNS) after it.
+def _steady(of: Predictor, y: Floats, u: Floats, push: Floats, X: Floats) -> tuple[Floats, Floats]:
+    """Return the whitened innovations (v, n, 3) of a run, and the states (v, 1, 6) after it.
 
-    The run is cut into about sqrt(n) blocks of about sqrt(n) samples, which are run through side by
-    side from rest; then each block gets what the state at its start adds.
+    ``push`` (v, 1, 6) are the trims' steps. The run is cut into about sqrt(n) blocks of about
+    sqrt(n) samples, which are run through side by side: from rest, to find the state at the start
+    of each, and then from there.
     """
-    v, n, _ = u.shape
+    v, n = len(push), y.shape[1]
     length = math.isqrt(n - 1) + 1
     blocks = -(-n // length)
-    F = of.Phi - of.K @ of.C
-    pushed = np.zeros((v, blocks * length, len(STATES)))
-    pushed[:, :n] = u @ of.drive.swapaxes(1, 2) + y @ of.K.swapaxes(1, 2)
-    pushed = pushed.reshape(v, blocks, length, len(STATES))
-    rest = np.zeros((v, blocks, length + 1, len(STATES)))
-    powers, trims = np.zeros((v, length + 1, 6, 6)), np.zeros((v, length + 1, 6, 4))
-    powers[:, 0] = np.eye(6)
-    Ft = F.swapaxes(1, 2)
-    for i in range(length):
-        rest[:, :, i + 1] = rest[:, :, i] @ Ft + pushed[:, :, i]
-        powers[:, i + 1] = F @ powers[:, i]
-        trims[:, i + 1] = F @ trims[:, i] + of.trim
-    starts = np.empty((v, blocks, len(STATES), COLUMNS))
+    known = np.zeros((len(u), blocks * length, 11))
+    known[:, :n, :8], known[:, :n, 8:] = u, y
+    known = known.reshape(-1, blocks, length, 11).transpose(2, 0, 1, 3)
+    into = np.concatenate([of.drive, of.K], axis=2).swapaxes(1, 2)
+    pushed = known @ into + push
+    Ft = (of.Phi - of.K @ of.C).swapaxes(1, 2)
+    rest = np.zeros_like(pushed[0])
+    for each in pushed:
+        rest = rest @ Ft + each
+    states, over_block = np.empty((length + 1, *rest.shape)), np.linalg.matrix_power(Ft, length)
     for b in range(blocks):
-        starts[:, b] = X
-        X = powers[:, length] @ X
-        X[:, :, 0] += rest[:, b, length]
-        X[:, :, _OF_TRIMS] += trims[:, length]
-    WC = of.whiten @ of.C
-    seen = (WC[:, None] @ powers[:, :length]).reshape(v, 1, 3 * length, len(STATES))
-    found = -(seen @ starts).reshape(v, blocks, length, 3, COLUMNS)
-    found[..., 0] -= rest[:, :, :length] @ WC.swapaxes(1, 2)[:, None]
-    found[..., _OF_TRIMS] -= (WC[:, None] @ trims[:, :length])[:, None]
-    found = found.reshape(v, blocks * length, 3, COLUMNS)[:, :n]
-    found[..., 0] += y @ of.whiten.swapaxes(1, 2)
-    last = n - (blocks - 1) * length
-    X = powers[:, last] @ starts[:, -1]
-    X[:, :, 0] += rest[:, -1, last]
-    X[:, :, _OF_TRIMS] += trims[:, last]
-    return found, X
+        states[0, :, b] = X[:, 0]
+        X = X @ over_block + rest[:, b : b + 1]
+    for i, each in enumerate(pushed):
+        np.matmul(states[i], Ft, out=states[i + 1])
+        states[i + 1] += each
+    found = states[:-1] @ -(of.whiten @ of.C).swapaxes(1, 2)
+    found += known[..., 8:] @ of.whiten.swapaxes(1, 2)
+    whole = found.transpose(1, 2, 0, 3).reshape(v, -1, 3)[:, :n]
+    return whole, states[n - (blocks - 1) * length, :, -1:]
 
 
 def _unsettled(
-    of: Predictor, y: Floats, u: Floats, missing: Flags, X: Floats
+    of: Predictor, y: Floats, u: Floats, push: Floats, X: Floats, missing: Flags
 ) -> tuple[Floats, Floats, Floats]:
     """Return the same of a run with gaps, sample by sample, and the sum of log det L (v,)."""
-    found, log_det, P = np.zeros((len(u), *y.shape, COLUMNS)), np.zeros(len(u)), of.P
+    found, log_det, P = np.zeros((len(push), y.shape[1], 3)), np.zeros(len(of.Phi)), of.P
+    Phi, C = of.Phi.swapaxes(1, 2), of.C.swapaxes(1, 2)
+    push = push + u @ of.drive.swapaxes(1, 2)
     for k in range(len(missing)):
-        e = -of.C @ X
-        e[:, :, 0] += y[k]
-        push = (of.drive @ u[:, k, :, None])[:, :, 0]
-        X = of.Phi @ X
-        X[:, :, 0] += push
-        X[:, :, _OF_TRIMS] += of.trim
+        e = y[:, k : k + 1] - X @ C
+        X = X @ Phi + push[:, k : k + 1]
         if missing[k]:
             P = _around(of.Phi, P) + of.Q
             continue
         K, whiten, some = _gain(of.Phi, of.C, P, of.R)
-        X = X + K @ e
-        found[:, k] = whiten @ e
+        X = X + e @ K.swapaxes(1, 2)
+        found[:, k : k + 1] = e @ whiten.swapaxes(1, 2)
         log_det = log_det + some
         spread = np.asarray(np.linalg.inv(whiten.swapaxes(1, 2) @ whiten), np.float64)
         P = np.asarray(_around(of.Phi, P) + of.Q - _around(K, spread), np.float64)

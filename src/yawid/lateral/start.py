@@ -19,6 +19,8 @@ from yawid.lateral.record import Record
 _SHARES = (0.02, 0.05, 0.08, 0.12, 0.17, 0.23, 0.3, 0.4, 0.55, 0.75)
 """Values of -Y_beta that are tried, as shares of the middle frequency."""
 _FREQUENCIES = 60
+_STEP = 0.05
+"""The largest step in rad/s of the spectrum in which the band is sought."""
 _P_ROW = ("L_beta", "L_p", "L_r", "L_delta_a", "L_delta_r")
 _R_ROW = ("N_beta", "N_p", "N_r", "N_delta_a", "N_delta_r")
 
@@ -41,9 +43,8 @@ class _Transforms(NamedTuple):
     turn: float
 
 
-def equation_error(records: Sequence[Record], lag_s: float) -> dict[str, float]:
-    """Return Y_beta and the derivatives of p and r by name, for this servo lag."""
-    w = _band(records)
+def equation_error(records: Sequence[Record], lag_s: float, w: Floats) -> dict[str, float]:
+    """Return Y_beta and the derivatives of p and r by name, at the frequencies ``w`` (f,)."""
     parts = [_transforms(record, w, lag_s) for record in records]
     pitch = float(np.mean([record.pitch for record in records]))
     aileron_moves = any(record.aileron_moves for record in records)
@@ -65,14 +66,15 @@ def equation_error(records: Sequence[Record], lag_s: float) -> dict[str, float]:
     return found
 
 
-def _band(records: Sequence[Record]) -> Floats:
+def band(records: Sequence[Record]) -> Floats:
     """Return frequencies (f,) in rad/s: from a quarter of r's middle to where its power ends."""
     Ts = records[0].sample_time_s
-    w = np.arange(0.25, 0.8 * math.pi / Ts, 0.05)
-    power = np.zeros(len(w))
-    for record in records:
-        r = record.y[:, 1] * np.hanning(len(record.y))
-        power += np.abs(np.exp(-1j * np.outer(w, record.times_s)) @ r) ** 2
+    count = max(math.ceil(math.tau / (_STEP * Ts)), *(len(each.y) for each in records))
+    w = np.arange(count // 2 + 1) * math.tau / (count * Ts)
+    chosen = (w >= 0.25) & (w < 0.8 * math.pi / Ts)
+    spectra = [np.fft.rfft(each.y[:, 1] * np.hanning(len(each.y)), count) for each in records]
+    power = np.sum(np.abs(spectra) ** 2, axis=0)[chosen]
+    w = w[chosen]
     power = np.maximum(power - np.median(power[len(w) // 2 :]), 0.0)  # less the noise's
     share = np.cumsum(power) / max(float(np.sum(power)), np.finfo(float).tiny)
     middle, last = (float(w[np.count_nonzero(share[:-1] < x)]) for x in (0.5, 0.95))
