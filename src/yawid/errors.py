@@ -57,6 +57,20 @@ class NotIdentifiable(YawidError):  # noqa: N818 it names a finding, not a fault
     exit_code = 5
 
 
+def without_viewer(error: BaseException) -> str | None:
+    """Return in words that rerun-sdk, or the pyarrow it brings, is missing, if that is the error.
+
+    A companion computer may do without both.
+    """
+    name = str(getattr(error, "name", None)).partition(".")[0]
+    if not isinstance(error, ModuleNotFoundError) or name not in ("rerun", "pyarrow"):
+        return None
+    return (
+        f"{name} is not installed here: it is needed for the viewer, Parquet and data sets: "
+        "pip install rerun-sdk, which has the viewer and brings pyarrow"
+    )
+
+
 def did_you_mean(name: str, names: Iterable[str]) -> str:
     """Return "; did you mean X?" with the one of ``names`` that is most like ``name``, else ""."""
     from difflib import get_close_matches  # only an error needs it

@@ -41,7 +41,7 @@ from yawid.cli.program import add_completion, add_schema, add_warm
 from yawid.cli.regress import add_regress
 from yawid.cli.standard_streams import bring_out, make_ready
 from yawid.cli.trend import add_trend
-from yawid.errors import UNFORESEEN, SinkError, YawidError
+from yawid.errors import UNFORESEEN, SinkError, YawidError, without_viewer
 from yawid.runs.stop import Interrupted, StopFlag
 from yawid.sinks.door import DEBUG, mute, say, show_traceback, tell, tell_json, tell_page
 from yawid.sinks.part_file import check_free
@@ -303,7 +303,9 @@ def _explained(error: YawidError) -> int:
 
 
 def _unforeseen(error: Exception) -> int:
-    """Report in one line that yawid itself failed; ``DEBUG`` shows the traceback."""
+    """Report in one line that a library or yawid itself failed; ``DEBUG`` shows the traceback."""
+    if (needed := without_viewer(error)) is not None:
+        return _explained(SinkError(needed))
     show_traceback(error)
     what = " ".join(f"{type(error).__name__}: {error}".split())[:MOST_SAID]
     say(f"unforeseen, a fault of yawid: {what}; {DEBUG}=1 shows where: please report it")

@@ -36,6 +36,9 @@ def _plain(name: str) -> str:
 
 def _described(name: str) -> str:
     """Return the version of a library that is installed in another way (an egg, a zip file)."""
-    from importlib.metadata import version
+    from importlib.metadata import PackageNotFoundError, version
 
-    return version(name)
+    try:
+        return version(name)
+    except PackageNotFoundError:
+        return "not installed"

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from yawid.answers.run_summary import RunSummary
-from yawid.errors import SinkError
+from yawid.errors import SinkError, without_viewer
 from yawid.sinks.base import Call, Pace, Relay
 from yawid.sinks.part_file import open_part, take_name
 
@@ -99,9 +99,12 @@ class RerunSink(Relay):
             SinkError: a file was asked for, or the viewer is needed.
         """
         self._view = None
-        reason = str(error).partition("\n")[0]
+        needed = without_viewer(error)
+        reason = needed or str(error).partition("\n")[0]
         if self._part is not None:
             raise SinkError(f"cannot write {self._part}: {reason}") from error
+        if self._needed and needed is not None:
+            raise SinkError(needed) from error
         if self._needed:
             advice = "write a recording with --save X.rrd and open it elsewhere"
             raise SinkError(f"no Rerun viewer: {reason}; {advice}") from error
