@@ -54,7 +54,7 @@ def test_all_works_but_what_needs_the_viewer_or_pyarrow_which_says_so_in_one_lin
         vehicle.settimeout(60)
         address = f"udpout:127.0.0.1:{vehicle.getsockname()[1]}"
         live = ["live", address, "--seconds", "3", "--request-rates", "--publish", "tap"]
-        words = [["replay", str(LOG), "--manoeuvres", "off"], *without, live + ["--out", "live"]]
+        words = [["replay", str(LOG), "--manoeuvres", "off"], *without, [*live, "--out", "live"]]
         with child(
             [sys.executable, "-S", "-c", RUNS, json.dumps(words)], cwd=tmp_path, text=True,
             env=os.environ | {"NUMBA_DISABLE_JIT": "1", "PYTHONPATH": path},
