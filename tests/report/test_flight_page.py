@@ -34,10 +34,17 @@ from pictures.browser import Browser, find_chromium
 from places import C172P, REPLAY_LOGS
 from report_page import Page, first_screen
 
-from yawid.answers.run_summary import RunSummary
+from yawid.answers.run_summary import (
+    Orders,
+    ReasonSummary,
+    Refit,
+    RunSummary,
+    VerdictSummary,
+)
 from yawid.estimation.fit import fit_percent
 from yawid.report.airspeed_picture import airspeed_picture
 from yawid.report.data import gather
+from yawid.report.manoeuvre_data import to_draw
 from yawid.report.manoeuvres import flight_section
 from yawid.report.picture import mark_events, traced
 from yawid.report.write import Report, report
@@ -111,6 +118,19 @@ def test_a_manoeuvre_is_drawn_by_the_very_model_that_answered_it(tmp_path: Path)
     assert drawn.model.same
     pct = fit_percent(drawn.judged.y, drawn.judged.simulated)
     assert pct == pytest.approx(found.answer.fit.simulation_pct, abs=1e-9)
+
+    own, richer = found.dutch_roll, Orders(4, 4, 3, 1)
+    assert own is not None
+    flight = replace(run.summary.flight, orders=richer, refits=[Refit(n=1, dutch_roll=own)])
+    by_other = replace(run.summary, flight=flight, flights=[flight])
+    told = Report(dataclasses.replace(run, summary=by_other))
+    shown = {picture.key: picture for picture in told.pictures()}
+    again = gather(dataclasses.replace(run, summary=by_other))
+    assert again is not None
+    assert len(again.drawn[0].model.theta) == 4 + 4 + 3 + 1
+    assert shown["manoeuvre1"].title.endswith("model of orders 4,4,3,1")
+    assert "held-back" not in shown["manoeuvre1"].look
+
     html = report(run)
     assert '<figure id="manoeuvre1">' in html
     page = Page(html)
@@ -207,6 +227,44 @@ def test_the_picture_has_the_points_their_numbers_and_kappas_line() -> None:
     many = airspeed_picture(forty().manoeuvres or [], [flight()])
     assert many is not None
     assert ">40</text>" not in many.svg
+
+
+def test_the_picture_of_two_loops_says_whose_each_point_is() -> None:
+    told = mixed_loops()
+    picture = airspeed_picture(
+        [
+            replace(each, airspeed_m_s=v)
+            for each, v in zip(told.manoeuvres or [], (18, 22, 26), strict=True)
+        ],
+        told.by_loop,
+    )
+    assert picture is not None
+    texts = re.findall(r"<text[^>]*>([^<]*)</text>", picture.svg)
+
+    assert {"used, with roll loop", "used, airframe"} <= set(texts)
+    assert "used" not in texts
+
+
+def test_points_that_hide_each_other_have_their_numbers_side_by_side() -> None:
+    speeds = (18.0, 22.0, 22.1, 26.0)
+    near = [replace(each, airspeed_m_s=v) for each, v in zip(four(), speeds, strict=True)]
+    picture = airspeed_picture([near[0], near[1], replace(near[1], n=3), near[3]], [flight()])
+    assert picture is not None
+
+    assert picture.svg.count(">2, 3</text>") == 2
+
+
+def test_of_refused_ones_the_first_drawn_is_the_one_whose_reasons_the_flight_gives() -> None:
+    poor, undriven = (ReasonSummary(id_, "fatal", "") for id_ in ("poor_fit", "mode_not_driven"))
+    several = VerdictSummary(method="rml", usable=False, reasons=[undriven, poor])
+    short = manoeuvre(1, reason=poor)
+    long = replace(manoeuvre(2, reason=undriven), duration_s=60.0)
+    longest = replace(manoeuvre(3, reason=poor), duration_s=90.0, verdict=several)
+    usable = manoeuvre(4)
+
+    order = [each.n for each in to_draw([short, longest, long, usable], ())]
+    assert order == [4, 2, 1, 3]
+    assert min((short, long, longest), key=lambda each: each.standing) is long
 
 
 def test_one_manoeuvre_with_an_airspeed_makes_no_picture() -> None:

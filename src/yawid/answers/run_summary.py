@@ -245,6 +245,15 @@ class Manoeuvre(Part, frozen=True, kw_only=True):
         return self.estimates.get(self.verdict.method or "")
 
     @property
+    def standing(self) -> tuple[int, float]:
+        """A sort key, smallest for the manoeuvre whose reasons a flight without an answer gives.
+
+        It is the one with the fewest fatal reasons; of several the longest, which contains the most
+        of what was flown.
+        """
+        return len(self.verdict.fatal), -self.duration_s
+
+    @property
     def answering_try(self) -> Try | None:
         """The try that answers, None where there was only one."""
         return next((each for each in self.tries or () if each.answers), None)

@@ -138,12 +138,8 @@ def _headline(found: Sequence[tuple[Flight, Verdict]]) -> tuple[Flight, Verdict]
 
 
 def _refused(answered: Sequence[Answered], of_the_log: list[Reason]) -> tuple[Flight, Verdict]:
-    """Return a flight without a usable manoeuvre: its reasons are those of the best manoeuvre.
-
-    The best is the one with the fewest fatal reasons; of several, the longest, which contains the
-    most of what was flown.
-    """
-    best = min(answered, key=lambda each: (each.verdict.weight[0], -each.found.duration_s))
+    """Return a flight without a usable manoeuvre: its reasons are those of the best manoeuvre."""
+    best = min(answered, key=lambda each: each.found.standing)
     where = f"manoeuvre {best.found.n}, {best.found.from_s:.0f} to {best.found.to_s:.0f} s: "
     said = [replace(reason, text=where + reason.text) for reason in best.verdict.reasons]
     verdict = Verdict.of([*of_the_log, *said], best.verdict.method)

@@ -10,12 +10,14 @@ from datetime import datetime
 from typing import Any, Final
 
 import numpy as np
+from msgspec.structs import astuple
 
+from yawid.answers.model_parts import Fit
 from yawid.answers.run_summary import Manoeuvre
 from yawid.blocks import Bools, Floats, SampleBlock
 from yawid.config.run import RunConfig
 from yawid.errors import ConfigError
-from yawid.estimation.fit import simulate
+from yawid.estimation.fit import fit_percent, simulate
 from yawid.estimation.methods import METHODS
 from yawid.estimation.record_fit import FittedModel, fit_record
 from yawid.models.fitted import Judged, Model
@@ -29,13 +31,15 @@ _COLUMNS: Final = ("u", "y", "turn_rate", "aileron")
 class Drawn:
     """A manoeuvre, its final model, and the samples that the model was fitted to.
 
-    ``turn_rate`` (n,) is the turn rate in rad/s that bank and airspeed imply.
+    ``turn_rate`` (n,) is the turn rate in rad/s that bank and airspeed imply. ``fit`` says how well
+    the model fits; of other orders than the manoeuvre's own, nothing is known of held-back samples.
     """
 
     found: Manoeuvre
     model: Model
     judged: Judged
     turn_rate: Floats
+    fit: Fit
 
 
 class Rows:
@@ -78,7 +82,7 @@ class Rows:
         if answer is None or not self._parts:
             return None
         t, u, y, turn_rate, aileron = (np.concatenate(c) for c in zip(*self._parts, strict=True))
-        own = answer.orders.na, answer.orders.nb, answer.orders.nc, answer.orders.nk
+        own = astuple(answer.orders)
         asked: dict[str, Any] = {"orders": tuple(orders or own), "inputs": tuple(self.found.inputs)}
         u = u[:, : len(self.found.inputs)]
         if u.shape[1] < len(self.found.inputs):
@@ -111,4 +115,8 @@ class Rows:
             simulated = simulate(theta, fit.orders, fit.bias, u, y)
         model = Model(theta, fitted.covariance, fit.orders, sample_time_s, same)
         judged = Judged(t, u, y, fitted.y_hat, simulated, y - fitted.y_hat)
-        return Drawn(self.found, model, judged, turn_rate)
+        how_well = answer.fit
+        if asked["orders"] != own or turn:
+            one_step, free = fit_percent(y, fitted.y_hat), fit_percent(y, simulated)
+            how_well = Fit(one_step, free, whiteness_p=fitted.whiteness_p)
+        return Drawn(self.found, model, judged, turn_rate, how_well)

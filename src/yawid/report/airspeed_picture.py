@@ -1,6 +1,6 @@
 """The picture of wn and zeta of a flight's manoeuvres over the airspeed."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Final
 
@@ -17,14 +17,14 @@ from yawid.sinks.words import NOT_USED, dutch_roll_in, loop_of, outcome
 
 MOST_NUMBERED: Final = 12
 """Up to this many points have their numbers: with more, the numbers would hide each other."""
+TOO_NEAR: Final = 0.04
+"""Points nearer than this part of the picture's width and height hide each other's numbers."""
 LEAST_SPAN: Final = 0.1
 """The least width of the axis as a part of V: a change of 0.1 m/s must not fill the picture."""
 SIGMAS: Final = 2.0
 _REFUSED: Final = "not usable"
-_OTHER_LOOP: Final = "used, another loop"
 _LOOKS: Final[dict[str, dict[str, Any]]] = {
     "used": {"marker": "o", "color": MANOEUVRE},
-    _OTHER_LOOP: {"marker": "s", "color": MANOEUVRE},
     NOT_USED: {"marker": "o", "color": MANOEUVRE, "fillstyle": "none"},
     "disagrees": {"marker": "D", "color": BAD},
     _REFUSED: {"marker": "x", "color": NEUTRAL, "alpha": 0.8},
@@ -33,7 +33,9 @@ ALIKE: Final = 0.03
 """A range of airspeeds smaller than this part of V counts as one airspeed: then the manoeuvres are
 drawn side by side."""
 _COLOURS: Final = (MODEL, LINES[2], LINES[4])
-"""The colours of the flight's answers by loop, the headline's first."""
+_MARKERS: Final = ("o", "s", "^")
+"""The colours of the flight's answers by loop and the markers of their manoeuvres, the headline's
+first."""
 _TITLES: Final = {False: "The manoeuvres over airspeed", True: "The manoeuvres side by side"}
 _PANELS: Final = ("ωn [rad/s]", "ζ")
 
@@ -71,6 +73,12 @@ def airspeed_picture(manoeuvres: Sequence[Manoeuvre], flights: Sequence[Flight])
         points = replace(points, speed=np.array(points.n, dtype=np.float64))
     sources = sorted({each.airspeed_source or "airspeed" for each, _, _ in known})
 
+    by_loop = {
+        _of(flight.loop): {"marker": marker, "color": colour}
+        for flight, marker, colour in zip(flights, _MARKERS, _COLOURS, strict=False)
+    }
+    looks = by_loop | _LOOKS
+
     def draw(canvas: Figure) -> None:
         axes = canvas.subplots(2, 1, sharex=True)
         for i, ax in enumerate(axes):
@@ -84,7 +92,9 @@ def airspeed_picture(manoeuvres: Sequence[Manoeuvre], flights: Sequence[Flight])
             for flight, colour in zip(flights, _COLOURS, strict=False):
                 name = f", {loop_of(flight.loop).name}" if len(flights) > 1 else ""
                 _draw_flight(ax, flight, i, colour, name, alike=alike)
-            _draw_points(ax, points, i, numbered=not alike and len(points.n) <= MOST_NUMBERED)
+            _draw_points(ax, points, i, looks)
+            if not alike and len(points.n) <= MOST_NUMBERED:
+                _draw_numbers(ax, points, i)
         axes[1].set_xlabel("manoeuvre" if alike else f"{' or '.join(sources)} [m/s]")
         canvas.legend(*axes[0].get_legend_handles_labels(), loc="outside upper right", ncols=3)
 
@@ -128,8 +138,11 @@ def _kind(manoeuvre: Manoeuvre, flights: Sequence[Flight]) -> str:
     if not manoeuvre.verdict.usable:
         return _REFUSED
     result = outcome(manoeuvre, flights)
-    is_other = result == "used" and manoeuvre.loop != flights[0].loop
-    return _OTHER_LOOP if is_other else result
+    return _of(manoeuvre.loop) if result == "used" and len(flights) > 1 else result
+
+
+def _of(loop: str | None) -> str:
+    return f"used, {loop_of(loop).name}"
 
 
 def _values(mode: DutchRoll) -> tuple[float, float]:
@@ -147,21 +160,31 @@ def _ends(speed: Floats) -> Floats:
     return (low + high) / 2.0 + np.array([-0.5, 0.5]) * width
 
 
-def _draw_points(ax: Axes, points: _Points, i: int, *, numbered: bool) -> None:
+def _draw_points(ax: Axes, points: _Points, i: int, looks: Mapping[str, Mapping[str, Any]]) -> None:
     tall = float(np.diff(points.limits[i])[0])
-    for kind, looks in _LOOKS.items():
+    for kind, look in looks.items():
         rows = points.within[:, i] & np.array([each == kind for each in points.kind])
         if rows.any():
             bars = np.minimum(points.spread[rows, i], 10.0 * tall)  # longer bars leave it anyway
             ax.errorbar(
                 points.speed[rows], points.value[rows, i], bars, linestyle="none", markersize=5,
-                elinewidth=0.9, label=kind, **looks,
+                elinewidth=0.9, label=kind, **look,
             )  # fmt: skip
-    if not numbered:
-        return
-    for j in np.flatnonzero(points.within[:, i]):
-        place = (points.speed[j], points.value[j, i])
-        ax.annotate(str(points.n[j]), place, (4, 3), textcoords="offset points", fontsize=7.5)
+
+
+def _draw_numbers(ax: Axes, points: _Points, i: int) -> None:
+    """Write the numbers of the points; those of points that hide each other stand together."""
+    sizes = np.ptp(ax.get_xlim()), np.ptp(points.limits[i])
+    places = np.column_stack([points.speed, points.value[:, i]])
+    left = np.flatnonzero(points.within[:, i])
+    while len(left):
+        near = (np.abs(places[left] - places[left[0]]) < TOO_NEAR * np.array(sizes)).all(axis=1)
+        numbers = ", ".join(str(points.n[j]) for j in left[near])
+        x, y = places[left[0]]
+        side = "right" if x > ax.get_xlim()[1] - 0.2 * sizes[0] else "left"
+        offset = (-5 if side == "right" else 4, 3)
+        ax.annotate(numbers, (x, y), offset, textcoords="offset points", fontsize=7.5, ha=side)
+        left = left[~near]
 
 
 def _draw_flight(ax: Axes, flight: Flight, i: int, colour: str, name: str, *, alike: bool) -> None:

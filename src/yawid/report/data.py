@@ -10,6 +10,7 @@ from enum import IntFlag
 from typing import Any
 
 import numpy as np
+from msgspec.structs import astuple
 
 from yawid.blocks import (
     EstimateBlock,
@@ -30,6 +31,7 @@ from yawid.models.refit import Drawn, Rows
 from yawid.physics.modes import modes as physics_modes
 from yawid.report.manoeuvre_data import to_draw
 from yawid.sinks.mcap.reader import McapRun
+from yawid.sinks.words import orders_in
 
 TRACK_POINTS = 600
 
@@ -133,9 +135,9 @@ class _Gatherer:
         self._thin: dict[str, list[tuple[Floats, ...]]] = {m: [] for m in self._bank.methods}
         self._full: list[tuple[Any, ...]] = []
         self._last = np.empty(0)
-        self._manoeuvres = [
-            Rows(each) for each in to_draw(run.summary.manoeuvres or (), run.summary.used)
-        ]
+        drawn = to_draw(run.summary.manoeuvres or (), run.summary.used)
+        self._manoeuvres = {each.n: Rows(each) for each in drawn}
+        self._orders = {each.n: orders_in(each, run.summary.by_loop) for each in drawn}
 
     def add(
         self, samples: SampleBlock, estimates: Mapping[str, EstimateBlock], modes: ModesBlock
@@ -161,7 +163,7 @@ class _Gatherer:
         )  # fmt: skip
         self._rows += len(samples)
         self._last = estimate.theta[-1].copy()
-        for each in self._manoeuvres:
+        for each in self._manoeuvres.values():
             each.add(samples)
 
     def _modes(self, method: str, estimates: EstimateBlock) -> Floats:
@@ -185,7 +187,10 @@ class _Gatherer:
         n, u, y = len(history.y), history.u, history.y
         simulated = simulate(theta, config.orders, config.bias, u, y)
         y_hat = history.y_hat[self.method]
-        again = [each.drawn(self._bank.config, model.sample_time_s) for each in self._manoeuvres]
+        again = [
+            each.drawn(self._bank.config, model.sample_time_s, astuple(self._orders[n]))
+            for n, each in self._manoeuvres.items()
+        ]
         return ReportData(
             self.method,
             model,

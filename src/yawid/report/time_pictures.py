@@ -1,6 +1,7 @@
 """Pictures over time: the whole flight, a fit, parameters, modes, and the link's delays."""
 
 import math
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
@@ -10,7 +11,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import StrMethodFormatter
 
 from yawid.answers.model_parts import Fit
-from yawid.answers.run_summary import DutchRoll
+from yawid.answers.run_summary import DutchRoll, Flight
 from yawid.blocks import Floats
 from yawid.models.fitted import Judged
 from yawid.models.refit import Drawn
@@ -25,7 +26,7 @@ from yawid.report.picture import (
 )
 from yawid.sinks.base import Grid
 from yawid.sinks.palette import DATA, METHODS, MODEL, NEUTRAL, RUDDER
-from yawid.sinks.words import percent
+from yawid.sinks.words import dutch_roll_in, orders_in, percent
 
 PERIODS_SHOWN: Final = 12.0
 """Periods of the Dutch roll in the picture of a fit: with more, each is too narrow to compare."""
@@ -63,15 +64,19 @@ def whole_picture(data: ReportData, grid: Grid) -> Picture:
     )
 
 
-def manoeuvre_picture(drawn: Drawn, grid: Grid) -> Picture:
-    """Return the picture of a manoeuvre as measured, and as its answering model simulates it."""
+def manoeuvre_picture(drawn: Drawn, flights: Sequence[Flight], grid: Grid) -> Picture:
+    """Return the picture of a manoeuvre as measured, and as its answering model simulates it.
+
+    It is the model that its flight, one of ``flights``, uses.
+    """
     found = drawn.found
     assert found.answer is not None
-    method = found.answer.method.upper()
+    method, orders = found.answer.method.upper(), orders_in(found, flights)
     refused = "" if found.verdict.usable else ", not usable"
-    title = f"Manoeuvre {found.n}{refused}: measured, and {method}'s model"
+    by = "" if orders == found.orders else f" of orders {orders}"
+    title = f"Manoeuvre {found.n}{refused}: measured, and {method}'s model{by}"
     key = f"manoeuvre{found.n}"
-    return _fit(key, title, drawn.judged, found.dutch_roll, found.answer.fit, grid)
+    return _fit(key, title, drawn.judged, dutch_roll_in(found, flights), drawn.fit, grid)
 
 
 def fit_picture(data: ReportData, mode: DutchRoll | None, fit: Fit, grid: Grid) -> Picture:

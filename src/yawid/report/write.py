@@ -28,7 +28,7 @@ from yawid.results.advice import to_do
 from yawid.sinks.answers import cards, headline
 from yawid.sinks.mcap.reader import McapRun, open_run
 from yawid.sinks.part_file import check_free, os_errors_as_sink_error, write_whole
-from yawid.sinks.words import next_step, sigma_means, utc
+from yawid.sinks.words import dutch_roll_in, next_step, sigma_means, utc
 
 
 def write_report(
@@ -143,7 +143,7 @@ class Report:
             return [*shown, fit_picture(data, summary.dutch_roll, summary.answer.fit, grid)]
         over_airspeed = airspeed_picture(summary.manoeuvres or [], summary.by_loop)
         in_order = sorted(data.drawn, key=lambda each: each.found.n)
-        fits = [manoeuvre_picture(each, grid) for each in in_order]
+        fits = [manoeuvre_picture(each, summary.by_loop, grid) for each in in_order]
         return [*shown, *([over_airspeed] if over_airspeed is not None else []), *fits]
 
     @cached_property
@@ -157,9 +157,9 @@ class Report:
             return []
         model, judged, mode, fit = data.model, data.judged, self._summary.dutch_roll, answer.fit
         first, bare = self._first, self._summary.bare
-        if first is not None and first.found.answer is not None:
-            model, judged, mode = first.model, first.judged, first.found.dutch_roll
-            fit = first.found.answer.fit
+        if first is not None:
+            model, judged, fit = first.model, first.judged, first.fit
+            mode = dutch_roll_in(first.found, self._summary.by_loop)
         return [
             bode_picture(model, judged, mode, grid),
             poles_picture(model, None if bare is None else bare.dutch_roll),

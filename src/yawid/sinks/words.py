@@ -14,6 +14,7 @@ from yawid.answers.run_summary import (
     DutchRoll,
     Flight,
     Manoeuvre,
+    Orders,
     Refit,
     RunSummary,
     Try,
@@ -161,6 +162,12 @@ def dutch_roll_in(found: Manoeuvre, flights: Sequence[Flight]) -> DutchRoll | No
     """Return a manoeuvre's Dutch roll as its flight uses it: by the flight's orders."""
     refit = _refit(found, flights)
     return found.dutch_roll if refit is None else refit.dutch_roll
+
+
+def orders_in(found: Manoeuvre, flights: Sequence[Flight]) -> Orders:
+    """Return the orders by which a manoeuvre's flight uses it."""
+    by = (each.orders for each in flights for refit in each.refits or () if refit.n == found.n)
+    return next(by, None) or found.orders
 
 
 def physics_in(found: Manoeuvre, flights: Sequence[Flight]) -> Mapping[str, Value]:
