@@ -97,6 +97,17 @@ def test_the_figures_of_two_rows_are_those_by_hand() -> None:
     assert not met["answer, median sigma of wn, calm"]
 
 
+def test_the_worst_answer_of_an_aircraft_is_named() -> None:
+    pair = found(1, 40.0, 1.9, verdict()), found(2, 50.0, 2.525, verdict())
+
+    lines = list(bench.worst_lines(rows_of(7, answered(2.2, 0.03), *pair)))
+
+    assert lines[2:] == [
+        "| c172p | 2 | -2.00 | 3.00 | -5.0 %, zeta +0.000: flight 7, 3211, severity 0, clean gyro, "
+        "25 Hz, at 100 s |"
+    ]
+
+
 def test_a_wrong_flight_must_be_warned_of_or_refused_and_a_right_one_must_not() -> None:
     wrong = found(1, 40.0, 2.6, verdict())
     silent = rows_of(0, answered(2.6, 0.03), wrong)

@@ -29,6 +29,7 @@ BENCHES = (
     "verdict",
     "speeds",
     "upset",
+    "real",
     "start",
     "lateral",
     "damper",

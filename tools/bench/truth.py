@@ -4,8 +4,9 @@
                                 [--records DIR] [--csv FILE] [--readme]
 
 The flights are the grid of flights/moved.py, replayed with the default options; with --logs they
-stay in DIR and are not flown again. Below the tables of the READMEs come the criteria, and the
-results of the logs in replay_logs/ and of the recorded flights in the DIR of --records, if any.
+stay in DIR and are not flown again. Below the tables of the READMEs come the criteria, the results
+of the logs in replay_logs/ and of the recorded flights in the DIR of --records, if any, and the
+worst answer of each aircraft.
 The exit code is 1 if a criterion is not met. --csv has a row for each flight and estimate.
 
 z is (estimate - truth) / sqrt(sigma^2 + sigma of the truth^2). The figures of the answer, of RML
@@ -184,6 +185,23 @@ def across_lines(rows: Sequence[Row], names: Sequence[str]) -> Iterator[str]:
             + "|".join(each.removeprefix("0").replace(" ", ",") for each in values)
             + "|"
         )
+
+
+def worst_lines(rows: Sequence[Row]) -> Iterator[str]:
+    """Yield a table with a row for each aircraft: mean and median size of wn's error, the worst."""
+    yield "| aircraft | answers | mean % | off % | the worst answer |"
+    yield "|---|---|---|---|---|"
+    for name in dict.fromkeys(place[0] for place in PLACES):
+        if some := estimates([row for row in rows if row["aircraft"] == name], "manoeuvre"):
+            off = [abs(row["wn_error_pct"]) for row in some]
+            bad = some[int(np.argmax(off))]
+            said = (
+                f"{bad['wn_error_pct']:+.1f} %, zeta {bad['zeta'] - bad['zeta_true']:+.3f}: flight "
+                f"{bad['number']}, {bad['manoeuvre']}, severity {bad['severity']}, {bad['gyro']} "
+                f"gyro, {bad['rate_hz']} Hz, at {bad['from_s']:.0f} s"
+            )
+            cells = len(some), f"{mean_pct(some):+.2f}", f"{float(np.median(off)):.2f}", said
+            yield _line(name, cells)
 
 
 def _wrong(row: Row) -> bool:
@@ -385,5 +403,7 @@ def main(arguments: list[str]) -> Generator[str, None, str | None]:
     yield from criteria_lines(found)
     yield ""
     yield from record_lines(recorded)
+    yield ""
+    yield from worst_lines(rows)
     failed = [what for what, _, _, met in found if not met]
     return f"not met: {'; '.join(failed)}" if failed else None

@@ -1,0 +1,122 @@
+"""Runs records of real flights against a table of references that stays with them.
+
+    python tools/bench.py real FOLDER [--jobs 2]
+
+FOLDER has the records and references.csv, whose columns are
+
+    file        the record's name
+    options     those of yawid replay, empty for the default ones
+    wn, zeta    the reference in rad/s and 1; wn is the word refuse where nothing may be usable
+    tolerance   how far the answer may be off: wn in %, then, after a space, zeta
+
+The exit code is 1 if an answer is further off, if one is missing, or if one should be refused.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import json
+import shlex
+import subprocess
+import sys
+import tempfile
+from collections.abc import Generator
+from functools import partial
+from pathlib import Path
+
+from checks.judge import Row, in_processes
+
+TABLE = "references.csv"
+REFUSE = "refuse"
+
+
+def judged(reference: dict[str, str], found: dict[str, object] | None, why: str) -> Row:
+    """Return the row of one record: reference, answer (``wn``, ``zeta``; None if refused), verdict.
+
+    ``why`` says why it was refused, or what was warned of.
+    """
+    row: Row = {"file": reference["file"], "wanted": reference["wn"], "answer": "refused"}
+    row |= {"off": "", "why": why, "met": reference["wn"] == REFUSE}
+    if found is None:
+        return row
+    wn, zeta = (float(str(found[name])) for name in ("wn_rad_s", "zeta"))
+    row["answer"] = f"{wn:.3g}, {zeta:.2g}"
+    if reference["wn"] == REFUSE:
+        return row | {"met": False}
+    row["wanted"] = f"{reference['wn']}, {reference['zeta'] or '-'}"
+    limits = [float(each) for each in reference["tolerance"].split()]
+    off_pct = 100.0 * (wn / float(reference["wn"]) - 1.0)
+    row |= {"off": f"{off_pct:+.1f}", "met": abs(off_pct) <= limits[0]}
+    if reference["zeta"]:
+        off = zeta - float(reference["zeta"])
+        row["off"] += f", {off:+.3f}"
+        row["met"] = row["met"] and (len(limits) < 2 or abs(off) <= limits[1])
+    return row
+
+
+def replayed(folder: Path, reference: dict[str, str]) -> list[Row]:
+    """Replay one record by the command line and return its row, as the only one of a list."""
+    log = str(folder / reference["file"])
+    with tempfile.TemporaryDirectory() as scratch:
+        command = [sys.executable, "-m", "yawid", "replay", log, "--json", "--out", scratch]
+        command += shlex.split(reference["options"] or "")
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+    if not done.stdout.strip():
+        last = done.stderr.strip().splitlines()
+        return [judged(reference, None, last[-1] if last else f"exit {done.returncode}")]
+    summary = json.loads(done.stdout)
+    flight = summary.get("flight")
+    verdict = summary["verdict"] if flight is None else flight["verdict"]
+    why = " ".join(reason["id"] for reason in verdict["reasons"])
+    roll = None
+    if flight is not None:
+        roll = flight.get("dutch_roll")
+    elif verdict["usable"]:
+        roll = summary["estimates"][verdict["method"]].get("dutch_roll")
+    return [judged(reference, roll if verdict["usable"] else None, why)]
+
+
+def references(folder: Path) -> list[dict[str, str]]:
+    """Return the rows of the folder's table.
+
+    Raises:
+        SystemExit: there is no table, or a column is missing.
+    """
+    path = folder / TABLE
+    if not path.exists():
+        raise SystemExit(f"{path} does not exist: it names the records and their answers")
+    with path.open(newline="", encoding="utf-8") as file:
+        rows = list(csv.DictReader(file, skipinitialspace=True))
+    names = {"file", "options", "wn", "zeta", "tolerance"}
+    if rows and (missing := names - rows[0].keys()):
+        raise SystemExit(f"{path} lacks the columns {', '.join(sorted(missing))}")
+    return rows
+
+
+def main(arguments: list[str]) -> Generator[str, None, str | None]:
+    """Yield the table; return how many records do not meet their reference, None if all do."""
+    parser = argparse.ArgumentParser(prog="bench.py real", description=__doc__)
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--jobs", type=int, default=2, help="processes, at most 2")
+    options = parser.parse_args(arguments)
+    tasks = references(options.folder)
+    rows = [
+        row
+        for some in in_processes(partial(replayed, options.folder), tasks, options.jobs)
+        for row in some
+    ]
+    yield "| | records | answered, within tolerance | further off | refused, rightly | wrongly |"
+    yield "|---|---|---|---|---|---|"
+    gone = [row["met"] for row in rows if row["answer"] == "refused"]
+    here = [row["met"] for row in rows if row["answer"] != "refused"]
+    counts = (len(rows), sum(here), len(here) - sum(here), sum(gone), len(gone) - sum(gone))
+    yield f"| flown | {' | '.join(map(str, counts))} |"
+    yield ""
+    yield "| record | wanted wn, zeta | answer | off %, zeta | reasons | met |"
+    yield "|---|---|---|---|---|---|"
+    for row in rows:
+        cells = (row[name] for name in ("file", "wanted", "answer", "off", "why"))
+        yield f"| {' | '.join(map(str, cells))} | {'yes' if row['met'] else 'NO'} |"
+    failed = sum(not row["met"] for row in rows)
+    return f"{failed} of {len(rows)} records do not meet their reference" if failed else None
