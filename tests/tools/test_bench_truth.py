@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 from bench import truth as bench
-from checks.judge import Row, compared
+from checks.judge import Row, compared, write_csv
 from hand_flights import estimate, manoeuvre, plain_summary, roll_of, verdict
 from places import ROOT
 
@@ -131,7 +131,7 @@ def test_a_flight_is_flown_once_and_has_a_row_for_every_estimate(tmp_path: Path)
     rows = bench.flight_rows(tmp_path, 161, 2)
     stamp = (tmp_path / "002.tlog").stat().st_mtime_ns
     again = bench.flight_rows(tmp_path, 161, 2)
-    bench.write(tmp_path / "rows.csv", rows)
+    write_csv(tmp_path / "rows.csv", rows)
 
     streams = {"stream rml", "stream els"}
     assert {row["kind"] for row in rows} == {"rml", "els", "manoeuvre", "flight"} | streams

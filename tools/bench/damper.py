@@ -15,8 +15,6 @@ zeta is right within the larger of .05 and 15 %.
 from __future__ import annotations
 
 import argparse
-import csv
-import json
 import math
 from collections.abc import Generator, Iterator
 from dataclasses import replace
@@ -25,7 +23,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from checks.judge import Row, folder_of, in_processes, kept, options_of
+from checks.judge import Row, folder_of, in_processes, kept, options_of, write_csv
 from flights.damped import DampedFlight, Damper, linear
 from flights.flight import Hands
 from flights.fly import Made
@@ -51,7 +49,6 @@ REST_S = 10.0
 COLUMNS = (
     "cases", "refused", "zeta right", "within 2 sigma", "wn off, median", "decays alike", "z ≤ 2",
 )  # fmt: skip
-CONDITIONS_TOLD = ("aircraft", "speed_kt", "place", "servo_lag_s", "loop_hz")
 
 
 def plan_of(place: int) -> tuple[FlightPlan, Damper, Link]:
@@ -121,11 +118,13 @@ def place_rows(folder: Path, gains: int, place: int) -> list[Row]:
         after_log, after = kept(
             folder, f"{place:03d}_{number}", partial(flown, place, gain, number)
         )
-        row = {
-            name: truth[name]
-            for name in ("aircraft", "speed_kt", "place", "servo_lag_s", "loop_hz")
+        conditions = ("aircraft", "speed_kt", "place", "servo_lag_s", "loop_hz")
+        row = {name: truth[name] for name in conditions} | {
+            "gain": gain,
+            "added": added,
+            "closed": after["closed"],
+            "open": truth["open"],
         }
-        row |= {"gain": gain, "added": added, "closed": after["closed"], "open": truth["open"]}
         found = before.damper(gains=[gain])
         fatal = found.report.verdict.fatal
         rows.append(
@@ -266,10 +265,7 @@ def harmful(row: Row) -> bool:
 
 def main(arguments: list[str]) -> Generator[str, None, str | None]:
     """Yield the table; return which aims were missed."""
-    raw = argparse.RawDescriptionHelpFormatter
-    parser = argparse.ArgumentParser(
-        prog="bench.py damper", description=__doc__, formatter_class=raw
-    )
+    parser = argparse.ArgumentParser(prog="bench.py damper", description=__doc__)
     parser.add_argument("--cases", type=int, default=100)
     parser.add_argument("--csv", type=Path, metavar="FILE", help="every row")
     options_of(parser)
@@ -277,18 +273,10 @@ def main(arguments: list[str]) -> Generator[str, None, str | None]:
     gains = min(options.cases, len(ADDED))
     places = list(range(-(-options.cases // gains)))
     with folder_of(options.logs) as folder:
-        one = partial(place_rows, folder, gains)
-        rows = [row for some in in_processes(one, places, options.jobs) for row in some][
-            : options.cases
-        ]
+        rows = in_processes(partial(place_rows, folder, gains), places, options.jobs)
+    del rows[options.cases :]
     if options.csv:
-        names = list(dict.fromkeys(name for row in rows for name in row))
-        with options.csv.open("w", newline="", encoding="utf-8") as file:
-            writer = csv.DictWriter(file, names, lineterminator="\n")
-            writer.writeheader()
-            writer.writerows(
-                {name: json.dumps(value) for name, value in row.items()} for row in rows
-            )
+        write_csv(options.csv, rows)
     yield from table(rows)
     told = [row for row in rows if not row["refused"]]
     right = sum(is_right(row["zeta"], row["closed"][1]) for row in told)

@@ -12,7 +12,6 @@ moved; the exit code is 1 if one is not met. The gates were chosen with seed 701
 from __future__ import annotations
 
 import argparse
-import csv
 import json
 import math
 import time
@@ -22,7 +21,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from checks.judge import Row, folder_of, in_processes, options_of
+from checks.judge import Row, folder_of, in_processes, options_of, write_csv
 from flights.lateral import AILERONS, COUNT, LOGGED_S, MANOEUVRES_S, SEVERITIES, kept
 
 from yawid.lateral.fit_airframe import START_LAGS_S, fit_airframe
@@ -176,10 +175,7 @@ def main(arguments: list[str]) -> Generator[str, None, str | None]:
     numbers = [i * STRIDE % COUNT for i in range(min(options.flights, COUNT))]
     with folder_of(options.logs) as folder:
         one = partial(rows_of, folder, options.seed, options.manoeuvres)
-        rows = [row for some in in_processes(one, numbers, options.jobs) for row in some]
+        rows = in_processes(one, numbers, options.jobs)
     if options.csv:
-        with options.csv.open("w", newline="", encoding="utf-8") as file:
-            writer = csv.DictWriter(file, rows[0])
-            writer.writeheader()
-            writer.writerows(rows)
+        write_csv(options.csv, rows)
     return (yield from table(rows))

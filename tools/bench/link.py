@@ -12,18 +12,16 @@ import importlib
 import io
 import json
 import resource
-import struct
 import subprocess
 import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
+from flights.surgery import CLASSES, STAMP_SIZE, Encoder, message_of, split
 from numpy.typing import NDArray
-from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 TOOLS = Path(__file__).resolve().parents[1]
 WANTED = ("ATTITUDE", "SERVO_OUTPUT_RAW")
@@ -61,37 +59,25 @@ def write_log(path: Path, megabytes: int) -> tuple[int, int]:
 
 
 def _records(rng: np.random.Generator, count: int) -> tuple[list[bytes], int]:
-    classes = {cls.msgname: cls for cls in dialect.mavlink_map.values()}
-    payloads = {
-        name: [rng.bytes(classes[name].unpacker.size) for _ in range(_PAYLOADS)]
+    messages = {
+        name: [message_of(name, rng.bytes(CLASSES[name].unpacker.size)) for _ in range(_PAYLOADS)]
         for name in (*WANTED, *_OTHERS)
     }
-    messages = {name: [_message(classes[name], p) for p in payloads[name]] for name in payloads}
-    link = dialect.MAVLink(None, srcSystem=1, srcComponent=1)
-    records, wanted = [], 0
-    for i in range(count):
+    encoder, records, wanted = Encoder(), [], 0
+    for _ in range(count):
         is_wanted = rng.random() < SHARE_WANTED
         names = WANTED if is_wanted else _OTHERS
         wanted += is_wanted
-        link.seq = i % 256
         message = messages[names[int(rng.integers(len(names)))]][int(rng.integers(_PAYLOADS))]
-        records.append(bytes(8) + message.pack(link))
+        records.append(bytes(8) + encoder.frame(message))
     return records, wanted
-
-
-def _message(cls: Any, payload: bytes) -> Any:
-    """Return the message that pymavlink decodes from a frame with this payload."""
-    size = cls.unpacker.size
-    body = struct.pack("<BBBBBBHB", size, 0, 0, 0, 1, 1, cls.id & 0xFFFF, cls.id >> 16) + payload
-    crc = dialect.x25crc(body + bytes([cls.crc_extra])).crc
-    return dialect.MAVLink(None).decode(bytearray(b"\xfd" + body + struct.pack("<H", crc)))
 
 
 def damage(source: Path, target: Path) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Write a damaged copy; return where its intact records begin, and where all records begin."""
     rng = np.random.default_rng(2)
     data = np.fromfile(source, np.uint8)
-    starts = _starts(data)
+    starts = np.cumsum([0, *(STAMP_SIZE + len(frame) for _, frame in split(data.tobytes()))])[:-1]
     ends = np.append(starts[1:], len(data))
     hit = np.flatnonzero(rng.random(len(data)) < FLIP_RATE)
     data[hit] ^= rng.integers(1, 256, len(hit), dtype=np.uint8)
@@ -110,15 +96,6 @@ def damage(source: Path, target: Path) -> tuple[NDArray[np.int64], NDArray[np.in
     is_whole = ~is_hit & (before == inside)
     moved = np.asarray(starts + moves[before], np.int64)
     return moved[is_whole], moved
-
-
-def _starts(data: NDArray[np.uint8]) -> NDArray[np.int64]:
-    """Return where the records begin in an undamaged tlog of MAVLink 2."""
-    starts, at, lengths = [], 0, data.tobytes()
-    while at < len(lengths):
-        starts.append(at)
-        at += 8 + 12 + lengths[at + 9]
-    return np.array(starts)
 
 
 def read_yawid(path: Path) -> Iterator[int]:
@@ -219,7 +196,7 @@ def recovered(path: Path, truth: NDArray[np.int64], starts: NDArray[np.int64]) -
     """
     from yawid.sources.mavlink.decoder import Decoder
 
-    decoder = Decoder(cls.msgname for cls in dialect.mavlink_map.values())
+    decoder = Decoder(CLASSES)
     block, rest = decoder.feed(path.read_bytes()), decoder.finish()
     orders = [m.order for b in (block, rest) if b is not None for m in b.messages.values()]
     found = np.concatenate(orders)

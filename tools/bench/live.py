@@ -20,10 +20,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from checks.children import LONG_S, child
+from checks.children import LONG_S, child, free_udp_port
 from flights.surgery import split
 
-from bench.live_kill import kill_once
 from yawid.channels.stage import WANTED
 from yawid.runs.outputs import Outputs
 from yawid.runs.replay import replay
@@ -35,6 +34,7 @@ from yawid.sources.mavlink.decoder import Decoder
 TOOLS = Path(__file__).resolve().parents[1]
 LOG = TOOLS.parent / "replay_logs" / "sitl_fbwa_50hz" / "log.tlog"
 PARTS = ("loss", "stall", "cpu", "latency", "fits", "kill", "soak")
+LIVE: tuple[object, ...] = ("-m", "yawid", "live")
 QUIET_S = 0.5
 CPU_TURNS = 4
 STALL_HZ, STALL_S = 1872.0, 5.0
@@ -123,9 +123,7 @@ def pymavlink_loop(log: Path, rate: float, count: int) -> float:
     """Return the CPU time in us that pymavlink's udpin needs for a message."""
     from pymavlink import mavutil
 
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
+    port = free_udp_port()
     link = mavutil.mavlink_connection(f"udpin:127.0.0.1:{port}", dialect="ardupilotmega")
     link.port.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4 << 20)
     heard, cpu_s = 0, time.process_time()
@@ -142,12 +140,10 @@ def pymavlink_loop(log: Path, rate: float, count: int) -> float:
 
 @contextmanager
 def session(
-    folder: Path, *options: object, program: tuple[object, ...] = ("-m", "yawid", "live")
+    folder: Path, *options: object, program: tuple[object, ...] = LIVE
 ) -> Iterator[tuple[subprocess.Popen[str], int]]:
     """Start ``yawid live`` on a free port; yield the process and the port once it listens."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        port: int = probe.getsockname()[1]
+    port = free_udp_port()
     command = [*program, f"udpin:127.0.0.1:{port}", "--out", folder, "--json", *options]
     with child(
         [sys.executable, *map(str, command)], LONG_S,
@@ -156,6 +152,15 @@ def session(
         assert process.stderr is not None
         assert "listening" in process.stderr.readline()
         yield process, port
+
+
+def heard(log: Path, speed: float, *options: Any, program: tuple[object, ...] = LIVE) -> Any:
+    """Send a log at ``speed`` times its pace to a session; return the summary of its end."""
+    with session(*options, program=program) as (process, port):
+        with sender(port, log, "--speed", speed) as vehicle:
+            vehicle.wait(LONG_S)
+        process.terminate()
+        return json.loads(process.communicate(timeout=ENDING_S)[0])
 
 
 def is_as_replayed(summary: dict[str, Any], folder: Path) -> bool:
@@ -172,12 +177,7 @@ def bench_latency(options: argparse.Namespace) -> Iterator[str]:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         before = resource.getrusage(resource.RUSAGE_CHILDREN)
-        with session(folder) as (process, port):
-            with sender(port, options.log, "--speed", options.speed) as vehicle:
-                vehicle.wait(LONG_S)
-            process.terminate()
-            out, _ = process.communicate(timeout=ENDING_S)
-        summary = json.loads(out)
+        summary = heard(options.log, options.speed, folder)
         used = resource.getrusage(resource.RUSAGE_CHILDREN)
         cpu_s = used.ru_utime + used.ru_stime - before.ru_utime - before.ru_stime
         same = is_as_replayed(summary, folder)
@@ -192,20 +192,15 @@ def bench_latency(options: argparse.Namespace) -> Iterator[str]:
 
 def bench_fits(options: argparse.Namespace) -> Iterator[str]:
     """Measure the latency without manoeuvres, with them, and while a fit runs all the time."""
-    plain: tuple[object, ...] = ("-m", "yawid", "live")
     beside = (TOOLS / "bench" / "live_beside_fits.py",)
     for what, program, manoeuvres in (
-        ("without manoeuvres", plain, "off"),
-        ("with manoeuvres", plain, "auto"),
+        ("without manoeuvres", LIVE, "off"),
+        ("with manoeuvres", LIVE, "auto"),
         ("with a fit running all the time", beside, "auto"),
     ):
         with tempfile.TemporaryDirectory() as name:
             asked = (Path(name), "--manoeuvres", manoeuvres)
-            with session(*asked, program=program) as (process, port):
-                with sender(port, options.log, "--speed", FITS_SPEED) as vehicle:
-                    vehicle.wait(LONG_S)
-                process.terminate()
-                summary = json.loads(process.communicate(timeout=ENDING_S)[0])
+            summary = heard(options.log, FITS_SPEED, *asked, program=program)
         rate = summary["link"]["frames"] / summary["duration_s"]
         found = len(summary.get("manoeuvres") or [])
         yield f"{what}, {rate:.0f} msg/s, {found} found: latency {_latency(summary)} ms"
@@ -217,6 +212,8 @@ def _latency(summary: dict[str, Any]) -> str:
 
 def bench_kill(options: argparse.Namespace) -> Iterator[str]:
     """Kill a session with kill -9 at random moments, and measure what is lost."""
+    from bench.live_kill import kill_once
+
     frames = split(options.log.read_bytes())
     rng = np.random.default_rng(0)
     losses = []

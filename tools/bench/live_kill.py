@@ -2,22 +2,22 @@
 
 from __future__ import annotations
 
-import socket
-import subprocess
-import sys
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from checks.children import LEAVE_S, child
+from checks.children import LEAVE_S
+from flights.send_tlog import send
 from flights.surgery import Record, split
 from mcap.reader import make_reader
 
+from bench.live import session
 from yawid.estimation.machine.runner import RUNNER
 from yawid.runs.outputs import Outputs
-from yawid.runs.replay import StopFlag, replay
+from yawid.runs.replay import replay
+from yawid.runs.stop import StopFlag
 from yawid.sinks.mcap.recover import recover
 
 Row = tuple[str, int, bytes]
@@ -38,58 +38,31 @@ class Loss:
     is_same: bool
 
 
-class Sender(threading.Thread):
-    """Sends frames at ``speed`` times the pace of their stamps; notes the time of each in s."""
-
-    def __init__(self, frames: Sequence[Record], port: int, speed: float) -> None:
-        super().__init__(daemon=True)
-        self.sent_s: list[float] = []
-        self._frames, self._port, self._speed = frames, port, speed
-        self._stop_asked = threading.Event()
-
-    def run(self) -> None:
-        """Send the frames until :meth:`stop` is called."""
-        start_s, first_us = time.monotonic(), self._frames[0][0]
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
-            for stamp_us, frame in self._frames:
-                due_s = start_s + (stamp_us - first_us) / 1e6 / self._speed
-                if self._stop_asked.wait(max(0.0, due_s - time.monotonic())):
-                    return
-                sock.sendto(frame, ("127.0.0.1", self._port))
-                self.sent_s.append(time.time())
-
-    def stop(self) -> None:
-        """Stop sending, and wait for the end of the thread."""
-        self._stop_asked.set()
-        self.join(LEAVE_S)
+def noted(frames: Sequence[Record], sent_s: list[float], stop: threading.Event) -> Iterator[Record]:
+    """Yield frames until ``stop`` is set; add to ``sent_s`` when each was sent, in Unix time."""
+    for frame in frames:
+        if stop.is_set():
+            return
+        yield frame
+        sent_s.append(time.time())
 
 
 def kill_once(frames: Sequence[Record], moment_s: float, folder: Path, speed: float = 1.0) -> Loss:
     """Start a session, send frames, and kill it ``moment_s`` after the first; return the loss."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
-    command = [
-        sys.executable,
-        "-m",
-        "yawid",
-        "live",
-        f"udpin:127.0.0.1:{port}",
-        "--out",
-        str(folder),
-    ]
     if not RUNNER.is_compiled():  # a compiler would still be at work when the session is killed
         RUNNER.compile()
-    with child(command, stderr=subprocess.PIPE) as process:
-        assert process.stderr is not None
-        assert b"listening" in process.stderr.readline()
-        sender = Sender(frames, port, speed)
+    sent_s: list[float] = []
+    stop = threading.Event()
+    with session(folder) as (process, port):
+        to = (noted(frames, sent_s, stop), ("127.0.0.1", port), speed)
+        sender = threading.Thread(target=send, args=to, daemon=True)
         sender.start()
         time.sleep(moment_s)
         killed_s = time.time()
         process.kill()
-        sender.stop()
-    return measure(folder, sender.sent_s, killed_s)
+        stop.set()
+        sender.join(LEAVE_S)
+    return measure(folder, sent_s, killed_s)
 
 
 def measure(folder: Path, sent_s: Sequence[float], killed_s: float) -> Loss:

@@ -9,10 +9,10 @@ import subprocess
 import threading
 import time
 from collections.abc import Iterator
-from typing import Any
 
 import numpy as np
 from checks.children import LEAVE_S, resident_mb
+from flights.surgery import Encoder
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 SPEED, HZ = 50.0, 50
@@ -28,13 +28,7 @@ def flight(rng: np.random.Generator) -> Iterator[list[bytes]]:
     In its own time, it is silent for 20 s every ten minutes, reboots every hour, and lacks one
     second of frames in every 97.
     """
-    link = dialect.MAVLink(None, srcSystem=1, srcComponent=1)
-
-    def packed(message: Any) -> bytes:
-        frame = bytes(message.pack(link))
-        link.seq = (link.seq + 1) % 256
-        return frame
-
+    packed = Encoder().frame
     step, boot, y, y1, u1, u2 = 0, 0, 0.0, 0.0, 0.0, 0.0
     while True:
         tick = step - boot

@@ -101,11 +101,7 @@ def main(arguments: list[str]) -> Generator[str, None, str | None]:
     parser.add_argument("--jobs", type=int, default=2, help="processes, at most 2")
     options = parser.parse_args(arguments)
     tasks = references(options.folder)
-    rows = [
-        row
-        for some in in_processes(partial(replayed, options.folder), tasks, options.jobs)
-        for row in some
-    ]
+    rows = in_processes(partial(replayed, options.folder), tasks, options.jobs)
     yield "| | records | answered, within tolerance | further off | refused, rightly | wrongly |"
     yield "|---|---|---|---|---|---|"
     gone = [row["met"] for row in rows if row["answer"] == "refused"]

@@ -94,9 +94,8 @@ def main(arguments: list[str]) -> Iterator[str]:
     severities = [int(each) for each in options.severities.split(",")]
     tasks = [(severity, 1 + n) for severity in severities for n in range(options.seeds)]
     with folder_of(options.logs) as folder:
-        found = list(in_processes(partial(rows_of, folder), tasks, options.jobs))
-    by = {severity: [r for some in found for r in some if r["severity"] == severity]
-          for severity in severities}  # fmt: skip
+        found = in_processes(partial(rows_of, folder), tasks, options.jobs)
+    by = {severity: [r for r in found if r["severity"] == severity] for severity in severities}
     yield "| | flown | missed | elsewhere | refused | right | fair | neither | wrong |"
     yield "|---" * 9 + "|"
     for severity, rows in by.items():

@@ -17,7 +17,6 @@ was flown. The answer is output error's in calm air, else RML's.
 from __future__ import annotations
 
 import argparse
-import csv
 import json
 import math
 import tomllib
@@ -26,7 +25,7 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from checks.judge import METHODS, Row, folder_of, in_processes, judged, kept, options_of
+from checks.judge import METHODS, Row, folder_of, in_processes, judged, kept, options_of, write_csv
 from flights.moved import COUNT, GYROS, PLACES, RATES_HZ, SEVERITIES, SHAPES, TABLE, of_grid
 
 from yawid.config.run import RunConfig
@@ -306,19 +305,6 @@ def _pair(row: Row, what: str) -> str:
     return ", ".join(said)
 
 
-def write(path: Path, rows: Sequence[Row]) -> None:
-    """Write rows as CSV, with columns in the order in which they first appear."""
-    names = list(dict.fromkeys(name for row in rows for name in row))
-    with path.open("w", newline="", encoding="utf-8") as file:
-        table = csv.DictWriter(file, names, lineterminator="\n")
-        table.writeheader()
-        table.writerows({k: _short(v) for k, v in row.items()} for row in rows)
-
-
-def _short(value: object) -> object:
-    return float(f"{value:.6g}") if isinstance(value, float) else value
-
-
 def flight_rows(folder: Path, seed: int, number: int) -> list[Row]:
     """Return the rows of one flight of the grid; fly it if the folder does not have it yet.
 
@@ -357,10 +343,8 @@ def measured(options: argparse.Namespace) -> tuple[list[Row], list[Row]]:
     """Return the rows of the flights, and those of cases and recorded flights."""
     numbers = sorted(i * STRIDE % COUNT for i in range(options.flights))
     with folder_of(options.logs) as folder:
-        one = partial(flight_rows, folder, options.seed)
-        rows = [row for some in in_processes(one, numbers, options.jobs) for row in some]
-    logs = records(options.records)
-    return rows, [row for some in in_processes(record_rows, logs, options.jobs) for row in some]
+        rows = in_processes(partial(flight_rows, folder, options.seed), numbers, options.jobs)
+    return rows, in_processes(record_rows, records(options.records), options.jobs)
 
 
 def parse(arguments: list[str]) -> argparse.Namespace:
@@ -390,7 +374,7 @@ def main(arguments: list[str]) -> Generator[str, None, str | None]:
     options = parse(arguments)
     rows, recorded = measured(options)
     if options.csv:
-        write(options.csv, [*rows, *recorded])
+        write_csv(options.csv, [*rows, *recorded])
     found = list(criteria(rows))
     air = ("all", *ANSWERED_PCT)
     yield from condition_lines(" ", rows, air)

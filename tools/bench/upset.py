@@ -40,8 +40,7 @@ def main(arguments: list[str]) -> Generator[str, None, str | None]:
     options_of(parser)
     options = parser.parse_args(arguments)
     with folder_of(options.logs) as folder:
-        each = in_processes(partial(rows_of, folder), range(1, 1 + options.seeds), options.jobs)
-        rows = [row for some in each for row in some]
+        rows = in_processes(partial(rows_of, folder), range(1, 1 + options.seeds), options.jobs)
     broken = [row for row in rows if row["kind"] == "broken"]
     usable = [row for row in rows if row["usable"]]
     yield "| | flights | found | usable | replays broke off |"

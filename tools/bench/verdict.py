@@ -122,5 +122,5 @@ def main(arguments: list[str]) -> Iterator[str]:
         parser.error(f"no such run: {', '.join(sorted(unknown))}")
     tasks = [(kind, i) for kind in MAKERS for i in range(getattr(options, kind))]
     with folder_of(options.logs) as folder:
-        one = partial(rows_of, folder, runs)
-        yield from table([row for some in in_processes(one, tasks, options.jobs) for row in some])
+        rows = in_processes(partial(rows_of, folder, runs), tasks, options.jobs)
+    yield from table(rows)

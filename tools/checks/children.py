@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import re
+import socket
 import subprocess
 import sys
 import threading
@@ -94,6 +95,14 @@ def end(process: subprocess.Popen[Any]) -> None:
         if stream is not None:
             with suppress(OSError):  # closing flushes what the process never read
                 stream.close()
+
+
+def free_udp_port() -> int:
+    """Return a free UDP port of this machine."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        port: int = probe.getsockname()[1]
+        return port
 
 
 def resident_mb(pid: int | str = "self") -> float:

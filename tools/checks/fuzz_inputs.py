@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from flights.surgery import Encoder, join, message_of
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
@@ -59,13 +60,11 @@ class FuzzFlight:
     def tlog(self) -> bytes:
         """Return the flight as the bytes of a tlog."""
         rng = np.random.default_rng(self.seed)
-        link = dialect.MAVLink(None, srcSystem=1, srcComponent=1)
-        parts = []
+        encoder, records = Encoder(), []
         for t, message in self._timeline(rng):
-            link.seq = (link.seq + 1) % 256
             stamp = START_US + int(1e6 * t) + int(rng.exponential(3000.0))
-            parts.append(struct.pack(">Q", stamp) + message.pack(link))
-        data = bytearray(b"".join(parts))
+            records.append((stamp, encoder.frame(message)))
+        data = bytearray(join(records))
         for where, kind, seed in self.damage:
             _damage(data, int(where * max(len(data) - 1, 0)), kind, np.random.default_rng(seed))
         return bytes(data)
@@ -80,23 +79,13 @@ class FuzzFlight:
                 boot_s = self.start_s + t
                 boot_s += sum(step for at, step in self.steps if at * self.seconds <= t)
                 swing = rng.normal() if self.moves else 0.0
-                events.append((float(t), _message(name, _payload(name, boot_s, t, swing))))
+                events.append((float(t), message_of(name, _payload(name, boot_s, t, swing))))
         for at, name, value in self.parameters:
             told = dialect.MAVLink_param_value_message(name.encode()[:16], value, 9, 10, 0)
             events.append((at * self.seconds, told))
         for at, name, payload in self.fields:
-            events.append((at * self.seconds, _message(name, payload)))
+            events.append((at * self.seconds, message_of(name, payload)))
         return sorted(events, key=lambda event: event[0])
-
-
-def _message(name: str, payload: bytes) -> Any:
-    """Return the message with this payload, filled with zeros or cut to its size."""
-    cls = _BY_NAME[name]
-    size = cls.unpacker.size
-    head = struct.pack("<BBBBBBHB", size, 0, 0, 0, 1, 1, cls.id & 0xFFFF, cls.id >> 16)
-    body = head + payload.ljust(size, b"\0")[:size]
-    crc = dialect.x25crc(body + bytes([cls.crc_extra])).crc
-    return dialect.MAVLink(None).decode(bytearray(b"\xfd" + body + struct.pack("<H", crc)))
 
 
 def _payload(name: str, boot_s: float, t: float, swing: float) -> bytes:
@@ -138,7 +127,6 @@ def _damage(data: bytearray, at: int, kind: str, rng: np.random.Generator) -> No
         del data[at:]
 
 
-_BY_NAME = {cls.msgname: cls for cls in dialect.mavlink_map.values()}
 _READ = (
     "ATTITUDE", "ATTITUDE_QUATERNION", "SERVO_OUTPUT_RAW", "RC_CHANNELS", "VFR_HUD", "HEARTBEAT",
     "PARAM_VALUE", "SYSTEM_TIME", "ACTUATOR_OUTPUT_STATUS", "ACTUATOR_CONTROL_TARGET",

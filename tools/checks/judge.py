@@ -8,6 +8,7 @@ answers (``manoeuvre``), of the flight (``flight``), or of the stream at its end
 from __future__ import annotations
 
 import argparse
+import csv
 import json
 import math
 import sys
@@ -67,19 +68,31 @@ def kept(folder: Path, name: str, make: Callable[[], Made]) -> tuple[Path, Truth
     return log, json.loads(told.read_text(encoding="utf-8"))
 
 
-def in_processes(
-    do: Callable[[Any], list[Row]], tasks: Sequence[Any], jobs: int
-) -> Iterator[list[Row]]:
-    """Yield the result of ``do`` for each task in order; print how many are done to stderr."""
+def in_processes(do: Callable[[Any], list[Row]], tasks: Sequence[Any], jobs: int) -> list[Row]:
+    """Return the rows of ``do`` for all tasks in order; print how many are done to stderr."""
+    rows: list[Row] = []
     with ExitStack() as stack:
         found: Iterator[list[Row]] = map(do, tasks)
         if jobs > 1:
             pool = ProcessPoolExecutor(MOST_JOBS, get_context("spawn"))
             found = stack.enter_context(pool).map(do, tasks)
-        for done, rows in enumerate(found, 1):
+        for done, some in enumerate(found, 1):
             print(f"\r{done} of {len(tasks)} ", end="", file=sys.stderr, flush=True)
-            yield rows
+            rows += some
     print(file=sys.stderr)
+    return rows
+
+
+def write_csv(path: Path, rows: Sequence[Row]) -> None:
+    """Write rows as CSV, with columns in the order in which they first appear."""
+    names = list(dict.fromkeys(name for row in rows for name in row))
+    with path.open("w", newline="", encoding="utf-8") as file:
+        table = csv.DictWriter(file, names, lineterminator="\n")
+        table.writeheader()
+        table.writerows(
+            {k: float(f"{v:.6g}") if isinstance(v, float) else v for k, v in row.items()}
+            for row in rows
+        )
 
 
 def replayed(log: Path, config: RunConfig | None = None) -> RunSummary:

@@ -9,7 +9,6 @@ airspeed flown.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
 from typing import Any
@@ -246,7 +245,9 @@ def _manoeuvre(plan: LegPlan, leg: Leg, flown: Floats, ends_ms: tuple[int, int])
         "amplitude": leg.amplitude,
         "aileron": leg.aileron,
         "airspeed_m_s": round(equivalent_kt * KNOT, 3),
-        "airspeed_from_to_m_s": [round(float(x), 3) for x in _ends(inside[:, 3] * KNOT)],
+        "airspeed_from_to_m_s": [
+            round(float(end(inside[:, 3])) * KNOT, 3) for end in (np.min, np.max)
+        ],
         "calibrated_kt": round(knots, 3),
         "calibrated_kt_at_trim": round(float(inside[0, 1]), 3),
         "altitude_m": round(feet * FOOT, 1),
@@ -254,10 +255,6 @@ def _manoeuvre(plan: LegPlan, leg: Leg, flown: Floats, ends_ms: tuple[int, int])
         "dutch_roll_at_trim": before[loop],
         **mean,
     }
-
-
-def _ends(values: Sequence[float] | Floats) -> tuple[float, float]:
-    return float(np.min(values)), float(np.max(values))
 
 
 def _kappa(found: list[dict[str, Any]], loop: str) -> dict[str, float] | None:

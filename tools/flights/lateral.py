@@ -20,7 +20,7 @@ from flights.flight import MILSPEC, PITCH_GAIN, PITCH_RATE_GAIN, Floats, jsbsim_
 from flights.moved import PLACES
 from flights.plan import LEAD_IN_S, FlightPlan, Servo, manoeuvre_pieces
 from flights.telemetry import FOOT
-from flights.truth import linear_dutch_rolls
+from flights.truth import LATERAL, lateral, linear_dutch_rolls
 
 AILERONS = ("moved", "feedback")
 SEVERITIES = (0, 1, 2)
@@ -148,10 +148,7 @@ def _truths(plan: FlightPlan, attitude: Floats) -> list[dict[str, Any]]:
 
 
 def _bare(plan: FlightPlan) -> dict[str, Any]:
-    linear = jsbsim.FGLinearization(trimmed(plan))
-    states, inputs = list(linear.x_names), list(linear.u_names)
-    rows = [states.index(name) for name in ("Beta", "P", "R", "Phi")]
-    A = np.array(linear.system_matrix)[np.ix_(rows, rows)]
-    B = np.array(linear.input_matrix)[rows]
-    columns = B[:, inputs.index("DaCmd")], -B[:, inputs.index("DrCmd")]
-    return {"kt": plan.speed_kt, "A": A.tolist(), "B": np.stack(columns, 1).tolist()}
+    A, aileron, rudder = lateral(jsbsim.FGLinearization(trimmed(plan)))
+    rows = [LATERAL.index(name) for name in ("Beta", "P", "R", "Phi")]
+    B = np.stack([aileron, -rudder], 1)[rows]
+    return {"kt": plan.speed_kt, "A": A[np.ix_(rows, rows)].tolist(), "B": B.tolist()}

@@ -16,6 +16,8 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 Record = tuple[int, bytes]
 STAMP_SIZE = 8
 FIRST_SIGNATURE = 10_000_000
+CLASSES: dict[str, Any] = {cls.msgname: cls for cls in mavlink.mavlink_map.values()}
+"""pymavlink's classes of messages, by name."""
 
 
 def split(log: bytes) -> list[Record]:
@@ -55,6 +57,16 @@ def payload(frame: bytes, size: int) -> bytes:
     """Return the first ``size`` bytes of a payload, with the zeros that MAVLink 2 cuts off."""
     head = 6 if frame[0] == 0xFE else 10
     return frame[head : head + frame[1]].ljust(size, b"\0")[:size]
+
+
+def message_of(name: str, payload: bytes) -> Any:
+    """Return the message with this payload, which is filled with zeros or cut to its size."""
+    cls = CLASSES[name]
+    size = cls.unpacker.size
+    head = struct.pack("<BBBBBBHB", size, 0, 0, 0, 1, 1, cls.id & 0xFFFF, cls.id >> 16)
+    body = head + payload.ljust(size, b"\0")[:size]
+    crc = mavlink.x25crc(body + bytes([cls.crc_extra])).crc
+    return mavlink.MAVLink(None).decode(bytearray(b"\xfd" + body + struct.pack("<H", crc)))
 
 
 def sender(frame: bytes) -> tuple[int, int]:

@@ -11,6 +11,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from flights.plan import FlightPlan, Servo
+from flights.surgery import Encoder
 
 EPOCH_US = 1_700_000_000_000_000  # the receive clock when the flight starts
 GCS = (255, 190)
@@ -65,19 +66,6 @@ class Link:
                 raise ValueError(f"{name} must be >= 0 and finite, got {getattr(self, name)!r}")
 
 
-class Sender:
-    """One MAVLink sender: its ids and its sequence numbers."""
-
-    def __init__(self, dialect: Any, ids: tuple[int, int]) -> None:
-        self._mav = dialect.MAVLink(None, *ids)
-
-    def frame(self, message: Any) -> bytes:
-        """Return the message as this sender's next frame."""
-        frame = bytes(message.pack(self._mav))
-        self._mav.seq = (self._mav.seq + 1) % 256
-        return frame
-
-
 class Receiver:
     """The receive stamps of a link that keeps the order: latency, jitter, and some stalls."""
 
@@ -101,13 +89,11 @@ def telemetry(link: Link, flight: Flying) -> Iterator[tuple[int, bytes]]:
     version = "v10" if link.mavlink1 else "v20"
     dialect = importlib.import_module(f"pymavlink.dialects.{version}.ardupilotmega")
     messages = Messages(dialect, link, flight, rng)
-    vehicle = link.sysid, 1
-    senders = {ids: Sender(dialect, ids) for ids in (vehicle, GCS)}
-    receiver = Receiver(rng)
+    encoder, receiver = Encoder(dialect=dialect), Receiver(rng)
     for ms, name, index in schedule(flight.plan, link, rng):
         flight.advance_to(ms)
-        ids = GCS if name == "gcs_heartbeat" else vehicle
-        frame = senders[ids].frame(getattr(messages, name)(ms, index))
+        ids = GCS if name == "gcs_heartbeat" else (link.sysid, 1)
+        frame = encoder.frame(getattr(messages, name)(ms, index), ids)
         yield receiver.stamp(EPOCH_US + 1000 * ms), frame
 
 
