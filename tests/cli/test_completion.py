@@ -53,7 +53,7 @@ RUDDER = {"--rudder-sign", "--rudder-max-deg", "--rudder-unit", "--rudder-is"}
 def test_bash_offers_options_choices_and_files(script: Path):
     assert offered(script, "replay", "--rudder-") == RUDDER
     assert offered(script, "step", "--model", "") == {"first", "second", "yaw"}
-    assert offered(script, "replay", "--config", "yawid.b") == {"yawid.bash"}
+    assert offered(script, "replay", "--signing-key-file", "yawid.b") == {"yawid.bash"}
 
 
 def test_zsh_takes_its_script_with_every_command(
@@ -64,6 +64,8 @@ def test_zsh_takes_its_script_with_every_command(
 
     assert text.startswith("#compdef yawid\n")
     assert all(f"    {command}:" in text for command in COMMANDS)
+    assert "]:els|rml:(els rml)" in text
+    assert "]:FILE:_files -g '*.(#i)(toml)(-.)'" in text
     if shutil.which("zsh"):
         (tmp_path / "_yawid").write_text(text)
         done = subprocess.run(["zsh", "-n", tmp_path / "_yawid"], check=False, timeout=60)
@@ -76,3 +78,22 @@ def test_another_shell_is_refused_by_name(capsys: pytest.CaptureFixture[str]):
 
     assert ended.value.code == 2
     assert "fish" in capsys.readouterr().err
+
+
+def test_bash_offers_values_files_by_their_suffix_and_cases(script: Path):
+    assert offered(script, "replay", "--method", "") == {"els", "rml"}
+    assert offered(script, "replay", "--also", "") == {"els", "rml", "none"}
+    assert offered(script, "replay", "--rerun", "s") == {"save", "spawn"}
+    assert offered(script, "inspect", "--inputs", "") == {"rudder", "rudder,aileron"}
+    for name in ("a.tlog", "b.BIN", "c.mcap", "d.mcap.part", "e.toml", "f.html"):
+        (script.parent / name).touch()
+    (script.parent / "replay_logs" / "climb").mkdir(parents=True)
+    (script.parent / "replay_logs" / "climb" / "case.toml").touch()
+    assert offered(script, "replay", "") == {"a.tlog", "b.BIN", "c.mcap", "replay_logs"}
+    assert offered(script, "fleet", "") == offered(script, "replay", "")
+    assert offered(script, "view", "") == {"c.mcap", "replay_logs"}
+    assert offered(script, "recover", "d") == {"d.mcap.part"}
+    assert offered(script, "replay", "--config", "") == {"e.toml", "replay_logs"}
+    assert offered(script, "report", "c.mcap", "-o", "") == {"f.html", "replay_logs"}
+    assert offered(script, "trend", "") == {"replay_logs"}
+    assert offered(script, "regress", "c") == {"climb"}

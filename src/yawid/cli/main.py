@@ -16,12 +16,14 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO, TypeVar
 
+from yawid.cli.completion import add_completion
 from yawid.cli.config_file import parsed
 from yawid.cli.damper import add_damper
 from yawid.cli.explain import add_explain
 from yawid.cli.finished_run import add_finished_run
 from yawid.cli.fleet import add_fleet
 from yawid.cli.live import add_live
+from yawid.cli.man_page import add_man
 from yawid.cli.options import (
     Commands,
     HelpPage,
@@ -37,7 +39,7 @@ from yawid.cli.options import (
     settings_of,
 )
 from yawid.cli.paper import add_commands
-from yawid.cli.program import add_completion, add_schema, add_warm
+from yawid.cli.program import add_schema, add_warm
 from yawid.cli.regress import add_regress
 from yawid.cli.standard_streams import bring_out, make_ready
 from yawid.cli.trend import add_trend
@@ -60,7 +62,7 @@ OVERVIEW = {
     "a finished run": ("view", "report", "damper", "export", "recover"),
     "many flights": ("fleet", "trend", "diff", "regress"),
     "the paper's plants and step responses": ("simulate", "step"),
-    "the program itself": ("explain", "schema", "warm", "completion"),
+    "the program itself": ("explain", "man", "schema", "warm", "completion"),
 }
 """The commands by what the user has, as ``yawid --help`` lists them."""
 TRIED = {"--orders", "--method", "--also", "--engine", "--memory", "--forgetting", "--servo-tau"}
@@ -121,6 +123,7 @@ def _parser() -> argparse.ArgumentParser:
     add_fleet(commands)
     add_trend(commands)
     add_explain(commands, parser)
+    add_man(commands, parser)
     add_schema(commands)
     add_warm(commands)
     add_completion(commands, parser)

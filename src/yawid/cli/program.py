@@ -1,20 +1,15 @@
-"""The commands about the program itself: ``yawid schema``, ``warm`` and ``completion``."""
+"""The commands about the program itself: ``yawid schema`` and ``warm``."""
 
 import argparse
 import json
 import time
-from functools import partial
-from pathlib import Path
-from typing import Any
 
-from yawid.cli.config_file import commands_of
 from yawid.cli.options import Commands, add_command
 from yawid.errors import SinkError
 from yawid.sinks.door import tell, tell_whole
 
 PRINTING = ("replay", "live", "inspect", "orders", "step", "regress", "trend", "diff", "fleet")
 """The commands whose output has a schema."""
-SHELLS = ("bash", "zsh")
 
 
 def add_schema(commands: Commands) -> None:
@@ -76,30 +71,3 @@ def _warm(_: argparse.Namespace) -> int:
     if why:
         tell(why)
     return 0
-
-
-def add_completion(commands: Commands, whole: argparse.ArgumentParser) -> None:
-    """Add ``completion`` to the parser; its output is made from ``whole``, the complete parser."""
-    completion = add_command(
-        commands, "completion", "bash|zsh", "print what a shell needs to complete yawid's options",
-        'eval "$(yawid completion bash)"      in ~/.bashrc\n'
-        "yawid completion zsh > _yawid        in a folder of $fpath",
-    )  # fmt: skip
-    completion.add_argument("shell", choices=SHELLS, help="the shell in which to complete")
-    completion.set_defaults(run=partial(_completion, whole))
-
-
-def _completion(whole: argparse.ArgumentParser, arguments: argparse.Namespace) -> int:
-    import shtab
-
-    _complete_paths(whole, shtab.FILE)
-    tell_whole(shtab.complete(whole, arguments.shell) + "\n")
-    return 0
-
-
-def _complete_paths(parser: argparse.ArgumentParser, complete: Any) -> None:
-    """Mark the arguments that become a Path, so that shtab completes files for them."""
-    for _, command in commands_of(parser):
-        for action in command._actions:
-            if action.type is Path:
-                action.complete = complete  # type: ignore[attr-defined] # shtab's mark
