@@ -1,6 +1,6 @@
 """``yawid completion``: what a shell needs to complete commands, options, their values and files.
 
-shtab writes the scripts. What it is told of an argument comes from the argument's own metavar:
+shtab writes the scripts. What is offered for an argument follows from its own metavar:
 ``a|b`` are values, ``OUT.csv`` is the name of a file with that suffix.
 """
 
