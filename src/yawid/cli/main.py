@@ -16,7 +16,6 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO, TypeVar
 
-from yawid.cli.completion import add_completion
 from yawid.cli.config_file import parsed
 from yawid.cli.damper import add_damper
 from yawid.cli.explain import add_explain
@@ -39,7 +38,7 @@ from yawid.cli.options import (
     settings_of,
 )
 from yawid.cli.paper import add_commands
-from yawid.cli.program import add_schema, add_warm
+from yawid.cli.program import add_completion, add_schema, add_warm
 from yawid.cli.regress import add_regress
 from yawid.cli.standard_streams import bring_out, make_ready
 from yawid.cli.trend import add_trend

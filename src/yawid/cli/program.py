@@ -1,15 +1,45 @@
-"""The commands about the program itself: ``yawid schema`` and ``warm``."""
+"""The commands about the program itself: ``yawid schema``, ``warm`` and ``completion``.
+
+shtab writes the scripts of ``completion``. What is offered for an argument follows from its own
+metavar: ``a|b`` are values, ``OUT.csv`` is the name of a file with that suffix.
+"""
 
 import argparse
 import json
+import re
 import time
+from functools import partial
+from pathlib import Path
+from typing import Any, Final
 
+from yawid.cli.config_file import commands_of
 from yawid.cli.options import Commands, add_command
+from yawid.config.names import RECURSIVE
 from yawid.errors import SinkError
 from yawid.sinks.door import tell, tell_whole
+from yawid.sources.formats import FORMATS
 
 PRINTING = ("replay", "live", "inspect", "orders", "step", "regress", "trend", "diff", "fleet")
 """The commands whose output has a schema."""
+SHELLS: Final = ("bash", "zsh")
+_LOGS: Final = ("LOG", "RUN|LOG", "PATH", "A", "B")
+_FOLDERS: Final = ("DIR", "DATASET")
+_VALUES: Final = {"METHOD": RECURSIVE, "rudder[,aileron]": ("rudder", "rudder,aileron")}
+"""Values that stand in a metavar under another name."""
+_CASES: Final = {
+    "bash": """\
+_yawid_cases() {
+  local each
+  for each in replay_logs/*/case.toml; do
+    each=${each%/case.toml}
+    [[ $each == *[*]* ]] || compgen -W "${each##*/}" -- "$1"
+  done
+  compgen -d -- "$1"
+}
+""",
+    "zsh": "_yawid_cases() { compadd -- replay_logs/*/case.toml(N:h:t); _files -/ }\n",
+}
+"""Functions that offer the names of cases, and folders."""
 
 
 def add_schema(commands: Commands) -> None:
@@ -71,3 +101,73 @@ def _warm(_: argparse.Namespace) -> int:
     if why:
         tell(why)
     return 0
+
+
+def add_completion(commands: Commands, whole: argparse.ArgumentParser) -> None:
+    """Add ``completion`` to the parser; its output is made from ``whole``, the complete parser."""
+    completion = add_command(
+        commands, "completion", "bash|zsh", "print what a shell needs to complete yawid's options",
+        'eval "$(yawid completion bash)"      in ~/.bashrc\n'
+        "yawid completion zsh > _yawid        in a folder of $fpath",
+    )  # fmt: skip
+    completion.add_argument("shell", choices=SHELLS, help="the shell in which to complete")
+    completion.set_defaults(run=partial(_completion, whole))
+
+
+def _completion(whole: argparse.ArgumentParser, arguments: argparse.Namespace) -> int:
+    import shtab
+
+    functions = {_CASES[arguments.shell]}
+    for _, command in commands_of(whole):
+        for action in command._actions:
+            if (offered := _files(action, shtab.FILE, shtab.DIRECTORY)) is not None:
+                action.complete = offered  # type: ignore[attr-defined] # shtab's mark
+                if arguments.shell == "bash" and offered["bash"].startswith("_yawid_file"):
+                    functions.add(_of_suffixes(offered["bash"]))
+            elif action.choices is None and action.metavar is not None:
+                action.choices = _values(str(action.metavar)) or None
+    preamble = "".join(sorted(functions))
+    tell_whole(shtab.complete(whole, arguments.shell, preamble=preamble) + "\n")
+    return 0
+
+
+def _values(metavar: str) -> list[str]:
+    """Return the values that a metavar names."""
+    if "|" not in metavar and metavar not in _VALUES:
+        return []
+    found = [_VALUES.get(each, (each,)) for each in metavar.split("|")]
+    return [value for values in found for value in values if value == value.lower()]
+
+
+def _files(action: argparse.Action, any_file: Any, folder: Any) -> Any:
+    """Return what offers an argument's files by shell, as shtab has it; None: it takes no file."""
+    metavar = str(action.metavar)
+    if action.dest == "cases":
+        return dict.fromkeys(SHELLS, "_yawid_cases")
+    if action.type is not Path and metavar != "PATH":
+        return None
+    if metavar in _FOLDERS:
+        return folder
+    suffixes = re.findall(r"\.(\w+)", metavar)
+    if metavar in _LOGS:
+        suffixes = [each.name for each in FORMATS]
+    elif action.dest == "config":
+        suffixes = ["toml"]
+    elif action.dest == "broken":
+        suffixes.append("part")
+    if not suffixes:
+        return any_file
+    return {
+        "bash": "_yawid_file_" + "_".join(suffixes),
+        "zsh": f"_files -g '*.(#i)({'|'.join(suffixes)})(-.)'",
+    }
+
+
+def _of_suffixes(name: str) -> str:
+    """Return bash's function of this name, which offers folders and files with its suffixes."""
+    suffixes = name.removeprefix("_yawid_file_").split("_")
+    both = " ".join(f"{each} {each.upper()}" for each in suffixes)
+    return (
+        f'{name}() {{\n  local each\n  compgen -d -- "$1"\n'
+        f'  for each in {both}; do compgen -f -X "!*.$each" -- "$1"; done\n}}\n'
+    )
