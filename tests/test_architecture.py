@@ -46,7 +46,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "dataset": {"sinks"},
     "fleet": {"config", "dataset", "runs", "sinks"} | {"sources"},
     "trend": {"dataset", "report", "sinks", "sinks/mcap"},
-    "tables": {"config", "damper", "runs", "sources", "sinks", "sinks/mcap"},
+    "tables": {"config", "damper", "report", "runs", "sources", "sinks", "sinks/mcap"},
     "cli": {"config", "damper", "dataset", "estimation", "fleet", "report", "results"}
     | {"runs", "runs/live", "runs/regress", "sinks", "sinks/mcap", "sinks/terminal", "sources"}
     | {"tables", "trend"},

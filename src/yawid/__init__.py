@@ -15,10 +15,11 @@ if TYPE_CHECKING:  # without ArmaxOrders and EstimatorConfig, which accept more 
     from yawid.estimation.armax import RecursiveArmax as RecursiveArmax
     from yawid.estimation.polynomials import parameter_names as parameter_names
     from yawid.estimation.reference.estimator import make_estimator as make_estimator
+    from yawid.tables.replay import replay as replay
     from yawid.tables.run import Run as Run
     from yawid.tables.run import load as load
-    from yawid.tables.run import replay as replay
     from yawid.tables.table import Table as Table
+    from yawid.trend.in_python import diff as diff
 
 _HOMES = {
     "ArmaxOrders": "yawid.config.estimator",
@@ -34,8 +35,9 @@ _HOMES = {
     "ConfigError": "yawid.errors",
     "Run": "yawid.tables.run",
     "Table": "yawid.tables.table",
+    "diff": "yawid.trend.in_python",
     "load": "yawid.tables.run",
-    "replay": "yawid.tables.run",
+    "replay": "yawid.tables.replay",
 }
 __all__ = ["__version__", *_HOMES]
 

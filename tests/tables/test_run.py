@@ -105,8 +105,7 @@ def test_rows_are_chosen_and_a_name_that_is_not_there_is_told(run: Run) -> None:
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        ({"rates": 10}, "yawid.replay: unknown setting 'rates'"),
-        ({"rate": "10"}, "rate must be a number"),
+        ({"rate": "10"}, "yawid.replay: rate must be a number"),
         ({"format": "bin"}, "format must be one of"),
     ],
 )

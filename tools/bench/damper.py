@@ -36,7 +36,8 @@ from scipy.optimize import least_squares
 
 from yawid.damper.response import closed_response
 from yawid.damper.study import Study
-from yawid.tables.run import Run, replay
+from yawid.tables.replay import replay
+from yawid.tables.run import Run
 
 SEED = 3201
 ADDED = (0.08, 0.15, 0.25, 0.35)
@@ -163,9 +164,7 @@ def _advice(found: Study, truth: dict[str, Any]) -> Row:
 
 def _apart(before: Run, after: Run) -> list[float] | None:
     """Return by how many sigmas wn and zeta of two flights differ, None without both."""
-    rolls = [
-        run.summary.flight.dutch_roll if run.summary.flight else None for run in (before, after)
-    ]
+    rolls = [run.flight.dutch_roll for run in (before, after)]
     if any(roll is None or roll.wn_std is None or roll.zeta_std is None for roll in rolls):
         return None
     one, other = rolls

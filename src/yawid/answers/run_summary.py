@@ -207,6 +207,10 @@ class Bare(Part, frozen=True, kw_only=True):
     used: list[Count]
     verdict: VerdictSummary
 
+    def __bool__(self) -> bool:
+        """Return whether it is known."""
+        return self.verdict.usable
+
 
 class Manoeuvre(Part, frozen=True, kw_only=True):
     """One manoeuvre, in s since boot, the conditions in which it was flown, and its answer.
@@ -311,6 +315,10 @@ class Flight(Part, frozen=True, kw_only=True):
     disagree: list[Count]
     refits: list[Refit] | None = None
     verdict: VerdictSummary
+
+    def __bool__(self) -> bool:
+        """Return whether it is usable."""
+        return self.verdict.usable
 
 
 class Source(Part, frozen=True):

@@ -81,6 +81,7 @@ def _damper(arguments: argparse.Namespace) -> int:
 def _run_of(log: Path) -> "Run":
     """Return a finished run, or the replay of a log with the default options."""
     from yawid.sources.formats import RUN, format_of
-    from yawid.tables.run import load, replay
+    from yawid.tables.replay import replay
+    from yawid.tables.run import load
 
     return load(log) if format_of(log) is RUN else replay(log)

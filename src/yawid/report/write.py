@@ -117,7 +117,7 @@ class Report:
         yield pictures("What was estimated, and when", self._of_stream())
         if run.grid is not None and summary.answer is not None and self._data is not None:
             against = [] if summary.verdict.usable else summary.verdict.fatal
-            title = "Numbers of the stream, at its end" if summary.flight else "Numbers"
+            title = "Numbers of the stream, at its end" if summary.flight is not None else "Numbers"
             yield numbers(title, stream_numbers(summary, summary.answer, run.grid), against)
         yield tables("Channels and link", channel_tables(summary, self._data), facts=True)
         yield pictures("", self._of_link())

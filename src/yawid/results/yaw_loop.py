@@ -42,7 +42,7 @@ def with_yaw_loop(summary: RunSummary) -> RunSummary:
     return replace(
         summary,
         manoeuvres=summary.manoeuvres and [said(each) for each in summary.manoeuvres],
-        flight=summary.flight and said(summary.flight),
+        flight=None if summary.flight is None else said(summary.flight),
         bare=_without(summary.bare, name, rudder.yaw_loop) if fed_back else summary.bare,
         flights=summary.flights and [said(each) for each in summary.flights],
     )

@@ -4,12 +4,12 @@ The names are those of records (``t``, ``rudder``, ``r``, ...), so that samples 
 in Python, in exported files, and in files that can be replayed.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any, Final
 
 import numpy as np
 
-from yawid.answers.run_summary import Manoeuvre, RunSummary
+from yawid.answers.run_summary import Bare, Manoeuvre, RunSummary, Value
 from yawid.blocks import (
     FIRST_DATE_NS,
     Array,
@@ -184,12 +184,48 @@ def manoeuvre_columns(summary: RunSummary, known: Units) -> Iterator[Column]:
             says = "whether the flight's answer for its loop rests on it"
             used = np.array([each.n in summary.used for each in found], bool)
             yield Column("used", used, says=says)
+    yield from _derivative_columns(found, known)
     kinds = (("theta", "", "parameter"), ("theta_std", "_std", "its sigma, of noise"))
     for name in _parameters(found):
         for field, suffix, says in kinds:
             values = [_parameter(each, field, name) for each in found]
             unit = theta_unit(name, known)
             yield Column(name + suffix, np.array(values, float), unit, says)
+
+
+def _derivative_columns(found: Sequence[Manoeuvre], known: Units) -> Iterator[Column]:
+    """Yield the numbers of eq. 22-23 with total sigma, and those of the bare airframe if known."""
+    answers = [(each.answer and each.answer.physics) or {} for each in found]
+    for name in (each for each in YAW_CHANNEL if each != "K"):
+        for suffix, column in _values([each.get(name) for each in answers]):
+            yield known.column(f"{name}{suffix}", column)
+    bare = [each.lateral for each in found]
+    if not any(bare):
+        return
+    rolls = [None if each is None else each.dutch_roll for each in bare]
+    for name in ("wn_rad_s", "wn_std", "zeta", "zeta_std"):
+        column = np.array([getattr(each, name, None) or np.nan for each in rolls], float)
+        row = quantity(name)
+        yield Column(f"bare_{name}", column, row.unit, f"of the bare airframe: {row.words}")
+    for name in Bare.NAMES:
+        unit = bare_unit(name, known)
+        values = [(each.derivatives or {}).get(name) if each else None for each in bare]
+        for suffix, column in _values(values):
+            yield Column(name + suffix, column, unit, "of the bare airframe, Ixz folded in")
+
+
+def _values(values: Iterable[Value | None]) -> Iterator[tuple[str, Array]]:
+    """Yield ("", values) and ("_std", total sigmas), NaN where unknown."""
+    some = [Value() if each is None else each for each in values]
+    yield "", np.array([np.nan if v.value is None else v.value for v in some], float)
+    yield "_std", np.array([np.nan if v.std is None else v.std for v in some], float)
+
+
+def bare_unit(name: str, known: Units) -> str:
+    """Return the unit of a derivative of the bare airframe."""
+    unit = "1/s" if name[0] == "Y" or name[2:] in ("p", "r") else "1/s^2"
+    surface = {"delta_a": "aileron", "delta_r": "rudder"}.get(name[2:])
+    return unit if surface is None else f"{unit} per {known.grid.unit_of(surface)}"
 
 
 def theta_unit(name: str, known: Units) -> str:

@@ -93,11 +93,11 @@ def _groups(blocks: Iterable[RunRows]) -> Iterator[RunRows]:
 
 
 def _parquet(stream: BinaryIO, tables: Tables, facts: dict[str, str]) -> None:
-    rows = _arrow(next(tables), facts)
+    rows = arrow_table(next(tables), facts)
     with pq.ParquetWriter(stream, rows.schema, compression="zstd") as writer:
         writer.write_table(rows)
         for columns in tables:
-            writer.write_table(_arrow(columns, facts))
+            writer.write_table(arrow_table(columns, facts))
 
 
 def _csv(stream: BinaryIO, tables: Tables, facts: dict[str, str]) -> None:
@@ -105,7 +105,7 @@ def _csv(stream: BinaryIO, tables: Tables, facts: dict[str, str]) -> None:
     heads = [column.name for column in first], [_unit_of(column) for column in first]
     stream.write("".join(f"{','.join(head)}\n" for head in heads).encode())
     for columns in chain([first], tables):
-        pyarrow.csv.write_csv(_arrow(columns, facts), stream, _NO_HEADER)
+        pyarrow.csv.write_csv(arrow_table(columns, facts), stream, _NO_HEADER)
 
 
 def _npz(stream: BinaryIO, tables: Tables, facts: dict[str, str]) -> None:
@@ -118,8 +118,8 @@ def _npz(stream: BinaryIO, tables: Tables, facts: dict[str, str]) -> None:
     np.savez_compressed(stream, units=json.dumps(units), facts=json.dumps(facts), **arrays)
 
 
-def _arrow(columns: Sequence[Column], facts: dict[str, str]) -> pa.Table:
-    """Return columns as an Arrow table; unknown values, also of texts, are null."""
+def arrow_table(columns: Sequence[Column], facts: dict[str, str]) -> pa.Table:
+    """Return columns with their units as an Arrow table; what is unknown is null."""
     fields, arrays = [], []
     for column in columns:
         array = _array(column)

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from yawid.answers.run_summary import RunSummary
 from yawid.sinks.words import NEXT, bare_rows, dutch_roll, flight_rows, next_step
+from yawid.tables.keywords import in_keywords
 from yawid.tables.table import Table
 
 
@@ -46,7 +47,7 @@ def reasons(summary: RunSummary) -> list[str]:
     verdict = summary.deciding
     lines = [str(reason) for reason in verdict.reasons]
     step = next_step(verdict)
-    return lines if step is None else [*lines, f"{NEXT} {step}"]
+    return [in_keywords(line) for line in ([*lines, f"{NEXT} {step}"] if step else lines)]
 
 
 def answer(summary: RunSummary) -> list[str]:

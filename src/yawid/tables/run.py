@@ -1,20 +1,21 @@
-"""``yawid.load`` and ``yawid.replay``, which give a run in Python from its file or from a log."""
+"""A run in Python: tables, answers, models; ``yawid.load`` reads it from its file."""
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
 from functools import cached_property
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any, Final, Literal, Self
 
+import msgspec
 import numpy as np
 
-from yawid.answers.run_summary import Bare, Flight, RunSummary
-from yawid.blocks import EstimateBlock, ModesBlock, SampleBlock
+from yawid.answers.run_summary import Bare, Flight, ReasonSummary, RunSummary, VerdictSummary
+from yawid.blocks import ModesBlock, SampleBlock
 from yawid.config.run import RunConfig
-from yawid.sinks.base import Grid, Sink, rudder_unit
+from yawid.sinks.base import Call, Grid, rudder_unit
 from yawid.sinks.mcap.messages import RunRows, joined
 from yawid.tables.columns import (
     Units,
@@ -25,14 +26,13 @@ from yawid.tables.columns import (
     record_columns,
     sample_columns,
 )
+from yawid.tables.keywords import errors_in_keywords
 from yawid.tables.table import Column, Table
 
 if TYPE_CHECKING:
     from yawid.damper.study import Study
 
 PARAMETERS: Final = "parameters.txt"
-OF_FILES: Final = ("out", "force", "json", "rerun")
-"""Options of the output files that a TOML file may hold for the command line: ignored here."""
 
 
 class Run:
@@ -50,18 +50,41 @@ class Run:
         grid: Grid | None,
         rows: RunRows | None,
         parameters: Mapping[str, float] | None = None,
+        calls: Sequence[Call] = (),
     ) -> None:
         self.path, self.summary, self.config = path, summary, config
         self.parameters = {} if parameters is None else parameters
-        self._rows = no_rows() if rows is None else rows
+        self._rows, self._calls = no_rows() if rows is None else rows, calls
         if grid is None:
             grid = Grid((), config.inputs, (), math.nan, rudder_unit(in_rad=config.in_rad))
         self._known = Units(grid, config)
 
+    def named(self, name: str) -> Self:
+        """Return it with another name for what it was made from."""
+        self.path, self.summary = Path(name), msgspec.structs.replace(self.summary, log=name)
+        return self
+
     @property
-    def flight(self) -> Flight | None:
-        """The flight's answer, the headline; None where there was no manoeuvre."""
-        return self.summary.flight
+    def usable(self) -> bool:
+        """Whether the answer may be used; ``flight.verdict`` says why not."""
+        return self.summary.deciding.usable
+
+    @property
+    def flight(self) -> Flight:
+        """The flight's answer, the headline, which is false where it is not usable.
+
+        Its ``verdict`` says why not. Where there was no manoeuvre it is the stream's answer, and
+        ``used`` is empty.
+        """
+        if (flight := self.summary.flight) is not None:
+            return flight
+        verdict, answer = self.summary.verdict, self.summary.answer
+        if answer is None or not verdict.usable:
+            return Flight(used=[], disagree=[], verdict=verdict)
+        return Flight(
+            method=answer.method, orders=answer.orders, dutch_roll=answer.dutch_roll,
+            physics=answer.physics, used=[], disagree=[], verdict=verdict,
+        )  # fmt: skip
 
     @property
     def flights(self) -> list[Flight]:
@@ -100,9 +123,18 @@ class Run:
         return Table("manoeuvres", [*manoeuvre_columns(self.summary, self._known)])
 
     @property
-    def bare(self) -> Bare | None:
-        """The bare airframe of the flight; None without ``lateral="auto"`` or a manoeuvre."""
-        return self.summary.bare
+    def bare(self) -> Bare:
+        """The bare airframe of the flight, which is false where it is not known.
+
+        Its ``verdict`` says why not.
+        """
+        if (bare := self.summary.bare) is not None:
+            return bare
+        asked = self.config.lateral == "auto"
+        text = "there was no manoeuvre" if asked else "it was not looked for"
+        step = None if asked else 'Replay the log with lateral="auto".'
+        said = ReasonSummary("bare_unknown", "warning", text)
+        return Bare(used=[], verdict=VerdictSummary(usable=False, reasons=[said], next=step))
 
     @cached_property
     def record(self) -> Table:
@@ -126,11 +158,12 @@ class Run:
         """Return ``record`` as an xarray.Dataset; see :meth:`Table.to_xarray`."""
         return self.record.to_xarray()
 
+    @errors_in_keywords()
     def damper(
         self,
         *,
         aim: float | None = None,
-        autopilot: str | None = None,
+        autopilot: Literal["ardupilot", "px4"] | None = None,
         loop_rate: float | None = None,
         airspeed: tuple[float, float] | None = None,
         parameters: Mapping[str, float] | None = None,
@@ -154,6 +187,30 @@ class Run:
         facts = Facts(self.summary, self.config, sample_time_s, [samples], self.parameters)
         return study(facts, asked)
 
+    @errors_in_keywords()
+    def report(self, path: str | PathLike[str], *, force: bool = False) -> Path:
+        """Write the report of the run, one HTML file, and return its absolute path.
+
+        Raises:
+            SinkError: the file exists and ``force`` is not set, or it cannot be written.
+        """
+        from yawid.report.write import write_report
+
+        with TemporaryDirectory() as folder:
+            return write_report(self.mcap(Path(folder)), Path(path), force=force)
+
+    def mcap(self, folder: Path) -> Path:
+        """Return the run's MCAP; that of a replay is written into ``folder``."""
+        from yawid.runs.outputs import Outputs, open_mcap
+
+        if not self._calls:
+            return self.path
+        outputs = Outputs(folder, self.path.stem)
+        sink = open_mcap(self.config, outputs)
+        for call in self._calls:
+            call(sink)
+        return outputs.path(".mcap")
+
     def _tables(self) -> list[Table]:
         return [self.samples, *self.estimates.values(), self.modes, self.manoeuvres]
 
@@ -168,6 +225,7 @@ class Run:
         return page(self.path, self.summary, self._tables())
 
 
+@errors_in_keywords()
 def load(path: str | PathLike[str]) -> Run:
     """Return the run in one of yawid's MCAP files, read into memory as a whole.
 
@@ -179,85 +237,11 @@ def load(path: str | PathLike[str]) -> Run:
     run = open_run(Path(path))
     parts = list(run.blocks())
     rows = joined(parts) if parts else None
-    known = _values(run.attachments.get(PARAMETERS, b""))
+    known = values_of(run.attachments.get(PARAMETERS, b""))
     return Run(run.path, run.summary, run.config, run.grid, rows, known)
 
 
-def replay(path: str | PathLike[str], **options: Any) -> Run:
-    """Replay a log or a run's MCAP and return the run that ``yawid replay`` would write to files.
-
-    ``options`` are those of the command line with underscores: ``rate=10, orders="auto"``, the
-    stretch as ``from_s`` and ``to_s``. ``config`` names a TOML file, ``format`` is ``raw`` for
-    frames without stamps, ``signing_key_file`` names the file with the key of signed frames.
-
-    Raises:
-        ConfigError: an option is unknown, outside its limits, or does not fit the log.
-        SourceError: the log cannot be read.
-    """
-    from yawid.config.run import check_settings, overruled, read_toml
-    from yawid.runs.outputs import Outputs
-    from yawid.runs.replay import replay as replay_log
-    from yawid.runs.stop import StopFlag
-    from yawid.sources.open_log import ReadOptions
-
-    log, toml = Path(path), options.pop("config", None)
-    loaded = {} if toml is None else read_toml(Path(toml))
-    loaded = {name.replace("-", "_"): loaded[name] for name in loaded}
-    for name in OF_FILES:
-        loaded.pop(name, None)
-    form, key_file = (
-        options.pop(name, loaded.pop(name, None)) for name in ("format", "signing_key_file")
-    )
-    read_options = ReadOptions.asked(form or "auto", None if key_file is None else Path(key_file))
-    settings = check_settings(loaded, str(toml))
-    settings = overruled(settings, check_settings(options, "yawid.replay"))
-    kept = Kept()
-    outputs = Outputs(Path(), log.stem, sink=kept)
-    replay_log(log, settings, outputs, StopFlag(), read_options)
-    return kept.run(log)
-
-
-@dataclass(slots=True)
-class Kept(Sink):
-    """A sink that keeps a run in memory, with the content that its file would have."""
-
-    grid: Grid | None = None
-    parts: list[RunRows] = field(default_factory=list)
-    summary: RunSummary | None = None
-    configuration: bytes = b""
-    parameters: bytes = b""
-
-    def run(self, path: Path) -> Run:
-        """Return the run of the log at ``path``; the sink must be finished and is then empty."""
-        from yawid.sinks.mcap.reader import read_config
-
-        assert self.summary is not None, "the run is not finished"
-        rows = joined(self.parts) if self.parts else None
-        self.parts = []
-        config, known = read_config(self.configuration), _values(self.parameters)
-        return Run(path, self.summary, config, self.grid, rows, known)
-
-    def start(self, grid: Grid) -> None:
-        """See :class:`yawid.sinks.base.Sink`."""
-        self.grid = grid
-
-    def write(
-        self, samples: SampleBlock, estimates: Mapping[str, EstimateBlock], modes: ModesBlock
-    ) -> None:
-        """See :class:`yawid.sinks.base.Sink`; covariances are dropped, since no file has them."""
-        kept = {
-            method: EstimateBlock(estimate.without_covariance.copy(), estimate.p)
-            for method, estimate in estimates.items()
-        }
-        self.parts.append(RunRows(samples, kept, modes))
-
-    def finish(self, summary: RunSummary, attachments: Mapping[str, bytes]) -> None:
-        """See :class:`yawid.sinks.base.Sink`."""
-        self.summary, self.configuration = summary, attachments["configuration.toml"]
-        self.parameters = attachments.get(PARAMETERS, b"")
-
-
-def _values(attached: bytes) -> dict[str, float]:
+def values_of(attached: bytes) -> dict[str, float]:
     """Return the vehicle's parameters by name from the text attached to a run."""
     lines = (line.rpartition(" ") for line in attached.decode("utf-8", "replace").splitlines())
     known = {}
