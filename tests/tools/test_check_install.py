@@ -5,8 +5,11 @@ from __future__ import annotations
 import re
 from importlib.metadata import version
 
-from checks.check_install import DATA, newest_allowed, oldest_allowed
-from places import SRC
+import pytest
+from checks.check_install import DATA, newest_allowed, oldest_allowed, tagged
+from places import ROOT, SRC
+
+from yawid.version import __version__
 
 
 def test_every_library_has_a_lower_bound_that_can_be_tried():
@@ -23,3 +26,19 @@ def test_what_the_package_holds_besides_modules_is_known_and_packed():
     others = {path for path in files if path.suffix != ".py"}
 
     assert {path.relative_to(SRC.parent).as_posix() for path in others} == DATA
+
+
+def test_version_py_alone_has_the_version_and_the_changes_and_a_tag_agree_with_it():
+    changes = (SRC / "manual" / "changes.md").read_text(encoding="utf-8")
+    assert tagged(__version__, ["mine"], changes) == f"{__version__}, a commit without a tag"
+    project = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
+    assert 'version = { attr = "yawid.version.__version__" }' in project
+    assert __version__ not in project
+    assert tagged("2.0", ["v2.0", "mine"], "# Changes in 2.0 of May\n") == "v2.0"
+    for version, tags, title in (
+        ("2.0", ["v2.1"], "# Changes in 2.0 of May"),
+        ("2.0", ["v2.0"], "# Changes in 2.0 (unreleased)"),
+        ("2.1", [], "# Changes in 2.0 (unreleased)"),
+    ):
+        with pytest.raises(AssertionError, match="says"):
+            tagged(version, tags, title)

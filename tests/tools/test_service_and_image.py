@@ -50,3 +50,10 @@ def test_the_image_copies_files_that_there_are():
 
     assert [name for name in " ".join(copied).split() if not (ROOT / name).exists()] == []
     assert "src" in copied
+
+
+def test_image_and_service_install_the_wheel():
+    image = (TOOLS / "Dockerfile").read_text()
+    assert "pip wheel" in image
+    assert "--only-binary=:all: /dist/*.whl" in image
+    assert "bin/pip install yawid-*.whl" in UNIT

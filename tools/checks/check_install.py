@@ -1,8 +1,9 @@
 """Installs yawid as users do and replays a flight with it; tools/check.py --long runs this.
 
-    python -m checks.check_install [built oldest newest pythons aarch64]
+    python -m checks.check_install [tag built oldest newest pythons aarch64]
 
 The steps, all of which run if none is named:
+tag: a commit with a tag vX.Y.Z has that version in version.py, and a page of changes that says so.
 built: the sdist and the wheel have the right files and no others, and the installed wheel replays a
 flight outside of the clone, without git, compiler and display.
 oldest: the cases of replay_logs/ and some tests pass with the oldest libraries that pyproject.toml
@@ -54,7 +55,7 @@ AARCH64 = ("manylinux_2_28_aarch64", "manylinux_2_17_aarch64", "manylinux2014_aa
 
 def main() -> int:
     """Run the steps that are named; return 1 if one of them fails."""
-    steps = {"built": built, "oldest": oldest, "newest": newest}
+    steps = {"tag": tag, "built": built, "oldest": oldest, "newest": newest}
     steps |= {"pythons": pythons, "aarch64": aarch64}
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("steps", nargs="*", metavar="STEP", help=f"{', '.join(steps)} (all)")
@@ -85,6 +86,26 @@ def build(scratch: Path) -> Path:
     run(python, "-m", "pip", "install", "--quiet", "build")
     run(python, "-m", "build", "--outdir", out, source)
     return next(out.glob("*.whl"))
+
+
+def tag(wheel: Path, scratch: Path) -> str:
+    """Compare the wheel's version and the page of changes with the tags of this commit."""
+    version = wheel.name.split("-")[1]
+    tags = run("git", "-C", ROOT, "tag", "--points-at", "HEAD").split()
+    changes = (SRC / "yawid" / "manual" / "changes.md").read_text(encoding="utf-8")
+    return tagged(version, tags, changes)
+
+
+def tagged(version: str, tags: Sequence[str], changes: str) -> str:
+    """Check a version against a commit's tags and the first line of the page of changes."""
+    title = changes.partition("\n")[0]
+    assert f" {version} " in title, f"version.py says {version}, the page of changes {title!r}"
+    released = [each for each in tags if re.fullmatch(r"v\d.*", each)]
+    if not released:
+        return f"{version}, a commit without a tag"
+    assert released == [f"v{version}"], f"version.py says {version}, the tag {released}"
+    assert "unreleased" not in title, f"{released[0]} is a release, the page says {title!r}"
+    return released[0]
 
 
 def built(wheel: Path, scratch: Path) -> str:
