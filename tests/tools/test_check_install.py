@@ -35,10 +35,10 @@ def test_version_py_alone_has_the_version_and_the_changes_and_a_tag_agree_with_i
     assert 'version = { attr = "yawid.version.__version__" }' in project
     assert __version__ not in project
     assert tagged("2.0", ["v2.0", "mine"], "# Changes in 2.0 of May\n") == "v2.0"
-    for version, tags, title in (
+    for said, tags, title in (
         ("2.0", ["v2.1"], "# Changes in 2.0 of May"),
         ("2.0", ["v2.0"], "# Changes in 2.0 (unreleased)"),
         ("2.1", [], "# Changes in 2.0 (unreleased)"),
     ):
         with pytest.raises(AssertionError, match="says"):
-            tagged(version, tags, title)
+            tagged(said, tags, title)
