@@ -28,7 +28,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "lateral": {"estimation"},
     "offline": {"config", "estimation", "physics"},
     "models": {"config", "estimation", "results"},
-    "damper": {"config", "models", "physics"},
+    "damper": {"config", "models", "physics", "results"},
     "results": {"config", "estimation", "physics"},
     "manoeuvres": {"config", "estimation", "lateral", "results"},
     "sinks": {"estimation", "results"},
@@ -45,7 +45,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "runs/regress": {"config", "channels", "runs", "sinks", "sources", LOGS},
     "dataset": {"sinks"},
     "fleet": {"config", "dataset", "runs", "sinks"} | {"sources"},
-    "trend": {"dataset", "report", "sinks", "sinks/mcap"},
+    "trend": {"damper", "dataset", "report", "sinks", "sinks/mcap"},
     "tables": {"config", "damper", "report", "runs", "sources", "sinks", "sinks/mcap"},
     "cli": {"config", "damper", "dataset", "estimation", "fleet", "report", "results"}
     | {"runs", "runs/live", "runs/regress", "sinks", "sinks/mcap", "sinks/terminal", "sources"}

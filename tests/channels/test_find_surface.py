@@ -158,6 +158,14 @@ def test_the_channels_report_the_gain_of_the_yaw_damper(values: tuple[float, ...
     rudder = report_of(samples_of(log.data).channels).channels["rudder"]
 
     assert rudder.yaw_loop == said
+    if said != "YAW2SRV_DAMP 0 to 8":
+        assert rudder.yaw_gains is None
+        return
+    # The first attitude after each of them, at 10, 12 and 14 s.
+    assert rudder.yaw_gains is not None
+    assert [(each.value, each.boot, each.from_s) for each in rudder.yaw_gains] == [
+        (0.5, 1, 10.0), (8.0, 1, 12.0), (0.0, 1, 14.0),
+    ]  # fmt: skip
 
 
 def test_rudder_and_aileron_come_side_by_side():

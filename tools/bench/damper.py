@@ -32,8 +32,8 @@ from flights.plan import STEP_S, FlightPlan, excitation
 from flights.surgery import join
 from flights.telemetry import Link, telemetry
 from flights.truth import after_lead_in, linear_dutch_rolls, mean_plan
-from scipy.optimize import least_squares
 
+from yawid.damper.decay import damped_sine
 from yawid.damper.response import closed_response
 from yawid.damper.study import Study
 from yawid.tables.replay import replay
@@ -196,27 +196,9 @@ def _decays(found: Study, after: Run, truth: dict[str, Any]) -> Row:
     rows = (
         (t > last + step) & (t < last + 2.5 * math.tau / truth["closed"][0]) & np.isfinite(rudder)
     )
-    fits = [damped_sine(t[rows] - last, x[rows], truth["closed"][0]) for x in (r, response)]
-    return {"decay": fits[0], "decay_predicted": fits[1]}
-
-
-def damped_sine(t: np.ndarray, x: np.ndarray, wn: float) -> list[float] | None:
-    """Return wn in rad/s and zeta of the damped sine with an offset that fits x (n,) at t (n,)."""
-    if len(t) < 12 or not np.isfinite(x).all():
-        return None
-
-    def left(p: np.ndarray) -> np.ndarray:
-        root = p[0] * math.sqrt(max(1.0 - p[1] ** 2, 1e-6))
-        envelope = np.exp(-p[1] * p[0] * t)
-        columns = np.stack(
-            [envelope * np.cos(root * t), envelope * np.sin(root * t), np.ones(len(t))], axis=1
-        )
-        return np.asarray(columns @ np.linalg.lstsq(columns, x, rcond=None)[0] - x)
-
-    bounds = [0.3 * wn, -0.2], [3.0 * wn, 0.99]
-    fits = [least_squares(left, [wn, zeta], bounds=bounds) for zeta in (0.15, 0.5)]
-    best = min(fits, key=lambda each: float(each.cost))
-    return [float(best.x[0]), float(best.x[1])]
+    fits = [damped_sine([x[rows]], step, truth["closed"][0]) for x in (r, response)]
+    told = [None if fit is None else [fit.wn_rad_s, fit.zeta] for fit in fits]
+    return {"decay": told[0], "decay_predicted": told[1]}
 
 
 def is_right(zeta: float, true: float) -> bool:

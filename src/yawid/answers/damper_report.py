@@ -1,6 +1,6 @@
 """The result of ``yawid damper``, as ``--json`` prints it; a type for each object."""
 
-from yawid.answers.part import Number, Part, Positive
+from yawid.answers.part import Count, Number, Part, Positive
 from yawid.answers.run_summary import VerdictSummary
 
 
@@ -33,6 +33,34 @@ class Recommended(Part, frozen=True, kw_only=True):
     low: Number
     high: Number
     next: Number
+
+
+class Decay(Part, frozen=True, kw_only=True):
+    """The one damped sine that fits the free decays; its sigmas are None with fewer than three."""
+
+    wn_rad_s: Number
+    wn_std: Number | None = None
+    zeta: Number
+    zeta_std: Number | None = None
+    decays: Count
+
+
+class FlownGain(Part, frozen=True, kw_only=True):
+    """A gain of one flight: the Dutch roll predicted from the other flight's model, and decays.
+
+    ``decay_predicted`` is the same fit of the predicted response. What is not known is None.
+    """
+
+    flight: str
+    gain: Number
+    airspeed_m_s: Positive
+    wn_rad_s: Number | None = None
+    wn_std: Number | None = None
+    zeta: Number | None = None
+    zeta_std: Number | None = None
+    decay: Decay | None = None
+    decay_predicted: Decay | None = None
+    agrees: bool | None = None
 
 
 class DamperReport(Part, frozen=True, kw_only=True):

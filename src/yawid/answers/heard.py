@@ -1,5 +1,10 @@
 """What of a link was heard: the vehicle, its boots, and the counts of frames."""
 
+from bisect import bisect_left, bisect_right
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from typing import Final
+
 from msgspec import field
 
 from yawid.answers.part import Count, Number, Part
@@ -41,6 +46,59 @@ class BootSpan(Part, frozen=True):
     boot: Count
     from_s: Number = field(name="from")
     to_s: Number = field(name="to")
+
+
+PARAMETERS: Final = "parameters.txt"
+"""The text attached to a run with the vehicle's parameters, one on each line."""
+
+
+def parameters_in(attached: bytes) -> dict[str, float]:
+    """Return the vehicle's parameters by name from the text attached to a run."""
+    known = {}
+    for line in attached.decode("utf-8", "replace").splitlines():
+        name, _, value = line.rpartition(" ")
+        with suppress(ValueError):
+            known[name] = float(value)
+    return known
+
+
+class GainSeen(Part, frozen=True):
+    """A gain of the feedback from yaw rate to rudder, and from when in which boot it holds."""
+
+    name: str
+    value: Number
+    boot: Count
+    from_s: Number
+
+
+def gains_between(
+    seen: Sequence[GainSeen], boots: Sequence[BootSpan] | None, from_s: float, to_s: float
+) -> dict[str, list[float]]:
+    """Return the values in s since boot that each gain had in a stretch, in the order flown.
+
+    Where several of ``boots`` have these seconds, those of all of them are given.
+    """
+    of = [each.boot for each in boots or () if each.from_s <= to_s and from_s <= each.to_s]
+    found: dict[str, list[float]] = {}
+    for name in dict.fromkeys(each.name for each in seen):
+        gains = [each for each in seen if each.name == name]
+        # What was received first held before, too.
+        starts = [(0, 0.0), *((each.boot, each.from_s) for each in gains[1:])]
+        for boot in of or [1]:
+            first = bisect_right(starts, (boot, from_s)) - 1
+            stop = max(bisect_left(starts, (boot, to_s)), first + 1)
+            found.setdefault(name, []).extend(each.value for each in gains[first:stop])
+    return found
+
+
+def words_of_gains(gains: Mapping[str, Sequence[float]]) -> str | None:
+    """Return the gains that are not 0 in words, each from its least to its largest value."""
+    said = [
+        f"{name} {min(of):.3g}" + (f" to {max(of):.3g}" if min(of) < max(of) else "")
+        for name, of in gains.items()
+        if any(of)
+    ]
+    return ", ".join(said) or None
 
 
 class LinkCounts(Part, frozen=True):

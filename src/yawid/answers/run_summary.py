@@ -11,7 +11,7 @@ from typing import ClassVar, Self
 
 import msgspec
 
-from yawid.answers.heard import BootSpan, LinkCounts, VehicleSeen
+from yawid.answers.heard import BootSpan, GainSeen, LinkCounts, VehicleSeen
 from yawid.answers.model_parts import Fit, Mode
 from yawid.answers.part import Count, Number, Part, Positive
 from yawid.answers.session import LiveFacts, Recovered
@@ -23,7 +23,8 @@ class ChannelFound(Part, frozen=True):
 
     ``rate_hz`` is the rate of the first seconds, which chose the grid, or of the whole run if
     ``first_rate_hz`` is given, which is then that of the first seconds. ``measured`` is there for a
-    record: a deflection on straight lines, or a held command; ``yaw_loop`` has a damper's gains.
+    record: a deflection on straight lines, or a held command; ``yaw_loop`` has a damper's gains,
+    ``yaw_gains`` those that changed in flight.
     """
 
     source: str
@@ -34,6 +35,7 @@ class ChannelFound(Part, frozen=True):
     reversed: bool | None = None
     measured: bool | None = None
     yaw_loop: str | None = None
+    yaw_gains: list[GainSeen] | None = None
     rate_hz: Positive | None = None
     first_rate_hz: Positive | None = None
 

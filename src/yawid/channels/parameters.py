@@ -6,7 +6,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from yawid.answers.heard import GainSeen, words_of_gains
 from yawid.blocks import Array, Floats, MessageBlock
+from yawid.channels.series import Series
 from yawid.channels.surface import Travel
 from yawid.quantities.vehicles import ARDUPILOT, PX4
 
@@ -55,7 +57,8 @@ class ParameterTable:
     def __init__(self) -> None:
         self.values: dict[str, float] = {}
         self._count = 0
-        self._gains: dict[str, list[float]] = {}
+        self._gains: list[GainSeen] = []
+        self._untimed: list[tuple[int, str, float]] = []
         self._functions: dict[int, int] | None = None
         self._is_old: bool | None = None
 
@@ -69,8 +72,8 @@ class ParameterTable:
             name = raw.split(b"\0", 1)[0].decode("ascii", "replace")
             changed, had_all = self.values.get(name) != value, not self.missing
             self.values[name], self._count = value, of or self._count
-            if name in _GAINS and math.isfinite(value):
-                self._gains.setdefault(name, []).append(value)
+            if name in _GAINS and changed and math.isfinite(value):
+                self._untimed.append((order, name, value))
             if (changed and _RELEVANT.fullmatch(name)) or had_all == bool(self.missing):
                 self._functions = self._is_old = None
                 yield order
@@ -81,17 +84,22 @@ class ParameterTable:
         return max(self._count - len(self.values), 0)
 
     def yaw_loop(self, autopilot: int) -> str | None:
-        """Return the gains of the feedback from yaw rate to rudder, None where there is none.
+        """Return the gains of the feedback from yaw rate to rudder, None where there is none."""
+        seen = [*((each.name, each.value) for each in self._gains), *(g[1:] for g in self._untimed)]
+        names = YAW_LOOP.get(autopilot, ())
+        return words_of_gains({name: [v for n, v in seen if n == name] for name in names})
 
-        A gain that changed is given from the least to the largest value that was received.
-        """
-        gains = {name: self._gains.get(name, [0.0]) for name in YAW_LOOP.get(autopilot, ())}
-        said = [
-            f"{name} {min(of):.3g}" + (f" to {max(of):.3g}" if min(of) < max(of) else "")
-            for name, of in gains.items()
-            if any(of)
-        ]
-        return ", ".join(said) or None
+    def changed_gains(self, autopilot: int) -> list[GainSeen] | None:
+        """Return those gains with their times where one of them changed, else None."""
+        of = [each for each in self._gains if each.name in YAW_LOOP.get(autopilot, ())]
+        return of if len(of) > len({each.name for each in of}) else None
+
+    def observe_time(self, boot: int, yaw: Series) -> None:
+        """Give the gains received the time of the first row of the yaw source after them."""
+        while self._untimed and len(yaw) and self._untimed[0][0] < yaw.order[-1]:
+            order, name, value = self._untimed.pop(0)
+            from_s = float(yaw.t_us[np.searchsorted(yaw.order, order)]) / 1e6
+            self._gains.append(GainSeen(name, value, boot, from_s))
 
     def get(self, name: str, default: float) -> float:
         """Return a value, or the default where it was not reported or is not finite."""

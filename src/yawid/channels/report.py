@@ -62,8 +62,9 @@ def _sources(channels: Channels) -> dict[str, ChannelFound]:
         for name, surface in zip(channels.config.inputs, channels.surfaces, strict=False)
     }
     if "rudder" in found and channels.lock.vehicle is not None:
-        yaw_loop = channels.parameters.yaw_loop(channels.lock.vehicle.autopilot)
-        found["rudder"] = replace(found["rudder"], yaw_loop=yaw_loop)
+        table, autopilot = channels.parameters, channels.lock.vehicle.autopilot
+        loop, gains = table.yaw_loop(autopilot), table.changed_gains(autopilot)
+        found["rudder"] = replace(found["rudder"], yaw_loop=loop, yaw_gains=gains)
     if channels.yaw.rows:
         found["yaw"] = replace(yaw_rate, source=channels.yaw.label)
     return found

@@ -238,6 +238,7 @@ class Channels:
         samples = []
         for piece in self.segmenter.feed(yaw, surface):
             self.command.observe_yaw(piece)
+            self.parameters.observe_time(piece.boot, piece.yaw)
             self.boots.observe(piece.boot, piece.yaw)
             samples += self._align(piece)
         return samples

@@ -6,11 +6,13 @@ from typing import Final
 
 import numpy as np
 
-from yawid.answers.run_summary import Flight, ReasonSummary, RunSummary
+from yawid.answers.heard import gains_between
+from yawid.answers.run_summary import Flight, Manoeuvre, ReasonSummary, RunSummary
 from yawid.blocks import Floats
 from yawid.config.run import RunConfig
 from yawid.damper.autopilots import AUTOPILOTS, Autopilot, first
 from yawid.models.refit import Drawn
+from yawid.results.yaw_loop import BARE
 
 EXIT_CODES: Final = {
     "not_usable": 5, "stick": 5, "other_loop": 5, "airspeed_unknown": 5, "wn_uncertain": 5,
@@ -18,7 +20,7 @@ EXIT_CODES: Final = {
     "parameters_unknown": 2, "travel_unknown": 2, "too_far": 2,
 }  # fmt: skip
 """The exit code of each reason for refusing."""
-OF_DAMPER: Final = (*EXIT_CODES, "lowers_damping")
+OF_DAMPER: Final = (*EXIT_CODES, "lowers_damping", "gain_changed")
 """The reasons that only this report has; ``closed_loop`` is one of a replay, too."""
 MOST_WN_STD, MOST_GAIN_STD, MOST_TURN = 0.05, 0.2, 0.2
 """The largest sigma of wn and of the gain at wn, and the largest share of the turn's term."""
@@ -36,11 +38,11 @@ class Refused(Exception):  # noqa: N818  it names a finding, not a fault
         self.to_do = to_do
 
 
-def usable_flight(summary: RunSummary) -> Flight:
+def usable_flight(summary: RunSummary, most_wn_std: float = MOST_WN_STD) -> Flight:
     """Return the flight's answer.
 
     Raises:
-        Refused: it is not usable, wn is not known to 5 %, or the airspeed is not known.
+        Refused: it is not usable, wn is not known well enough, or the airspeed is not known.
     """
     flight = summary.flight
     if flight is None or flight.dutch_roll is None or not flight.verdict.usable:
@@ -49,10 +51,10 @@ def usable_flight(summary: RunSummary) -> Flight:
         text = f"the log has no usable answer of a flight ({why})"
         raise Refused("not_usable", text, summary.deciding.next or CARD)
     roll = flight.dutch_roll
-    if roll.wn_std is None or not roll.wn_std <= MOST_WN_STD * roll.wn_rad_s:
+    if roll.wn_std is None or not roll.wn_std <= most_wn_std * roll.wn_rad_s:
         std = roll.wn_std
         known = "no sigma" if std is None else f"a sigma of {100 * std / roll.wn_rad_s:.1f} %"
-        text = f"wn has {known}, and at most {100 * MOST_WN_STD:g} % is needed"
+        text = f"wn has {known}, and at most {100 * most_wn_std:g} % is needed"
         raise Refused("wn_uncertain", text, CARD)
     if flight.airspeed_m_s is None or flight.airspeed_source != "airspeed":
         text = "the airspeed of the manoeuvres is not known, and the damper is scaled by it"
@@ -111,18 +113,34 @@ def check_loop(autopilot: Autopilot, known: Mapping[str, float], loop_hz: float)
         raise Refused("parameters_unknown", text, f"give {give}, or log all parameters")
 
 
-def check_gain(effect: Floats, known: Floats) -> None:
+def gain_flown(summary: RunSummary, manoeuvre: Manoeuvre, name: str, last: float) -> float | None:
+    """Return the value that a gain had in a manoeuvre, None where it changed in the midst of it.
+
+    Where only the sticks move the surfaces no damper acts, and its gain is 0. ``last`` is the
+    parameter's last value in the log.
+    """
+    if manoeuvre.loop == BARE:
+        return 0.0
+    rudder = summary.channels.get("rudder")
+    seen = [each for each in (rudder and rudder.yaw_gains) or () if each.name == name]
+    quarter = 0.25 * (manoeuvre.to_s - manoeuvre.from_s)
+    inner = manoeuvre.from_s + quarter, manoeuvre.to_s - quarter
+    values = set(gains_between(seen, summary.boots, *inner).get(name, [last]))
+    return values.pop() if len(values) == 1 else None
+
+
+def check_gain(effect: Floats, known: Floats, most_std: float = MOST_GAIN_STD) -> None:
     """Check that the gain at wn is known, by the draws' effect of the rudder on the pair (n,).
 
     The gain itself is that over zeta wn, and its sigma mostly zeta's, which the predictions have
     already. ``known`` are the draws that answer.
 
     Raises:
-        Refused: its sigma is above 20 %.
+        Refused: its sigma is larger than ``most_std``.
     """
     spread = float(np.sqrt(np.mean((effect / np.median(known) - 1.0) ** 2)))
-    if spread > MOST_GAIN_STD:
-        most = 100 * MOST_GAIN_STD
+    if spread > most_std:
+        most = 100 * most_std
         text = (
             f"the rudder's effect at wn has a sigma of {100 * spread:.0f} %, and at most "
             f"{most:g} % is needed"

@@ -1,6 +1,6 @@
 """What the predictions of a damper say to the pilot, in sentences and warnings."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Final
 
 import numpy as np
@@ -16,15 +16,28 @@ PREDICTION: Final = (
 )
 
 
-def warnings(predicted: Predicted, name: str, flown: float) -> Iterable[ReasonSummary]:
-    """Yield what speaks against the predictions; ``name`` is the parameter, ``flown`` its value."""
+def warnings(
+    predicted: Predicted, name: str, flown: float, gains: Sequence[float | None]
+) -> Iterable[ReasonSummary]:
+    """Yield what speaks against the predictions; ``name`` is the parameter, ``flown`` its value.
+
+    ``gains`` are the values that it had in each manoeuvre used, None where it changed in one.
+    """
+    known = [each for each in gains if each is not None]
+    if len(set(known)) > 1 or len(known) < len(gains):
+        values = ", ".join(f"{each:g}" for each in dict.fromkeys(known)) or "not constant"
+        text = f"{name} was {values} in the manoeuvres used"
+        if len(known) < len(gains):
+            text += " and changed within one of them"
+        yield ReasonSummary("gain_changed", "warning", f"{text}: {flown:g} is taken as flown")
     closed = predicted.closed
     G = predicted.aircraft.at(closed.airspeeds_m_s[0])  # noqa: N806
     s = np.array([1j * float(np.median(np.abs(G.dutch_roll)))])
-    size = np.median(np.abs(predicted.laws[0].at(s, flown) * G.at(s)))
-    if flown > 0.0 and size > MOSTLY_FEEDBACK:
+    largest = max(flown, *known, 0.0)
+    size = np.median(np.abs(predicted.laws[0].at(s, largest) * G.at(s)))
+    if largest > 0.0 and size > MOSTLY_FEEDBACK:
         text = (
-            f"with {name} {flown:g} the rudder moved mostly by feedback, and such answers were "
+            f"with {name} {largest:g} the rudder moved mostly by feedback, and such answers were "
             "about 10 % off: fly once with half of it"
         )
         yield ReasonSummary("closed_loop", "warning", text)

@@ -1,16 +1,14 @@
 """From a run to the advice on its yaw damper: checks, predictions, sentences."""
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from math import radians
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any, Final
 
 import numpy as np
 
 from yawid.answers.damper_report import DamperReport, Recommended
-from yawid.answers.run_summary import Flight, Manoeuvre, RunSummary, VerdictSummary
-from yawid.blocks import Floats, SampleBlock
-from yawid.config.run import RunConfig
+from yawid.answers.run_summary import Flight, Manoeuvre, VerdictSummary
+from yawid.blocks import Floats
 from yawid.damper.advice import (
     FINE,
     Closed,
@@ -21,30 +19,24 @@ from yawid.damper.advice import (
     recommended,
     table,
 )
-from yawid.damper.autopilots import AUTOPILOTS, Autopilot, law_at
-from yawid.damper.draws import central, drawn_aircraft
+from yawid.damper.autopilots import AUTOPILOTS, Autopilot
+from yawid.damper.identified import Facts, few, identified
 from yawid.damper.refusals import (
     EXIT_CODES,
     Refused,
     autopilot_of,
-    check_gain,
     check_input,
     check_loop,
-    check_turn,
+    gain_flown,
     usable_flight,
 )
 from yawid.damper.sentences import sentences, warnings
 from yawid.errors import ConfigError
-from yawid.models.refit import Drawn, Rows
 
 FURTHEST: Final = 1.5
 """The largest factor between an airspeed asked for and those flown."""
 SAME_SPEED: Final = 0.03
 """Airspeeds that differ by at most this part of them are one."""
-MOST_MANOEUVRES: Final = 6
-"""The largest number of manoeuvres that are fitted again."""
-RICHER: Final = ((3, 3, 2), (4, 4, 3))
-"""Structures: the draws have the flight's own and the other one of these."""
 LEAST_SHOWN: Final = 4.0
 """At least this number of gains is printed."""
 
@@ -81,17 +73,6 @@ class Asked:
 
 
 @dataclass(frozen=True, slots=True)
-class Facts:
-    """A run: its summary and configuration, its samples in blocks, the vehicle's parameters."""
-
-    summary: RunSummary
-    config: RunConfig
-    sample_time_s: float
-    samples: Iterable[SampleBlock]
-    parameters: Mapping[str, float]
-
-
-@dataclass(frozen=True, slots=True)
 class Study:
     """The report, and the predictions behind it; None where it was refused."""
 
@@ -119,15 +100,20 @@ def study(facts: Facts, asked: Asked) -> Study:
         check_input(facts.summary, facts.config)
         loop_hz = asked.loop_rate_hz or known.get(autopilot.loop_rate, 0.0)
         check_loop(autopilot, known, loop_hz)
-        flown = known[autopilot.gain]
+        used = [each for each in facts.summary.manoeuvres or () if each.n in flight.used]
+        flown, seen = known[autopilot.gain], list[float | None]()
+        if autopilot.gain not in asked.parameters:
+            seen = [gain_flown(facts.summary, each, autopilot.gain, flown) for each in used]
+            flown = next((each for each in reversed(seen) if each is not None), flown)
+            known[autopilot.gain] = flown
         said |= {"flown": flown, "loop_rate_hz": loop_hz}
-        predicted = _predicted(facts, flight, autopilot, known, loop_hz, asked)
+        predicted = _predicted(facts, flight, used, autopilot, known, loop_hz, asked)
     except Refused as refused:
         verdict = VerdictSummary(usable=False, reasons=[refused.reason], next=refused.to_do)
         return Study(DamperReport(**said, gains=[], says=[], verdict=verdict))
     found = recommended(predicted.closed, flown, asked.aim)
     says = list(sentences(predicted, autopilot.gain, flown, found, asked.aim))
-    reasons = list(warnings(predicted, autopilot.gain, flown))
+    reasons = list(warnings(predicted, autopilot.gain, flown, seen))
     verdict = VerdictSummary(method=flight.method, usable=True, reasons=reasons)
     rows = _shown(predicted.closed, found, flown, asked.gains)
     gains = [each for i, each in enumerate(table(predicted.closed)) if i in rows]
@@ -136,49 +122,17 @@ def study(facts: Facts, asked: Asked) -> Study:
 
 
 def _predicted(
-    facts: Facts, flight: Flight, autopilot: Autopilot, known: Mapping[str, float],
-    loop_hz: float, asked: Asked,
+    facts: Facts, flight: Flight, used: Sequence[Manoeuvre], autopilot: Autopilot,
+    known: Mapping[str, float], loop_hz: float, asked: Asked,
 ) -> Predicted:  # fmt: skip
-    used = [each for each in facts.summary.manoeuvres or () if each.n in flight.used]
-    fits = _fits(facts, flight, used)
-    own, richer = ([(each.model, speed) for each, speed in some] for some in fits)
-    aircraft = drawn_aircraft(flight, own, richer, mean_output=facts.config.output == "yaw")
-    if aircraft is None or flight.dutch_roll is None:
-        text = "the manoeuvres, fitted again, do not give the flight's answer"
-        raise Refused("not_fitted", text, "replay the log with this version")
-    wn = flight.dutch_roll.wn_rad_s
-    effect = aircraft.G.effect
-    check_gain(effect, effect[aircraft.own])
-    if autopilot.turn is not None:
-        check_turn([each for each, _ in fits[0]], wn, known.get(autopilot.turn, 1.0))
+    turn = None if autopilot.turn is None else known.get(autopilot.turn, 1.0)
+    found = identified(facts, flight, facts.rows(few(used)), turn)
     speeds = _airspeeds(flight, used, asked)
-    unit = radians(facts.config.rudder_max_deg) if facts.config.rudder_max_deg else 1.0
-    laws = [law_at(autopilot, known, loop_hz, speed) for speed in speeds]
-    laws = [replace(law, scaling=law.scaling * unit) for law in laws]
-    gains = _gains(largest_gain(aircraft, laws, speeds), known[autopilot.gain], asked.gains)
-    closed = closed_with(aircraft, laws, gains, speeds, facts.sample_time_s)
-    return Predicted(aircraft, central(aircraft, flight), tuple(laws), closed, fits[0][0][0])
-
-
-def _fits(
-    facts: Facts, flight: Flight, used: Sequence[Manoeuvre]
-) -> tuple[list[tuple[Drawn, float]], list[tuple[Drawn, float]]]:
-    """Return manoeuvres fitted by the flight's own and by the other structure, with airspeeds."""
-    few = np.linspace(0, len(used) - 1, min(len(used), MOST_MANOEUVRES)).round().astype(int)
-    rows = [Rows(used[i]) for i in few]
-    for block in facts.samples:
-        for each in rows:
-            each.add(block)
-    assert flight.orders is not None  # it is usable
-    na, nb, nc, nk = (getattr(flight.orders, name) for name in ("na", "nb", "nc", "nk"))
-    other = RICHER[1] if (na, nb, nc) != RICHER[1] else RICHER[0]
-    found: tuple[list[tuple[Drawn, float]], list[tuple[Drawn, float]]] = ([], [])
-    for into, structure in zip(found, ((na, nb, nc, nk), (*other, nk)), strict=True):
-        for each in rows:
-            drawn = each.drawn(facts.config, facts.sample_time_s, structure)
-            if drawn is not None and each.found.airspeed_m_s is not None:
-                into.append((drawn, each.found.airspeed_m_s))
-    return found
+    laws = facts.laws(autopilot, known, loop_hz, speeds)
+    largest = largest_gain(found.aircraft, laws, speeds)
+    gains = _gains(largest, known[autopilot.gain], asked.gains)
+    closed = closed_with(found.aircraft, laws, gains, speeds, facts.sample_time_s)
+    return Predicted(found.aircraft, found.central, tuple(laws), closed, found.manoeuvre)
 
 
 def _airspeeds(flight: Flight, used: Sequence[Manoeuvre], asked: Asked) -> list[float]:

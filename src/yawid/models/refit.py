@@ -66,6 +66,12 @@ class Rows:
         if rows.any():
             self._parts.append((t[rows], *(getattr(samples, name)[rows] for name in _COLUMNS)))
 
+    def columns(self) -> tuple[Floats, ...] | None:
+        """Return times in s since boot (n,), u (n, inputs), y, turn rate and aileron, or None."""
+        if not self._parts:
+            return None
+        return tuple(np.concatenate(each) for each in zip(*self._parts, strict=True))
+
     def drawn(
         self,
         config: RunConfig,
@@ -78,10 +84,10 @@ class Rows:
         The output is less ``turn`` times the turn rate. Return None where the fit fails or the
         manoeuvre has no answer.
         """
-        answer = self.found.answer
-        if answer is None or not self._parts:
+        answer, columns = self.found.answer, self.columns()
+        if answer is None or columns is None:
             return None
-        t, u, y, turn_rate, aileron = (np.concatenate(c) for c in zip(*self._parts, strict=True))
+        t, u, y, turn_rate, aileron = columns
         own = astuple(answer.orders)
         asked: dict[str, Any] = {"orders": tuple(orders or own), "inputs": tuple(self.found.inputs)}
         u = u[:, : len(self.found.inputs)]

@@ -127,6 +127,10 @@ _OTHERS: Final = (
     Quantity(
         "K_per_V", f"rad/m per {RUDDER}", "K of eq. 23 over the equivalent airspeed", symbol="K/V"
     ),
+    Quantity(
+        "effect_per_V2", f"rad/m^2 per {RUDDER}",
+        "the rudder's effect on the Dutch roll (its residue) over V^2", symbol="b/V²",
+    ),
     Quantity(REDUCTION_ERROR, "1", "misfit of eq. 23, 0.3 to 3 ωn"),
     # Of the model and its fit.
     Quantity("method", "", "els (extended least squares) or rml (recursive maximum likelihood)"),

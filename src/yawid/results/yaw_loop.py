@@ -4,10 +4,14 @@ The part of a yaw damper is in the rudder's own output. Where that is the input,
 of the aircraft without the damper; where the pilot's stick is, the damper is a part of the model.
 """
 
+from collections.abc import Sequence
+
 from msgspec.structs import replace
 
+from yawid.answers.heard import BootSpan, gains_between, words_of_gains
 from yawid.answers.run_summary import (
     Bare,
+    ChannelFound,
     Flight,
     Manoeuvre,
     ReasonSummary,
@@ -28,16 +32,23 @@ def with_yaw_loop(summary: RunSummary) -> RunSummary:
     is_stick = rudder.source.startswith("RC_CHANNELS")
     with_it = "with" if is_stick else "without"
     held = "the stick does not hold its part" if is_stick else "the servo output holds its part"
-    text = f"{with_it} its {name} ({rudder.yaw_loop}): {held}"
-
-    fed_back = not all(each.loop == BARE for each in summary.manoeuvres or ())
+    by_number = {each.n: each for each in summary.manoeuvres or ()}
+    fed_back = not all(each.loop == BARE for each in by_number.values())
 
     def said(found: Flight | Manoeuvre) -> Flight | Manoeuvre:
         if found.loop == BARE:
             return found
+        of = (
+            [found]
+            if isinstance(found, Manoeuvre)
+            else [by_number[n] for n in found.used if n in by_number]
+        )
+        loop = gains_of(rudder, summary.boots, of)
+        if loop is None:
+            return found
         if isinstance(found, Manoeuvre):
-            found = replace(found, lateral=_without(found.lateral, name, rudder.yaw_loop))
-        return replace(found, yaw_loop=text)
+            found = replace(found, lateral=_without(found.lateral, name, loop))
+        return replace(found, yaw_loop=f"{with_it} its {name} ({loop}): {held}")
 
     return replace(
         summary,
@@ -46,6 +57,20 @@ def with_yaw_loop(summary: RunSummary) -> RunSummary:
         bare=_without(summary.bare, name, rudder.yaw_loop) if fed_back else summary.bare,
         flights=summary.flights and [said(each) for each in summary.flights],
     )
+
+
+def gains_of(
+    rudder: ChannelFound, boots: Sequence[BootSpan] | None, manoeuvres: Sequence[Manoeuvre]
+) -> str | None:
+    """Return the gains of the yaw loop in these manoeuvres; None where it was off in them."""
+    if rudder.yaw_gains is None or not manoeuvres:
+        return rudder.yaw_loop
+    gains: dict[str, list[float]] = {}
+    for each in manoeuvres:
+        between = gains_between(rudder.yaw_gains, boots, each.from_s, each.to_s)
+        for name, values in between.items():
+            gains.setdefault(name, []).extend(values)
+    return words_of_gains(gains)
 
 
 def _without(bare: Bare | None, name: str, gains: str | None) -> Bare | None:

@@ -9,13 +9,14 @@ from typing import TYPE_CHECKING, Any, Final, Literal
 
 import numpy as np
 
+from yawid.answers.heard import PARAMETERS, parameters_in
 from yawid.answers.run_summary import RunSummary
 from yawid.blocks import EstimateBlock, ModesBlock, SampleBlock
 from yawid.errors import ConfigError, YawidError
 from yawid.sinks.base import Grid, Relay, Sink
 from yawid.sinks.mcap.messages import RunRows, joined
 from yawid.tables.keywords import errors_in_keywords
-from yawid.tables.run import PARAMETERS, Run, values_of
+from yawid.tables.run import Run
 from yawid.tables.table import Table
 
 if TYPE_CHECKING:
@@ -137,7 +138,7 @@ class Kept(Relay):
         assert self._summary is not None, "the run is not finished"
         rows = joined(self._parts) if self._parts else None
         config = read_config(self._attachments["configuration.toml"])
-        known = values_of(self._attachments.get(PARAMETERS, b""))
+        known = parameters_in(self._attachments.get(PARAMETERS, b""))
         return Run(path, self._summary, config, self._grid, rows, known, self._calls)
 
     def start(self, grid: Grid) -> None:

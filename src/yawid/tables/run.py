@@ -2,16 +2,16 @@
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from contextlib import suppress
 from functools import cached_property
 from os import PathLike
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any, Final, Literal, Self
+from typing import TYPE_CHECKING, Any, Literal, Self
 
 import msgspec
 import numpy as np
 
+from yawid.answers.heard import PARAMETERS, parameters_in
 from yawid.answers.run_summary import Bare, Flight, ReasonSummary, RunSummary, VerdictSummary
 from yawid.blocks import ModesBlock, SampleBlock
 from yawid.config.run import RunConfig
@@ -31,8 +31,6 @@ from yawid.tables.table import Column, Table
 
 if TYPE_CHECKING:
     from yawid.damper.study import Study
-
-PARAMETERS: Final = "parameters.txt"
 
 
 class Run:
@@ -179,7 +177,8 @@ class Run:
         Raises:
             ConfigError: a value is outside its limits, or the run has no samples.
         """
-        from yawid.damper.study import Asked, Facts, study
+        from yawid.damper.identified import Facts
+        from yawid.damper.study import Asked, study
 
         asked = Asked(aim, autopilot, loop_rate, airspeed, parameters or {}, gains)
         samples = self._rows.samples
@@ -237,18 +236,8 @@ def load(path: str | PathLike[str]) -> Run:
     run = open_run(Path(path))
     parts = list(run.blocks())
     rows = joined(parts) if parts else None
-    known = values_of(run.attachments.get(PARAMETERS, b""))
+    known = parameters_in(run.attachments.get(PARAMETERS, b""))
     return Run(run.path, run.summary, run.config, run.grid, rows, known)
-
-
-def values_of(attached: bytes) -> dict[str, float]:
-    """Return the vehicle's parameters by name from the text attached to a run."""
-    lines = (line.rpartition(" ") for line in attached.decode("utf-8", "replace").splitlines())
-    known = {}
-    for name, _, value in lines:
-        with suppress(ValueError):
-            known[name] = float(value)
-    return known
 
 
 def no_rows() -> RunRows:

@@ -14,9 +14,14 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
+from msgspec.structs import replace
 
+from yawid.answers.damper_report import FlownGain
+from yawid.answers.heard import PARAMETERS, parameters_in
 from yawid.answers.part import Part
 from yawid.answers.run_summary import Value
+from yawid.damper.before_after import BeforeAfter, before_after
+from yawid.damper.identified import Facts
 from yawid.dataset.summary_rows import flight_rows
 from yawid.dataset.values import serial_of
 from yawid.sinks.mcap.reader import McapRun, open_run
@@ -33,6 +38,8 @@ ALL: Final = 1e9
 """Degrees of freedom of a sigma that is assumed to be exact."""
 SAME_SPEED: Final = 0.02
 """Airspeeds that differ by at most this fraction count as equal."""
+EFFECT: Final = "effect_per_V2"
+"""The size of the rudder's effect on the Dutch roll over V^2, compared where a damper was flown."""
 _RUN_QUANTITIES: Final = {"wn_rad_s": "wn_std"} | FOLLOWED
 
 
@@ -60,8 +67,25 @@ class Fact(Part, frozen=True, kw_only=True):
     changed: bool
 
 
+class DamperDiff(Part, frozen=True, kw_only=True):
+    """Two flights with a yaw damper: is the aircraft without it unchanged, and what was felt.
+
+    ``unchanged`` is None where nothing of it could be judged, ``differ`` has the numbers that did
+    change. ``flown`` has every gain of both flights.
+    """
+
+    parameter: str
+    unchanged: bool | None = None
+    differ: list[str]
+    flown: list[FlownGain]
+    notes: list[str]
+
+
 class Diff(Part, frozen=True, kw_only=True):
-    """What changed from A to B; ``judged`` is how many numbers were judged."""
+    """What changed from A to B; ``judged`` is how many numbers were judged.
+
+    ``damper`` is there for two runs of which one at least was flown with a yaw damper.
+    """
 
     a: str
     b: str
@@ -71,6 +95,7 @@ class Diff(Part, frozen=True, kw_only=True):
     numbers: list[Difference]
     facts: list[Fact]
     notes: list[str]
+    damper: DamperDiff | None = None
 
 
 @dataclass(slots=True)
@@ -98,7 +123,9 @@ def diff(a: Path, b: Path) -> Diff:
     """
     one, other = _side(a), _side(b)
     if one.run is not None and other.run is not None:
-        return _told(one, other, list(_of_runs(one, other)), [])
+        flown = _before_after(one, other)
+        told = _told(one, other, list(_of_runs(one, other)), [])
+        return told if flown is None else replace(told, damper=_of_dampers(told, flown))
     notes: list[str] = []
     for run, fleet in ((one, other), (other, one)):
         if fleet.run is None:
@@ -114,6 +141,39 @@ def diff(a: Path, b: Path) -> Diff:
             said = ", ".join(f"{vehicle} ({loop})" for vehicle, loop in sorted(alone)[:8])
             notes.append(f"only in {name}: {said}{', …' if len(alone) > 8 else ''}")
     return _told(one, other, [], notes)
+
+
+def _before_after(a: _Side, b: _Side) -> BeforeAfter | None:
+    """Return what the flights of two runs say of their yaw dampers, None where none was flown.
+
+    The rudder's effect on the Dutch roll becomes a number of both sides.
+    """
+    facts = [_facts(side.run) for side in (a, b) if side.run is not None]
+    if facts[0] is None or facts[1] is None:
+        return None
+    found = before_after(facts[0], facts[1])
+    for side, name in ((a, "A"), (b, "B")):
+        if found is not None and name in found.effect and side.run is not None:
+            loop = next(iter(side.rows))
+            side.numbers[_vehicle(side.run), loop, EFFECT] = found.effect[name]
+    return found
+
+
+def _facts(run: McapRun) -> Facts | None:
+    if run.grid is None:
+        return None
+    known = parameters_in(run.attachments.get(PARAMETERS, b""))
+    return Facts(run.summary, run.config, run.grid.sample_time_s, run.samples(), known)
+
+
+def _of_dampers(told: Diff, found: BeforeAfter) -> DamperDiff:
+    """Return what the dampers say, with the verdict on the aircraft without them."""
+    judged = [each for each in told.numbers if each.not_judged is None]
+    differ = [each.quantity for each in judged if each.changed]
+    return DamperDiff(
+        parameter=found.parameter, unchanged=not differ if judged else None, differ=differ,
+        flown=found.flown, notes=found.notes,
+    )  # fmt: skip
 
 
 def _side(path: Path) -> _Side:
@@ -217,7 +277,7 @@ def _own_vehicle(run: _Side, studied: list[Studied]) -> str | None:
     assert run.run is not None
     seen = run.run.summary.vehicle
     names = {each.history.vehicle for each in studied}
-    serial = serial_of(run.run.attachments.get("parameters.txt", b""))
+    serial = serial_of(run.run.attachments.get(PARAMETERS, b""))
     if serial in names:
         return serial
     found = {each.history.vehicle for each in studied if seen and each.history.sysid == seen.sysid}

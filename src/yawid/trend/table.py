@@ -7,9 +7,10 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from yawid.answers.damper_report import Decay, FlownGain
 from yawid.sinks.door import page_console
 from yawid.trend import words
-from yawid.trend.diff import Diff
+from yawid.trend.diff import DamperDiff, Diff
 from yawid.trend.history import shown
 from yawid.trend.trend import Followed, Trend
 
@@ -106,6 +107,8 @@ def print_diff(told: Diff, stream: TextIO) -> None:
         )  # fmt: skip
     if told.numbers:
         console.print(table)
+    if told.damper is not None:
+        _print_damper(console, told.damper)
     for fact in told.facts:
         style = "red" if fact.changed else "yellow"
         _say(console, f"{fact.what}: {fact.a} in A, {fact.b} in B", style)
@@ -117,6 +120,42 @@ def print_diff(told: Diff, stream: TextIO) -> None:
         f"alarms over all {told.judged} numbers judged"
     )
     console.print(Text(fill(notes, console.width, break_on_hyphens=False), "dim"))
+
+
+def _print_damper(console: Console, told: DamperDiff) -> None:
+    """Print what two flights say of their yaw damper."""
+    if told.unchanged is None:
+        said, style = "not judged whether it changed", "yellow"
+    elif told.unchanged:
+        said, style = "unchanged", "green"
+    else:
+        said, style = f"CHANGED in {', '.join(map(words.name_of, told.differ))}", "red"
+    console.print(Text("the aircraft without its yaw damper  ") + Text(said, style))
+    table = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0))
+    heads = ("", told.parameter, "pair predicted", "decay predicted", "decay flown", "")
+    for head in heads:
+        table.add_column(head, justify="right", no_wrap=True)
+    for each in told.flown:
+        result = {True: "agrees", False: "DIFFERS", None: "-"}[each.agrees]
+        modes = (_damped(found) for found in (each, each.decay_predicted, each.decay))
+        table.add_row(each.flight, f"{each.gain:g}", *modes, result)
+    if told.flown:
+        console.print(table)
+        text = (
+            "wn in rad/s / zeta. Pair: the Dutch roll with that gain, predicted from the other "
+            "flight. Decay: a damped sine fitted to the free decays, which near a servo's lag is "
+            "not the pair: compare the two fits"
+        )
+        console.print(Text(fill(text, console.width, break_on_hyphens=False), "dim"))
+    for line in told.notes:
+        _say(console, line)
+
+
+def _damped(found: Decay | FlownGain | None) -> str:
+    if found is None or found.wn_rad_s is None or found.zeta is None:
+        return "-"
+    std = "" if found.zeta_std is None else f" ± {found.zeta_std:.2f}"
+    return f"{found.wn_rad_s:.3g} / {found.zeta:.2f}{std}"
 
 
 def _table(*numbers: str) -> Table:

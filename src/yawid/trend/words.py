@@ -7,13 +7,15 @@ from yawid.quantities.table import QUANTITIES
 from yawid.sinks.words import plus_minus
 from yawid.trend.best_profile import LEAST_DAYS, LEAST_SIDE
 from yawid.trend.changes import SEASON
+from yawid.trend.diff import EFFECT
 from yawid.trend.history import FOLLOWED
 from yawid.trend.trend import Changed, Followed, Outlier, Trend
 
 
 def name_of(quantity: str) -> str:
     """Return the name of a quantity for people."""
-    return QUANTITIES[quantity].symbol if quantity in FOLLOWED else quantity
+    has_symbol = quantity in FOLLOWED or quantity == EFFECT
+    return QUANTITIES[quantity].symbol if has_symbol else quantity
 
 
 def spread(value: Value | None, unit: str = "") -> str:

@@ -1,0 +1,224 @@
+"""Two flights with different gains of the yaw damper: what each predicts for the other.
+
+The aircraft that both identify is the one without its damper, so the model of one, closed with the
+gain of the other, predicts what the pilot felt in the other.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from yawid.answers.damper_report import Decay, FlownGain
+from yawid.answers.run_summary import Manoeuvre, Value
+from yawid.blocks import Floats
+from yawid.damper.advice import closed_with
+from yawid.damper.autopilots import Autopilot, Law
+from yawid.damper.decay import Sine, damped_sine, decays_in, pilots_rudder
+from yawid.damper.identified import Facts, Identified, few, identified
+from yawid.damper.refusals import (
+    Refused,
+    autopilot_of,
+    check_input,
+    check_loop,
+    gain_flown,
+    usable_flight,
+)
+from yawid.damper.response import closed_response
+from yawid.models.refit import Rows
+
+ROWS: Final = 9
+"""The gains, from 0 to the flown one, over which the closed pole is followed."""
+MOST_WN_STD, MOST_GAIN_STD = 0.1, 0.4
+"""Twice the sigmas that an advice may have: here each prediction stands next to what was flown."""
+ALIKE_ZETA, ALIKE_SHARE, SIGMAS = 0.05, 0.15, 2.0
+"""Two decays agree within the larger of .05 and 15 % of zeta, or within 2 sigma."""
+
+
+@dataclass(frozen=True, slots=True)
+class BeforeAfter:
+    """What two flights say of their dampers.
+
+    ``effect`` has, by flight (A, B), the size of the rudder's effect on the Dutch roll over V^2,
+    in rad/s^2 per unit of rudder; ``notes`` say what could not be compared.
+    """
+
+    parameter: str
+    flown: list[FlownGain]
+    effect: Mapping[str, Value]
+    notes: list[str]
+
+
+@dataclass(frozen=True, slots=True)
+class _Side:
+    """One flight: its manoeuvres by the gain flown, and their samples."""
+
+    name: str
+    facts: Facts
+    autopilot: Autopilot
+    by_gain: Mapping[float, Sequence[Manoeuvre]]
+    rows: Mapping[int, Rows]
+
+    def model(self) -> Identified:
+        """Return the aircraft identified.
+
+        Raises:
+            Refused: the answer is not usable, or not good enough for a prediction.
+        """
+        flight, known = usable_flight(self.facts.summary, MOST_WN_STD), self.facts.parameters
+        check_input(self.facts.summary, self.facts.config)
+        turn = None if self.autopilot.turn is None else known.get(self.autopilot.turn, 1.0)
+        rows = [self.rows[each.n] for each in _used(self.facts)]
+        return identified(self.facts, flight, rows, turn, MOST_GAIN_STD)
+
+
+def before_after(a: Facts, b: Facts) -> BeforeAfter | None:
+    """Return what the two flights predict for each other; None where no damper was flown.
+
+    What cannot be known of one of them is left out, and a note says why.
+    """
+    sides = [_side(name, facts) for name, facts in (("A", a), ("B", b))]
+    one, other = sides
+    if one is None or other is None or one.autopilot is not other.autopilot:
+        return None
+    if not any(gain for side in (one, other) for gain in side.by_gain):
+        return None
+    notes: list[str] = []
+    loops = [side.facts.summary.flight and side.facts.summary.flight.loop for side in (one, other)]
+    if loops[0] != loops[1]:
+        notes.append(
+            f"A is of the loop {loops[0]}, B of {loops[1]}: the predictions leave that out"
+        )
+    models: dict[str, Identified] = {}
+    for side in (one, other):
+        try:
+            models[side.name] = side.model()
+        except Refused as refused:
+            notes.append(f"the model of {side.name} predicts nothing: {refused.reason.text}")
+    flown: list[FlownGain] = []
+    for side, by in ((one, other), (other, one)):
+        try:
+            flown += _flown(side, models.get(by.name))
+        except Refused as refused:
+            notes.append(f"the damper of {side.name} is not known: {refused.reason.text}")
+    effect = {name: _effect(model) for name, model in models.items()}
+    return BeforeAfter(one.autopilot.gain, flown, effect, notes)
+
+
+def _side(name: str, facts: Facts) -> _Side | None:
+    try:
+        autopilot = autopilot_of(facts.summary, None)
+    except Refused:
+        return None
+    last = facts.parameters.get(autopilot.gain)
+    if last is None:
+        return None
+    summary, used = facts.summary, _used(facts)
+    by_gain: dict[float, list[Manoeuvre]] = {}
+    for each in summary.manoeuvres or ():
+        gain = gain_flown(summary, each, autopilot.gain, last)
+        if gain is not None and each.airspeed_m_s is not None:
+            by_gain.setdefault(round(gain, 6), []).append(each)
+    # Of each gain those that the answer uses, where it uses any.
+    numbers = {each.n for each in used}
+    kept = {gain: few([each for each in some if each.n in numbers] or some)
+            for gain, some in by_gain.items()}  # fmt: skip
+    needed = {each.n: each for some in (used, *kept.values()) for each in some}
+    rows = dict(zip(needed, facts.rows([*needed.values()]), strict=True))
+    return _Side(name, facts, autopilot, dict(sorted(kept.items())), rows)
+
+
+def _used(facts: Facts) -> list[Manoeuvre]:
+    flight = facts.summary.flight
+    used = set(flight.used) if flight is not None else set()
+    return few([each for each in facts.summary.manoeuvres or () if each.n in used])
+
+
+def _flown(side: _Side, by: Identified | None) -> Iterator[FlownGain]:
+    """Yield what each gain of a flight gives as the other's model predicts it, and as flown."""
+    facts, known = side.facts, side.facts.parameters
+    check_input(facts.summary, facts.config)
+    loop_hz = known.get(side.autopilot.loop_rate, 0.0)
+    check_loop(side.autopilot, known, loop_hz)
+    for gain, manoeuvres in side.by_gain.items():
+        speed = float(np.mean([each.airspeed_m_s or 0.0 for each in manoeuvres]))
+        (law,) = facts.laws(side.autopilot, known, loop_hz, [speed])
+        if by is None:
+            yield FlownGain(flight=side.name, gain=gain, airspeed_m_s=speed)
+            continue
+        closed = closed_with(
+            by.aircraft, [law], gain * np.linspace(0.0, 1.0, ROWS), [speed], facts.sample_time_s
+        )
+        wn, wn_std, zeta, zeta_std = (
+            float(each[0, -1])
+            for values in (closed.wn, closed.zeta)
+            for each in (closed.middle(values), closed.std(values))
+        )
+        if not np.isfinite(zeta):
+            yield FlownGain(flight=side.name, gain=gain, airspeed_m_s=speed)
+            continue
+        found = _decays(side, law, gain, manoeuvres, by, wn)
+        yield FlownGain(
+            flight=side.name, gain=gain, airspeed_m_s=speed, wn_rad_s=wn, wn_std=wn_std, zeta=zeta,
+            zeta_std=zeta_std, **found, agrees=_agrees(zeta_std, found),
+        )  # fmt: skip
+
+
+def _decays(
+    side: _Side, law: Law, gain: float, manoeuvres: Sequence[Manoeuvre], by: Identified, wn: float
+) -> dict[str, Decay]:
+    """Return the damped sine of the decays as flown and as predicted, nothing without a decay."""
+    turn = side.autopilot.turn
+    factor = 0.0 if turn is None else side.facts.parameters.get(turn, 1.0)
+    flown: list[Floats] = []
+    predicted: list[Floats] = []
+    step = side.facts.sample_time_s
+    for each in manoeuvres if side.facts.config.output != "yaw" else ():
+        columns = side.rows[each.n].columns()
+        if columns is None:
+            continue
+        _, u, y, turn_rate, _ = columns
+        good = np.isfinite(u[:, 0]) & np.isfinite(y)
+        t = np.arange(len(y))
+        if np.count_nonzero(good) < len(y) / 2:
+            continue
+        rudder, r = (np.interp(t, t[good], x[good]) for x in (u[:, 0], y))
+        v = pilots_rudder(law, gain, rudder, r - factor * np.nan_to_num(turn_rate), step)
+        speed = each.airspeed_m_s or by.aircraft.airspeed_m_s
+        G = by.central.faster(speed / by.aircraft.airspeed_m_s)  # noqa: N806
+        decays = [rows for rows in decays_in(v, step, wn) if good[rows].all()]
+        # What a wrong gain leaves of v in a decay would make the response that flown.
+        for rows in decays:
+            v[rows.start - 1 : rows.stop] = 0.0
+        response = closed_response(G, law, gain, v, step)
+        flown += [r[rows] for rows in decays]
+        predicted += [response[rows] for rows in decays]
+    sines = damped_sine(flown, step, wn), damped_sine(predicted, step, wn)
+    if sines[0] is None or sines[1] is None:
+        return {}
+    return {"decay": _told(sines[0], len(flown)), "decay_predicted": _told(sines[1], len(flown))}
+
+
+def _told(sine: Sine, count: int) -> Decay:
+    stds = {"wn_std": sine.wn_std, "zeta_std": sine.zeta_std}
+    known = {name: value for name, value in stds.items() if np.isfinite(value)}
+    return Decay(wn_rad_s=sine.wn_rad_s, zeta=sine.zeta, decays=count, **known)
+
+
+def _agrees(zeta_std: float, found: Mapping[str, Decay]) -> bool | None:
+    """Return whether both decays agree, None without them."""
+    if not found:
+        return None
+    flown, predicted = found["decay"], found["decay_predicted"]
+    sigma = float(np.hypot(zeta_std, flown.zeta_std or 0.0))
+    most = max(ALIKE_ZETA, ALIKE_SHARE * abs(flown.zeta), SIGMAS * sigma)
+    return abs(flown.zeta - predicted.zeta) <= most
+
+
+def _effect(model: Identified) -> Value:
+    """Return the rudder's effect over V^2, with the sigma of the draws."""
+    aircraft = model.aircraft
+    effect = aircraft.G.effect / aircraft.airspeed_m_s**2
+    middle = float(np.median(effect[aircraft.own]))
+    return Value(value=middle, std=float(np.sqrt(np.mean((effect - middle) ** 2))))

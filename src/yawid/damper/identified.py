@@ -1,0 +1,104 @@
+"""The aircraft that a run identified: its manoeuvres fitted again, and the draws made of them."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from math import radians
+from typing import Final
+
+import numpy as np
+
+from yawid.answers.run_summary import Flight, Manoeuvre, RunSummary
+from yawid.blocks import SampleBlock
+from yawid.config.run import RunConfig
+from yawid.damper.autopilots import Autopilot, Law, law_at
+from yawid.damper.draws import Aircraft, central, drawn_aircraft
+from yawid.damper.refusals import MOST_GAIN_STD, Refused, check_gain, check_turn
+from yawid.models.refit import Drawn, Rows
+from yawid.physics.continuous import Transfer
+
+MOST_MANOEUVRES: Final = 6
+"""The largest number of manoeuvres that are fitted again."""
+RICHER: Final = ((3, 3, 2), (4, 4, 3))
+"""Structures: the draws have the flight's own and the other one of these."""
+
+
+@dataclass(frozen=True, slots=True)
+class Facts:
+    """A run: its summary and configuration, its samples in blocks, the vehicle's parameters."""
+
+    summary: RunSummary
+    config: RunConfig
+    sample_time_s: float
+    samples: Iterable[SampleBlock]
+    parameters: Mapping[str, float]
+
+    def rows(self, manoeuvres: Sequence[Manoeuvre]) -> list[Rows]:
+        """Return the samples of manoeuvres, in one pass over those of the run."""
+        found = [Rows(each) for each in manoeuvres]
+        for block in self.samples:
+            for each in found:
+                each.add(block)
+        return found
+
+    def laws(
+        self, autopilot: Autopilot, known: Mapping[str, float], loop_hz: float,
+        airspeeds_m_s: Sequence[float],
+    ) -> list[Law]:  # fmt: skip
+        """Return the damper at each airspeed, for the unit that this run's rudder has."""
+        unit = radians(self.config.rudder_max_deg) if self.config.rudder_max_deg else 1.0
+        laws = [law_at(autopilot, known, loop_hz, speed) for speed in airspeeds_m_s]
+        return [replace(law, scaling=law.scaling * unit) for law in laws]
+
+
+@dataclass(frozen=True, slots=True)
+class Identified:
+    """The aircraft without its damper: in draws, and as one with exactly the flight's answer.
+
+    ``manoeuvre`` is the first of those that were fitted again.
+    """
+
+    aircraft: Aircraft
+    central: Transfer
+    manoeuvre: Drawn
+
+
+def few(manoeuvres: Sequence[Manoeuvre]) -> list[Manoeuvre]:
+    """Return as many of the manoeuvres as are fitted again, evenly spaced."""
+    count = min(len(manoeuvres), MOST_MANOEUVRES)
+    return [manoeuvres[i] for i in np.linspace(0, len(manoeuvres) - 1, count).round().astype(int)]
+
+
+def identified(
+    facts: Facts, flight: Flight, rows: Sequence[Rows], turn_factor: float | None,
+    most_gain_std: float = MOST_GAIN_STD,
+) -> Identified:  # fmt: skip
+    """Return the aircraft of a usable flight from the samples of some of its manoeuvres.
+
+    ``turn_factor`` is the damper's parameter of the wanted turn, None where it has no such term.
+
+    Raises:
+        Refused: they do not give the flight's answer, the gain at wn is not known well enough, or
+            the wanted turn is too large a part of the yaw rate.
+    """
+    assert flight.orders is not None  # it is usable
+    assert flight.dutch_roll is not None
+    na, nb, nc, nk = (getattr(flight.orders, name) for name in ("na", "nb", "nc", "nk"))
+    other = RICHER[1] if (na, nb, nc) != RICHER[1] else RICHER[0]
+    own, richer = (_fits(facts, rows, orders) for orders in ((na, nb, nc, nk), (*other, nk)))
+    models = ([(each.model, speed) for each, speed in some] for some in (own, richer))
+    aircraft = drawn_aircraft(flight, *models, mean_output=facts.config.output == "yaw")
+    if aircraft is None:
+        text = "the manoeuvres, fitted again, do not give the flight's answer"
+        raise Refused("not_fitted", text, "replay the log with this version")
+    effect = aircraft.G.effect
+    check_gain(effect, effect[aircraft.own], most_gain_std)
+    if turn_factor is not None:
+        check_turn([each for each, _ in own], flight.dutch_roll.wn_rad_s, turn_factor)
+    return Identified(aircraft, central(aircraft, flight), own[0][0])
+
+
+def _fits(facts: Facts, rows: Sequence[Rows], orders: Sequence[int]) -> list[tuple[Drawn, float]]:
+    """Return the manoeuvres fitted by these orders, each with its airspeed in m/s."""
+    drawn = [(each.drawn(facts.config, facts.sample_time_s, orders), each.found.airspeed_m_s)
+             for each in rows]  # fmt: skip
+    return [(fit, speed) for fit, speed in drawn if fit is not None and speed is not None]

@@ -1,0 +1,215 @@
+"""Two flights of one simulated aircraft, without and with a damper: what each says of the other."""
+
+from __future__ import annotations
+
+import io
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from msgspec.structs import replace
+from printed import printed
+from recorded_flights import recorded
+from scipy.signal import cont2discrete
+
+import yawid
+from yawid.answers.heard import GainSeen, VehicleSeen
+from yawid.cli import main as command_line
+from yawid.damper.autopilots import Law
+from yawid.damper.before_after import before_after
+from yawid.damper.decay import damped_sine, decays_in, pilots_rudder
+from yawid.damper.identified import Facts
+from yawid.damper.refusals import gain_flown
+from yawid.trend.diff import DamperDiff, Diff
+from yawid.trend.table import print_diff
+
+WN, ZETA, V, GAIN = 5.0, 0.1, 20.0, 0.3
+PLANE = {
+    "YAW2SRV_DAMP": 0.0, "SCALING_SPEED": 20.0, "AIRSPEED_MIN": 10.0, "AIRSPEED_MAX": 30.0,
+    "SCHED_LOOP_RATE": 200.0,
+}  # fmt: skip
+FAST, EVERY = 200, 4
+"""The loop's rate in Hz, and how many of its calls there are to a row of the log."""
+
+
+def flown(gain: float, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the servo's output and the yaw rate at 50 Hz, and the pilot's rudder.
+
+    The aircraft is r/u = 6 (s + .4) / (s^2 + 2 .1 5 s + 25), and ArduPlane's damper runs at 200 Hz.
+    """
+    n = 120 * FAST
+    pilot = np.zeros(n)
+    for start in (5.0, 16.0, 27.0, 70.0, 81.0, 92.0):
+        i = round(start * FAST)
+        pilot[i : i + 120], pilot[i + 120 : i + 240] = 0.3, -0.3
+    b, a, _ = cont2discrete(([6.0, 2.4], [1.0, 2.0 * ZETA * WN, WN**2]), 1.0 / FAST)
+    (_, b1, b2), (_, a1, a2) = b.ravel(), a
+    y, u, washed, before = np.zeros(n), np.zeros(n), 0.0, 0.0
+    for k in range(n):
+        y[k] = b1 * u[k - 1] + b2 * u[k - 2] - a1 * y[k - 1] - a2 * y[k - 2] if k > 1 else 0.0
+        washed, before = 0.996008 * washed + y[k] - before, y[k]
+        u[k] = pilot[k] - gain * 1.27324 * washed
+    noise = np.random.default_rng(seed).normal(0.0, 0.002, n // EVERY)
+    mean = u.reshape(-1, EVERY).mean(axis=1)
+    return mean, y[::EVERY] + noise, pilot.reshape(-1, EVERY).mean(axis=1)
+
+
+def facts(folder: Path, gain: float, seed: int) -> Facts:
+    u, r, _ = flown(gain, seed)
+    t = 10.0 + EVERY / FAST * np.arange(len(u))
+    lines = ["t,rudder,r [rad/s],airspeed [m/s EAS],roll [rad]"]
+    lines += [f"{a:.2f},{b:.5f},{c:.6f},{V},0.0" for a, b, c in zip(t, u, r, strict=True)]
+    path = folder / f"flight{seed}.csv"
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    run = yawid.replay(path, rudder_unit="half-travel", rudder_is="commanded", orders=(2, 2, 2, 1))
+    plane = VehicleSeen(1, 1, 1, 3)
+    known = PLANE | {"YAW2SRV_DAMP": gain}
+    summary, samples = replace(run.summary, vehicle=plane), run._rows.samples
+    return Facts(summary, run.config, samples.sample_time_s, [samples], known)
+
+
+@pytest.fixture(scope="module")
+def pair(tmp_path_factory: pytest.TempPathFactory) -> tuple[Facts, Facts]:
+    folder = tmp_path_factory.mktemp("pair")
+    return facts(folder, 0.0, 1), facts(folder, GAIN, 2)
+
+
+@pytest.fixture(scope="module")
+def found(pair):
+    return before_after(*pair)
+
+
+def closed() -> complex:
+    """Return the damped Dutch roll: a root of the loop's polynomial."""
+    washout = -np.log(0.996008) * FAST
+    open_loop = np.polymul([1.0, 2.0 * ZETA * WN, WN**2], [1.0, washout])
+    roots = np.roots(np.polyadd(open_loop, 1.27324 * GAIN * np.array([6.0, 2.4, 0.0])))
+    return complex(roots[np.argmax(roots.imag)])
+
+
+def test_each_flight_is_predicted_from_the_other_and_found_in_its_decay(found) -> None:
+    assert found is not None
+    assert found.notes == []
+    assert [(each.flight, each.gain) for each in found.flown] == [("A", 0.0), ("B", GAIN)]
+    truths = complex(-ZETA * WN, WN * np.sqrt(1.0 - ZETA**2)), closed()
+    for each, true in zip(found.flown, truths, strict=True):
+        zeta = -true.real / abs(true)
+        assert each.wn_rad_s == pytest.approx(abs(true), rel=0.02)
+        assert each.zeta == pytest.approx(zeta, abs=0.02)
+        # Without a servo's lag the decay is the pair itself.
+        for decay in (each.decay, each.decay_predicted):
+            assert decay.zeta == pytest.approx(zeta, abs=0.03)
+            assert decay.decays == 6
+        assert each.decay.zeta_std < 0.02
+        assert each.agrees
+    # The residue of 6 (s + .4) / ((s - p) (s - conj p)) at p.
+    p = truths[0]
+    effect = abs(6.0 * (p + 0.4) / (p - p.conjugate())) / V**2
+    for value in found.effect.values():
+        assert value.value == pytest.approx(effect, rel=0.03)
+
+
+def test_a_wrong_gain_is_seen_in_the_decay(pair) -> None:
+    a, b = pair
+    wrong = Facts(b.summary, b.config, b.sample_time_s, b.samples, PLANE | {"YAW2SRV_DAMP": 0.05})
+
+    found = before_after(a, wrong)
+
+    assert found is not None
+    assert [each.agrees for each in found.flown] == [True, False]
+
+
+def test_without_a_damper_or_its_rate_there_is_nothing_or_a_note(pair) -> None:
+    a, b = pair
+    assert before_after(a, a) is None
+    slow = {name: value for name, value in b.parameters.items() if name != "SCHED_LOOP_RATE"}
+    found = before_after(a, Facts(b.summary, b.config, b.sample_time_s, b.samples, slow))
+    assert found is not None
+    assert [each.flight for each in found.flown] == ["A"]
+    assert "SCHED_LOOP_RATE is not in the log" in found.notes[0]
+
+
+def test_the_pilots_rudder_is_what_the_damper_leaves() -> None:
+    u, r, pilot = flown(GAIN, 3)
+    law = Law(1.27324, -np.log(0.996008) * FAST, 0.0, 0.0, 0.0)
+
+    v = pilots_rudder(law, GAIN, u, r, EVERY / FAST)
+
+    assert np.std(v - pilot) < 0.01 * np.max(np.abs(pilot))
+    assert len(decays_in(v, EVERY / FAST, WN)) == 6
+
+
+def test_the_damped_sine_of_several_decays_is_theirs() -> None:
+    t = 0.05 * np.arange(40)
+    rng = np.random.default_rng(4)
+    parts = [
+        a * np.exp(-0.3 * 6.0 * t) * np.cos(6.0 * np.sqrt(1 - 0.09) * t + phase) + 0.1 * a
+        + rng.normal(0.0, 0.002, len(t))
+        for a, phase in ((1.0, 0.3), (0.5, 2.0), (0.8, -1.0))
+    ]  # fmt: skip
+
+    sine = damped_sine(parts, 0.05, 7.0)
+
+    assert sine is not None
+    assert (sine.wn_rad_s, sine.zeta) == pytest.approx((6.0, 0.3), abs=0.01)
+    assert 0.0 < sine.zeta_std < 0.01
+    assert damped_sine([np.full(40, np.nan)], 0.05, 7.0) is None
+
+
+def test_the_gain_flown_is_that_of_the_manoeuvre(pair) -> None:
+    summary = pair[0].summary
+    one = summary.manoeuvres[0]
+    middle = 0.5 * (one.from_s + one.to_s)
+
+    def seen(from_s: float) -> float | None:
+        gains = [GainSeen("YAW2SRV_DAMP", 0.0, 1, 0.0), GainSeen("YAW2SRV_DAMP", 0.2, 1, from_s)]
+        rudder = replace(summary.channels["rudder"], yaw_gains=gains)
+        changed = replace(summary, channels={"rudder": rudder})
+        return gain_flown(changed, one, "YAW2SRV_DAMP", 0.7)
+
+    assert [seen(one.from_s), seen(middle), seen(one.to_s)] == [0.2, None, 0.0]
+    assert gain_flown(summary, one, "YAW2SRV_DAMP", 0.7) == 0.7
+    assert gain_flown(summary, replace(one, loop="airframe"), "YAW2SRV_DAMP", 0.7) == 0.0
+
+
+def test_the_terminal_and_json_have_what_was_found(found) -> None:
+    damper = DamperDiff(
+        parameter=found.parameter, unchanged=False, differ=["zeta"], flown=found.flown,
+        notes=["one note"],
+    )  # fmt: skip
+    told = Diff(a="a", b="b", changed=True, false_alarm_rate=0.01, judged=1, numbers=[], facts=[],
+                notes=[], damper=damper)  # fmt: skip
+    stream = io.StringIO()
+
+    print_diff(told, stream)
+
+    said = stream.getvalue()
+    assert "without its yaw damper  CHANGED in ζ" in said
+    assert "one note" in said
+    rows = [line.split() for line in said.splitlines() if line.endswith("agrees")]
+    assert [row[:2] for row in rows] == [["A", "0"], ["B", "0.3"]]
+    assert max(map(len, said.splitlines())) <= 80
+    printed("diff", json.dumps(told.to_json()))
+
+
+@pytest.mark.long
+@recorded("sitl_damp0")
+def test_a_real_autopilots_flights_predict_each_other(log: Path, tmp_path: Path, capsys) -> None:
+    logs = [log, log.with_name("sitl_ramp.tlog")]
+    command_line.main(["replay", *map(str, logs), "--out", str(tmp_path), "--rerun", "off"])
+    capsys.readouterr()
+
+    runs = [str(tmp_path / each.with_suffix(".mcap").name) for each in logs]
+    assert command_line.main(["diff", *runs, "--json"]) == 0
+
+    damper = printed("diff", capsys.readouterr().out)["damper"]
+    assert damper["unchanged"]
+    assert "effect_per_V2" not in damper["differ"]
+    rows = {(each["flight"], each["gain"]): each for each in damper["flown"]}
+    # The closed pair seen from stick to r.
+    for gain, wn, zeta in ((0.0, 10.07, 0.609), (1.0, 15.57, 0.500), (2.0, 18.95, 0.413)):
+        assert rows["B", gain]["wn_rad_s"] == pytest.approx(wn, rel=0.04)
+        assert rows["B", gain]["zeta"] == pytest.approx(zeta, abs=0.04)
+    for key in (("A", 0.0), ("B", 0.0), ("B", 0.5), ("B", 1.0), ("B", 1.5)):
+        assert rows[key]["agrees"], key
