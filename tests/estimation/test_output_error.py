@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy.optimize import least_squares
-from scipy.signal import lfilter
+from scipy.signal import cont2discrete, lfilter
 
 from yawid import ArmaxOrders, EstimatorConfig
 from yawid.blocks import Floats
@@ -89,6 +89,25 @@ def test_it_explains_what_was_held_back_of_its_own_plant_and_no_noise():
     assert held_back_pct(CONFIG, u, y, method="oe") > 98.0
     noise = np.random.default_rng(1).standard_normal(600)
     assert held_back_pct(CONFIG, u, noise, method="oe") < 10.0
+
+
+def test_a_real_pole_that_the_first_steps_lost_is_found_again():
+    """Of a 737 under its roll hold, by JSBSim's linearisation: pairs at 1.627 and 0.833 rad/s
+
+    Without a real pole for the slower pair, the faster one takes its part and is 4.5 % too fast.
+    """
+    plant = [-0.525, -0.827, -0.700, -0.192], [1.0, 2.423, 4.777, 4.400, 1.836]
+    numerator, denominator, step_s = cont2discrete(plant, 0.05)
+    u = 0.2 * np.repeat([0, 1, -1, 0, -1, 1, 0], [20, 40, 40, 120, 40, 40, 300])
+    config = EstimatorConfig(orders=ArmaxOrders(3, 3, 2, 1), sample_time_s=step_s, method="rml")
+    wn = []
+    for seed in range(8):
+        y = lfilter(numerator[0], denominator, u)
+        y = y + 0.008 * np.random.default_rng(seed).standard_normal(len(u))
+        z = np.roots([1.0, *fit_record(config, u[:, None], y, method="oe").theta[:3]])
+        wn.append(abs(np.log(z[z.imag > 0.0])).min() / step_s)
+
+    assert np.mean(wn) == pytest.approx(1.627, rel=0.015)
 
 
 def test_gaps_begin_anew():

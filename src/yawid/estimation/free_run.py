@@ -32,6 +32,9 @@ NEAR_ENOUGH = 1e-5
 """The relative gain in loss after which the steps end: the next one is a small part of sigma."""
 NEARLY = 1e-2
 """The same of the steps to the maximum likelihood, from which they begin."""
+FAR, NEXT_POLE = 5.0, 3.0
+"""The factor between a real pole and the mode beyond which the pole is another one than that of the
+roll, and that from each real pole of another beginning to the next one."""
 DAMPING, HARDER = 1e-3, 8.0
 """Of the steps: a part of the information's diagonal, and the factor by which it changes. It holds
 a pole that all but cancels a zero, along which nothing changes the loss."""
@@ -133,13 +136,47 @@ class _Run(NamedTuple):
 def output_error(record: RecordFit, settled: float) -> Floats:
     """Return the theta (n_theta,), C = 1, of least free-run error near that of least loss.
 
-    Levenberg's and Marquardt's steps begin near RML's theta. The initial state of each stretch is
-    free and eliminated (Golub and Pereyra 1973). They end when the loss gains a smaller share than
-    ``settled``, or than 1e-5.
+    The steps begin near RML's theta. Where they end without a real pole near the mode, they begin
+    again with one: a slow real pole may have been lost on the way, and the mode takes its part,
+    which made wn of a 737 6 % too high. That answers if its free-run error is less and the pole is
+    still there. They end when the loss gains a smaller share than ``settled``, or than 1e-5.
     """
-    theta = record.gauss_newton(max(settled, NEARLY))
+    begin = record.gauss_newton(max(settled, NEARLY))
+    c_of(begin, record.orders)[:] = 0.0
+    found, loss = _descended(record, begin, settled)
+    poles = _with_real_poles(found[: record.orders.na])
+    if poles is not None:
+        begin = np.concatenate([poles, np.zeros(len(found) - len(poles))])
+        other, other_loss = _descended(record, begin, settled)
+        if other_loss < loss and _with_real_poles(other[: len(poles)]) is None:
+            return other
+    return found
+
+
+def _with_real_poles(a: Floats) -> Floats | None:
+    """Return the A (na,) of the slowest pair of ``a`` (na,) and real poles from its frequency up.
+
+    None where ``a`` has no pair, or a real pole near it already.
+    """
+    z = np.roots(np.concatenate([[1.0], a])).astype(complex) if len(a) > 2 else np.empty(0)
+    pairs, real = np.log(z[z.imag > 0.0]), -np.log(z.real[(z.imag == 0.0) & (z.real > 0.0)])
+    if not len(pairs):
+        return None
+    pair = pairs[np.argmin(np.abs(pairs))]
+    wn = float(np.abs(pair))
+    if np.any((real > wn / FAR) & (real < FAR * wn)):
+        return None
+    poles = [pair, pair.conjugate(), *(-wn * NEXT_POLE**k for k in range(len(a) - 2))]
+    return np.asarray(np.poly(np.exp(poles)).real[1:])
+
+
+def _descended(record: RecordFit, theta: Floats, settled: float) -> tuple[Floats, float]:
+    """Return the theta (n_theta,) at which Levenberg's and Marquardt's steps end, and its loss.
+
+    The initial state of each stretch is free and eliminated (Golub and Pereyra 1973).
+    """
     is_free = np.ones(len(theta), bool)
-    c_of(theta, record.orders)[:], c_of(is_free, record.orders)[:] = 0.0, False
+    c_of(is_free, record.orders)[:] = False
     runs, damping = _runs(record, theta), DAMPING
     loss = _loss(runs)
     for _ in range(ITERATIONS):
@@ -164,7 +201,7 @@ def output_error(record: RecordFit, settled: float) -> Floats:
         theta, loss, runs = trial, better, tried
         if is_done:
             break
-    return theta
+    return theta, loss
 
 
 def free_run_residuals(record: RecordFit, theta: Floats) -> list[Floats]:
