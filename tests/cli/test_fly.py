@@ -25,7 +25,7 @@ def test_one_line_inspects_replays_and_reports(tmp_path: Path, capsys) -> None:
     said = capsys.readouterr().out
     run = yawid.load(tmp_path / "log.mcap")
     assert f"try  yawid replay {C172P} --rate 10.0" in said  # of the inspection
-    assert "samples used / not used" in said  # of the replay
+    assert "\n  flight  wn " in said  # of the replay
     assert said.endswith(f"report: {tmp_path / 'log.html'}\n")
     assert run.config.rate == 10.0
     assert run.summary.log in (tmp_path / "log.html").read_text(encoding="utf-8")

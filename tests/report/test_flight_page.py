@@ -16,6 +16,7 @@ import pytest
 from finished_runs import replayed
 from hand_flights import (
     EVERY,
+    NOT_CONVERGED,
     flight,
     forty,
     four,
@@ -144,10 +145,11 @@ def test_each_manoeuvre_stands_with_all_its_conditions(drawn: Drawn) -> None:
     html = drawn(four_of_a_flight())
     text = section(html, "Manoeuvres")
 
+    assert text.startswith("n ωn, rad/s ζ from–to, s mode ")  # what a phone shows
     assert (
-        "3 155.0–187.4 2026-03-05 12:16:37 UTC FBWA with roll loop 22.30 ± 0.30 airspeed 102 "
-        "rudder turn removed 11.92 ± 0.11 (0.03) 0.410 ± 0.012 (0.004) "
-        "0.3080 ± 0.0060 (0.002) 98 / 91 / 88 RML 3,3,2,1 disagrees 4 215.0–247.4"
+        "3 11.92 ± 0.11 (0.03) 0.410 ± 0.012 (0.004) 155.0–187.4 2026-03-05 12:16:37 UTC "
+        "FBWA with roll loop 22.30 ± 0.30 airspeed 102 rudder turn removed "
+        "0.3080 ± 0.0060 (0.002) 98 / 91 / 88 RML 3,3,2,1 disagrees 4 12.40 ± 0.11"
     ) in text
     assert "4: not converged the natural frequency went from 9.1" in text
     told = section(html, "Numbers of the answer")
@@ -167,7 +169,7 @@ def test_the_section_says_what_sigma_is_of() -> None:
     total = "± is one sigma: noise, scatter over the record, structure; in brackets of noise alone."
     assert total in both
     assert "± is one sigma of noise alone." in older
-    assert "11.92 ± 0.11 0.410 ± 0.012 0.3080" in older
+    assert "11.92 ± 0.11 0.410 ± 0.012 155.0" in older
 
 
 def test_what_was_flown_otherwise_is_said_row_by_row(drawn: Drawn) -> None:
@@ -193,6 +195,13 @@ def test_what_is_the_streams_is_called_so(drawn: Drawn) -> None:
 
     assert "not about the flight's answer above. By themselves they are usable (" in text
     assert "answers" not in text.partition("Parameters, ± σ")[2].partition("a1")[0]
+    headings = re.findall("<h2>(.*?)</h2>", drawn(four_of_a_flight()))
+    assert headings[-4:] == [
+        "Configuration and provenance",
+        "The stream, sample by sample",
+        "What was estimated, and when",
+        "Numbers of the stream, at its end",
+    ]
     alone = Page(drawn(summary(None, None))).text
     assert "The stream, sample by sample" not in alone
     assert "Manoeuvres" not in alone
@@ -245,15 +254,6 @@ def test_the_picture_of_two_loops_says_whose_each_point_is() -> None:
     assert "used" not in texts
 
 
-def test_points_that_hide_each_other_have_their_numbers_side_by_side() -> None:
-    speeds = (18.0, 22.0, 22.1, 26.0)
-    near = [replace(each, airspeed_m_s=v) for each, v in zip(four(), speeds, strict=True)]
-    picture = airspeed_picture([near[0], near[1], replace(near[1], n=3), near[3]], [flight()])
-    assert picture is not None
-
-    assert picture.svg.count(">2, 3</text>") == 2
-
-
 def test_of_refused_ones_the_first_drawn_is_the_one_whose_reasons_the_flight_gives() -> None:
     poor, undriven = (ReasonSummary(id_, "fatal", "") for id_ in ("poor_fit", "mode_not_driven"))
     several = VerdictSummary(method="rml", usable=False, reasons=[undriven, poor])
@@ -265,6 +265,30 @@ def test_of_refused_ones_the_first_drawn_is_the_one_whose_reasons_the_flight_giv
     order = [each.n for each in to_draw([short, longest, long, usable], ())]
     assert order == [4, 2, 1, 3]
     assert min((short, long, longest), key=lambda each: each.standing) is long
+
+
+def test_numbers_at_one_airspeed_do_not_lie_on_one_another() -> None:
+    """Three at 22 m/s with nearly one Dutch roll, and two at 30 m/s with the same one."""
+    at_22 = [manoeuvre(n, 10.2 + 0.02 * n, 0.62, speed=22.0 + 0.03 * n) for n in (8, 9, 10)]
+    at_30 = [manoeuvre(n, 13.9, 0.62, speed=30.0) for n in (11, 12)]
+    of_all = flight(used=[8, 9, 10, 11, 12], disagree=[])
+    picture = airspeed_picture([*at_22, *at_30], [of_all])
+    assert picture is not None
+    drawing = Figure(figsize=picture.size_in, layout="constrained")
+    picture.draw(drawing)
+    drawing.draw_without_rendering()
+
+    for axes in drawing.axes:
+        boxes = [text.get_window_extent() for text in axes.texts]
+        assert len(boxes) == 5
+        hidden = [(a, b) for i, a in enumerate(boxes) for b in boxes[:i] if a.overlaps(b)]
+        assert hidden == []
+        markers = axes.transData.transform(
+            [xy for bars in axes.containers if bars.get_label() == "used"
+             for xy in bars.lines[0].get_xydata()]
+        )  # fmt: skip
+        assert len(markers) == 5
+        assert not any(box.contains(*marker) for box in boxes for marker in markers)
 
 
 def test_one_manoeuvre_with_an_airspeed_makes_no_picture() -> None:
@@ -395,3 +419,32 @@ def test_printed_every_number_is_on_the_paper(drawn: Drawn, tmp_path: Path) -> N
     numbers = {number for cell in cells for number in re.findall(r"[-\d.]*\d", Page(cell).text)}
     assert len(numbers) > 80
     assert [number for number in numbers if number not in words] == []
+    assert NOT_CONVERGED.text.replace(" ", "") in words  # of the folded reasons
+
+
+@pytest.mark.skipif(find_chromium() is None, reason="no chromium is installed")
+@pytest.mark.parametrize(
+    "heights_px",
+    [range(150, 300, 50), pytest.param(range(0, 1000, 25), marks=pytest.mark.long)],
+    ids=["few", "many"],
+)
+def test_printed_no_heading_stands_alone_at_the_foot_of_a_sheet(
+    heights_px: range, drawn: Drawn, tmp_path: Path
+) -> None:
+    """The page without its pictures, moved down by these heights; a note belongs to its heading."""
+    pypdf = pytest.importorskip("pypdf")
+    html = re.sub("<svg.*?</svg>", "", drawn(four_of_a_flight()), flags=re.DOTALL)
+    path, printed = tmp_path / "page.html", tmp_path / "page.pdf"
+    headings = {Page(each).text for each in re.findall("<(?:h[23]|summary)>(.*?)</", html)}
+    last = []
+    with Browser() as browser:
+        for height_px in heights_px:
+            shift = f'<div style="height: {height_px}px"></div>'
+            path.write_text(html.replace("<header", f"{shift}<header", 1), encoding="utf-8")
+            browser.open(path.as_uri(), PAPER_PX, 1000)
+            browser.pdf(printed)
+            sheets = [sheet.extract_text() for sheet in pypdf.PdfReader(printed).pages]
+            last += [sheet.strip().splitlines()[-1] for sheet in sheets[:-1] if sheet.strip()]
+
+    assert len(headings) > 15
+    assert [line for line in last if line.strip() in headings or "By themselves" in line] == []

@@ -29,9 +29,9 @@ from yawid.sinks.terminal.flight_table import manoeuvres_table
 from yawid.sinks.terminal.summary_table import print_summary
 
 
-def printed(run: RunSummary) -> list[str]:
+def printed(run: RunSummary, *, verbose: bool = True) -> list[str]:
     out = io.StringIO()
-    print_summary(run, out)
+    print_summary(run, out, verbose=verbose)
     lines = out.getvalue().splitlines()
     assert max(map(len, lines)) <= WIDTH
     return lines
@@ -64,6 +64,21 @@ def test_the_flight_comes_before_the_stream_and_has_the_verdict() -> None:
     noise = ["of", "noise", "alone:", "wn;", "zeta", *["±", "0.03;", "±", "0.004"] * 2]
     assert noise in [line.split() for line in lines[stream:]]
     assert not any("13.5" in line or "answers" in line for line in lines[:stream])
+
+
+def test_the_streams_numbers_are_printed_only_if_asked_for() -> None:
+    brief, all_of_it = printed(four_of_a_flight(), verbose=False), printed(four_of_a_flight())
+
+    [first] = [i for i, line in enumerate(brief) if line.startswith("the stream at its end")]
+    line = "the stream at its end (not the flight): not usable, not_converged"
+    assert " ".join(brief[first : first + 2]) == f"{line} (more: --verbose)"
+    assert all_of_it[:first] == brief[:first]
+    assert not any("fit one step" in line for line in brief)
+    assert sum("fit one step" in line for line in all_of_it) == 1
+    # Without a flight the stream is the answer.
+    nothing_found = summary([], None)
+    assert printed(nothing_found, verbose=False) == printed(nothing_found)
+    assert "fit one step" in text_of(nothing_found)
 
 
 def test_sigma_is_the_total_and_of_noise_alone_in_a_run_of_an_older_version() -> None:

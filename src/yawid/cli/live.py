@@ -2,6 +2,7 @@
 
 import argparse
 import sys
+from functools import partial
 from pathlib import Path
 
 from yawid.cli.options import (
@@ -113,5 +114,5 @@ def _live(arguments: argparse.Namespace) -> int:
         if arguments.json:
             tell_json(session.summary.to_json())
         else:
-            tell_page(print_summary, session.summary)
+            tell_page(partial(print_summary, verbose=arguments.verbose), session.summary)
     return max(session.exit_code for session in ended)

@@ -204,7 +204,7 @@ def _fly(whole: argparse.ArgumentParser, arguments: argparse.Namespace) -> int:
     tell("")
     with StopFlag().installed() as stop:
         summary, verdict = replay(arguments.log, settings, outputs, stop, read_options)
-    tell_page(_print_summary, summary)
+    tell_page(partial(_print_summary, verbose=arguments.verbose), summary)
     page = write_report(Path((summary.files or {})["mcap"]), force=arguments.force)
     tell(f"report: {page}")
     if not arguments.no_open and sys.stdout.isatty() and has_desktop():
@@ -220,6 +220,7 @@ def _replay(arguments: argparse.Namespace) -> int:
     settings = settings_of(arguments)
     _compile_behind()
     read_options = read_options_of(arguments)
+    page = partial(_print_summary, verbose=arguments.verbose)
     codes: list[int] = []
     unreached: list[Path] = []
     with StopFlag().installed() as stop:
@@ -230,7 +231,7 @@ def _replay(arguments: argparse.Namespace) -> int:
             outputs = outputs_of(arguments, name)
             run = partial(replay, log, settings, outputs, stop, read_options)
             try:
-                codes.append(_told(run, arguments.json, _print_summary))
+                codes.append(_told(run, arguments.json, page))
             except Interrupted:
                 unreached.append(log)
     if unreached:
@@ -240,10 +241,10 @@ def _replay(arguments: argparse.Namespace) -> int:
     return max(codes, default=0)
 
 
-def _print_summary(summary: "RunSummary", stream: TextIO) -> None:
+def _print_summary(summary: "RunSummary", stream: TextIO, *, verbose: bool) -> None:
     from yawid.sinks.terminal.summary_table import print_summary
 
-    print_summary(summary, stream)
+    print_summary(summary, stream, verbose=verbose)
 
 
 def _compile_behind() -> None:

@@ -169,6 +169,10 @@ def add_outputs(parser: argparse.ArgumentParser, without: Container[str] = froze
     files.add_argument("--force", action="store_true", help="overwrite files that exist")
     if "--json" not in without:
         files.add_argument("--json", action="store_true", help="print one JSON object per log")
+    files.add_argument(
+        "--verbose", action="store_true",
+        help="print the numbers of the stream at its end as well, next to the flight's answer",
+    )  # fmt: skip
     if "--rerun" not in without:
         files.add_argument(
             "--rerun",

@@ -17,8 +17,15 @@ from yawid.sinks.words import NOT_USED, dutch_roll_in, loop_of, outcome
 
 MOST_NUMBERED: Final = 12
 """Up to this many points have their numbers: with more, the numbers would hide each other."""
-TOO_NEAR: Final = 0.04
-"""Points nearer than this part of the picture's width and height hide each other's numbers."""
+PANEL_PT: Final = np.array([340.0, 110.0])
+"""The least width and height of a panel within its axes, in points of 1/72 inch."""
+NUMBER_PT: Final = np.array([11.0, 7.5])
+"""Width and height of a number of two digits."""
+MARKER_PT: Final = 5.0
+_PLACES: Final = [
+    np.array([side * 9.0, 5.0 * k]) for k in (1, -1, 0, 2, -2, 3, -3, 4, -4) for side in (1, -1)
+]
+"""Where the number of a point may stand, in points from its marker, the best place first."""
 LEAST_SPAN: Final = 0.1
 """The least width of the axis as a part of V: a change of 0.1 m/s must not fill the picture."""
 SIGMAS: Final = 2.0
@@ -173,18 +180,30 @@ def _draw_points(ax: Axes, points: _Points, i: int, looks: Mapping[str, Mapping[
 
 
 def _draw_numbers(ax: Axes, points: _Points, i: int) -> None:
-    """Write the numbers of the points; those of points that hide each other stand together."""
-    sizes = np.ptp(ax.get_xlim()), np.ptp(points.limits[i])
-    places = np.column_stack([points.speed, points.value[:, i]])
-    left = np.flatnonzero(points.within[:, i])
-    while len(left):
-        near = (np.abs(places[left] - places[left[0]]) < TOO_NEAR * np.array(sizes)).all(axis=1)
-        numbers = ", ".join(str(points.n[j]) for j in left[near])
-        x, y = places[left[0]]
-        side = "right" if x > ax.get_xlim()[1] - 0.2 * sizes[0] else "left"
-        offset = (-5 if side == "right" else 4, 3)
-        ax.annotate(numbers, (x, y), offset, textcoords="offset points", fontsize=7.5, ha=side)
-        left = left[~near]
+    """Write the number of each point in the first place that hides no point and no number."""
+    shown = np.flatnonzero(points.within[:, i])
+    at = np.column_stack([points.speed, points.value[:, i]])[shown]
+    markers = at * PANEL_PT / [np.ptp(ax.get_xlim()), np.ptp(points.limits[i])]
+    taken = markers
+    for j, place, marker in zip(shown, at, markers, strict=True):
+        free = (each for each in _PLACES if _is_free(marker + each, taken, len(markers)))
+        offset = next(free, _PLACES[0])
+        taken = np.vstack([taken, marker + offset])
+        ax.annotate(
+            str(points.n[j]), tuple(place), tuple(offset), textcoords="offset points",
+            ha="center", va="center", fontsize=NUMBER_PT[1],
+        )  # fmt: skip
+
+
+def _is_free(place: Floats, taken: Floats, markers: int) -> bool:
+    """Return whether a number at ``place`` hides none of the ``taken`` places, the markers first.
+
+    ``place`` (2,) and ``taken`` (m, 2) are in points of 1/72 inch.
+    """
+    least = np.where(
+        np.arange(len(taken))[:, None] < markers, (NUMBER_PT + MARKER_PT) / 2, NUMBER_PT
+    )
+    return bool((np.abs(taken - place) >= least).any(axis=1).all())
 
 
 def _draw_flight(ax: Axes, flight: Flight, i: int, colour: str, name: str, *, alike: bool) -> None:

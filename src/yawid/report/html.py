@@ -181,7 +181,7 @@ def sheet(title: str, heading: Sequence[str], rows: Iterable[tuple[Iterable[Cell
     )
     return (
         f'{_heading(title)}<div class="sheet" role="region" tabindex="0" '
-        f'aria-label="{safe(title)}"><table>\n<tr>{head}</tr>\n{lines}</table></div>'
+        f'aria-label="{safe(title)}"><table>\n<thead><tr>{head}</tr></thead>\n{lines}</table></div>'
     )
 
 
@@ -190,8 +190,13 @@ def _cell(cell: Cell) -> str:
     return f"<td>{safe(text)}{f'<small>{safe(below)}</small>' if below else ''}</td>"
 
 
-def table(title: str, rows: Mapping[str, object], *, folded: bool = False) -> str:
-    """Return a table of names and values, "" where there are none; ``folded``: closed at first."""
+def table(
+    title: str, rows: Mapping[str, object], *, folded: bool = False, printed: bool = False
+) -> str:
+    """Return a table of names and values, "" where there are none; ``folded``: closed at first.
+
+    On paper a folded table is only a line, unless it is ``printed``.
+    """
     if not rows:
         return ""
     lines = "".join(
@@ -200,7 +205,8 @@ def table(title: str, rows: Mapping[str, object], *, folded: bool = False) -> st
     )
     body = f"<table>\n{lines}</table>"
     if folded:
-        return f"<details><summary>{safe(title)} ({len(rows)})</summary>{body}</details>"
+        kind = ' class="printed"' if printed else ""
+        return f"<details{kind}><summary>{safe(title)} ({len(rows)})</summary>{body}</details>"
     return f"<h3>{safe(title)}</h3>{body}"
 
 

@@ -44,9 +44,9 @@ def flight_section(summary: RunSummary, rudder_unit: str) -> Iterator[str]:
         yield note("Manoeuvres", f"{no_manoeuvre(summary)}.")
         return
     heading = (
-        "n", "from–to, s", "mode", "airspeed, m/s", "altitude, m", "inputs", "ωn, rad/s", "ζ",
+        "n", "ωn, rad/s", "ζ", "from–to, s", "mode", "airspeed, m/s", "altitude, m", "inputs",
         f"K, rad/s per {rudder_unit}", "fit, %", "result",
-    )  # fmt: skip
+    )  # fmt: skip  # wn and zeta come second: on a phone the first columns alone are seen
     rows = [(_row(each, flights), not each.verdict.usable) for each in manoeuvres]
     yield sheet("Manoeuvres", heading, rows)
     means = sigma_means(each.dutch_roll for each in manoeuvres)
@@ -63,7 +63,7 @@ def flight_section(summary: RunSummary, rudder_unit: str) -> Iterator[str]:
         for each in manoeuvres
         for reason in each.verdict.reasons
     }
-    yield table("reasons of each manoeuvre", reasons, folded=True)
+    yield table("reasons of each manoeuvre", reasons, folded=True, printed=True)
 
 
 def _begun(text: str) -> str:
@@ -73,19 +73,19 @@ def _begun(text: str) -> str:
 
 def _row(each: Manoeuvre, flights: Sequence[Flight]) -> Iterator[Cell]:
     answer = each.answer
-    yield str(each.n), ""
-    yield f"{each.from_s:.1f}–{each.to_s:.1f}", utc(each.date)
-    yield each.mode or NONE, loop_of(each.loop).name
-    yield _speed(each), each.airspeed_source or ""
-    yield NONE if each.altitude_m is None else f"{each.altitude_m:.0f}", ""
-    yield ", ".join(each.inputs), tried(each) or ("turn removed" if each.turn_removed else "")
     mode, physics = dutch_roll_in(each, flights), physics_in(each, flights)
+    yield str(each.n), ""
     if mode is None:
         yield "none", ""
         yield "none", ""
     else:
         yield plus_minus(mode.wn_rad_s, mode.wn_std), in_brackets(mode.wn_std_noise)
         yield plus_minus(mode.zeta, mode.zeta_std), in_brackets(mode.zeta_std_noise)
+    yield f"{each.from_s:.1f}–{each.to_s:.1f}", utc(each.date)
+    yield each.mode or NONE, loop_of(each.loop).name
+    yield _speed(each), each.airspeed_source or ""
+    yield NONE if each.altitude_m is None else f"{each.altitude_m:.0f}", ""
+    yield ", ".join(each.inputs), tried(each) or ("turn removed" if each.turn_removed else "")
     gain = physics.get("K", Value())
     yield plus_minus(gain.value, gain.std), in_brackets(gain.std_noise)
     yield (NONE, "") if answer is None else (_fits(answer), _method(each))

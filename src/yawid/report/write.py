@@ -90,8 +90,8 @@ class Report:
             *self._of_airframe,
             *self._of_flight(),
             *self._of_model(),
-            *self._of_stream(),
             *self._of_link(),
+            *self._of_stream(),
         ]
 
     def _sections(self, name: str) -> Iterator[str]:
@@ -113,16 +113,23 @@ class Report:
         if summary.flight is not None:
             shown = flight_numbers(summary, self._drawn, unit)
             yield numbers("Numbers of the answer", shown, against)
-            yield _stream(summary)
-        yield pictures("What was estimated, and when", self._of_stream())
-        if run.grid is not None and summary.answer is not None and self._data is not None:
-            against = [] if summary.verdict.usable else summary.verdict.fatal
-            title = "Numbers of the stream, at its end" if summary.flight is not None else "Numbers"
-            yield numbers(title, stream_numbers(summary, summary.answer, run.grid), against)
+        else:
+            yield from self._stream("Numbers")
         yield tables("Channels and link", channel_tables(summary, self._data), facts=True)
         yield pictures("", self._of_link())
         yield tables("Configuration and provenance", provenance(run, self._data), facts=True)
         yield folded(run)
+        if summary.flight is not None:
+            yield _stream_note(summary)
+            yield from self._stream("Numbers of the stream, at its end")
+
+    def _stream(self, title: str) -> Iterator[str]:
+        """Yield the sections on the stream: its pictures, and its numbers under this title."""
+        summary, grid = self._summary, self._run.grid
+        yield pictures("What was estimated, and when", self._of_stream())
+        if grid is not None and summary.answer is not None and self._data is not None:
+            against = [] if summary.verdict.usable else summary.verdict.fatal
+            yield numbers(title, stream_numbers(summary, summary.answer, grid), against)
 
     @property
     def _drawn(self) -> tuple[Drawn, ...]:
@@ -208,8 +215,8 @@ def _origin(run: McapRun) -> str:
     return " · ".join(parts)
 
 
-def _stream(summary: RunSummary) -> str:
-    """Return the note between the sections on the flight's answer and those on the stream."""
+def _stream_note(summary: RunSummary) -> str:
+    """Return the note before the sections on the stream, the page's last."""
     ids = ", ".join(reason.name for reason in summary.verdict.reasons)
     return note(
         "The stream, sample by sample",

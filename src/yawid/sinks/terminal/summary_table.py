@@ -32,10 +32,11 @@ MOST_BOOTS = 4
 """The largest number of boots that are printed; --json has all."""
 
 
-def print_summary(summary: RunSummary, stream: TextIO) -> None:
+def print_summary(summary: RunSummary, stream: TextIO, *, verbose: bool = False) -> None:
     """Print the summary of one run: verdict, answer with its sigmas, and the channels and files.
 
-    Where there were manoeuvres the verdict is the flight's; the stream's is printed further below.
+    Where there were manoeuvres the verdict is the flight's; the stream's is one line further
+    below, and its numbers follow only if ``verbose``.
     """
     console = page_console(stream)
     console.print(Text(summary.log, style="bold"))
@@ -50,8 +51,11 @@ def print_summary(summary: RunSummary, stream: TextIO) -> None:
         console.print(Text(notes, "dim"))
     if summary.estimates:
         if summary.flight is not None:
-            console.print(Text(_stream(summary.verdict), "bold"))
-        console.print(_estimates_table(summary, summary.estimates))
+            more = "" if verbose else " (more: --verbose)"
+            line = f"{_stream(summary.verdict)}{more}"
+            console.print(Text(fill(line, console.width, break_on_hyphens=False), "bold"))
+        if summary.flight is None or verbose:
+            console.print(_estimates_table(summary, summary.estimates))
     for line in origin(summary):
         console.print(Text(line))
     for kind, path in (summary.files or {}).items():
