@@ -16,8 +16,6 @@ from checks.readme_tables import put
 
 BENCHES = (
     "estimator",
-    "efficiency",
-    "windup",
     "confidence",
     "link",
     "live",

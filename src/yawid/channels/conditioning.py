@@ -85,7 +85,8 @@ class Conditioner:
 
         Samples for which something is missing become held.
         """
-        block = self._flag_saturation(block)
+        at_stop = np.abs(np.nan_to_num(block.u[:, 0])) >= FULL_TRAVEL * self.config.stop
+        block = replace(block, noted=block.noted + int(Noted.SATURATED) * at_stop)
         if self.config.output == "yaw":
             block = self._differenced(block)
         if self.config.turn == "remove":
@@ -102,10 +103,6 @@ class Conditioner:
         held = block.held != 0
         u = np.where(held[:, None], np.nan, block.u)
         return self._notes.feed(replace(block, u=u, y=np.where(held, np.nan, block.y)))
-
-    def _flag_saturation(self, block: SampleBlock) -> SampleBlock:
-        at_stop = np.abs(np.nan_to_num(block.u[:, 0])) >= FULL_TRAVEL * self.config.stop
-        return replace(block, noted=block.noted + int(Noted.SATURATED) * at_stop)
 
     def _differenced(self, block: SampleBlock) -> SampleBlock:
         """Return the block with output (psi(k) - psi(k-1)) / Ts: the integrator is no free pole.

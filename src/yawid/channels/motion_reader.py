@@ -74,9 +74,7 @@ class MotionReader:
         if "id" in (block.fields.dtype.names or ()):
             block = block.select(block.fields["id"] == 0)
         ay = ACCELERATIONS[self._source] * np.asarray(block.fields["yacc"], float)
-        self._add(Series(block.order, block.received_us, boot_us(block.fields), ay[:, None]))
-
-    def _add(self, rows: Series) -> None:
+        rows = Series(block.order, block.received_us, boot_us(block.fields), ay[:, None])
         self._waiting = Series.joined([self._waiting, rows])
         if len(self._waiting) > 2 * MOST_WAITING:
             self._waiting = self._waiting.select(slice(-MOST_WAITING, None))

@@ -218,7 +218,8 @@ class Channels:
         surface = self._surface.read(messages, surfaces, self.aileron, own_clock=untimed)
         self.surface_rows += len(surface)
         samples: list[SampleBlock] = []
-        if len(surface) and self._used and not _same_meaning(self._used, surfaces):
+        is_same = all(map(Surface.same_meaning, self._used, surfaces))
+        if len(surface) and self._used and not is_same:
             # Rows before the first row of the new meaning still have the old one.
             early = yaw.order < surface.order[0]
             samples += self._segments(yaw.select(early), surface.select(slice(0, 0)))
@@ -281,10 +282,6 @@ class Channels:
         self.used += int((chosen.held == 0).sum())
         self.held |= Held(int(np.bitwise_or.reduce(chosen.held)))
         return [chosen]
-
-
-def _same_meaning(old: tuple[Surface, ...], new: tuple[Surface, ...]) -> bool:
-    return all(a.same_meaning(b) for a, b in zip(old, new, strict=True))
 
 
 def _between(

@@ -97,7 +97,10 @@ class SurfaceReader:
 
         Its time is unwrapped by the yaw source's clock or, with ``own_clock``, by itself.
         """
-        self._observe_aileron(messages, aileron)
+        # The aileron's own message may be another one than that of the inputs.
+        if aileron is not None and (block := messages.get(aileron.message)) is not None:
+            block = block.select(aileron.rows(block))
+            self._aileron.add(block.order, aileron.deflection(block)[:, None])
         none = Series.empty(self.columns + 1)
         order = (self.own_clock.readings if own_clock else self._boot).order
         if not surfaces or surfaces[0].message not in messages or len(order) == 0:
@@ -112,14 +115,6 @@ class SurfaceReader:
         values = np.stack([*(s.deflection(block) for s in surfaces), beside], axis=1)
         times = self.own_clock.readings.at(block.order) if own_clock else self._times(block)
         return Series(block.order, block.received_us, times, values)
-
-    def _observe_aileron(
-        self, messages: Mapping[str, MessageBlock], surface: Surface | None
-    ) -> None:
-        """Take in the aileron's own message, which may be another one than that of the inputs."""
-        if surface is not None and (block := messages.get(surface.message)) is not None:
-            block = block.select(surface.rows(block))
-            self._aileron.add(block.order, surface.deflection(block)[:, None])
 
     def _times(self, block: MessageBlock) -> Ints:
         if block.name == "SERVO_OUTPUT_RAW":

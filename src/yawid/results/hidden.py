@@ -13,7 +13,7 @@ from yawid.blocks import Bools, Floats, shifted
 from yawid.config.run import RunConfig
 from yawid.estimation.bank import SampleHistory
 from yawid.results.excitation import ROWS_PER_LAG
-from yawid.results.judge_samples import variance_left
+from yawid.results.judge_samples import response_lags, variance_left
 
 MOST = 6000
 """The greatest number of samples in which causes are looked for."""
@@ -32,8 +32,6 @@ still on so many levels, for this part of the samples at least: a doublet has th
 TURN_SHARE, ROUNDING = 0.1, 1e-12
 """The part of the yaw rate that the rudder must explain in addition without the turn; a variance
 that is only rounding."""
-RESPONSE_S, RESPONSE_STEP_S = 2.0, 0.1
-"""The rudder's lags, up to how many s and how many s apart, that may explain the yaw rate."""
 UNSEEN = "turns or gusts may hide the rudder's effect, or it is too small"
 """What is said where no cause is seen."""
 
@@ -65,7 +63,8 @@ def what_hides(
             f"the yaw rate answers a rudder that moves {abs(late_s):.2g} s {when}: the clocks of "
             f"the two channels differ, or {other}"
         )
-    if _in_angles(config) and (step_deg := rounding_deg(u)):
+    in_angles = config.rudder_max_deg is not None or config.rudder_unit in ("rad", "deg")
+    if in_angles and (step_deg := rounding_deg(u)):
         share = math.radians(step_deg) / float(np.nanmax(u) - np.nanmin(u))
         return Cause(
             f"the rudder is rounded to {step_deg:g} deg, which is {100.0 * share:.0f} % of its "
@@ -128,8 +127,7 @@ def turn_hides(history: SampleHistory, sample_time_s: float) -> tuple[float, flo
     None where it explains hardly more without it.
     """
     u, turn = history.u[:, 0], history.turn_rate
-    step = max(1, round(RESPONSE_STEP_S / sample_time_s))
-    lags = [shifted(u, i) for i in range(1, round(RESPONSE_S / sample_time_s) + 1, step)]
+    lags = [shifted(u, i) for i in response_lags(sample_time_s)]
     rows = np.isfinite(history.y + turn + sum(lags))
     if np.count_nonzero(rows) < ROWS_PER_LAG * len(lags):
         return None
@@ -144,10 +142,6 @@ def _newest(history: SampleHistory) -> SampleHistory:
     """Return the newest samples: a long flight need not be searched as a whole."""
     u, y, turn = (x[-MOST:] for x in (history.u, history.y, history.turn_rate))
     return replace(history, u=u, y=y, turn_rate=turn)
-
-
-def _in_angles(config: RunConfig) -> bool:
-    return config.rudder_max_deg is not None or config.rudder_unit in ("rad", "deg")
 
 
 def _left(target: Floats, columns: list[Floats], rows: Bools) -> float:

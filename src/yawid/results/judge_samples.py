@@ -265,8 +265,7 @@ def why_rudder_moves_yaw(history: SampleHistory, sample_time_s: float) -> str:
     An autopilot that is only carried along computes its rudder from the yaw rate. There the rudder
     after an instant explains the yaw rate better than the rudder before it.
     """
-    step = max(1, round(RESPONSE_STEP_S / sample_time_s))
-    lags = range(1, round(RESPONSE_S / sample_time_s) + 1, step)
+    lags = response_lags(sample_time_s)
     u = history.u[:, 0]
     if np.count_nonzero(np.isfinite(u + history.y)) < ROWS_PER_LAG * len(lags):
         return ""
@@ -277,6 +276,12 @@ def why_rudder_moves_yaw(history: SampleHistory, sample_time_s: float) -> str:
     if before < LEAST_RESPONSE or before <= after:
         return ""
     return f"the rudder explains {100 * before:.0f} % of the yaw rate that follows it"
+
+
+def response_lags(sample_time_s: float) -> range:
+    """Return the rudder's lags in samples that may explain the yaw rate."""
+    step = max(1, round(RESPONSE_STEP_S / sample_time_s))
+    return range(1, round(RESPONSE_S / sample_time_s) + 1, step)
 
 
 def turn_correlation(y: Floats, turn: Floats) -> float:

@@ -143,7 +143,8 @@ def make_card(
     if not summary.deciding.usable:
         roll, flight, used = None, None, []
     conditions = _conditions(autopilot, used, flown, parameters)
-    wn = _guess(conditions.airspeed_m_s) if roll is None else roll.wn_rad_s
+    speed = conditions.airspeed_m_s
+    wn = GUESSES[speed is None or speed < SMALL_M_S] if roll is None else roll.wn_rad_s
     amplitude = [
         _move(percent, summary.channels.get("rudder"), rudder_max_deg)
         for percent in (LOW_PCT, HIGH_PCT)
@@ -218,10 +219,6 @@ def _used(summary: RunSummary) -> list[Manoeuvre]:
 def _percentiles(x: Floats) -> Sequence[float]:
     known = x[np.isfinite(x)]
     return tuple(np.percentile(known, ENDS_PCT).tolist()) if len(known) else ()
-
-
-def _guess(airspeed_m_s: float | None) -> float:
-    return GUESSES[airspeed_m_s is None or airspeed_m_s < SMALL_M_S]
 
 
 def _period_s(wn: float, zeta: float) -> float:
