@@ -10,7 +10,7 @@ from scipy.signal import cont2discrete, lfilter
 from yawid.blocks import Floats
 from yawid.config.run import RunConfig
 from yawid.manoeuvres.answer import Answered, ManoeuvreSetting
-from yawid.manoeuvres.calm_air import apart_reasons
+from yawid.manoeuvres.calm_air import apart_reasons, is_calm
 from yawid.manoeuvres.tries import answer
 
 
@@ -61,6 +61,14 @@ def test_a_rudder_that_reacts_forbids_it():
         y = yawing(rudder, noise=0.0) + gust
         rudder = own + np.concatenate([[0.0], -1.2 * y[:-1]])
     assert told(rudder, y).found.verdict.method == "rml"
+
+
+@pytest.mark.parametrize(("share", "calm"), [(0.01, True), (0.1, False)])
+def test_a_residual_of_a_hundredth_may_resemble_the_rudder(share: float, calm: bool):
+    """The residual is the rudder of 0.15 s later: all of the rudder follows it"""
+    left = share * CALM.std() / RUDDER.std() * np.roll(RUDDER, -round(0.15 / TS_S) - 1)
+
+    assert is_calm(left, left, RUDDER, CALM, WN, TS_S) is calm
 
 
 def test_els_alone_is_els():

@@ -17,6 +17,9 @@ from yawid.results.reasons import Reason
 MOST_POWER = 0.015
 """Power of the free run's residual near the mode, over that of the yaw rate there: gusts excite the
 mode, noise of a gyro hardly. It was below 0.015 in 71 of 71 calm answers."""
+NEGLIGIBLE = 0.0005
+"""That power below which it is not asked whether the rudder feeds the residual back: it is 2 % of
+the yaw rate. A rudder of few pulses resembles so small a residual by chance."""
 MOST_RATIO = 12.0
 """Variance of the free run's residual over that of the innovations: one step ahead a gust is
 predicted by what it has done already, a free run never sees it."""
@@ -44,11 +47,11 @@ def is_calm(
     power, ratio = (np.mean(x[known] ** 2) for x in (left, innovations))
     spacing = max(1, round(FED_BACK_S / ts_s))
     lags = [shifted(left, 1 + spacing * i) for i in range(FED_BACK_LAGS)]
+    near, whole = (near_mode(x[known], wn_rad_s, ts_s) for x in (left, y))
     return bool(
         power < MOST_RATIO * ratio
-        and near_mode(left[known], wn_rad_s, ts_s)
-        < MOST_POWER * near_mode(y[known], wn_rad_s, ts_s)
-        and explained(rudder, np.column_stack(lags)) < MOST_FED_BACK
+        and near < MOST_POWER * whole
+        and (near < NEGLIGIBLE * whole or explained(rudder, np.column_stack(lags)) < MOST_FED_BACK)
     )
 
 
