@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.optimize import brentq
+from scipy.optimize import brentq, least_squares
+from scipy.signal import cont2discrete, lfilter
 
+from yawid.config.estimator import ArmaxOrders
 from yawid.damper.autopilots import AUTOPILOTS, Law, law_at
 from yawid.damper.loop import closed_dutch_roll, known_frequencies, margins
-from yawid.physics.continuous import Transfer
+from yawid.physics.continuous import Transfer, transfer
 
 PLANE = {"SCALING_SPEED": 15.0, "AIRSPEED_MIN": 10.0, "AIRSPEED_MAX": 30.0}
 PLAIN = Law(1.0, 0.0, 0.0, 0.0, 0.0)
@@ -168,3 +171,29 @@ def test_a_loop_that_is_not_modelled_is_named(name: str, values: dict, says: str
     assert against is not None
     assert says in against
     assert AUTOPILOTS[name].against({"YAW2SRV_SLIP": 1.0, "CA_SV_CS0_TRQ_Y": -1.0}) is None
+
+
+def test_a_rudder_that_moves_between_the_samples_is_weakened_by_its_mean() -> None:
+    # A Dutch roll of 10.5 rad/s behind a servo, and a rudder that switches at any millisecond.
+    num, den = 7.0 * np.array([30.0, 34.0]), np.polymul([1.0, 13.0, 111.0], [1.0, 7.0])
+    step, every, rng = 0.05, 50, np.random.default_rng(5)
+    fine = np.repeat(rng.choice([-1.0, 1.0], 900), rng.integers(40, 400, 900))
+    fine = fine[: every * (len(fine) // every)]
+    b, a, _ = cont2discrete((num, den), 0.001)
+    y, u = lfilter(b.ravel(), a, fine)[::every], fine.reshape(-1, every).mean(axis=1)
+
+    def left(theta: np.ndarray) -> np.ndarray:
+        return lfilter([0.0, *theta[3:]], [1.0, *theta[:3]], u) - y
+
+    poles = np.real(np.poly(np.exp(np.roots(den) * step)))[1:]
+    columns = [lfilter([0.0] * lag + [1.0], [1.0, *poles], u) for lag in (1, 2, 3)]
+    start = np.linalg.lstsq(np.stack(columns, axis=1), y)[0]
+    theta = least_squares(left, [*poles, *start]).x
+    held = transfer(theta[None], ArmaxOrders(na=3, nb=(3,), nc=0, nk=(1,)), step)
+    s = 1j * np.array([5.0, 15.0, 20.0])
+    true = np.polyval(num, s) / np.polyval(den, s)
+
+    assert np.abs(held.at(s)[0] / true) == pytest.approx([1.01, 1.05, 1.07], abs=0.015)
+    whole = replace(held, mean_s=step)
+    assert np.abs(whole.at(s)[0] / true) == pytest.approx(1.0, abs=0.02)
+    assert whole.faster(2.0).at(2.0 * s)[0] == pytest.approx(2.0 * whole.at(s)[0])

@@ -78,6 +78,7 @@ def drawn_aircraft(
         direct=np.concatenate([each.direct for each in wide]),
         delay_s=wide[0].delay_s,
         pair=np.concatenate([each.pair for each in wide]),
+        mean_s=wide[0].mean_s,
     )
     own_rows = np.concatenate([np.full(len(each), is_own) for each, is_own in parts])
     if np.count_nonzero(own_rows) < DRAWS // 4:
@@ -102,7 +103,9 @@ def _drawn(model: Model, count: int, rng: np.random.Generator, *, mean_output: b
     root = np.linalg.eigh(0.5 * (model.covariance + model.covariance.T))
     spread = root.eigenvectors * np.sqrt(np.maximum(root.eigenvalues, 0.0))
     theta = model.theta + rng.normal(size=(count, len(model.theta))) @ spread.T
-    return transfer(theta, model.orders, model.sample_time_s, mean_output=mean_output)
+    found = transfer(theta, model.orders, model.sample_time_s, mean_output=mean_output)
+    # Two coefficients of B cannot follow what the mean over a sample does above wn.
+    return replace(found, mean_s=model.sample_time_s if model.orders.nb[0] > 2 else 0.0)
 
 
 def _as_told(flight: Flight, poles: Complexes, own: Bools, rng: np.random.Generator) -> Complexes:
