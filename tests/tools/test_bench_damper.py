@@ -1,0 +1,60 @@
+"""A sample of the damper's bench: predictions against JSBSim's linearisation, and its judge."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from bench import damper
+
+import yawid
+
+PLACE = 2
+
+
+def test_two_gains_are_predicted_from_a_flight_without_a_damper(tmp_path: Path) -> None:
+    plan, flown, _ = damper.plan_of(PLACE)
+    log = tmp_path / "flight.tlog"
+    log.write_bytes(damper.flown(PLACE, 0.0, 0).log)
+    model = damper.linear(plan, flown.servo_lag_s)
+
+    found = yawid.replay(log).damper(gains=[0.3, 0.5])
+
+    rows = {gain.value: gain.at[0] for gain in found.report.gains}
+    for gain in (0.3, 0.5):
+        pole = model.dutch_roll(replace(flown, gain=gain))
+        true = -pole.real / abs(pole)
+        assert damper.is_right(rows[gain].zeta, true)
+        assert abs(rows[gain].zeta - true) <= 2.0 * rows[gain].zeta_std
+        assert rows[gain].wn_rad_s == pytest.approx(abs(pole), rel=0.05)
+    # It was flown without, and what is advised damps, as the linearisation has it.
+    advised = found.report.recommended
+    gains = (0.0, advised.next, advised.low, advised.high)
+    poles = [model.dutch_roll(replace(flown, gain=gain)) for gain in gains]
+    zeta = [-pole.real / abs(pole) for pole in poles]
+    assert zeta == sorted(zeta)
+    assert zeta[2] > 0.25
+    assert zeta[3] < 0.45
+
+
+@pytest.mark.long
+def test_the_bench_flies_each_gain_with_the_damper_closed(tmp_path: Path) -> None:
+    rows = damper.place_rows(tmp_path, 2, PLACE)
+
+    assert len(rows) == 2
+    for row in rows:
+        assert damper.is_right(row["zeta"], row["closed"][1])
+        assert damper.is_within(row)
+        assert max(row["z"]) <= 2.0
+        assert damper.is_right(row["decay_predicted"][1], row["decay"][1])
+        assert not damper.harmful(row)
+
+
+def test_an_advice_that_lowers_zeta_is_harmful() -> None:
+    row = {"refused": "", "advised": [0.1, 0.2, 0.1], "advised_zeta": [0.3, 0.35, 0.4, 0.35]}
+
+    assert not damper.harmful(row)
+    assert damper.harmful(row | {"advised_zeta": [0.3, 0.35, 0.29, 0.35]})
+    assert damper.harmful(row | {"advised_zeta": [0.2, 0.2, 0.14, 0.2]})
+    assert not damper.harmful({"refused": "gain_uncertain"})
