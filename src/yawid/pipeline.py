@@ -16,7 +16,8 @@ import msgspec
 import numpy as np
 
 from yawid.answers.channel_report import ChannelReport
-from yawid.answers.run_summary import Bare, Flight, Manoeuvre
+from yawid.answers.heard import BootSpan
+from yawid.answers.run_summary import Bare, ChannelFound, Flight, Manoeuvre
 from yawid.blocks import FrameBlock, ModesBlock, MotionBlock, RecordBlock, SampleBlock
 from yawid.channels.report import report_of
 from yawid.channels.stage import WANTED, Channels
@@ -28,6 +29,7 @@ from yawid.manoeuvres.candidate import UnderWay
 from yawid.manoeuvres.stage import Manoeuvres
 from yawid.physics.stage import PhysicsStage
 from yawid.results.reasons import Reason, Verdict
+from yawid.results.yaw_loop import gains_in
 from yawid.sinks.base import Grid, Sink, rudder_unit
 
 BLOCK = 4096
@@ -39,10 +41,11 @@ class Pipeline:
 
     ``sinks`` get the rows; sinks may be added until the first sample. ``make_bank`` makes the
     estimators once the sample time is known. For samples without messages, ``modes_of`` has the
-    autopilot and the vehicle type, which name the flight modes, and ``rates_hz`` the rates of yaw
-    and rudder messages. With ``worker``, an executor of one thread, manoeuvres are answered there,
-    and ``collect`` returns those that are ready; ``lateral_worker`` is the same for the fits of the
-    bare airframe, which ``collect_lateral`` returns.
+    autopilot and the vehicle type, which name the flight modes, ``rates_hz`` the rates of yaw and
+    rudder messages, and ``of_file`` the rudder, with gains of a yaw damper, and the boots. With
+    ``worker``, an executor of one thread, manoeuvres are answered there, and ``collect`` returns
+    those that are ready; ``lateral_worker`` is the same for the fits of the bare airframe, which
+    ``collect_lateral`` returns.
 
     Raises:
         ConfigError: the rate asked for does not fit the log.
@@ -61,6 +64,7 @@ class Pipeline:
         rates_hz: tuple[float, float] | None = None,
         worker: Executor | None = None,
         lateral_worker: Executor | None = None,
+        of_file: tuple[ChannelFound | None, list[BootSpan] | None] = (None, None),
     ) -> None:
         self.config = config
         self.sinks = sinks
@@ -75,6 +79,7 @@ class Pipeline:
         self._worker, self._lateral_worker = worker, lateral_worker
         self._manoeuvres: Manoeuvres | None = None
         self._motion: list[MotionBlock] = []
+        self._of_file = of_file
 
     def report(self) -> ChannelReport:
         """Return the report of the channels in their present state."""
@@ -91,7 +96,7 @@ class Pipeline:
         found = [each.found for each in stage.answered]
         if stage.laterals is None:
             return found
-        told = stage.laterals.told
+        told = stage.laterals.told()
         return [msgspec.structs.replace(each, lateral=told.get(each.n)) for each in found]
 
     def progress(self, *, closely: bool) -> tuple[UnderWay, int]:
@@ -107,6 +112,12 @@ class Pipeline:
     def flights(self, of_the_log: list[Reason]) -> list[tuple[Flight, Verdict]]:
         """Return the flight's answers with their verdicts, the headline first; see the stage."""
         return [] if self._manoeuvres is None else self._manoeuvres.flights(of_the_log)
+
+    def _yaw_loop(self, from_s: float, to_s: float) -> str | None:
+        """Return the gains of a yaw damper in a stretch, as far as they are known."""
+        report = self.report()
+        rudder, boots = report.channels.get("rudder"), report.boots
+        return gains_in(*(self._of_file if rudder is None else (rudder, boots)), from_s, to_s)
 
     def bare(self) -> Bare | None:
         """Return the bare airframe of the flight, which may take a fit; None without any."""
@@ -212,7 +223,9 @@ class Pipeline:
                 yaw_us, rudder_us = self.channels.intervals_us
                 rates_hz = 1e6 / yaw_us, 1e6 / rudder_us
             setting = ManoeuvreSetting(self.config, sample_time_s, rates_hz, modes_of)
-            self._manoeuvres = Manoeuvres(setting, self._worker, self._lateral_worker)
+            self._manoeuvres = Manoeuvres(
+                setting, self._worker, self._lateral_worker, self._yaw_loop
+            )
         names = parameter_names(self.config.armax_orders(), self.config.inputs, bias=True)
         grid = Grid(
             names,

@@ -68,12 +68,14 @@ def flown(
     derivatives: dict[str, float] = DERIVATIVES,
     hold: tuple[float, float] = (0.0, 0.0),
     aileron: float = 0.1,
+    damper: float = 0.0,
     **changed: Any,
 ) -> Motion:
     """Return a motion; without a seed it has no noise. ``hold`` are the roll hold's two gains.
 
     The state is exact for commands on lines between the points of their grid. Gusts have the
-    sideslip ``gust`` in rad. The roll hold hears what is measured.
+    sideslip ``gust`` in rad. The roll hold hears what is measured, and so does a yaw damper with
+    the gain ``damper``.
     """
     lead, every = round(1.0 / COMMAND_STEP_S), round(1.0 / rate_hz / COMMAND_STEP_S)
     n = lead + round(seconds / COMMAND_STEP_S) + 1
@@ -101,10 +103,12 @@ def flown(
         heard = x[[P, R, ROLL]] + sizes * rng.normal(size=3)
         if any(hold):
             commands[0, k] = own[k] - hold[0] * heard[2] - hold[1] * heard[0]
+        commands[1, k] = rudder[k] - damper * heard[1]
         if k >= lead and (k - lead) % every == 0:
             seen.append(heard)
         now, after = commands[:, k], commands[:, min(k + 1, n - 1)]
-        slope = np.zeros(2) if any(hold) else (after - now) / COMMAND_STEP_S
+        held = any(hold) or damper
+        slope = np.zeros(2) if held else (after - now) / COMMAND_STEP_S
         x = step @ np.concatenate([x, now, slope])
         x[[B, W]] += kicks * rng.normal(size=2)
     p, r, roll = np.array(seen).T

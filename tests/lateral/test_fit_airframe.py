@@ -10,7 +10,7 @@ from lateral.flown import DERIVATIVES, airframe, flown, modes
 from scipy.linalg import expm
 
 from yawid.lateral.airframe import Airframe
-from yawid.lateral.fit_airframe import fit_airframe
+from yawid.lateral.fit_airframe import autocorrelation, fit_airframe
 from yawid.lateral.gates import GATES, failed_gates
 from yawid.lateral.motion import COMMAND_STEP_S, Motion
 from yawid.lateral.record import Record
@@ -74,6 +74,13 @@ def test_the_airframe_is_found_with_noise_lag_and_gusts(lag_s: float, gust: floa
     assert abs(found.servo_lag_s.value + found.delay_s.value - lag_s) < 0.02
 
 
+def test_the_sideslip_of_the_gusts_is_found() -> None:
+    """It was a thousandth of it: the scale of the whitened innovations is not that of the noise."""
+    found = fit_airframe([flown(1, gust=0.02)], servo_lag_s=0.0)
+
+    assert 0.01 < found.gust_std_rad < 0.04
+
+
 def with_gap(motion: Motion) -> Motion:
     """Return the motion without its samples of two seconds, while the rudder moves."""
     lost = slice(60, 110)
@@ -114,6 +121,21 @@ def test_manoeuvres_of_one_speed_are_pooled() -> None:
     near(found)
     rudder = found.derivatives["N_delta_r"].std / alone.derivatives["N_delta_r"].std
     assert 0.5 < rudder < 0.9
+
+
+@pytest.mark.parametrize(("rate_hz", "correlated"), [(25.0, 0.5), (50.0, 0.25)])
+def test_the_colour_of_the_innovations_is_that_over_40_ms(
+    rate_hz: float, correlated: float
+) -> None:
+    """An autoregressive noise of 0.5 a sample leaves 0.25 after two."""
+    rng, e = np.random.default_rng(2), np.zeros((4000, 3))
+    for k in range(1, len(e)):
+        e[k] = 0.5 * e[k - 1] + rng.normal(size=3)
+    motion = flown(seconds=4000 / rate_hz, rate_hz=rate_hz)
+    its = {name: getattr(motion, name)[:4000] for name in ("p", "r", "roll", "pitch", "q")}
+    record = Record(replace(motion, **its))
+
+    assert autocorrelation(e.ravel(), [record]) == pytest.approx(correlated, abs=0.06)
 
 
 def test_a_fit_that_does_not_settle_says_after_how_many_steps() -> None:

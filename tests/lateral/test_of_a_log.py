@@ -11,17 +11,21 @@ import numpy as np
 import pytest
 from flightlog import FlightLog
 from lateral.flown import AIRSPEED_M_S, COMMAND_STEP_S, DERIVATIVES, airframe, flown, modes
+from msgspec import convert
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from yawid.answers.run_summary import Bare
 from yawid.blocks import MotionBlock
 from yawid.channels.stage import WANTED
 from yawid.cli.main import main
 from yawid.config.run import RunConfig
 from yawid.lateral.motion import Motion
+from yawid.manoeuvres.laterals import Laterals
 from yawid.pipeline import Pipeline
 from yawid.report.lateral_picture import free_run, lateral_picture
 from yawid.report.write import report
 from yawid.runs.job import feed_all
+from yawid.sinks.base import Sink
 from yawid.sinks.mcap.reader import open_run
 from yawid.sources.open_log import TlogBytes
 
@@ -35,18 +39,21 @@ def motion(seconds: float = 30.0) -> Motion:
 
 
 @cache
-def log(*, aileron: bool = True, start_s: float = START_S) -> bytes:
+def log(*, aileron: bool = True, start_s: float = START_S, damper: bool = False) -> bytes:
     """Return a tlog of the motion: 10 s at rest, attitudes at 25 Hz, servos at 50 Hz in between."""
     m, made = motion(), FlightLog()
-    made.heartbeat(start_s - 10.0)
+    mode = mavlink.MAVLink_heartbeat_message(1, 3, 0, 5 if damper else 0, 4, 3)  # FBWA or MANUAL
+    made.add(start_s - 10.0, mode)
     for name, value in (("SERVO4_FUNCTION", 21.0), *([("SERVO1_FUNCTION", 4.0)] * aileron)):
         made.parameter(start_s - 10.0, name, value)
+    if damper:
+        made.parameter(start_s - 10.0, "YAW2SRV_DAMP", 0.5)
     rest = np.zeros(500)
     columns = [np.concatenate([rest, x]) for x in (m.roll, m.p, m.r)]
     for k in range(len(columns[0])):
         t = start_s - 10.0 + 0.02 * k
         if k % 50 == 0:
-            made.heartbeat(t)
+            made.add(t, mode)
             hud = mavlink.MAVLink_vfr_hud_message(AIRSPEED_M_S, AIRSPEED_M_S, 0, 50, 0.0, 0.0)
             made.add(t, hud)
         if k % 2 == 0:
@@ -117,6 +124,54 @@ def test_a_log_and_its_mcap_answer_alike_to_the_bit(
     assert first["bare"]["verdict"]["usable"]
     assert second["bare"] == first["bare"]
     assert second["manoeuvres"] == first["manoeuvres"]
+
+
+class Lines(Sink):
+    """A sink that keeps the airframes in the order in which they come."""
+
+    def __init__(self) -> None:
+        self.got: list[Bare] = []
+
+    def write(self, *of: object) -> None:
+        """Take no samples."""
+
+    def lateral(self, n: int, bare: Bare, span_ns: tuple[int, int]) -> None:
+        """Keep it."""
+        self.got.append(bare)
+
+
+def test_a_yaw_damper_is_the_cause_in_every_place_and_of_the_mcap(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    (tmp_path / "log.tlog").write_bytes(log(damper=True))
+    sink = Lines()
+    pipeline = Pipeline(RunConfig(lateral="auto"), [sink])
+    feed_all(TlogBytes([log(damper=True)], WANTED), pipeline)
+    found = [pipeline.bare(), *(each.lateral for each in pipeline.manoeuvres or ()), *sink.got]
+    for source, out in (("log.tlog", "a"), ("a/log.mcap", "b")):
+        main(["replay", str(tmp_path / source), "--json", "--lateral", "auto", "--out",
+              str(tmp_path / out)])  # fmt: skip
+        printed = json.loads(capsys.readouterr().out)
+        each = [one["lateral"] for one in printed["manoeuvres"]]
+        found += [convert(bare, Bare) for bare in (printed["bare"], *each)]
+
+    assert len(found) == 4 + 3 + 4 + 4
+    for each in found:
+        assert each is not None
+        assert not each.verdict.usable
+        assert each.verdict.reasons[0].text.startswith("the yaw damper (YAW2SRV_DAMP 0.5) moves")
+
+
+def test_a_yaw_damper_that_becomes_known_later_refuses_what_was_found():
+    gains: list[str] = []
+    laterals = Laterals(60.0, 0.0, None, (3, 1), lambda *s: gains[0] if gains else None)
+    laterals._held_s[1] = (20.0, 50.0)
+    laterals._told[1] = whole().bare() or pytest.fail("it is known")
+    assert laterals.told()[1].verdict.usable
+
+    gains.append("YAW2SRV_DAMP 0.5")
+
+    assert not laterals.told()[1].verdict.usable
 
 
 def test_after_a_reboot_the_motion_is_that_of_its_own_boot():

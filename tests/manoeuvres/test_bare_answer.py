@@ -90,9 +90,22 @@ def test_a_manoeuvre_that_a_gate_stops_has_its_words_and_no_number():
     assert told.dutch_roll is None
     assert told.derivatives is None
     assert not told.verdict.usable
-    said = "the innovations of one sample predict 0.50 of the next (limit 0.35)"
+    said = "the innovations predict 0.50 of those 40 ms later (limit 0.35)"
     assert told.verdict.reasons[0].text == said
     assert told.verdict.next is not None
+
+
+@pytest.mark.parametrize(("damper", "refused"), [(0.0, False), (0.5, True)])
+def test_a_rudder_that_feeds_the_yaw_rate_back_is_refused_without_any_parameter(
+    damper: float, refused: bool
+):
+    motion = flown(3, seconds=20.0, amplitude=0.3, damper=damper)
+
+    told = lateral_of(fitted(1, motion, 0.0))
+
+    said = " ".join(reason.text for reason in told.verdict.reasons)
+    assert ("is feedback of the yaw rate (limit 0.2)" in said) == refused
+    assert told.verdict.usable != refused
 
 
 def test_a_motion_that_is_missing_is_the_cause():

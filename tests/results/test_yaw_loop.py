@@ -9,11 +9,8 @@ from hand_flights import summary as flight_summary
 
 from yawid.answers.heard import BootSpan, GainSeen, gains_between
 from yawid.answers.run_summary import (
-    Bare,
     ChannelFound,
-    DutchRoll,
     RunSummary,
-    VerdictSummary,
 )
 from yawid.results.yaw_loop import with_yaw_loop
 from yawid.sinks.answers import cards, headline
@@ -98,29 +95,3 @@ def test_it_depends_on_the_mode_the_gain_and_the_channel(
 
     assert run.flight is not None
     assert run.flight.yaw_loop == said
-
-
-@pytest.mark.parametrize(
-    ("loop", "gains", "known"),
-    [("with_roll_loop", "YAW2SRV_DAMP 0 to 8", False), ("airframe", "YAW2SRV_DAMP 8", True),
-     ("with_roll_loop", None, True)],
-)  # fmt: skip
-def test_a_bare_airframe_flown_with_a_yaw_damper_is_refused(
-    loop: str, gains: str | None, known: bool
-) -> None:
-    """SITL with YAW2SRV_DAMP up to 8: wn 11.32 +- .22 where 10.34 is true."""
-    usable = VerdictSummary(usable=True, reasons=[])
-    roll = DutchRoll(wn_rad_s=11.32, wn_std=0.22, zeta=0.5, zeta_std=0.014)
-    bare = Bare(dutch_roll=roll, used=[1], verdict=usable)
-    one = msgspec.structs.replace(manoeuvre(1, loop=loop), lateral=bare)
-    run = flight_summary([one], flight(used=[1], loop=loop))
-    channels = {"rudder": ChannelFound("SERVO_OUTPUT_RAW.servo4_raw", yaw_loop=gains)}
-
-    told = with_yaw_loop(msgspec.structs.replace(run, channels=channels, bare=bare))
-
-    assert told.bare is not None
-    assert told.manoeuvres is not None
-    for each in (told.bare, told.manoeuvres[0].lateral):
-        assert each is not None
-        assert (each.dutch_roll is not None) == known
-        assert each.verdict.usable == known

@@ -31,8 +31,9 @@ class Airframe:
     (negative: it diverges). ``derivatives`` are those of eq. 20-22 in the field's symbols, by
     DESIGN's names: dimensional, in 1/s (of rates, and Y_beta and Y_delta_r per airspeed) or 1/s^2,
     with Ixz folded in. ``gust_std_rad`` is the sideslip of the gusts and ``rho1`` the largest
-    autocorrelation of the innovations at one sample. ``theta`` (n,) are the free parameters by
-    ``names``, with ``covariance`` (n, n). ``failed`` is empty where the airframe is known.
+    autocorrelation of the innovations over one sample, or over 40 ms where that is more. ``theta``
+    (n,) are the free parameters by ``names``, with ``covariance`` (n, n). ``failed`` is empty where
+    the airframe is known.
     """
 
     wn_rad_s: Known

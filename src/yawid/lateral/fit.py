@@ -30,7 +30,7 @@ class Fit:
     """Where the steps ended: the point in scales (n,), its covariance (n, n), and the criterion.
 
     ``criterion`` is twice the negative logarithm of likelihood and priors. ``errors`` (l,) are the
-    innovations over their ``scale``.
+    innovations over their ``scale``; ``noise_scale`` is that of all sizes of noise in ``x``.
     """
 
     of: Criterion
@@ -38,6 +38,7 @@ class Fit:
     covariance: Floats
     criterion: float
     scale: float
+    noise_scale: float
     errors: Floats
     settled: bool
     steps: int
@@ -121,7 +122,8 @@ def _ended(criterion: Criterion, at: Point, H: Floats, settled: bool, steps: int
     covariance = unbiased * inverse / np.outer(size, size)
     total = criterion.count * math.log(variance) + float(at.surprise @ at.surprise)
     scale = math.sqrt(variance)
-    return Fit(criterion, at.x, covariance, total, scale, at.e / scale, settled, steps)
+    noise_scale = scale / math.exp(float(at.parts[0].predictor.log_det[0]) / 3.0)
+    return Fit(criterion, at.x, covariance, total, scale, noise_scale, at.e / scale, settled, steps)
 
 
 def _at_or_none(criterion: Criterion, x: Floats) -> Point | None:

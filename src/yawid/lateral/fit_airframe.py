@@ -23,9 +23,16 @@ FLOORS = (0.01, 0.03, 0.1, 0.0)
 """Least sigma of wn, zeta, roll mode and spiral as a share of them: what a linear model of an
 aircraft is worth, measured on flights of JSBSim."""
 ZETA_FLOOR = 0.007
+IN_GUSTS = 1.4
+"""Errors over the sigma of noise in JSBSim's turbulence of severity 2, seed 701. The innovations
+are white there, and a covariance that allows for colour is no larger: gusts also change airspeed
+and angle of attack, and with them the airframe that is sought."""
 NATS = 3.0
 """Starts whose log-likelihood is this near to the best one's count as answers, too."""
 AGREES_SIGMAS = 0.5
+COLOUR_S = 0.04
+"""The time in s over which innovations should not be correlated: one sample at 25 Hz, for which the
+limit was chosen. Over one sample of 50 Hz a smooth roll angle is (0.4 in SITL), and no harm."""
 _STEP = 1e-4
 """Step of the modes' slopes, in scales of the parameters."""
 
@@ -76,7 +83,7 @@ def _values(found: Fit, airspeed_m_s: float) -> tuple[Floats, Floats]:
 def _airframe(fits: Sequence[Fit], records: Sequence[Record], airspeed_m_s: float) -> Airframe:
     best = fits[0]
     values, slopes = _values(best, airspeed_m_s)
-    variances = np.einsum("ij,jk,ik->i", slopes, best.covariance, slopes)
+    variances = IN_GUSTS**2 * np.einsum("ij,jk,ik->i", slopes, best.covariance, slopes)
     near = [each for each in fits if each.criterion - best.criterion < 2.0 * NATS]
     others = np.array([_values(each, airspeed_m_s)[0] for each in near])
     variances += np.mean((others - values) ** 2, axis=0)
@@ -88,12 +95,13 @@ def _airframe(fits: Sequence[Fit], records: Sequence[Record], airspeed_m_s: floa
     by_name["Y_beta"] = by_name["log_Y_beta"]
     for name in {"L_delta_a", "N_delta_a"} - set(best.of.names):
         by_name[name] = Known()
-    gust = math.exp(by_name["log_gust"].value) * best.scale
+    gust = math.exp(by_name["log_gust"].value) * best.noise_scale
     return Airframe(
         wn_rad_s=wn, zeta=zeta, roll_s=_time_constant(roll), spiral_s=_time_constant(spiral),
         derivatives={name: by_name[name] for name in DERIVATIVES},
         servo_lag_s=by_name["servo_lag"], delay_s=by_name["delay"],
-        roll_delay_s=by_name["roll_delay"], gust_std_rad=gust, rho1=_rho1(best, records),
+        roll_delay_s=by_name["roll_delay"], gust_std_rad=gust,
+        rho1=autocorrelation(best.errors, records),
         airspeed_m_s=airspeed_m_s, aileron_fed_back=max(each.fed_back for each in records),
         names=best.of.names, theta=best.x * best.of.scale,
         covariance=best.covariance * np.outer(best.of.scale, best.of.scale),
@@ -108,14 +116,15 @@ def _time_constant(pole: Known) -> Known:
     return Known(-1.0 / pole.value, pole.std / pole.value**2)
 
 
-def _rho1(found: Fit, records: Sequence[Record]) -> float:
-    """Return the largest autocorrelation at one sample of the innovations of p, r and roll."""
+def autocorrelation(errors: Floats, records: Sequence[Record]) -> float:
+    """Return the largest of the innovations (l,) of p, r and roll after COLOUR_S."""
     start, products, power = 0, np.zeros(3), np.zeros(3)
+    later = max(1, round(COLOUR_S / records[0].sample_time_s))
     for each in records:
         n = len(each.y)
-        e = found.errors[start : start + 3 * n].reshape(n, 3)
-        both = ~(each.missing[1:] | each.missing[:-1])
-        products += (e[1:] * e[:-1])[both].sum(axis=0)
+        e = errors[start : start + 3 * n].reshape(n, 3)
+        both = ~(each.missing[later:] | each.missing[:-later])
+        products += (e[later:] * e[:-later])[both].sum(axis=0)
         power += (e**2).sum(axis=0)
         start += 3 * n
     rho = products / np.maximum(power, np.finfo(float).tiny)

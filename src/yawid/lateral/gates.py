@@ -39,6 +39,10 @@ GATES = {
         "the aileron explains {found:.3f} of the rudder's variance (limit {limit:g})",
         "move the rudder on its own",
     ),
+    "rudder_feeds_back": Gate(
+        "{found:.2f} of the rudder near the mode is feedback of the yaw rate (limit {limit:g})",
+        "switch the yaw damper off for the manoeuvre",
+    ),
     "not_settled": Gate(
         "the fit did not settle within {limit:g} steps", "repeat the manoeuvre in calmer air"
     ),
@@ -47,7 +51,7 @@ GATES = {
         "give the servo's lag (--servo-lag), or pool several manoeuvres of one speed",
     ),
     "coloured": Gate(
-        "the innovations of one sample predict {found:.2f} of the next (limit {limit:g})",
+        "the innovations predict {found:.2f} of those 40 ms later (limit {limit:g})",
         "send the attitude without smoothing, at a higher rate",
     ),
     "too_slow": Gate(

@@ -40,6 +40,8 @@ class Guess:
 
 CALMEST = 5.0
 """The logarithm of the guess of a gust over its least size."""
+SMOOTHEST = 2.0
+"""The same of the noise of a measurement."""
 Prior = Callable[[Guess], tuple[float, float]]
 
 
@@ -81,7 +83,11 @@ def _fixed(value: float) -> Callable[[Guess], float]:
 
 
 def _noise(name: str) -> Parameter:
-    return Parameter(name, _fixed(0.5), lambda guess: (guess.start[name], 2.0), is_noise=True)
+    """Return the row of a measurement's noise: without a least value a smooth roll has none."""
+    return Parameter(
+        name, _fixed(0.5), lambda guess: (guess.start[name], 2.0), is_noise=True,
+        least=lambda guess: guess.start[name] - SMOOTHEST,
+    )  # fmt: skip
 
 
 def _gust(name: str) -> Parameter:

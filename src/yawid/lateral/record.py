@@ -50,9 +50,9 @@ class Record:
         return np.asarray(np.interp(self.times_s, self.times_s[known], x[known]), np.float64)
 
     def _turn(self) -> tuple[Floats, Floats]:
-        _, r, roll, _, q = self._filled
-        force = math.cos(self.pitch) * (np.sin(roll) - roll)
-        rolling = math.tan(self.pitch) * (q * np.sin(roll) + r * (np.cos(roll) - 1.0))
+        _, r, roll, pitch, q = self._filled
+        force = np.cos(pitch) * np.sin(roll) - math.cos(self.pitch) * roll
+        rolling = np.tan(pitch) * (q * np.sin(roll) + r * np.cos(roll)) - math.tan(self.pitch) * r
         both = np.stack([force, rolling], axis=1)
         both -= both.mean(axis=0)
         after = np.vstack([both[1:], both[-1:]])

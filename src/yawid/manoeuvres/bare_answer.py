@@ -7,7 +7,7 @@ servo's lag. From one airspeed to another derivatives and modes change by their 
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -21,10 +21,11 @@ from yawid.answers.run_summary import (
     VerdictSummary,
 )
 from yawid.blocks import AIRSPEED_SHARE
-from yawid.lateral.airframe import Airframe, Known
+from yawid.lateral.airframe import Airframe, FailedGate, Known
 from yawid.lateral.fit_airframe import fit_airframe
 from yawid.lateral.gates import GATES
 from yawid.lateral.motion import Motion
+from yawid.manoeuvres.feedback import rate_feedback
 from yawid.quantities.flying_qualities import dutch_roll_level
 
 BARE_UNKNOWN: Final = "bare_unknown"
@@ -38,6 +39,9 @@ LAWS: Final[Mapping[str, int]] = {
     "wn_rad_s": 1, "zeta": 0, "roll_mode": -1, "spiral": 1, "servo_lag_s": 0,
 }  # fmt: skip
 """The power of the airspeed to which each number is proportional, in air of one density."""
+FED_BACK: Final = 0.2
+"""The most of the rudder near the mode that may be feedback of the yaw rate: with .29 a flight of
+SITL in turbulence had zeta .46 for .63, and with 1 and more wn 6 to 9 % too high."""
 MOST_TOGETHER: Final = 6
 """The most manoeuvres of one airspeed in one fit, which takes longer with each."""
 
@@ -63,6 +67,16 @@ class Fitted:
         return self.airframe is not None and {g.name for g in self.airframe.failed} <= OF_ALL
 
 
+def yaw_damped(n: int, gains: str) -> Fitted:
+    """Return manoeuvre ``n`` refused, as a yaw damper with these gains moved the rudder.
+
+    On a flight of SITL with gains up to 8 wn was 9 % high, and nothing else showed it.
+    """
+    name = "yaw damper" if "YAW2SRV_DAMP" in gains else "yaw-rate loop"
+    why = f"the {name} ({gains}) moves the rudder by the yaw rate of the same sample"
+    return Fitted(n, why, None, why, f"Switch the {name} off for the manoeuvre.")
+
+
 def fitted(n: int, motion: Motion | str, servo_lag_s: float | None) -> Fitted:
     """Fit the airframe to the motion of manoeuvre ``n``."""
     if isinstance(motion, str):
@@ -71,7 +85,23 @@ def fitted(n: int, motion: Motion | str, servo_lag_s: float | None) -> Fitted:
     if lacks := [GATES[name] for name, has in known.items() if not has]:  # no fit is needed
         return Fitted(n, motion, None, lacks[0].sentence, _sentence(lacks[0].remedy))
     found, why = _fit([motion], servo_lag_s)
+    if found is not None and (share := _fed_back(motion, found)) > FED_BACK:
+        gate = FailedGate("rudder_feeds_back", share, FED_BACK)
+        found = replace(found, failed=(gate, *found.failed))
     return Fitted(n, motion, found, why)
+
+
+def _fed_back(motion: Motion, found: Airframe) -> float:
+    """Return the share of the rudder near the mode that is feedback of the yaw rate."""
+    wn = found.wn_rad_s.value
+    if not math.isfinite(wn):
+        return 0.0
+    middles_s = (np.arange(len(motion.r)) + 0.5) * motion.sample_time_s
+    rudder, aileron = (
+        np.interp(middles_s, motion.command_times_s(), u) for u in (motion.rudder, motion.aileron)
+    )
+    fed_back = rate_feedback(rudder, motion.r, aileron, wn, motion.sample_time_s)
+    return 0.0 if fed_back is None else fed_back.share
 
 
 def _fit(motions: Sequence[Motion], servo_lag_s: float | None) -> tuple[Airframe | None, str]:

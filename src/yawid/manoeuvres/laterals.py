@@ -1,12 +1,13 @@
 """The lateral fits of a run: each follows its manoeuvre's answer as flown, and never delays it."""
 
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future
 
 from yawid.answers.run_summary import Bare
 from yawid.blocks import MotionBlock, SampleBlock
-from yawid.manoeuvres.bare_answer import Fitted, bare_of, fitted, lateral_of
+from yawid.manoeuvres.bare_answer import Fitted, bare_of, fitted, lateral_of, yaw_damped
+from yawid.manoeuvres.conditions import AIRFRAME, conditions
 from yawid.manoeuvres.motion_store import MotionStore
 
 MOST_KEPT = 24
@@ -17,15 +18,27 @@ class Laterals:
     """The lateral motion of a run, and the airframe that each of its manoeuvres shows.
 
     With ``worker``, an executor of one thread, the fits are made there; the results are the same.
+    ``modes_of`` are autopilot and vehicle type. ``yaw_loop`` gives the gains of the autopilot's yaw
+    damper from one time to another, in s since boot. The fit takes its part in the rudder for the
+    pilot's, so that a manoeuvre flown with one is refused from whenever its gains are known; one
+    that only the sticks flew is not.
     """
 
     def __init__(
-        self, longest_s: float, servo_lag_s: float | None, worker: Executor | None
+        self,
+        longest_s: float,
+        servo_lag_s: float | None,
+        worker: Executor | None,
+        modes_of: tuple[int, int],
+        yaw_loop: Callable[[float, float], str | None],
     ) -> None:
-        self.told: dict[int, Bare] = {}
+        self._told: dict[int, Bare] = {}
         self._store = MotionStore(longest_s)
         self._lag_s = servo_lag_s
         self._worker = worker
+        self._modes_of, self._yaw_loop = modes_of, yaw_loop
+        self._held_s: dict[int, tuple[float, float]] = {}
+        """From when to when, in s since boot, the autopilot may have moved the rudder."""
         self._waiting: deque[tuple[tuple[int, int], Future[Fitted]]] = deque()
         self._found: list[Fitted] = []
 
@@ -40,10 +53,16 @@ class Laterals:
     def answer(self, n: int, samples: SampleBlock) -> None:
         """Fit the airframe to the motion of manoeuvre ``n``, whose samples these are."""
         motion, span_ns = self._store.cut(samples), (samples.unix_ns[0], samples.unix_ns[-1])
-        if self._worker is not None:
+        flown = conditions(samples, self._modes_of)
+        if flown.loop != AIRFRAME:
+            self._held_s[n] = flown.from_s, flown.to_s
+        gains = self._damper(n)
+        future: Future[Fitted] = Future()
+        if gains is not None:
+            future.set_result(yaw_damped(n, gains))
+        elif self._worker is not None:
             future = self._worker.submit(fitted, n, motion, self._lag_s)
         else:
-            future = Future()
             future.set_result(fitted(n, motion, self._lag_s))
         self._waiting.append(((int(span_ns[0]), int(span_ns[1])), future))
 
@@ -51,12 +70,26 @@ class Laterals:
         """Yield number, airframe and Unix times of each manoeuvre newly fitted, once."""
         while self._waiting and (wait or self._waiting[0][1].done()):
             span_ns, future = self._waiting.popleft()
-            found = future.result()
+            found = self._checked(future.result())
             if len(self._found) < MOST_KEPT:
                 self._found.append(found)
-            self.told[found.n] = lateral_of(found)
-            yield found.n, self.told[found.n], span_ns
+            self._told[found.n] = lateral_of(found)
+            yield found.n, self._told[found.n], span_ns
+
+    def told(self) -> dict[int, Bare]:
+        """Return the airframe of each manoeuvre fitted, by its number."""
+        gains = {n: self._damper(n) for n in self._told}
+        refused = {n: lateral_of(yaw_damped(n, each)) for n, each in gains.items() if each}
+        return self._told | refused
 
     def flight(self) -> Bare | None:
         """Return the airframe of all the manoeuvres fitted, None without any."""
-        return bare_of(self._found, self._lag_s)
+        return bare_of([self._checked(each) for each in self._found], self._lag_s)
+
+    def _checked(self, found: Fitted) -> Fitted:
+        """Return a fit, refused where a yaw damper has become known since it was asked for."""
+        gains = self._damper(found.n)
+        return found if gains is None else yaw_damped(found.n, gains)
+
+    def _damper(self, n: int) -> str | None:
+        return self._yaw_loop(*self._held_s[n]) if n in self._held_s else None

@@ -1,7 +1,7 @@
 """The whole stage: samples in; out come each manoeuvre's answer and, in the end, the flight's."""
 
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future
 from functools import partial
 
@@ -23,7 +23,8 @@ class Manoeuvres:
 
     With ``worker``, an executor of one thread, ``feed`` does not wait for the fits; without one
     they are made at once. In both cases the answers are the same and come in the order flown.
-    ``laterals`` fits the bare airframe on a worker of its own, None without ``--lateral auto``.
+    ``laterals`` fits the bare airframe on a worker of its own, None without ``--lateral auto``;
+    ``yaw_loop`` gives the gains of a yaw damper in a stretch, as far as they are known.
     """
 
     def __init__(
@@ -31,6 +32,7 @@ class Manoeuvres:
         setting: ManoeuvreSetting,
         worker: Executor | None = None,
         lateral_worker: Executor | None = None,
+        yaw_loop: Callable[[float, float], str | None] = lambda from_s, to_s: None,
     ) -> None:
         self.answered: list[Answered] = []
         self._setting = setting
@@ -42,7 +44,8 @@ class Manoeuvres:
         self.laterals: Laterals | None = None
         if setting.config.lateral == "auto":
             longest_s = LONGEST_STATED_S if isinstance(self._finder, Stated) else LONGEST_S
-            self.laterals = Laterals(longest_s, setting.config.servo_lag, lateral_worker)
+            lag_s, modes_of = setting.config.servo_lag, setting.modes_of
+            self.laterals = Laterals(longest_s, lag_s, lateral_worker, modes_of, yaw_loop)
 
     def progress(self, *, closely: bool) -> UnderWay:
         """Return the progress of the current manoeuvre, ``closely`` with the rudder's movement."""

@@ -10,13 +10,10 @@ from msgspec.structs import replace
 
 from yawid.answers.heard import BootSpan, gains_between, words_of_gains
 from yawid.answers.run_summary import (
-    Bare,
     ChannelFound,
     Flight,
     Manoeuvre,
-    ReasonSummary,
     RunSummary,
-    VerdictSummary,
 )
 
 BARE = "airframe"
@@ -33,7 +30,6 @@ def with_yaw_loop(summary: RunSummary) -> RunSummary:
     with_it = "with" if is_stick else "without"
     held = "the stick does not hold its part" if is_stick else "the servo output holds its part"
     by_number = {each.n: each for each in summary.manoeuvres or ()}
-    fed_back = not all(each.loop == BARE for each in by_number.values())
 
     def said(found: Flight | Manoeuvre) -> Flight | Manoeuvre:
         if found.loop == BARE:
@@ -46,15 +42,12 @@ def with_yaw_loop(summary: RunSummary) -> RunSummary:
         loop = gains_of(rudder, summary.boots, of)
         if loop is None:
             return found
-        if isinstance(found, Manoeuvre):
-            found = replace(found, lateral=_without(found.lateral, name, loop))
         return replace(found, yaw_loop=f"{with_it} its {name} ({loop}): {held}")
 
     return replace(
         summary,
         manoeuvres=summary.manoeuvres and [said(each) for each in summary.manoeuvres],
         flight=None if summary.flight is None else said(summary.flight),
-        bare=_without(summary.bare, name, rudder.yaw_loop) if fed_back else summary.bare,
         flights=summary.flights and [said(each) for each in summary.flights],
     )
 
@@ -73,15 +66,10 @@ def gains_of(
     return words_of_gains(gains)
 
 
-def _without(bare: Bare | None, name: str, gains: str | None) -> Bare | None:
-    """Return the bare airframe refused: its fit takes the damper's answer for the aircraft's.
-
-    On a flight of SITL with gains up to 8 wn was 9 % high, and nothing else showed it.
-    """
-    if bare is None or bare.dutch_roll is None:
-        return bare
-    text = f"the {name} ({gains}) moves the rudder by the yaw rate of the same sample"
-    said = ReasonSummary("bare_unknown", "warning", text)
-    step = f"Switch the {name} off for the manoeuvre."
-    verdict = VerdictSummary(usable=False, reasons=[said], next=step)
-    return Bare(used=bare.used, verdict=verdict)
+def gains_in(
+    rudder: ChannelFound | None, boots: Sequence[BootSpan] | None, from_s: float, to_s: float
+) -> str | None:
+    """Return the gains of the yaw loop in a stretch; None where it was off, or none is known."""
+    if rudder is None or rudder.yaw_loop is None or rudder.yaw_gains is None:
+        return None if rudder is None else rudder.yaw_loop
+    return words_of_gains(gains_between(rudder.yaw_gains, boots, from_s, to_s))

@@ -64,6 +64,7 @@ class FinishedRun:
         self.log_lines = run.log
         grid = run.grid
         self.modes_of = (0, 0) if grid is None else (grid.autopilot, grid.vehicle_type)
+        self.of_file = (run.summary.channels or {}).get("rudder"), run.summary.boots
         self._said: list[str] = []
         self._has_motion = False
 

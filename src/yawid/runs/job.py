@@ -10,7 +10,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from yawid.answers.run_summary import RunSummary
+from yawid.answers.heard import BootSpan
+from yawid.answers.run_summary import ChannelFound, RunSummary
 from yawid.blocks import EstimateBlock, ModesBlock, SampleBlock
 from yawid.channels.stage import WANTED
 from yawid.channels.survey import Survey
@@ -41,6 +42,7 @@ class RecordedLog(Log):
     """
 
     modes_of = (0, 0)
+    of_file: tuple[ChannelFound | None, list[BootSpan] | None] = (None, None)
     log_lines: "tuple[LogLine, ...]" = ()
 
     def __init__(
@@ -154,7 +156,9 @@ def run(
         SourceError, ConfigError, SinkError: as :func:`feed_all`.
     """
     rates_hz = source.rates_hz(config.inputs[0])
-    pipeline = Pipeline(config, sinks, modes_of=source.modes_of, rates_hz=rates_hz)
+    pipeline = Pipeline(
+        config, sinks, modes_of=source.modes_of, rates_hz=rates_hz, of_file=source.of_file
+    )
     if survey is not None:
         pipeline.channels.watch = survey.note
     read, is_whole = feed_all(source, pipeline, stop, advance)
