@@ -24,12 +24,12 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from checks.children import child
+from checks.children import child, free_udp_port
 from checks.judge_trend import START_US, flight, write_fleet
 from finished_runs import replayed
 from forged_runs import forge
 from hostile import hostile_log, parameter
-from live_link import frames, free_port, send
+from live_link import frames, send
 from places import REPLAY_LOGS, SRC
 from sources.logs import dataflash_flight, ulog_flight
 
@@ -189,7 +189,7 @@ def test_no_text_from_outside_is_a_command_to_the_terminal(
 def test_no_frame_of_a_link_is_a_command_to_the_terminal(
     tmp_path: Path, capfdbinary: pytest.CaptureFixture[bytes]
 ) -> None:
-    port = free_port()
+    port = free_udp_port()
     argv = [f"udpin:127.0.0.1:{port}", "--seconds", "2", "--out", str(tmp_path)]
     hostile = [parameter(BAD.encode()[k : k + 16]) for k in range(0, 40, 8)]
     sender = threading.Timer(0.7, send, ([*hostile, *frames(12.0)], port))

@@ -13,11 +13,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from flights.surgery import split
 from places import SHARED_FLIGHTS as FLIGHTS
 from recorded_flights import recorded
 from sources.tlog_records import run
-
-from yawid.sources.mavlink.framing import frame_size
 
 SHARED = pytest.mark.skipif(not FLIGHTS.is_dir(), reason="the recorded flights are not here")
 
@@ -47,11 +46,8 @@ def boot_s(flight: str | Path) -> Any:
 @cache
 def records(flight: str) -> tuple[Any, Any]:
     """Return stamp and first byte of every record of a log without garbage."""
-    data, at, found = (FLIGHTS / f"{flight}.tlog").read_bytes(), 0, []
-    while (size := frame_size(data[at + 8 : at + 11])) and at + 8 + size <= len(data):
-        found.append((int.from_bytes(data[at : at + 8], "big"), data[at + 8]))
-        at += 8 + size
-    stamps, magics = zip(*found, strict=True)
+    found = split((FLIGHTS / f"{flight}.tlog").read_bytes())
+    stamps, magics = zip(*((stamp, frame[0]) for stamp, frame in found), strict=True)
     return np.array(stamps), np.array(magics)
 
 

@@ -13,6 +13,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
+from checks.children import free_udp_port
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from scipy.signal import lfilter
 
@@ -66,13 +67,6 @@ def tlog_size(sent: list[bytes]) -> int:
     return sum(8 + len(frame) for frame in sent)
 
 
-def free_port() -> int:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        port: int = probe.getsockname()[1]
-        return port
-
-
 class Screen(io.StringIO):
     """The text that a session prints; a test can wait for a part of it."""
 
@@ -116,7 +110,7 @@ def listening(
     **options: object,
 ) -> Iterator[Session]:
     """Run ``live`` until the context ends; ``ended`` has its sessions afterwards."""
-    port = free_port()
+    port = free_udp_port()
     stop, screen, ended = StopFlag(), Screen(), []
     asked = LiveOptions(f"udpin:127.0.0.1:{port}", seconds=600.0)
     asked = replace(asked, **options)
@@ -165,7 +159,7 @@ def attend(folder: Path, then: object, ended: threading.Event | None = None) -> 
 
     ``ended`` is set when the session is over.
     """
-    port, stop, screen = free_port(), StopFlag(), Screen()
+    port, stop, screen = free_udp_port(), StopFlag(), Screen()
 
     def vehicle() -> None:
         screen.wait_for("listening")

@@ -14,8 +14,9 @@ from pkgutil import resolve_name
 from typing import Any
 
 import pytest
+from checks.children import free_udp_port
 from flights.surgery import split
-from live_link import CONFIG, Session, frames, free_port, listening, send, tlog_size, wait_for_size
+from live_link import CONFIG, Session, frames, listening, send, tlog_size, wait_for_size
 
 from yawid.errors import ConfigError
 from yawid.runs.live import LiveOptions, live
@@ -177,7 +178,7 @@ def test_a_screen_that_fails_is_left_for_lines(tmp_path: Path, monkeypatch: pyte
     fail(monkeypatch, "yawid.sinks.terminal.live_page.Page.__rich_console__")
     stream, stop, ended = io.StringIO(), StopFlag(), []
     console = LiveScreen(stream)
-    options = LiveOptions(f"udpin:127.0.0.1:{free_port()}", seconds=600.0)
+    options = LiveOptions(f"udpin:127.0.0.1:{free_udp_port()}", seconds=600.0)
 
     def listen() -> None:
         ended.extend(live(options, CONFIG, Outputs(tmp_path, "live"), stop, console))

@@ -13,7 +13,7 @@ from dataclasses import asdict, replace
 from pathlib import Path
 
 import pytest
-from checks.children import child
+from checks.children import child, free_udp_port
 from finished_runs import messages
 from flights import send_tlog
 from flights.flight import FlightPlan
@@ -23,7 +23,6 @@ from live_link import (
     CONFIG,
     Screen,
     frames,
-    free_port,
     listening,
     send,
     tlog_size,
@@ -120,7 +119,7 @@ def test_rates_are_asked_of_the_vehicle_and_what_came_is_in_the_summary(
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_ends_a_session_with_every_file_finished(number: int, tmp_path: Path):
-    port = free_port()
+    port = free_udp_port()
     arguments = [f"udpin:127.0.0.1:{port}", "--out", str(tmp_path), "--json"]
     with child(
         [sys.executable, "-m", "yawid", "live", *arguments],
@@ -156,7 +155,7 @@ def wait_for_part(folder: Path) -> Path:
 
 
 def test_a_link_nobody_sends_on_has_no_vehicle_and_leaves_no_file(tmp_path: Path):
-    options = LiveOptions(f"udpin:127.0.0.1:{free_port()}", seconds=0.3)
+    options = LiveOptions(f"udpin:127.0.0.1:{free_udp_port()}", seconds=0.3)
     screen = Screen()
 
     [ended] = live(options, RunConfig(), Outputs(tmp_path, "live"), StopFlag(), Console(screen))
@@ -195,7 +194,7 @@ def test_the_line_says_rate_samples_modes_and_losses(tmp_path: Path):
 def test_a_rate_that_the_link_does_not_deliver_ends_the_session_and_keeps_the_recording(
     tmp_path: Path,
 ):
-    sent, port, screen = frames(20.0), free_port(), Screen()
+    sent, port, screen = frames(20.0), free_udp_port(), Screen()
     options = LiveOptions(f"udpin:127.0.0.1:{port}", seconds=600.0)
     config = replace(CONFIG, rate=90.0)
 
@@ -218,7 +217,7 @@ def test_a_rate_that_the_link_does_not_deliver_ends_the_session_and_keeps_the_re
 
 def test_a_folder_that_cannot_be_made_is_refused_before_the_socket_opens(tmp_path: Path):
     (tmp_path / "file").write_text("")
-    options = LiveOptions(f"udpin:127.0.0.1:{free_port()}", seconds=5.0)
+    options = LiveOptions(f"udpin:127.0.0.1:{free_udp_port()}", seconds=5.0)
     with pytest.raises(Exception, match="cannot write"):
         live(options, CONFIG, Outputs(tmp_path / "file", "x"), StopFlag(), Console(Screen()))
 
@@ -288,7 +287,7 @@ def test_a_file_from_which_nothing_can_be_recovered_is_one_line(
 def test_every_vehicle_is_one_json_object_a_line(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ):
-    endpoint = f"udpin:127.0.0.1:{free_port()}"
+    endpoint = f"udpin:127.0.0.1:{free_udp_port()}"
     code = main(
         ["live", endpoint, "--seconds", "0.3", "--sysid", "all", "--json", "--out", str(tmp_path)]
     )

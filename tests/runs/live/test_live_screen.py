@@ -15,7 +15,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from live_link import CONFIG, frames, free_port, send
+from checks.children import free_udp_port
+from live_link import CONFIG, frames, send
 
 from yawid.runs.live import LiveOptions, live
 from yawid.runs.outputs import Outputs
@@ -60,7 +61,7 @@ def terminal(monkeypatch: pytest.MonkeyPatch) -> Iterator[Terminal]:
 def test_the_screen_says_a_dead_link_at_once_and_leaves_the_terminal_clean(
     tmp_path: Path, terminal: Terminal
 ) -> None:
-    port, stop = free_port(), StopFlag()
+    port, stop = free_udp_port(), StopFlag()
     options = LiveOptions(f"udpin:127.0.0.1:{port}", seconds=600.0)
     console = console_for(terminal.stream)
     outputs = Outputs(tmp_path, "live")

@@ -8,11 +8,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from checks.children import free_udp_port
 from live_link import (
     CONFIG,
     Screen,
     frames,
-    free_port,
     listening,
     send,
     tlog_size,
@@ -177,7 +177,7 @@ def test_a_state_of_another_version_is_refused_before_anything_is_received(
     if every_vehicle:
         state.rename(state.with_name("state-1"))
     options = LiveOptions(
-        f"udpin:127.0.0.1:{free_port()}", seconds=0.1, state=state, every_vehicle=every_vehicle
+        f"udpin:127.0.0.1:{free_udp_port()}", seconds=0.1, state=state, every_vehicle=every_vehicle
     )
     screen = Screen()
     with pytest.raises(
@@ -197,7 +197,7 @@ def test_a_state_that_cannot_be_written_is_refused_before_anything_is_received(
 ):
     (tmp_path / "file").write_text("")
     sysid = ["--sysid", "all"] if every_vehicle else []
-    endpoint = f"udpin:127.0.0.1:{free_port()}"
+    endpoint = f"udpin:127.0.0.1:{free_udp_port()}"
     arguments = ["--state", str(tmp_path / place), "--out", str(tmp_path / "out"), *sysid]
     code = main(["live", endpoint, "--seconds", "0.1", *arguments])
     said = capsys.readouterr()

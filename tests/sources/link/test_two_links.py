@@ -8,22 +8,17 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from flightlog import fly, samples_of
+from flights.surgery import join, split
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from sources.tlog_records import BY_NAME, START_US, message, pack, record, rows, run, sender
 
 from yawid.blocks import MessageBlock
-from yawid.sources.mavlink.framing import frame_size
 
 
-def split(data: bytes) -> list[bytes]:
+def records_of(log: bytes) -> list[bytes]:
     """Return the records of an intact log."""
-    records, at = [], 0
-    while at < len(data):
-        size = 8 + (frame_size(data[at + 8 : at + 11]) or 0)
-        records.append(data[at : at + size])
-        at += size
-    return records
+    return [join([each]) for each in split(log)]
 
 
 def doubled(records: list[bytes], most_behind: int, seed: int, drop: float = 0.0) -> list[bytes]:
@@ -69,7 +64,7 @@ def test_a_doubled_stream_gives_the_same_messages_and_counts(behind: int) -> Non
 def test_a_doubled_flight_gives_the_same_samples() -> None:
     log = fly(lambda t: 0.3 * np.sin(2.0 * t), lambda t: 1500 + 100 * (int(t) % 2), 12.0)
     once = samples_of(log.data)
-    both = samples_of(b"".join(doubled(split(log.data), 6, seed=3)))
+    both = samples_of(b"".join(doubled(records_of(log.data), 6, seed=3)))
     assert len(both) == len(once) > 100
     for name in ("k", "boot_us", "u", "y", "held"):
         np.testing.assert_array_equal(getattr(both, name), getattr(once, name))
@@ -174,7 +169,7 @@ def test_a_restart_leaves_no_trace_in_what_follows() -> None:
 
 def test_the_pieces_of_a_live_link_count_as_the_whole() -> None:
     data = b"".join(doubled(vehicle(120), 5, seed=8))
-    edges = np.cumsum([len(rec) for rec in split(data)]).tolist()
+    edges = np.cumsum([len(rec) for rec in records_of(data)]).tolist()
     whole, one_go = run(data)
     pieces, decoder = run(data, [b for _, b in pairwise([0, *edges[:-1]])])
     assert rows(pieces) == rows(whole)

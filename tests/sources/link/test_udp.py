@@ -11,6 +11,7 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
+from checks.children import free_udp_port
 from sources.tlog_records import BY_NAME, message, pack, random_records, rows, run, sender
 
 from yawid.channels.stage import WANTED
@@ -248,7 +249,7 @@ def test_what_the_system_has_no_room_for_is_counted(vehicle: socket.socket) -> N
 
 
 def test_a_group_is_heard_by_everyone_who_joins_it() -> None:
-    endpoint = Endpoint("239.255.145.50", free_port(), "mcast")
+    endpoint = Endpoint("239.255.145.50", free_udp_port(), "mcast")
     with (
         UdpTap(endpoint) as one,
         UdpTap(endpoint) as two,
@@ -262,7 +263,7 @@ def test_a_group_is_heard_by_everyone_who_joins_it() -> None:
 
 
 def test_a_broadcast_is_heard(vehicle: socket.socket) -> None:
-    endpoint = Endpoint("127.255.255.255", free_port(), "udpbcast")
+    endpoint = Endpoint("127.255.255.255", free_udp_port(), "udpbcast")
     vehicle.setsockopt(socket.SOL_SOCKET, socket.SO_BROADCAST, 1)
     with UdpTap(endpoint) as tap:
         vehicle.sendto(FRAMES[0], (endpoint.host, endpoint.port))
@@ -278,13 +279,6 @@ def test_a_peer_that_waits_to_be_spoken_to_answers_the_tap(vehicle: socket.socke
         data, address = vehicle.recvfrom(2048)
         vehicle.sendto(FRAMES[0], address)
         assert (data, heard(tap, 1)[8:]) == (FRAMES[1], FRAMES[0])
-
-
-def free_port() -> int:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        port: int = probe.getsockname()[1]
-        return port
 
 
 def test_stamps_go_on_evenly_when_the_clock_is_set_and_the_jump_is_said_once() -> None:

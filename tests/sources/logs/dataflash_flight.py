@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import hashlib
 import math
 from functools import cache
 from pathlib import Path
 
 import numpy as np
 from flightlog import FlightLog
+from sources.logs import onboard_flight
 from sources.logs.dataflash_writer import DataflashLog
-from sources.logs.onboard_flight import TRAVEL, Flight, flown, telemetry_of
+from sources.logs.onboard_flight import TRAVEL, Flight, flown, telemetry_of, us
 
 from yawid.sources.logs.dataflash import DataflashReader
 
@@ -24,10 +24,6 @@ PARAMETERS = {
     "SERVO4_TRIM": TRAVEL[1],
     "SERVO4_MAX": TRAVEL[2],
 }
-
-
-def us(t_s: float) -> int:
-    return round(1e6 * t_s)
 
 
 def logged(
@@ -84,9 +80,4 @@ def written(folder: Path, data: bytes, name: str = "flight.bin") -> Path:
 
 
 def columns(path: Path) -> dict[str, np.ndarray]:
-    """Return all messages of a log by name, each with its order."""
-    parts: dict[str, list[np.ndarray]] = {}
-    for _, frames in DataflashReader(path).read(hashlib.sha256()):
-        for name, block in (frames.messages if frames else {}).items():
-            parts.setdefault(name, []).append(block.fields)
-    return {name: np.concatenate(found) for name, found in parts.items()}
+    return onboard_flight.columns(DataflashReader(path))

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import hashlib
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from flightlog import FlightLog, Samples
@@ -13,6 +15,19 @@ STEP_S = 0.02
 START_S = 20.0
 WN, ZETA, GAIN = 4.0, 0.3, 0.8
 TRAVEL = (1100, 1500, 1900)
+
+
+def us(t_s: float) -> int:
+    return round(1e6 * t_s)
+
+
+def columns(reader: Any) -> dict[str, np.ndarray]:
+    """Return all messages that the reader of a log yields by name, each with its order."""
+    parts: dict[str, list[np.ndarray]] = {}
+    for _, frames in reader.read(hashlib.sha256()):
+        for name, block in (frames.messages if frames else {}).items():
+            parts.setdefault(name, []).append(block.fields)
+    return {name: np.concatenate(found) for name, found in parts.items()}
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from flightlog import FlightLog, fly, samples_of
+from flights.surgery import split
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from sources.tlog_records import (
@@ -28,17 +29,11 @@ from sources.tlog_records import (
 from yawid.errors import SourceError
 from yawid.sources.logs.bare_frames import Stamper
 from yawid.sources.logs.tlog import check_readable, read_tlog
-from yawid.sources.mavlink.framing import frame_size
 
 
 def bare(log: bytes) -> bytes:
     """Return an intact tlog without its stamps."""
-    frames, at = [], 0
-    while at < len(log):
-        size = frame_size(log[at + 8 : at + 11]) or 0
-        frames.append(log[at + 8 : at + 8 + size])
-        at += 8 + size
-    return b"".join(frames)
+    return b"".join(frame for _, frame in split(log))
 
 
 def stamped(data: bytes, cuts: list[int] | None = None) -> bytes:

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import hashlib
 import math
 from functools import cache
 from pathlib import Path
 
 import numpy as np
 from flightlog import FlightLog
-from sources.logs.onboard_flight import Flight, flown, telemetry_of
+from sources.logs import onboard_flight
+from sources.logs.onboard_flight import Flight, flown, telemetry_of, us
 from sources.logs.ulog_writer import ULogFile
 
 from yawid.sources.logs.ulog import UlogReader
@@ -23,10 +23,6 @@ PARAMETERS = {
     "CA_SV_CS1_TYPE": 4,
     "FW_AIRSPD_TRIM": 18.0,
 }
-
-
-def us(t_s: float) -> int:
-    return round(1e6 * t_s)
 
 
 def quaternion(roll: float, pitch: float, yaw: float) -> tuple[float, ...]:
@@ -83,8 +79,4 @@ def written(folder: Path, data: bytes, name: str = "flight.ulg") -> Path:
 
 
 def columns(path: Path) -> dict[str, np.ndarray]:
-    parts: dict[str, list[np.ndarray]] = {}
-    for _, frames in UlogReader(path).read(hashlib.sha256()):
-        for name, block in (frames.messages if frames else {}).items():
-            parts.setdefault(name, []).append(block.fields)
-    return {name: np.concatenate(found) for name, found in parts.items()}
+    return onboard_flight.columns(UlogReader(path))

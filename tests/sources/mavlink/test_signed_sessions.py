@@ -18,10 +18,10 @@ import numpy as np
 import pytest
 from checks.children import child
 from flightlog import START_US, fly
+from flights.surgery import join, split
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from yawid.cli.main import main
-from yawid.sources.mavlink.framing import frame_size
 
 PASSPHRASE = "correct horse battery staple"
 KEY = hashlib.sha256(PASSPHRASE.encode()).digest()
@@ -38,12 +38,7 @@ def flight() -> list[bytes]:
         attitude_s=0.05,
         servo_s=0.05,
     ).data
-    records, at = [], 0
-    while at < len(data):
-        size = 8 + (frame_size(data[at + 8 : at + 11]) or 0)
-        records.append(data[at : at + size])
-        at += size
-    return records
+    return [join([each]) for each in split(data)]
 
 
 def signed(record: bytes, link: Any) -> bytes:
