@@ -4,7 +4,11 @@ from __future__ import annotations
 
 import pytest
 from hand_flights import four_of_a_flight, manoeuvre, mixed_loops, summary
+from msgspec.structs import replace
 
+from yawid.answers.run_summary import Bare, DutchRoll, TimeConstant, VerdictSummary
+from yawid.dataset.files import table_of
+from yawid.dataset.schema import TABLES
 from yawid.dataset.summary_rows import flight_rows, manoeuvre_rows
 
 
@@ -40,6 +44,27 @@ def test_each_loop_of_a_flight_is_a_row_and_its_headline_the_first() -> None:
     ]
     assert {row["manoeuvres"] for row in rows} == {3}
     assert [row["used"] for row in manoeuvre_rows(mixed_loops())] == [True] * 3
+
+
+def test_the_bare_airframe_is_in_the_rows_of_its_flight_and_of_its_manoeuvre() -> None:
+    usable = VerdictSummary(usable=True, reasons=[])
+    roll = DutchRoll(wn_rad_s=10.3, wn_std=0.2, zeta=0.63, zeta_std=0.02, level=1)
+    bare = Bare(dutch_roll=roll, roll_mode=TimeConstant(0.1, 0.01), airspeed_m_s=22.7,
+                used=[1], verdict=usable)  # fmt: skip
+    refused = Bare(used=[2], verdict=VerdictSummary(usable=False, reasons=[]))
+    two = [replace(manoeuvre(1), lateral=bare), replace(manoeuvre(2), lateral=refused)]
+    run = replace(summary(two, None), bare=bare)
+
+    expected = {
+        "bare_wn_rad_s": 10.3, "bare_wn_std": 0.2, "bare_zeta": 0.63, "bare_zeta_std": 0.02,
+        "bare_level": 1, "bare_roll_mode_s": 0.1, "bare_roll_mode_std": 0.01,
+        "bare_airspeed_m_s": 22.7,
+    }  # fmt: skip
+    first, second = manoeuvre_rows(run)
+    for row in (flight_rows(run, 1, 268.0)[0], first):
+        assert {name: row[name] for name in expected} == expected
+        assert table_of(TABLES["flights"], [{name: row[name] for name in expected}]).num_rows == 1
+    assert not [name for name in second if name.startswith("bare")]
 
 
 def test_of_an_older_file_or_without_a_manoeuvre_there_is_one_row() -> None:

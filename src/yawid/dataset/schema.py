@@ -68,6 +68,17 @@ _OVER_SPEED: Final = _columns(
     NUMBER, "kappa_rad_m", "kappa_std", "kappa_std_noise",
     "K_per_V", "K_per_V_std", "K_per_V_std_noise",
 )  # fmt: skip
+BARE: Final = (
+    ("bare_wn_rad_s", NUMBER, "wn of the bare airframe, rad/s; NULL where it is not known"),
+    ("bare_wn_std", NUMBER, "total sigma"),
+    ("bare_zeta", NUMBER, "zeta of the bare airframe"),
+    ("bare_zeta_std", NUMBER, "total sigma"),
+    ("bare_level", COUNT, "of MIL-F-8785C, 1 to 3, 4 is worse"),
+    ("bare_roll_mode_s", NUMBER, "time constant of the bare airframe's roll mode, s"),
+    ("bare_roll_mode_std", NUMBER, "total sigma"),
+    ("bare_airspeed_m_s", NUMBER, "true airspeed of the bare airframe's numbers, m/s"),
+)
+"""The bare airframe, which ``--lateral auto`` looks for."""
 CONDITION: Final = (
     *_columns(ID, "loop"),
     *_columns(NUMBER, "airspeed_m_s"),
@@ -175,6 +186,7 @@ FLIGHTS: Final = Table(
         *_OVER_SPEED,
         ("between_wn_rad_s", NUMBER, "scatter of wn between manoeuvres"),
         ("between_zeta", NUMBER, "scatter of zeta between manoeuvres"),
+        *BARE,
         ("manoeuvres", COUNT, "found"),
         ("used", COUNTS, "numbers n of those the answer rests on"),
         ("disagree", COUNTS, "numbers n of those left out because they disagree"),
@@ -224,6 +236,7 @@ MANOEUVRES: Final = Table(
         *_OVER_SPEED,
         ("check_wn_rad_s", NUMBER, "wn by the method that checks"),
         ("check_zeta", NUMBER, "zeta by the method that checks"),
+        *BARE,
         *_MODEL,
         ("used", FLAG, "whether the flight's answer for its loop rests on it"),
         *_JUDGED,

@@ -5,6 +5,7 @@ from datetime import datetime
 
 from yawid.answers.part import Part
 from yawid.answers.run_summary import (
+    Bare,
     Flight,
     Manoeuvre,
     MethodSummary,
@@ -32,6 +33,7 @@ def flight_rows(summary: RunSummary, first_us: int | None, duration_s: float | N
         "yaw_source": None if yaw is None else yaw.source,
         "rudder_source": None if rudder is None else rudder.source,
         "rate_hz": None if stream is None else 1.0 / stream.sample_time_s,
+        **_bare(summary.bare),
     }
     if vehicle is not None:
         row |= {"compid": vehicle.compid, "vehicle_type": vehicle.type}
@@ -81,6 +83,7 @@ def manoeuvre_rows(summary: RunSummary) -> Iterator[Row]:
             **_taken(each.orders, ORDERS),
             "date": _us(each.date),
             "used": each.n in summary.used,
+            **_bare(each.lateral),
             **_judged(each.verdict),
         }
         if (answer := each.answer) is not None:
@@ -104,6 +107,23 @@ def _over_speed(each: Manoeuvre, answer: MethodSummary) -> Row:
         row = _value("kappa_rad_m", "kappa", wn, 1.0 / speed)
     gain = (answer.physics or {}).get("K")
     return row | _value("K_per_V", "K_per_V", gain, 1.0 / speed)
+
+
+def _bare(bare: Bare | None) -> Row:
+    """Return the numbers of the bare airframe; none where it is not known."""
+    if bare is None or bare.dutch_roll is None:
+        return {}
+    roll, mode = bare.dutch_roll, bare.roll_mode
+    return {
+        "bare_wn_rad_s": roll.wn_rad_s,
+        "bare_wn_std": roll.wn_std,
+        "bare_zeta": roll.zeta,
+        "bare_zeta_std": roll.zeta_std,
+        "bare_level": roll.level,
+        "bare_roll_mode_s": None if mode is None else mode.time_constant_s,
+        "bare_roll_mode_std": None if mode is None else mode.std,
+        "bare_airspeed_m_s": bare.airspeed_m_s,
+    }
 
 
 def _of_method(method: MethodSummary) -> Row:
