@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import json
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import asdict
 from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pytest
+from finished_runs import messages
 from flightlog import FlightLog
+from flights.surgery import split
 from lateral.flown import AIRSPEED_M_S, COMMAND_STEP_S, DERIVATIVES, airframe, flown, modes
+from live_link import listening, send, tlog_size, wait_for_size
 from msgspec import convert
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
@@ -25,6 +29,8 @@ from yawid.pipeline import Pipeline
 from yawid.report.lateral_picture import free_run, lateral_picture
 from yawid.report.write import report
 from yawid.runs.job import feed_all
+from yawid.runs.outputs import Outputs
+from yawid.runs.replay import StopFlag, replay
 from yawid.sinks.base import Sink
 from yawid.sinks.mcap.reader import open_run
 from yawid.sources.open_log import TlogBytes
@@ -172,6 +178,37 @@ def test_a_yaw_damper_that_becomes_known_later_refuses_what_was_found():
     gains.append("YAW2SRV_DAMP 0.5")
 
     assert not laterals.told()[1].verdict.usable
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("damper", [False, True])
+def test_a_session_on_a_socket_and_the_replay_of_its_tlog_have_the_same_airframe(
+    damper: bool, tmp_path: Path
+):
+    sent = [frame for _, frame in split(log(damper=damper))]
+    config = RunConfig(lateral="auto", servo_lag=0.0)
+    with listening(tmp_path, config, Outputs(tmp_path, "live")) as session:
+        send(sent, session.port)
+        wait_for_size(session.part("tlog"), tlog_size(sent))
+    [ended] = session.ended
+    live, outputs = ended.summary, Outputs(tmp_path, "again")
+    again, _ = replay(tmp_path / "live.tlog", asdict(config), outputs, StopFlag())
+
+    assert live.bare is not None
+    assert live.bare.verdict.usable != damper
+    assert live.bare == again.bare
+    assert live.manoeuvres == again.manoeuvres
+    written = [
+        [each for each in messages(tmp_path / f"{name}.mcap") if each[0] == "/yawid/lateral"]
+        for name in ("live", "again")
+    ]
+    assert len(written[0]) == 3
+    assert sorted(written[0]) == sorted(written[1])
+    assert live.live is not None
+    said = [line for line in live.live.events if ", the bare airframe" in line]
+    assert len(said) == 3
+    refused = ["is not known: the yaw damper (YAW2SRV_DAMP 0.5) moves" in line for line in said]
+    assert refused == [damper] * 3
 
 
 def test_after_a_reboot_the_motion_is_that_of_its_own_boot():

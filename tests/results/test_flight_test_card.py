@@ -116,6 +116,15 @@ def test_manoeuvres_that_disagree_give_no_answer_but_a_reason():
     assert card.lacks[0].startswith("manoeuvres_disagree: manoeuvre 2")
 
 
+def test_where_every_manoeuvre_had_a_roll_loop_it_asks_for_an_aileron_doublet():
+    loops = {manoeuvre.loop for manoeuvre in four_of_a_flight().manoeuvres or ()}
+    page = " ".join(" ".join(page_of(four_of_a_flight(), card_of(four_of_a_flight()))).split())
+
+    assert loops == {"with_roll_loop"}
+    assert "one with an aileron doublet after the rudder's" in page
+    assert "--lateral auto" in page
+
+
 @pytest.mark.parametrize("autopilot", [3, 12, 0, None])
 @pytest.mark.parametrize("make", [none_usable, forty])
 def test_it_is_one_page_of_80_columns_and_60_lines(make, autopilot: int | None):

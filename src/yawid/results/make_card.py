@@ -354,7 +354,10 @@ def _lacks(summary: RunSummary, used: Sequence[Manoeuvre]) -> Iterator[str]:
     if loops == {"unknown"}:
         yield "whose answer it is: the flight mode is not known"
     elif used and "airframe" not in loops:
-        yield "the bare airframe: no manoeuvre was flown without a roll loop"
+        yield (
+            "the bare airframe: fly a manoeuvre without the roll loop, or one with an aileron "
+            "doublet after the rudder's, and replay it with --lateral auto"
+        )
     if used and _spread(used) < APART:
         yield "how wn varies with the airspeed: all manoeuvres are at one"
     if used and len(used) < MANOEUVRES:
