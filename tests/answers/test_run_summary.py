@@ -24,7 +24,7 @@ def estimate(theta: dict[str, Any], roll: DutchRoll | None = None) -> MethodSumm
     "path", sorted(REPLAY_LOGS.glob("*/expected.json")), ids=lambda p: p.parent.name
 )
 def test_every_reference_comes_back_with_its_keys_in_their_order(path: Path):
-    before = {"log": "log.tlog"} | json.loads(path.read_text())
+    before = {"log": "log.tlog"} | json.loads(path.read_text(encoding="utf-8"))
     data = json.dumps(before)
 
     assert json.dumps(RunSummary.from_json(data.encode()).to_json()) == data

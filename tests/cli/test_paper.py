@@ -14,7 +14,7 @@ from yawid.cli.main import main
 
 def write(path: Path, function, seconds: float = 20.0) -> Path:
     rows = [f"{0.05 * i},{function(0.05 * i):.9g}" for i in range(round(seconds / 0.05))]
-    path.write_text("t,y\n" + "\n".join(rows) + "\n")
+    path.write_text("t,y\n" + "\n".join(rows) + "\n", encoding="utf-8")
     return path
 
 

@@ -50,7 +50,7 @@ def test_a_url_where_a_path_is_needed_is_one_line_with_what_to_do(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    Path("options.toml").write_text(f'out = "{url}"\n')
+    Path("options.toml").write_text(f'out = "{url}"\n', encoding="utf-8")
     meant = {"URL": url, "LOG": str(C172P), "RUN": "run.mcap", "CONFIG": "options.toml"}
 
     with pytest.raises(SystemExit) as ended:

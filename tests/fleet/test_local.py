@@ -30,12 +30,12 @@ def listening(processes: list[psutil.Process]) -> list[str]:
                 continue  # closed meanwhile
     found = []
     for name in ("tcp", "tcp6", "udp", "udp6"):
-        for line in Path(f"/proc/net/{name}").read_text().splitlines()[1:]:
+        for line in Path(f"/proc/net/{name}").read_text(encoding="utf-8").splitlines()[1:]:
             field = line.split()
             is_open = name.startswith("udp") or field[3] == LISTENS_TCP
             if is_open and f"socket:[{field[9]}]" in own:
                 found.append(f"{name} {field[1]}")
-    for line in Path("/proc/net/unix").read_text().splitlines()[1:]:
+    for line in Path("/proc/net/unix").read_text(encoding="utf-8").splitlines()[1:]:
         field = line.split()
         if int(field[3], 16) & ACCEPTS_UNIX and f"socket:[{field[6]}]" in own:
             found.append(f"unix {field[7:]}")

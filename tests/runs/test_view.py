@@ -244,7 +244,7 @@ def test_a_program_that_is_not_here_is_named_with_its_layout_and_one_that_is_is_
     assert str(run) in capsys.readouterr().out
     *options, file = (tmp_path / "told").read_text().split()
     assert options == (["--nosplash", "--layout"] if viewer == "plotjuggler" else [])
-    assert str(run) in (Path(file).read_text() if options else file)
+    assert str(run) in (Path(file).read_text(encoding="utf-8") if options else file)
     program.write_text("#!/bin/sh\nexit 3\n")
     assert main(["view", str(run), "--in", viewer]) == 6
     assert main(["view", str(run), "--in", viewer, "--save", "x.rrd"]) == 2

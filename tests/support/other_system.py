@@ -9,9 +9,10 @@ from __future__ import annotations
 import builtins
 import os
 import shutil
+import sys
 from collections.abc import Mapping
 from pathlib import Path
-from types import ModuleType
+from types import ModuleType, SimpleNamespace
 from typing import Any
 
 PLATFORM = "YAWID_TEST_PLATFORM"
@@ -71,7 +72,9 @@ class _View(ModuleType):
 def _own_names(platform: str) -> dict[str, dict[str, Any]]:
     own: dict[str, dict[str, Any]] = {"sys": {"platform": platform}}
     if platform == "win32":
+        kernel = SimpleNamespace(GetStdHandle=abs, GetConsoleMode=lambda *_: 0)  # no console
         own |= {"os": {"name": "nt", "O_BINARY": 0}, "socket": {"socket": _windows_socket()}}
+        own["ctypes"] = {"windll": SimpleNamespace(kernel32=kernel)}
     return own
 
 
@@ -119,10 +122,22 @@ def _msvcrt() -> ModuleType:
     return module
 
 
+def _refuse_open_files(event: str, arguments: Any) -> None:
+    """Refuse what Windows does: to rename or remove a file that this process has open."""
+    if event not in {"os.rename", "os.remove"}:
+        return
+    paths = {Path(each).resolve() for each in arguments[:2] if isinstance(each, str | os.PathLike)}
+    for descriptor in Path("/proc/self/fd").iterdir():
+        if descriptor.is_symlink() and (name := descriptor.readlink()) in paths:
+            raise PermissionError(13, "the file is used by this process (WinError 32)", str(name))
+
+
 def _put_on(platform: str) -> None:
     """Have import statements in yawid's files give views."""
     import subprocess  # noqa: F401 # it must not find msvcrt
 
+    if platform == "win32":
+        sys.addaudithook(_refuse_open_files)
     no_modules, no_names, own = NO_MODULES[platform], NO_NAMES[platform], _own_names(platform)
     views: dict[str, ModuleType] = {"msvcrt": _msvcrt()} if platform == "win32" else {}
     real = builtins.__import__

@@ -138,6 +138,6 @@ def test_the_time_of_a_log_without_a_date_is_unknown_and_not_1970(tmp_path: Path
     assert len(table) > 100
     assert table["time"].null_count == len(table)
     assert table["t"].null_count == 0
-    with Path(f"{mcap}.csv").open(newline="") as stream:
+    with Path(f"{mcap}.csv").open(encoding="utf-8", newline="") as stream:
         head, _, *rows = csv.reader(stream)
     assert {row[head.index("time")] for row in rows} == {""}

@@ -1,6 +1,6 @@
 """Installs yawid as users do and replays a flight with it; tools/check.py --long runs this.
 
-    python -m checks.check_install [tag built oldest newest pythons aarch64]
+    python -m checks.check_install [tag built oldest newest pythons platforms]
 
 The steps, all of which run if none is named:
 tag: a commit with a tag vX.Y.Z has that version in version.py, and a page of changes that says so.
@@ -10,7 +10,7 @@ oldest: the cases of replay_logs/ and some tests pass with the oldest libraries 
 allows.
 newest: the newest numba and llvmlite that it allows compile the estimators, whose tests pass.
 pythons: the wheel works with each newer Python on the PATH.
-aarch64: every library has a wheel for it.
+platforms: every library, those of the extras as well, has a wheel for aarch64, Windows and macOS.
 They need the package registry and some minutes.
 """
 
@@ -50,13 +50,19 @@ OF_COMPILED = ("tests/estimation",)
 OLDEST = (3, 11)
 NEWER = ("3.12", "3.13")
 WHEELS_ONLY = "--only-binary=:all:"
-AARCH64 = ("manylinux_2_28_aarch64", "manylinux_2_17_aarch64", "manylinux2014_aarch64")
+PLATFORMS = {
+    "aarch64": ("manylinux_2_28_aarch64", "manylinux_2_17_aarch64", "manylinux2014_aarch64"),
+    "Windows": ("win_amd64",),
+    "macOS 12": ("macosx_12_0_arm64",),
+}
+"""The platforms without a machine to try them on, by the names that pip has for them."""
+EXTRAS = "ulog,serial,fleet"
 
 
 def main() -> int:
     """Run the steps that are named; return 1 if one of them fails."""
     steps = {"tag": tag, "built": built, "oldest": oldest, "newest": newest}
-    steps |= {"pythons": pythons, "aarch64": aarch64}
+    steps |= {"pythons": pythons, "platforms": platforms}
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("steps", nargs="*", metavar="STEP", help=f"{', '.join(steps)} (all)")
     names = parser.parse_args().steps or list(steps)
@@ -130,7 +136,7 @@ def oldest(wheel: Path, scratch: Path) -> str:
     if sys.version_info[:2] != OLDEST:
         return "not tried: the oldest libraries have wheels for the oldest Python only"
     constraints = scratch / "oldest.txt"
-    constraints.write_text("\n".join(oldest_allowed()))
+    constraints.write_text("\n".join(oldest_allowed()), encoding="utf-8")
     python = environment(scratch / "oldest", sys.executable)
     install(python, wheel, "--constraint", constraints)
     clone = scratch / "clone"  # a case that fails writes a picture into its folder
@@ -145,7 +151,7 @@ def newest(wheel: Path, scratch: Path) -> str:
     install an older pair that matches.
     """
     constraints = scratch / "newest.txt"
-    constraints.write_text("\n".join(newest_allowed()))
+    constraints.write_text("\n".join(newest_allowed()), encoding="utf-8")
     python = environment(scratch / "newest", sys.executable)
     install(python, wheel, "--constraint", constraints)
     os.environ["XDG_CACHE_HOME"] = str(scratch / "cache")  # where no code is kept by others
@@ -167,7 +173,7 @@ def tested(python: Path, scratch: Path, tests: Sequence[str]) -> str:
 
 def required() -> list[str]:
     """Return the requirements of pyproject.toml."""
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     return list(project["dependencies"])
 
 
@@ -205,17 +211,22 @@ def works(interpreter: str) -> bool:
     return subprocess.run([interpreter, "-c", ""], capture_output=True, check=False).returncode == 0
 
 
-def aarch64(wheel: Path, scratch: Path) -> str:
-    """Check that pip finds wheels of all libraries for a companion computer (aarch64)."""
-    report = scratch / "aarch64.json"
-    platforms = [word for name in AARCH64 for word in ("--platform", name)]
-    target = ("--target", scratch / "aarch64", "--dry-run", "--report", report, "--quiet")
+def platforms(wheel: Path, scratch: Path) -> str:
+    """Check that pip finds wheels of all libraries for each of ``PLATFORMS`` and each Python.
+
+    pip judges the markers of requirements by the Python that runs it, not by the other platform.
+    """
+    report, found = scratch / "report.json", []
+    target = ("--target", scratch / "nowhere", "--dry-run", "--report", report, "--quiet")
     versions = (f"3.{sys.version_info.minor}", *NEWER)
-    for version in versions:
-        python = ("--python-version", version, WHEELS_ONLY)
-        run(sys.executable, "-m", "pip", "install", *platforms, *python, *target, wheel)
-    names = [each["metadata"]["name"] for each in json.loads(report.read_text())["install"]]
-    return f"{len(names)} wheels for each of Python {', '.join(versions)}"
+    for platform, names in PLATFORMS.items():
+        given = [word for name in names for word in ("--platform", name)]
+        for version in versions:
+            options = (*given, "--python-version", version, WHEELS_ONLY, *target)
+            run(sys.executable, "-m", "pip", "install", *options, f"{wheel}[{EXTRAS}]")
+        wheels = json.loads(report.read_text(encoding="utf-8"))["install"]
+        found.append(f"{platform}: {len(wheels)} wheels")
+    return f"{'; '.join(found)}, for each of Python {', '.join(versions)}"
 
 
 def environment(folder: Path, interpreter: str) -> Path:

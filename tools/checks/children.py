@@ -107,6 +107,6 @@ def free_udp_port() -> int:
 
 def resident_mb(pid: int | str = "self") -> float:
     """Return the memory in MB that a process has now, without pages that belong to files."""
-    text = Path(f"/proc/{pid}/status").read_text()
+    text = Path(f"/proc/{pid}/status").read_text(encoding="utf-8")
     match = re.search(r"RssAnon:\s+(\d+) kB", text)
     return math.nan if match is None else int(match[1]) / 1024.0

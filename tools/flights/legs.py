@@ -197,7 +197,7 @@ def read_plan(name: str) -> LegPlan:
     if path.suffix != ".toml":
         raise ValueError(f"--plan must be a .toml file or one of {', '.join(PLANS)}, got {name!r}")
     try:
-        found = tomllib.loads(path.read_text())
+        found = tomllib.loads(path.read_text(encoding="utf-8"))
         legs = tuple(Leg(**leg) for leg in found.pop("leg", []))
         return LegPlan(**found, legs=legs)
     except (TypeError, tomllib.TOMLDecodeError) as error:

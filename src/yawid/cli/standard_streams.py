@@ -7,6 +7,7 @@ import sys
 
 from yawid.errors import SinkError
 from yawid.sinks.door import mute
+from yawid.system.consoles import show_escapes
 
 PLAIN = {"±": "+-", "ω": "w", "ζ": "zeta", "σ": "sigma", "²": "2", "–": "-", "…": "..."}
 """What is printed for these characters on a terminal that cannot show them."""
@@ -29,6 +30,7 @@ def make_ready() -> None:
         raise SinkError(
             "stdout is closed, so the answer would be lost: send it to a file, or to /dev/null"
         )
+    show_escapes()
 
 
 def hush(library: str) -> None:

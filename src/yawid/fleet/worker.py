@@ -179,8 +179,10 @@ def warm() -> None:
     If that fails, each child compiles for itself or runs slowly; a logged line gives the reason.
     """
     command = [sys.executable, "-m", "yawid", "warm"]
-    pipe = subprocess.PIPE
-    done = subprocess.run(command, stdout=subprocess.DEVNULL, stderr=pipe, text=True, check=False)
+    done = subprocess.run(
+        command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, errors="replace",
+        check=False,
+    )  # fmt: skip
     if done.returncode == YawidError.exit_code and (said := done.stderr.strip()):
         logging.getLogger(__name__).warning("%s", said.splitlines()[-1])
 

@@ -31,7 +31,7 @@ def rows_of(path: Path, head: str, cells: str, asked: Asked | None = None) -> Re
     """A record of four rows that are alike, but for the time, the rudder and the yaw rate"""
     lines = [f"t,rudder [half-travel],r [rad/s],{head}"]
     lines += [f"{0.02 * k:.2f},{0.1 * k},{0.2 * k},{cells}" for k in range(4)]
-    path.write_text("\n".join(lines))
+    path.write_text("\n".join(lines), encoding="utf-8")
     record = Log(path, ()).record
     assert record is not None
     record.settle(asked or Asked())

@@ -25,7 +25,7 @@ RIGHT = "--rudder-sign", "nose-right"
 def written(path: Path, column: str, cells: list[Any]) -> Path:
     rows = zip(T, np.sin(T), np.cos(T), cells, strict=True)
     lines = [f"{t:.2f},{u:.3f},{r:.3f},{cell}" for t, u, r, cell in rows]
-    path.write_text("\n".join([f"t,rudder_deg,r_deg_s,{column}", *lines]) + "\n")
+    path.write_text("\n".join([f"t,rudder_deg,r_deg_s,{column}", *lines]) + "\n", encoding="utf-8")
     return path
 
 

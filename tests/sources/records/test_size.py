@@ -24,7 +24,7 @@ CODE = (
 
 def written(path: Path, rows: int) -> Path:
     """Write a record of 50 rows a second, a hundred thousand at a time."""
-    with path.open("w") as file:
+    with path.open("w", encoding="utf-8") as file:
         file.write("t,rudder_deg,r_deg_s\n")
         for first in range(0, rows, 100_000):
             t = 0.02 * np.arange(first, min(first + 100_000, rows))
