@@ -44,6 +44,35 @@ def test_losses_are_gaps_of_the_sequence(seqs: list[int], lost: int) -> None:
     assert stats(beats(seqs)).lost == lost
 
 
+@pytest.mark.parametrize("cuts", [[], [400], list(range(100, 9000, 100))])
+@pytest.mark.parametrize(
+    ("skipped", "slowly", "lost"),
+    [
+        ((155, 196, 153), 1.0, 155 + 196 + 153),  # each takes as long as its frames would have
+        ((155, 196, 153), 1.8, 155 + 196 + 153),
+        ((155, 196, 153), 0.2, 0),  # too short for so many: the sender started again
+        ((155, 196, 153), 3.0, 0),  # too long
+        ((100, 155), 1.0, 255),
+        ((235, 100), 1.0, 100),  # a step of 236 is one back by 20
+    ],
+)
+def test_a_jump_is_a_loss_if_it_took_as_long_as_the_frames(
+    skipped: tuple[int, ...], slowly: float, lost: int, cuts: list[int]
+) -> None:
+    """Frames every 2 ms, 70 between two losses."""
+    seq, at_us, data = 0, START_US, b""
+    link = sender(1, 1)
+    for missing in (*skipped, 0):
+        for _ in range(70):
+            beat = BY_NAME["HEARTBEAT"](1, 3, 0, seq, 4, 3)  # no two are the same to the byte
+            data += record(at_us, pack(beat, link, seq=seq % 256))
+            seq, at_us = seq + 1, at_us + 2000
+        seq, at_us = seq + missing, at_us + round(2000 * missing * slowly)
+
+    _, decoder = run(data, cuts=cuts)
+    assert decoder.link.lost == lost
+
+
 def test_each_sender_has_its_own_sequence() -> None:
     vehicle, radio = beats([0, 1, 3]), beats([90, 91, 95], sysid=51, compid=68, kind=0)
     link = stats([frame for pair in zip(vehicle, radio, strict=True) for frame in pair])

@@ -8,7 +8,9 @@ from yawid.blocks import Bools, Bytes, Columns, Ints
 from yawid.sources.mavlink.framing import Frames
 
 _CYCLE = 256
-_LONGEST = 128  # a larger step of the sequence is a restart, not a loss
+_LONGEST = 128  # a larger step of the sequence is a restart, unless the time it took fits a loss
+_FITS = 2.0  # it fits if it is that of the lost frames within this factor
+_MOST_JUMPS = 1000  # further ones count as restarts
 _LATE = 32  # a step back by up to this much is a frame that came late, by more a restart
 _TWICE_WITHIN_US = 2_000_000  # the longest time between a frame and its duplicate
 _WORD = 8
@@ -34,8 +36,9 @@ class SenderCount:
 
     If two links carry the same vehicle, each frame comes twice. A frame is a duplicate if the last
     one of its sequence number was the same to the byte, not a whole turn of the sequence away, and
-    within 2 s. The frame that came first counts. MAVProxy writes the link's number into the two low
-    bits of the stamp; they are left as they are, so that a stamp may be 3 us off.
+    within 2 s. The frame that came first counts. ``lost`` has the frames that steps of up to 128
+    left out, :meth:`lost_in_jumps` those of larger ones. MAVProxy writes the link's number into the
+    two low bits of the stamp; they are left as they are, so that a stamp may be 3 us off.
     """
 
     def __init__(self) -> None:
@@ -44,6 +47,9 @@ class SenderCount:
         self.duplicates = 0
         self.rejected = 0
         self._last_kept: int | None = None
+        self._last_kept_us = 0
+        self._steady_us = self._steady_frames = 0  # of all steps up to 128
+        self._jumps: list[tuple[int, int]] = []  # larger ones: frames left out, time in us
         self._last: int | None = None
         self._place = 0  # the last frame's sequence number, counted on past 255
         self._highest = -1
@@ -57,12 +63,12 @@ class SenderCount:
         is_new = None
         self.frames += len(steps)
         if goes_on:
-            self._count_lost(own.sequence, None)
+            self._count_lost(own.sequence, own.stamps, None)
         else:
             is_taken, is_twice = self._compare(data, own, place)
             is_new = ~is_twice
             self.duplicates += int(is_twice.sum())
-            self._count_lost(own.sequence[is_new], is_taken[is_new])
+            self._count_lost(own.sequence[is_new], own.stamps[is_new], is_taken[is_new])
         self._remember(data, own, place, goes_on=goes_on)
         return None if is_new is None or is_new.all() else is_new
 
@@ -83,16 +89,36 @@ class SenderCount:
         """Count frames for which :meth:`goes_on` holds, like :meth:`add`."""
         assert self._last is not None
         for number, stamp, frame in zip(sequence, stamps, frames, strict=True):
-            missing = -1 if self._last_kept is None else (number - self._last_kept) % _CYCLE - 1
-            if 0 < missing < _LONGEST:
-                self.lost += missing
+            assert self._last_kept is not None
+            step = (number - self._last_kept) % _CYCLE
+            if 0 < step <= _LONGEST:
+                self.lost += step - 1
+                self._steady_frames += step
+                self._steady_us += stamp - self._last_kept_us
+            elif _LONGEST < step < _CYCLE - _LATE:
+                self._jump(step - 1, stamp - self._last_kept_us)
+            self._last_kept_us = stamp
             self._place += (number - self._last) % _CYCLE
             self._last = self._last_kept = number
             self._recent[number] = self._place, stamp, frame
         self._highest = self._place
         self.frames += len(sequence)
 
-    def _count_lost(self, sequence: Bytes, is_taken: Bools | None) -> None:
+    def lost_in_jumps(self) -> int:
+        """Return how many frames were left out by steps of more than 128 whose time fits a loss.
+
+        A frame takes as long as in the mean over all smaller steps.
+        """
+        if self._steady_us <= 0:
+            return 0
+        per_us = self._steady_frames / self._steady_us
+        return sum(n for n, us in self._jumps if n / _FITS <= us * per_us <= n * _FITS)
+
+    def _jump(self, missing: int, took_us: int) -> None:
+        if len(self._jumps) < _MOST_JUMPS:
+            self._jumps.append((missing, took_us))
+
+    def _count_lost(self, sequence: Bytes, stamps: Ints, is_taken: Bools | None) -> None:
         """Count the frames that the steps of the sequence leave out.
 
         A frame that comes late was counted as missing before. A frame whose place ``is_taken``
@@ -101,11 +127,18 @@ class SenderCount:
         if not len(sequence):
             return
         steps = _steps(sequence, self._last_kept).astype(np.int64)
-        self.lost += int((steps[(steps > 0) & (steps <= _LONGEST)] - 1).sum())
+        before_us = stamps[0] if self._last_kept is None else self._last_kept_us
+        took_us = np.diff(stamps, prepend=before_us)
+        is_small = (steps > 0) & (steps <= _LONGEST)
+        self.lost += int((steps[is_small] - 1).sum())
+        self._steady_frames += int(steps[is_small].sum())
+        self._steady_us += int(took_us[is_small].sum())
+        for row in np.flatnonzero((steps > _LONGEST) & (steps < _CYCLE - _LATE)).tolist():
+            self._jump(int(steps[row]) - 1, int(took_us[row]))
         if is_taken is not None:
             back = _CYCLE - steps[~is_taken]
             self.lost -= int((back[back <= _LATE] + 1).sum())
-        self._last_kept = int(sequence[-1])
+        self._last_kept, self._last_kept_us = int(sequence[-1]), int(stamps[-1])
 
     def _compare(self, data: bytes, own: Records, place: Ints) -> tuple[Bools, Bools]:
         """Return which frames (n,) have the place of an earlier one, and which equal that one."""

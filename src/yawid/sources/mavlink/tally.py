@@ -133,7 +133,8 @@ class Tally:
         by_sender = {}
         for key, sender in sorted(self._senders.items()):
             is_ground = key >> 8 == GCS_SYSID or key in self._ground
-            frames, lost = sender.frames + sender.rejected, 0 if is_ground else max(sender.lost, 0)
+            frames = sender.frames + sender.rejected
+            lost = 0 if is_ground else max(sender.lost, 0) + sender.lost_in_jumps()
             passed = bad_crc.get(key, 0), unknown.get(key, 0)
             counted = SenderStats(frames, lost, sender.duplicates, sender.rejected, *passed)
             by_sender[divmod(key, 256)] = counted
