@@ -165,7 +165,7 @@ def test_a_name_that_is_no_text_is_printed_as_its_bytes(folder: Path, tmp_path: 
 
 
 @pytest.mark.parametrize(("takes", "term"), [(1, "xterm"), (0, "dumb")])
-def test_a_console_of_windows_is_told_to_show_escape_sequences(
+def test_a_console_of_windows_is_set_to_show_escape_sequences(
     monkeypatch: pytest.MonkeyPatch, takes: int, term: str
 ) -> None:
     """A stand-in for the calls of Windows: stdout is a console, stderr a file."""

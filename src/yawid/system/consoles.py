@@ -1,4 +1,4 @@
-"""Consoles: one of Windows shows escape sequences (colours, the live screen) only if told to."""
+"""Consoles: one of Windows shows escape sequences (colours, the live screen) only if set to do so."""
 
 import os
 import sys
