@@ -1,4 +1,4 @@
-"""Consoles: one of Windows shows escape sequences (colours, the live screen) only if set to do so."""
+"""Consoles: one of Windows shows escape sequences (colours, the live screen) only when set to."""
 
 import os
 import sys
