@@ -63,6 +63,20 @@ class FlownGain(Part, frozen=True, kw_only=True):
     agrees: bool | None = None
 
 
+class Mix(Part, frozen=True, kw_only=True):
+    """The part of the aileron that the rudder needs, and the one flown, in the autopilot's unit.
+
+    ``value`` is None where it is not known: ``text`` says why, or what the value means.
+    """
+
+    parameter: str
+    flown: Number | None = None
+    value: Number | None = None
+    std: Number | None = None
+    airspeed_m_s: Positive | None = None
+    text: str
+
+
 class DamperReport(Part, frozen=True, kw_only=True):
     """The gains of a yaw damper and what each of them gives; a prediction, to be flown in steps.
 
@@ -77,5 +91,6 @@ class DamperReport(Part, frozen=True, kw_only=True):
     loop_rate_hz: Positive | None = None
     gains: list[DamperGain]
     recommended: Recommended | None = None
+    mix: Mix | None = None
     says: list[str]
     verdict: VerdictSummary

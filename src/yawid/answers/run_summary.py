@@ -203,6 +203,7 @@ class Bare(Part, frozen=True, kw_only=True):
     spiral: TimeConstant | None = None
     derivatives: dict[str, Value] | None = None
     servo_lag_s: Value | None = None
+    rudder_mix: Value | None = None
     gust_std_rad: Number | None = None
     whiteness_rho1: Number | None = None
     airspeed_m_s: Number | None = None

@@ -66,7 +66,8 @@ class Autopilot:
     ``gain`` is the parameter that is advised, ``loop_rate`` the one with the loop's rate in Hz.
     ``needs`` returns the parameters that the loop needs, each by its newest name with older ones
     after it. ``against`` returns why the loop cannot be modelled, ``law`` the loop at an airspeed
-    in m/s, ``turn`` is the parameter of the turn's term, None without one.
+    in m/s, ``turn`` is the parameter of the turn's term, None without one. ``mix`` is the part of
+    the aileron that the rudder gets.
     """
 
     name: str
@@ -79,6 +80,7 @@ class Autopilot:
     scaling: Callable[[Parameters, float], float]
     law: Callable[[Parameters, float], Law]
     turn: str | None
+    mix: str
 
 
 def first(values: Parameters, names: tuple[str, ...]) -> float | None:
@@ -154,11 +156,11 @@ AUTOPILOTS: Final = {
         Autopilot(
             "ardupilot", "ArduPlane", ARDUPILOT, "YAW2SRV_DAMP", "SCHED_LOOP_RATE",
             lambda values: (("YAW2SRV_DAMP",), SCALING, LOWEST, HIGHEST),
-            _arduplane_against, _arduplane_scaling, _arduplane_law, "YAW2SRV_RLL",
+            _arduplane_against, _arduplane_scaling, _arduplane_law, "YAW2SRV_RLL", "KFF_RDDRMIX",
         ),
         Autopilot(
             "px4", "PX4", PX4, "FW_YR_P", "IMU_GYRO_RATEMAX",
-            _px4_needs, _px4_against, _px4_scaling, _px4_law, None,
+            _px4_needs, _px4_against, _px4_scaling, _px4_law, None, "FW_RLL_TO_YAW_FF",
         ),
     )
 }  # fmt: skip

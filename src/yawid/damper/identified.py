@@ -45,9 +45,13 @@ class Facts:
         airspeeds_m_s: Sequence[float],
     ) -> list[Law]:  # fmt: skip
         """Return the damper at each airspeed, for the unit that this run's rudder has."""
-        unit = radians(self.config.rudder_max_deg) if self.config.rudder_max_deg else 1.0
         laws = [law_at(autopilot, known, loop_hz, speed) for speed in airspeeds_m_s]
-        return [replace(law, scaling=law.scaling * unit) for law in laws]
+        return [replace(law, scaling=law.scaling * self.rudder_unit) for law in laws]
+
+    @property
+    def rudder_unit(self) -> float:
+        """Half the rudder's travel, in the unit of its channel."""
+        return radians(self.config.rudder_max_deg) if self.config.rudder_max_deg else 1.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -21,6 +21,7 @@ from yawid.damper.advice import (
 )
 from yawid.damper.autopilots import AUTOPILOTS, Autopilot
 from yawid.damper.identified import Facts, few, identified
+from yawid.damper.mix import mix_of
 from yawid.damper.refusals import (
     EXIT_CODES,
     Refused,
@@ -97,6 +98,7 @@ def study(facts: Facts, asked: Asked) -> Study:
         flight = usable_flight(facts.summary)
         autopilot = autopilot_of(facts.summary, asked.autopilot)
         said |= {"autopilot": autopilot.words, "parameter": autopilot.gain}
+        said["mix"] = mix_of(facts.summary, autopilot, known.get(autopilot.mix), facts.rudder_unit)
         check_input(facts.summary, facts.config)
         loop_hz = asked.loop_rate_hz or known.get(autopilot.loop_rate, 0.0)
         check_loop(autopilot, known, loop_hz)

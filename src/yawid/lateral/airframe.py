@@ -44,6 +44,8 @@ class Airframe:
     servo_lag_s: Known
     delay_s: Known
     roll_delay_s: Known
+    rudder_mix: Known
+    """The rudder per aileron that rolls with the least sideslip."""
     gust_std_rad: float
     rho1: float
     airspeed_m_s: float

@@ -11,6 +11,7 @@ from yawid.lateral.airframe import Airframe, Known
 from yawid.lateral.criterion import Criterion
 from yawid.lateral.fit import Fit, fit, guess_from
 from yawid.lateral.gates import failed_gates
+from yawid.lateral.mix import rudder_mixes
 from yawid.lateral.model import AT, DERIVATIVES, NAMES, modes
 from yawid.lateral.motion import Motion
 from yawid.lateral.record import Record
@@ -95,18 +96,29 @@ def _airframe(fits: Sequence[Fit], records: Sequence[Record], airspeed_m_s: floa
     by_name["Y_beta"] = by_name["log_Y_beta"]
     for name in {"L_delta_a", "N_delta_a"} - set(best.of.names):
         by_name[name] = Known()
+    mix = _mix(best, airspeed_m_s) if np.isfinite(by_name["N_delta_a"].value) else Known()
     gust = math.exp(by_name["log_gust"].value) * best.noise_scale
     return Airframe(
         wn_rad_s=wn, zeta=zeta, roll_s=_time_constant(roll), spiral_s=_time_constant(spiral),
         derivatives={name: by_name[name] for name in DERIVATIVES},
         servo_lag_s=by_name["servo_lag"], delay_s=by_name["delay"],
-        roll_delay_s=by_name["roll_delay"], gust_std_rad=gust,
+        roll_delay_s=by_name["roll_delay"], rudder_mix=mix, gust_std_rad=gust,
         rho1=autocorrelation(best.errors, records),
         airspeed_m_s=airspeed_m_s, aileron_fed_back=max(each.fed_back for each in records),
         names=best.of.names, theta=best.x * best.of.scale,
         covariance=best.covariance * np.outer(best.of.scale, best.of.scale),
         criterion=best.criterion,
     )  # fmt: skip
+
+
+def _mix(found: Fit, airspeed_m_s: float) -> Known:
+    """Return the rudder mix; its sigma also has the scatter between rolls of different lengths."""
+    points = np.vstack([found.x, found.x + _STEP * np.eye(len(found.x))])
+    rolls = rudder_mixes(found.of.theta(points), airspeed_m_s)
+    mixes = rolls.mean(axis=1)
+    slopes = (mixes[1:] - mixes[0]) / _STEP
+    variance = slopes @ found.covariance @ slopes + np.var(rolls[0], ddof=1)
+    return Known(float(mixes[0]), math.sqrt(max(float(variance), 0.0)))
 
 
 def _time_constant(pole: Known) -> Known:

@@ -36,7 +36,7 @@ OF_ALL: Final = frozenset(
 LAWS: Final[Mapping[str, int]] = {
     "Y_beta": 1, "Y_delta_r": 1, "L_p": 1, "L_r": 1, "N_p": 1, "N_r": 1,
     "L_beta": 2, "L_delta_a": 2, "L_delta_r": 2, "N_beta": 2, "N_delta_a": 2, "N_delta_r": 2,
-    "wn_rad_s": 1, "zeta": 0, "roll_mode": -1, "spiral": 1, "servo_lag_s": 0,
+    "wn_rad_s": 1, "zeta": 0, "roll_mode": -1, "spiral": 1, "servo_lag_s": 0, "rudder_mix": -2,
 }  # fmt: skip
 """The power of the airspeed to which each number is proportional, in air of one density."""
 FED_BACK: Final = 0.2
@@ -134,7 +134,8 @@ def _told(airframe: Airframe, used: Sequence[int]) -> Bare:
         return _unknown(used, text, _sentence(gates[0][0].remedy))
     numbers = {
         "wn_rad_s": airframe.wn_rad_s, "zeta": airframe.zeta, "roll_mode": airframe.roll_s,
-        "spiral": airframe.spiral_s, "servo_lag_s": airframe.servo_lag_s, **airframe.derivatives,
+        "spiral": airframe.spiral_s, "servo_lag_s": airframe.servo_lag_s,
+        "rudder_mix": airframe.rudder_mix, **airframe.derivatives,
     }  # fmt: skip
     return _bare(numbers, airframe.airspeed_m_s, airframe.gust_std_rad, airframe.rho1, used)
 
@@ -155,7 +156,7 @@ def _bare(
             for name in Bare.NAMES
             if name in numbers and (value := _value(numbers[name])) is not None
         },
-        servo_lag_s=_value(numbers["servo_lag_s"]),
+        servo_lag_s=_value(numbers["servo_lag_s"]), rudder_mix=_value(numbers["rudder_mix"]),
         gust_std_rad=gust, whiteness_rho1=rho1, airspeed_m_s=airspeed_m_s, used=list(used),
         verdict=VerdictSummary(usable=True, reasons=[]),
     )  # fmt: skip
@@ -232,7 +233,7 @@ def _pooled(airframes: Sequence[Airframe], used: Sequence[int]) -> Bare:
     middle = float(np.median(speeds))
     rows = [
         {"wn_rad_s": a.wn_rad_s, "zeta": a.zeta, "roll_mode": a.roll_s, "spiral": a.spiral_s,
-         "servo_lag_s": a.servo_lag_s, **a.derivatives}
+         "servo_lag_s": a.servo_lag_s, "rudder_mix": a.rudder_mix, **a.derivatives}
         for a in airframes
     ]  # fmt: skip
     numbers = {}

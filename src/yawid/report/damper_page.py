@@ -49,6 +49,8 @@ def _sections(report: DamperReport, predicted: Predicted, name: str) -> Iterator
     origin = f"{report.autopilot} · loop at {report.loop_rate_hz:g} Hz · {flown}"
     reasons = [(each.weight, each.name, each.text, "") for each in report.verdict.reasons]
     body = note("", " ".join(report.says)) + listed(reasons)
+    if report.mix is not None:
+        body += note("", f"{report.mix.parameter}: {report.mix.text}")
     yield head(name, origin, sentence, body, usable=band_said is not None)
     yield pictures("The damped aircraft", list(_pictures(report, predicted)))
     heading = (

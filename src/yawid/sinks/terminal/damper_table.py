@@ -2,6 +2,7 @@
 
 from typing import TextIO
 
+from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
@@ -20,6 +21,7 @@ def print_damper(report: DamperReport, stream: TextIO) -> None:
             console.print(Text(f"  {reason}"))
         if report.verdict.next:
             console.print(Text(f"  {NEXT} {report.verdict.next}"))
+        _print_mix(console, report)
         return
     found = report.recommended
     told = "none is recommended" if found is None else (
@@ -49,11 +51,17 @@ def print_damper(report: DamperReport, stream: TextIO) -> None:
                 f"{gain.value:g}", f"{at.airspeed_m_s:.1f}", *_cells(at), ", ".join(marks)
             )
     console.print(table)
+    _print_mix(console, report)
     means = (
         "± is one sigma; GM, PM: margins of the open loop at the 95 % bound, - where nothing "
         "crosses or the model is not known"
     )
     console.print(Text(means))
+
+
+def _print_mix(console: Console, report: DamperReport) -> None:
+    if report.mix is not None:
+        console.print(Text(f"{report.mix.parameter}  ", style="bold") + Text(report.mix.text))
 
 
 def _named(report: DamperReport) -> list[tuple[str, float | None]]:

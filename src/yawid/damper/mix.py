@@ -1,0 +1,63 @@
+"""The rudder mix: how much of the aileron the rudder needs for rolls with little sideslip.
+
+ArduPlane adds KFF_RDDRMIX times the aileron to the rudder, PX4 FW_RLL_TO_YAW_FF times the roll
+torque, both in parts of the full travel, as yawid's channels are. The mix is that of the bare
+airframe (``lateral/mix.py``): no model from rudder to yaw rate says anything of it.
+"""
+
+from typing import Final
+
+from msgspec.structs import replace
+
+from yawid.answers.damper_report import Mix
+from yawid.answers.run_summary import RunSummary, Value
+from yawid.damper.autopilots import Autopilot
+
+MOST_STD, MOST_SHARE = 0.1, 0.3
+"""A mix is given where its sigma is at most .1, or 30 % of it."""
+LIMITS: Final = (0.0, 1.0)
+"""Both parameters are made for values in these limits."""
+UNKNOWN: Final = (
+    "the mix needs the bare airframe with the aileron's effect: move the aileron as well, replay "
+    "with --lateral auto, then run yawid damper on that run's MCAP"
+)
+
+
+def mix_of(
+    summary: RunSummary, autopilot: Autopilot, flown: float | None, rudder_unit: float
+) -> Mix:
+    """Return the mix of a run, or in words why it is not known.
+
+    ``rudder_unit`` is half the travel in the unit of the rudder's channel.
+    """
+    bare, found = summary.bare, Mix(parameter=autopilot.mix, flown=flown, text=UNKNOWN)
+    if bare is None:
+        return found
+    mix = bare.rudder_mix
+    if mix is None or mix.value is None or mix.std is None:
+        why = "; ".join(reason.text for reason in bare.verdict.reasons)
+        return replace(found, text=f"{UNKNOWN}{f' ({why})' if why else ''}")
+    value, std = mix.value / rudder_unit, mix.std / rudder_unit
+    if std > max(MOST_STD, MOST_SHARE * abs(value)):
+        text = f"the mix is only known as {value:.2g} ± {std:.2g}: move the aileron more"
+        return replace(found, text=text)
+    own = _of_the_aileron(bare.derivatives or {}, rudder_unit)
+    low, high = LIMITS
+    inside = min(max(value, low), high)
+    text = (
+        f"{autopilot.mix} {inside:.2f} rolls with the least sideslip at {bare.airspeed_m_s:.1f} "
+        f"m/s (found {value:.2f} ± {std:.2f}; flown "
+        f"{'an unknown mix' if flown is None else f'{flown:g}'})"
+    )
+    if own is not None:
+        text += f"; {own:.2f} would cancel the aileron's yaw alone, and not that of rolling"
+    text += ". It is a prediction: change it in steps of 0.1 and watch the ball in rolls"
+    return replace(found, value=value, std=std, airspeed_m_s=bare.airspeed_m_s, text=text)
+
+
+def _of_the_aileron(derivatives: dict[str, Value], rudder_unit: float) -> float | None:
+    """Return the mix that cancels N_delta_a alone."""
+    aileron, rudder = (derivatives.get(name) for name in ("N_delta_a", "N_delta_r"))
+    if aileron is None or rudder is None or aileron.value is None or not rudder.value:
+        return None
+    return -aileron.value / rudder.value / rudder_unit
