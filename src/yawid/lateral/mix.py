@@ -1,8 +1,8 @@
 """The rudder mix: the part of the aileron that, given to the rudder, rolls with the least sideslip.
 
 Not only the aileron's own yaw N_delta_a makes sideslip in a roll: rolling about a body that is
-nose-up turns the angle of attack into sideslip (alpha p), and so do N_p p and gravity. On aircraft
-of JSBSim -N_delta_a / N_delta_r alone left 0.9 of the sideslip, and made it up to 5 times as large.
+nose-up turns the angle of attack into sideslip (alpha p), and so do N_p p and gravity. On most
+aircraft of JSBSim -N_delta_a / N_delta_r leaves nine tenths of it, and on one makes it larger.
 """
 
 from typing import Final
