@@ -117,7 +117,7 @@ def _mix(found: Fit, airspeed_m_s: float) -> Known:
     rolls = rudder_mixes(found.of.theta(points), airspeed_m_s)
     mixes = rolls.mean(axis=1)
     slopes = (mixes[1:] - mixes[0]) / _STEP
-    variance = slopes @ found.covariance @ slopes + np.var(rolls[0], ddof=1)
+    variance = IN_GUSTS**2 * slopes @ found.covariance @ slopes + np.var(rolls[0], ddof=1)
     return Known(float(mixes[0]), math.sqrt(max(float(variance), 0.0)))
 
 
