@@ -52,7 +52,7 @@ def mode_flight(
         for t in np.arange(begin, end, 0.1).tolist():
             if round(10 * t) % 10 == 0 or t == begin:
                 log.add(t, mavlink.MAVLink_heartbeat_message(kind, autopilot, armed, mode, 4, 3))
-                log.add(t, mavlink.MAVLink_vfr_hud_message(speed, speed, 0, 50, 100.0, 0.0))
+                log.add(t, mavlink.MAVLink_vfr_hud_message(speed, speed, 0, 50, 100.0 + speed, 0.0))
             log.attitude(t, 0.1 * np.sin(t))
             log.servos(t + 0.03, [1500, 1500, 1500, round(1500 + 100 * np.sin(3 * t))])
     return log

@@ -36,6 +36,9 @@ LEAP_M = 30.0
 """An altitude that changes by more than this in one message has a new reference."""
 LEAST_MOTION = 1.0
 """An aircraft with both speeds below this, in m/s, stands."""
+BANKED_RAD, CLIMBED_M = np.deg2rad(5.0), 5.0
+"""What an aircraft that was on the ground has to bank or climb to have left it: a runway tilts the
+wings by less, and an aircraft that flies does either within seconds."""
 AP_MOTORS = range(33, 41)
 """The SERVOn_FUNCTION of motors 1 to 8."""
 DRIVEN = 0.05
@@ -158,6 +161,35 @@ class SlowFlight:
                 self._lowest_m = float(lowest[-1])
         moves = np.fmax(airspeed, over_ground) >= LEAST_MOTION
         return high & slow & moves
+
+
+@dataclass(slots=True)
+class TakeOff:
+    """The evidence that an aircraft that was on the ground still rolls on it, however fast.
+
+    Neither its bank nor its altitude has changed since; where either is unknown there is no
+    evidence.
+    """
+
+    _bank: float = np.nan
+    _altitude_m: float = np.nan
+
+    def rolls(self, on_ground: Floats, bank: Floats, altitude_m: Floats) -> Floats:
+        """Return ``on_ground`` (n,), 1, 0 or NaN if unknown, with 1 where it still rolls.
+
+        ``bank`` (n,) is in rad. The rows up to each one decide, however they were cut into blocks.
+        """
+        stands = np.append(np.isfinite(self._bank), on_ground == 1.0)
+        bank, altitude = np.append(self._bank, bank), np.append(self._altitude_m, altitude_m)
+        last = np.maximum.accumulate(np.where(stands, np.arange(len(stands)), -1))
+        left = ~(np.abs(bank - bank[last]) < BANKED_RAD)
+        left |= ~(np.abs(altitude - altitude[last]) < CLIMBED_M)
+        count = np.cumsum(left)
+        flies = (last < 0) | (count > count[last])
+        self._bank, self._altitude_m = bank[last[-1]], altitude[last[-1]]
+        if flies[-1]:
+            self._bank = np.nan
+        return np.where((on_ground == 0.0) & ~flies[1:], 1.0, on_ground)
 
 
 @dataclass(slots=True)

@@ -13,7 +13,7 @@ import numpy as np
 
 from yawid.blocks import Array, Floats, Held, Ints, MessageBlock, RecordBlock, euler
 from yawid.channels.clock import OwnClock, boot_us
-from yawid.channels.flight_state import LEAST_AIRSPEED, FlightState, SlowFlight
+from yawid.channels.flight_state import LEAST_AIRSPEED, FlightState, SlowFlight, TakeOff
 from yawid.channels.motion_reader import COLUMNS, attitude_columns, record_columns
 from yawid.channels.series import Series
 from yawid.channels.stick_fallback import Wait
@@ -117,6 +117,7 @@ class YawReader:
     _wait: Wait = field(default_factory=Wait)
     _last_us: int | None = None
     _flight: SlowFlight = field(default_factory=SlowFlight)
+    _take_off: TakeOff = field(default_factory=TakeOff)
 
     @property
     def label(self) -> str:
@@ -180,6 +181,7 @@ class YawReader:
             rate = _heading_rate(roll, pitch, q, r)
         row = context.at(block.order) | {"r": rate, "yaw": unwrapped, "roll": roll}
         row["turn_rate"] = _turn_rate(row["airspeed"], roll, pitch)
+        row["on_ground"] = self._take_off.rolls(row["on_ground"], roll, row["altitude"])
         steep = np.maximum(np.abs(roll), np.abs(pitch)) > UPRIGHT
         row["barred"] = row["barred"] + int(Held.STEEP) * steep
         self.rows += len(block)
@@ -230,6 +232,7 @@ class YawReader:
         flies = self._flight.shows(block.altitude, air, block.ground_speed)
         flies |= air >= LEAST_AIRSPEED
         by_speed = np.where(flies, 0.0, np.where(air < LEAST_AIRSPEED, 1.0, np.nan))
+        by_speed = self._take_off.rolls(by_speed, block.roll, block.altitude)
         return np.where(np.isfinite(block.on_ground), block.on_ground, by_speed)
 
     def _timed_beside(self, block: MessageBlock, clock: OwnClock) -> tuple[MessageBlock, Ints]:
