@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 import pytest
 from manoeuvres.streams import HZ, TS_S, WN, ZETA, flown, rest, stream, yawing
@@ -39,6 +41,11 @@ def in_turns() -> SampleBlock:
     return stream(RUDDER, y=yawing(RUDDER, noise=0.002) + turn, turn=turn)
 
 
+@cache
+def of_the_line() -> Answered:
+    return told(with_line())
+
+
 def assert_right(found: Answered) -> None:
     assert found.verdict.usable
     roll = found.found.dutch_roll
@@ -47,7 +54,7 @@ def assert_right(found: Answered) -> None:
 
 
 def test_below_a_vibration_the_second_try_finds_the_dutch_roll():
-    found = told(with_line())
+    found = of_the_line()
 
     assert_right(found)
     first, second = found.found.tries
@@ -85,6 +92,7 @@ def test_what_was_given_binds(options: dict[str, object]):
     assert found.found.tries is None
 
 
+@pytest.mark.long
 def test_orders_that_were_given_bind_in_a_band_too():
     found = told(with_line(), given=("orders",)).found
 
@@ -96,7 +104,7 @@ def test_an_answer_by_the_first_try_has_no_tries():
 
 
 def test_a_try_gives_the_same_to_the_bit_again():
-    assert told(with_line()).found == told(with_line()).found
+    assert told(with_line()).found == of_the_line().found
 
 
 def test_a_rudder_that_does_nothing_stays_refused_whatever_is_tried():
