@@ -10,7 +10,7 @@ import msgspec
 import numpy as np
 import pytest
 from recorded_flights import recorded
-from scipy.signal import cont2discrete, lfilter
+from scipy.signal import cont2discrete, invres, lfilter
 
 import yawid
 from yawid.cli import main as command_line
@@ -175,7 +175,7 @@ def test_the_damped_response_is_that_of_the_steps_of_the_autopilot(run: Run) -> 
     damped = closed_response(G, law, 0.3, u, 0.05)
 
     # The aircraft stepped at 200 Hz with the source's washout in between.
-    num, den = G.polynomials()
+    num, den = (np.real(p) for p in invres(G.residues[0], G.poles[0], [G.direct[0]]))
     b, a, _ = cont2discrete((np.trim_zeros(num.round(9), "f"), den), 0.005)
     b = b.ravel()
     y, put_in, washed, before = np.zeros(4000), np.zeros(4000), 0.0, 0.0

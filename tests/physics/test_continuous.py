@@ -39,13 +39,6 @@ def test_a_dead_time_is_an_exact_delay() -> None:
     assert model(nk=3).at(S)[0] == pytest.approx(true(S) * np.exp(-S * 0.1), rel=1e-9)
 
 
-def test_the_polynomials_are_those_of_the_plant() -> None:
-    num, den = model().polynomials()
-
-    assert den == pytest.approx(np.polymul(YAW, [1.0, 1.0 / LAG_S]), rel=1e-9)
-    assert num[-2:] == pytest.approx(np.array(NUM) / LAG_S, rel=1e-9)
-
-
 def test_a_higher_airspeed_makes_the_aircraft_faster_and_not_its_servo() -> None:
     G = model()
     lag = np.array([np.argmin(np.abs(G.poles[0] + 1.0 / LAG_S))])

@@ -19,7 +19,7 @@ import numpy as np
 
 from yawid.blocks import Bools, Floats
 from yawid.config.estimator import ArmaxOrders
-from yawid.physics.derivatives import CANCELLED, numerator_polynomial, without_alternating
+from yawid.physics.derivatives import CANCELLED, without_alternating
 from yawid.physics.modes import (
     Complexes,
     dutch_roll_index,
@@ -76,15 +76,6 @@ class Transfer:
         """Return the transfer functions of these rows."""
         return replace(self, poles=self.poles[rows], residues=self.residues[rows],
                        direct=self.direct[rows], pair=self.pair[rows])  # fmt: skip
-
-    def polynomials(self, row: int = 0) -> tuple[Floats, Floats]:
-        """Return numerator and denominator of one model without its delay, highest power first."""
-        p, residues = self.poles[row], self.residues[row]
-        kept = residues != 0.0
-        p, residues = p[kept], residues[kept]
-        den = np.real(np.poly(p)).reshape(-1) if len(p) else np.ones(1)
-        num = numerator_polynomial(p[None], residues[None])[0][::-1]
-        return np.polyadd(num, self.direct[row] * den), den
 
     def faster(self, factor: float, lag: Floats | None = None) -> "Transfer":
         """Return them at an airspeed higher by ``factor``, as the derivatives of eq. 22 scale.

@@ -168,11 +168,11 @@ def input_reasons(inputs: tuple[str, ...], u: Floats, stop: float) -> Iterator[R
         close = closeness(u[:, 0], u[:, i])
         if close > COLLINEAR:
             r = _correlation(rows[:, 0], rows[:, i])
+            condition = math.sqrt((1.0 + close) / max(1.0 - close, 1e-12))
             yield Reason(
                 "collinear_inputs",
                 f"{inputs[0]} and {inputs[i]} move together (correlation {r:.4f}, condition "
-                f"number of their lags {condition_number(close):.3g}): their effects cannot be "
-                "separated",
+                f"number of their lags {condition:.3g}): their effects cannot be separated",
             )
 
 
@@ -328,11 +328,6 @@ def closeness(a: Floats, b: Floats) -> float:
         return 0.0
     cosines = np.linalg.svd(bases[0].T @ bases[1], compute_uv=False)
     return min(float(cosines[0]), 1.0)
-
-
-def condition_number(correlation: float) -> float:
-    """Return the condition number of two sets of unit columns with this largest correlation."""
-    return math.sqrt((1.0 + correlation) / max(1.0 - correlation, 1e-12))
 
 
 def _basis(columns: Floats) -> Floats:

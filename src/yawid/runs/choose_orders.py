@@ -114,13 +114,9 @@ def orders_report(
     return report, trial.verdict
 
 
-def _orders(candidate: "Tried") -> dict[str, int]:
-    orders = candidate.orders
-    return {"na": orders.na, "nb": orders.nb[0], "nc": orders.nc, "nk": orders.nk[0]}
-
-
 def _described(candidate: "Tried") -> OrdersTried:
     names = ("loss", "aic", "bic", "whiteness_p", "simulation_pct", "update_ns")
     values = finite({name: getattr(candidate, name) for name in names})
-    roll = DutchRoll.of(candidate.dutch_roll)
-    return OrdersTried(**_orders(candidate), **values, dutch_roll=roll)
+    roll, orders = DutchRoll.of(candidate.dutch_roll), candidate.orders
+    own = {"na": orders.na, "nb": orders.nb[0], "nc": orders.nc, "nk": orders.nk[0]}
+    return OrdersTried(**own, **values, dutch_roll=roll)

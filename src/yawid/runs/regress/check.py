@@ -75,13 +75,10 @@ def _worthwhile(cases: Sequence[Case]) -> int:
 def _in_processes(cases: Sequence[Case], workers: int) -> Iterator[Outcome]:
     # Spawned, not forked: the libraries in use have threads of their own.
     context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(workers, context, initializer=_leave_interrupts) as pool:
+    # Only the parent handles Ctrl-C.
+    ignore = (signal.SIGINT, signal.SIG_IGN)
+    with ProcessPoolExecutor(workers, context, signal.signal, ignore) as pool:
         yield from pool.map(check_case, cases)
-
-
-def _leave_interrupts() -> None:
-    """Ignore Ctrl-C in this process: only the parent handles it."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 def check_case(case: Case) -> Outcome:

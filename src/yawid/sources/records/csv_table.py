@@ -283,9 +283,10 @@ def _layout(rows: Sequence[Row]) -> tuple[int, int] | None:
 
     None where no row has values.
     """
-    names = next((i for i, row in enumerate(rows) if _names_time(row)), None)
-    if names is not None:
-        time = next(i for i, c in enumerate(rows[names]) if is_column(header_of(c).name) == "t")
+    cells = ((i, k, cell) for i, row in enumerate(rows) for k, cell in enumerate(row))
+    named = next(((i, k) for i, k, cell in cells if is_column(header_of(cell).name) == "t"), None)
+    if named is not None:
+        names, time = named
         if len(rows) == names + 1:
             return names, names + 1
         below = rows[names + 1][time].strip() if time < len(rows[names + 1]) else ""
@@ -312,7 +313,3 @@ def _is_data(row: Row) -> bool:
     said = [cell.strip() for cell in row if cell.strip().lower() not in MISSING]
     numbers = sum(bool(NUMBER.fullmatch(c) or _DATE.fullmatch(c)) for c in said)
     return len(row) >= 2 and 2 * numbers > len(said)
-
-
-def _names_time(row: Row) -> bool:
-    return any(is_column(header_of(cell).name) == "t" for cell in row)
