@@ -14,7 +14,7 @@ from scipy.signal import cont2discrete, invres, lfilter
 
 import yawid
 from yawid.cli import main as command_line
-from yawid.damper.autopilots import AUTOPILOTS, law_at
+from yawid.damper.autopilots import AUTOPILOTS, READ, law_at
 from yawid.damper.response import closed_response
 from yawid.tables.run import Run
 
@@ -111,7 +111,12 @@ def test_at_a_higher_airspeed_less_damping_is_added(run: Run) -> None:
     ("asked", "id_", "code", "says"),
     [
         ({}, "no_autopilot", 2, "--autopilot"),
-        ({"autopilot": "ardupilot"}, "loop_rate_unknown", 2, "--loop-rate"),
+        (
+            {"autopilot": "ardupilot"},
+            "loop_rate_unknown",
+            2,
+            "--loop-rate HZ --param YAW2SRV_DAMP=VALUE --param SCALING_SPEED=VALUE",
+        ),
         ({"autopilot": "ardupilot", "loop_rate": 50.0}, "parameters_unknown", 2, "--param SCALING"),
         ({"autopilot": "px4", "loop_rate": 400.0}, "parameters_unknown", 2, "FW_AIRSPD_TRIM"),
         ({"airspeed": (20.0, 40.0)}, "too_far", 2, "--airspeed"),
@@ -212,6 +217,44 @@ def test_the_command_prints_a_table_json_and_a_page(tmp_path: Path, capsys) -> N
     assert {"low", "high", "next"} == told["recommended"].keys()
     assert command_line.main(["damper", str(path), "--json"]) == 2
     assert json.loads(capsys.readouterr().out)["verdict"]["reasons"][0]["id"] == "no_autopilot"
+
+
+@pytest.mark.parametrize(
+    ("given", "says"),
+    [
+        ("--param=SCALING_SPED=15", "no damper reads a parameter 'SCALING_SPED'"),
+        ("--param=SCALING_SPEED", "must be NAME=VALUE, got 'SCALING_SPEED'"),
+        ("--airspeed=15", "must be LO,HI in m/s, got '15'"),
+    ],
+)
+def test_a_mistyped_parameter_is_not_left_out(given: str, says: str, capsys) -> None:
+    with pytest.raises(SystemExit, match="2"):
+        command_line.main(["damper", "flight.mcap", given])
+    assert says in " ".join(capsys.readouterr().err.split())
+
+
+def test_every_parameter_of_a_loop_may_be_given() -> None:
+    read = set()
+
+    class Seen(dict):
+        def get(self, name, default=None):
+            read.add(name)
+            return super().get(name, default)
+
+        def __contains__(self, name):
+            read.add(name)
+            return super().__contains__(name)
+
+    for each in AUTOPILOTS.values():
+        values = Seen(
+            SCALING_SPEED=15.0, AIRSPEED_MIN=10.0, AIRSPEED_MAX=30.0, YAW2SRV_INT=0.5
+        )  # fmt: skip
+        law_at(each, values, 100.0, 20.0)
+        each.against(values)
+        read |= {each.gain, each.loop_rate, each.mix, *filter(None, [each.turn])}
+        read |= {name for names in each.needs(values) for name in names}
+
+    assert set(READ) == read
 
 
 @pytest.mark.long

@@ -43,13 +43,25 @@ def add_damper(commands: Commands) -> None:
 
 
 def _pair(text: str) -> tuple[float, float]:
-    low, high = (float(part) for part in text.split(","))
+    try:
+        low, high = (float(part) for part in text.split(","))
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"must be LO,HI in m/s, got {text!r}") from None
     return low, high
 
 
 def _parameter(text: str) -> tuple[str, float]:
+    from yawid.damper.autopilots import READ
+
     name, _, value = text.partition("=")
-    return name.strip(), float(value)
+    if (name := name.strip()) not in READ:
+        raise argparse.ArgumentTypeError(
+            f"no damper reads a parameter {name!r}; these are read: {', '.join(READ)}"
+        )
+    try:
+        return name, float(value)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"must be NAME=VALUE, got {text!r}") from None
 
 
 def _damper(arguments: argparse.Namespace) -> int:

@@ -167,6 +167,15 @@ AUTOPILOTS: Final = {
 """The dampers by name, as ``--autopilot`` takes them."""
 
 
+READ: Final = (
+    "YAW2SRV_DAMP", "YAW2SRV_RLL", "YAW2SRV_INT", "YAW2SRV_SLIP", "YAW_RATE_ENABLE", *SCALING,
+    *LOWEST, *HIGHEST, "SCHED_LOOP_RATE", "KFF_RDDRMIX", "FW_YR_P", "FW_YR_I", "FW_YR_D",
+    "FW_AIRSPD_TRIM", "FW_AIRSPD_STALL", "FW_AIRSPD_MIN", "FW_AIRSPD_MAX", "FW_ARSP_SCALE_EN",
+    "IMU_GYRO_RATEMAX", "FW_RLL_TO_YAW_FF",
+)  # fmt: skip
+"""The parameters that a user may give; how surfaces share the yaw torque only the log says."""
+
+
 def law_at(autopilot: Autopilot, values: Parameters, loop_hz: float, airspeed_m_s: float) -> Law:
     """Return the damper at an equivalent airspeed in m/s, for a loop of ``loop_hz``.
 

@@ -103,14 +103,17 @@ def check_loop(autopilot: Autopilot, known: Mapping[str, float], loop_hz: float)
     """
     if (against := autopilot.against(known)) is not None:
         raise Refused("other_loop", against, "set it so, and fly again")
-    if not (isfinite(loop_hz) and loop_hz > 0.0):
-        text = f"{autopilot.loop_rate} is not in the log: delay and washout depend on it"
-        raise Refused("loop_rate_unknown", text, "give --loop-rate HZ")
     missing = [names[0] for names in autopilot.needs(known) if first(known, names) is None]
+    give = [f"--param {name}=VALUE" for name in missing]
+    also = f"; nor are {', '.join(missing)}" if missing else ""
+    if not (isfinite(loop_hz) and loop_hz > 0.0):
+        text = f"{autopilot.loop_rate} is not in the log: delay and washout depend on it{also}"
+        to_do = f"give {' '.join(['--loop-rate HZ', *give])}, or log all parameters"
+        raise Refused("loop_rate_unknown", text, to_do)
     if missing:
-        give = " ".join(f"--param {name}=VALUE" for name in missing)
         text = f"not in the log: {', '.join(missing)}"
-        raise Refused("parameters_unknown", text, f"give {give}, or log all parameters")
+        to_do = f"give {' '.join(give)}, or log all parameters"
+        raise Refused("parameters_unknown", text, to_do)
 
 
 def gain_flown(summary: RunSummary, manoeuvre: Manoeuvre, name: str, last: float) -> float | None:
