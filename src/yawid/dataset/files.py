@@ -18,7 +18,7 @@ import pyarrow.parquet as pq
 from yawid.dataset.places import MANIFEST, NEW, NO_MONTH, complete, month_of, opened, read_manifest
 from yawid.dataset.schema import FORMAT, ID, TABLES, TIME, Table, json_schema, schema_page
 from yawid.dataset.values import Entry, ReadRow, Row, plain
-from yawid.errors import SinkError, SourceError
+from yawid.errors import SourceError
 from yawid.sinks.part_file import os_errors_as_sink_error, sync, write_whole
 
 PAGE, SCHEMA = "SCHEMA.md", "schema.json"
@@ -70,7 +70,7 @@ def merge(folder: Path, entries: Iterable[Entry]) -> Row:
     by_sha = _owners(logs, by_path)
     is_alive = set(pc.unique(logs["log_sha256"].drop_null()).to_pylist())
     tables: dict[str, list[Row]] = {}
-    try:
+    with os_errors_as_sink_error(folder):
         tables["logs"] = _write(folder, TABLES["logs"], "logs", logs, generation)
         for table in TABLES.values():
             if table.by_month:
@@ -87,8 +87,6 @@ def merge(folder: Path, entries: Iterable[Entry]) -> Row:
         }
         write_whole({folder / name: text for name, text in texts.items()}, force=True)
         complete(folder, manifest)
-    except OSError as error:
-        raise SinkError(f"cannot write {folder}: {error.strerror or error}") from error
     return manifest
 
 

@@ -17,6 +17,7 @@ from yawid.dataset.places import MANIFEST, read_manifest
 from yawid.dataset.schema import TABLES
 from yawid.dataset.values import Entry, ReadRow
 from yawid.errors import SinkError, SourceError
+from yawid.sinks.part_file import os_errors_as_sink_error
 from yawid.system.files import lock
 
 FINISHED: Final = "finished.jsonl"
@@ -66,14 +67,12 @@ class Journal:
             SinkError: the journal or the tables cannot be written.
             SourceError: the tables cannot be read when it is time to merge.
         """
-        try:
+        with os_errors_as_sink_error(self._path):
             if self._stream is None:
                 self._stream = self._path.open("ab")
             line = json.dumps(entry, allow_nan=False).encode() + b"\n"
             self._stream.write(line)
             self._stream.flush()
-        except OSError as error:
-            raise SinkError(f"cannot write {self._path}: {error.strerror}") from error
         self._lines, self._size = self._lines + 1, self._size + len(line)
         if self._lines >= MERGE_LOGS or self._size >= MERGE_BYTES:
             self.merge()
@@ -125,10 +124,8 @@ def check_ours(folder: Path) -> None:
         SinkError: the folder holds other files, or cannot be listed.
         SourceError: its manifest or its journal cannot be read, or was not written by yawid.
     """
-    try:
+    with os_errors_as_sink_error(folder):
         names = {path.name for path in folder.iterdir()} if folder.exists() else set()
-    except OSError as error:
-        raise SinkError(f"cannot write {folder}: {error.strerror}") from error
     if MANIFEST in names:
         read_manifest(folder)
     elif names - _BEFORE_MANIFEST:
@@ -158,11 +155,9 @@ def _lines(path: Path) -> Iterator[Entry]:
 
 def _locked(folder: Path) -> BinaryIO:
     check_ours(folder)
-    try:
+    with os_errors_as_sink_error(folder):
         folder.mkdir(parents=True, exist_ok=True)
         file = (folder / LOCK).open("ab")
-    except OSError as error:
-        raise SinkError(f"cannot write {folder}: {error.strerror}") from error
     try:
         lock(file.fileno())
     except OSError as error:

@@ -255,20 +255,20 @@ def damping_lines() -> list[Complexes]:
     return lines
 
 
-def mode_list(block: ModesBlock, row: int = -1) -> list[dict[str, Any]]:
-    """Return the modes of one row for the summary, a conjugate pair once; only finite numbers.
+def mode_list(block: ModesBlock) -> list[dict[str, Any]]:
+    """Return the modes of the last row for the summary, a pair once; only finite numbers.
 
     Frequencies are in rad/s, periods and time constants in s.
     """
     found = []
-    for i, s in enumerate(block.poles[row]):
+    for i, s in enumerate(block.poles[-1]):
         if not np.isfinite(s) or s.imag < 0.0:
             continue
         values = {
-            "wn_rad_s": block.wn[row, i],
-            "wn_std": block.wn_std[row, i],
-            "zeta": block.zeta[row, i],
-            "zeta_std": block.zeta_std[row, i] if s.imag > 0.0 else np.nan,
+            "wn_rad_s": block.wn[-1, i],
+            "wn_std": block.wn_std[-1, i],
+            "zeta": block.zeta[-1, i],
+            "zeta_std": block.zeta_std[-1, i] if s.imag > 0.0 else np.nan,
             "period_s": 2.0 * np.pi / s.imag if s.imag > 0.0 else np.nan,
             "time_constant_s": -1.0 / s.real if s.real != 0.0 else np.nan,
         }

@@ -23,6 +23,7 @@ from yawid.errors import ConfigError, SinkError, YawidError
 from yawid.runs.regress.case import Case, Replayed
 from yawid.runs.regress.compare import Mismatch, compare_summaries, compare_tables, split_tolerances
 from yawid.runs.regress.table import csv_of, read_csv
+from yawid.sinks.part_file import os_errors_as_sink_error
 from yawid.system.processes import cores
 
 ACTUAL, PICTURE = "actual.csv", "actual.svg"
@@ -182,10 +183,8 @@ def write_junit(path: Path, outcomes: Sequence[Outcome]) -> None:
             told = ET.SubElement(case, kind, message=_clean(outcome.wrong[0]))
             told.text = _clean("\n".join(outcome.wrong))
     ET.indent(suites)
-    try:
+    with os_errors_as_sink_error(path):
         path.write_bytes(ET.tostring(suites, encoding="utf-8", xml_declaration=True) + b"\n")
-    except OSError as error:
-        raise SinkError(f"cannot write {path}: {error.strerror}") from error
 
 
 def as_json(outcomes: Sequence[Outcome]) -> dict[str, Any]:
