@@ -70,7 +70,7 @@ ONLY_IN = {
     "numba": {"estimation/machine/compiler.py"},
     "llvmlite": {"estimation/machine"},
     "distributed": {"fleet/cluster.py"},
-    "fsspec": {"fleet/find_logs.py", "fleet/child.py"},
+    "fsspec": {"system/stores.py"},
 }
 MODULES = sorted(SRC.rglob("*.py"))
 NAMES = {

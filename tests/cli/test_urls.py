@@ -11,16 +11,12 @@ from yawid.cli.main import main
 
 REFUSED = (
     "replay LOG --out URL",
-    "replay URL",
-    "replay LOG URL --json",
     "replay LOG --config CONFIG",
     "replay LOG --config URL",
     "live udpin:127.0.0.1:14560 --out URL",
     "live udpin:127.0.0.1:14560 --state URL",
     "inspect URL",
     "orders URL",
-    "fleet LOG --out URL",
-    "fleet URL --out URL",
     "view URL",
     "view RUN --save URL",
     "report URL",
@@ -34,9 +30,7 @@ REFUSED = (
     "regress --folder URL",
     "simulate yaw --input step --out URL",
     "step URL",
-    "trend URL",
     "trend . -o URL",
-    "diff URL RUN",
 )
 
 

@@ -85,7 +85,7 @@ def test_whatever_is_wrong_with_a_log_is_an_outcome_with_its_text(
     outcome, reasons, said = told(log_of("no_rudder"), Spec())
     assert (outcome, reasons) == ("unusable", ["no_rudder"])
     outcome, reasons, said = told(log_of("c172p_3211"), Spec({"rate": 500.0}))
-    assert (outcome, reasons) == ("unusable", ["refused"])
+    assert (outcome, reasons) == ("usage", ["usage"])
     monkeypatch.setattr("yawid.fleet.one_log.open_log", lambda *_, **__: 1 / 0)
     outcome, reasons, said = told(log_of("no_rudder"), Spec())
     assert (outcome, reasons) == ("crashed", ["crashed"])

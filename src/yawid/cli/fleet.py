@@ -2,7 +2,6 @@
 
 import argparse
 import sys
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from yawid.cli.options import (
@@ -18,6 +17,7 @@ from yawid.cli.options import (
 from yawid.errors import ConfigError, SinkError
 from yawid.runs.stop import StopFlag
 from yawid.sinks.door import tell
+from yawid.system.stores import place_of
 
 if TYPE_CHECKING:
     from yawid.fleet.run_fleet import FleetRun, Plan, Progress
@@ -35,7 +35,11 @@ def add_fleet(commands: Commands) -> None:
         help="logs, folders, globs or URLs (s3://, memory://, what fsspec knows)",
     )  # fmt: skip
     fleet.add_argument(
-        "--out", type=Path, required=True, metavar="DATASET", help="folder of the data set"
+        "--out",
+        type=place_of,
+        required=True,
+        metavar="DATASET",
+        help="folder of the data set, or a URL (s3://bucket/data)",
     )
     where = fleet.add_mutually_exclusive_group()
     where.add_argument("--workers", type=int, metavar="N", help="processes (default: one a core)")
@@ -61,6 +65,7 @@ def add_fleet(commands: Commands) -> None:
 
 
 def _fleet(arguments: argparse.Namespace) -> int:
+    from yawid.dataset.values import USAGE
     from yawid.fleet.run_fleet import dry_run, run_fleet
     from yawid.sinks.terminal.progress import Console
 
@@ -98,9 +103,13 @@ def _fleet(arguments: argparse.Namespace) -> int:
             f"{progress.failed} logs failed for a reason that may pass: repeat the command to try "
             f"them again; {progress.why_failed}"
         )
+    if usage := progress.outcomes[USAGE]:
+        console.say(f"{usage} logs were not run with these options; {progress.why_usage}")
     if stop.is_set:
         return stop.exit_code
-    return SinkError.exit_code if progress.failed else 0
+    if progress.failed or {*(progress.outcomes or manifest["outcomes"])} == {"unreadable"}:
+        return SinkError.exit_code
+    return ConfigError.exit_code if usage else 0
 
 
 def _asked(arguments: argparse.Namespace) -> "FleetRun":

@@ -47,6 +47,7 @@ from yawid.runs.stop import Interrupted, StopFlag
 from yawid.sinks.door import DEBUG, mute, say, show_traceback, tell, tell_json, tell_page
 from yawid.sinks.part_file import check_free
 from yawid.sources.formats import RUN, recorded
+from yawid.system.stores import Place, place_of
 from yawid.version import __version__
 
 if TYPE_CHECKING:
@@ -148,7 +149,7 @@ yawid replay flight.tlog --rerun save
 yawid replay day/*.BIN --out answers --json > answers.jsonl"""
     replay = add_command(commands, "replay", "LOG...", "estimate from recorded flights", examples)
     kinds = f"{recorded()}, or {RUN.said}"
-    replay.add_argument("logs", nargs="+", metavar="LOG", type=Path, help=kinds)
+    replay.add_argument("logs", nargs="+", metavar="LOG", type=place_of, help=kinds)
     add_format(replay)
     add_outputs(replay)
     add_record_options(replay)
@@ -222,7 +223,7 @@ def _replay(arguments: argparse.Namespace) -> int:
     read_options = read_options_of(arguments)
     page = partial(_print_summary, verbose=arguments.verbose)
     codes: list[int] = []
-    unreached: list[Path] = []
+    unreached: list[Place] = []
     with StopFlag().installed() as stop:
         for log, name in zip(arguments.logs, output_names(arguments.logs), strict=True):
             if stop.is_set:

@@ -18,6 +18,7 @@ from yawid.config.names import RECURSIVE
 from yawid.errors import SinkError
 from yawid.sinks.door import tell, tell_whole
 from yawid.sources.formats import FORMATS
+from yawid.system.stores import place_of
 
 PRINTING = ("replay", "live", "inspect", "orders", "step", "regress", "trend", "diff", "fleet")
 """The commands whose output has a schema."""
@@ -144,7 +145,7 @@ def _files(action: argparse.Action, any_file: Any, folder: Any) -> Any:
     metavar = str(action.metavar)
     if action.dest == "cases":
         return dict.fromkeys(SHELLS, "_yawid_cases")
-    if action.type is not Path and metavar != "PATH":
+    if action.type not in (Path, place_of) and metavar != "PATH":
         return None
     if metavar in _FOLDERS:
         return folder

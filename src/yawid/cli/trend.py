@@ -6,6 +6,7 @@ from pathlib import Path
 from yawid.cli.options import Commands, add_command
 from yawid.cli.standard_streams import hush
 from yawid.sinks.door import tell_json, tell_page
+from yawid.system.stores import place_of
 
 CHANGED = 7
 NOTHING_COMPARED = 5
@@ -17,7 +18,9 @@ def add_trend(commands: Commands) -> None:
         commands, "trend", "DATASET", "what changed over a fleet's flights",
         "yawid trend data\nyawid trend data --vehicle serial:4711 -o trend.html",
     )  # fmt: skip
-    trend.add_argument("dataset", metavar="DATASET", type=Path, help="folder made by yawid fleet")
+    trend.add_argument(
+        "dataset", metavar="DATASET", type=place_of, help="folder made by yawid fleet"
+    )
     trend.add_argument("--vehicle", metavar="ID", help="only this vehicle, judged among all")
     trend.add_argument("--json", action="store_true", help="print one JSON object")
     trend.add_argument("-o", "--out", type=Path, metavar="R.html", help="write a page as well")
@@ -29,7 +32,7 @@ def add_trend(commands: Commands) -> None:
     )  # fmt: skip
     for name in ("a", "b"):
         kinds = "the MCAP of a finished run, or a data set"
-        diff.add_argument(name, metavar=name.upper(), type=Path, help=kinds)
+        diff.add_argument(name, metavar=name.upper(), type=place_of, help=kinds)
     diff.add_argument("--json", action="store_true", help="print one JSON object")
     diff.set_defaults(run=_diff)
 

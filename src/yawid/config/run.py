@@ -21,6 +21,8 @@ from yawid.config.names import ELS, RECURSIVE, RML
 from yawid.errors import ConfigError, did_you_mean
 
 BOTH = ("rudder", "aileron")
+OF_RECORDS = ("columns", "units", "rudder_unit", "rudder_is", "least_stroke_deg")
+"""Settings that say what the columns of CSV and Parquet hold; a log takes none of them."""
 INPUTS = (("rudder",), BOTH)
 _SERVO = r"([1-9]|[12]\d|3[0-2])"
 _CHANNELS = rf"auto|servo:{_SERVO}|control:[0-7]|rc:([1-9]|1[0-8])"

@@ -1,4 +1,4 @@
-"""A data set on disk: Parquet files by table and month, and a manifest that names them.
+"""A data set on disk or in a store: Parquet files by table and month, and a manifest of them.
 
 A merge writes new files, which become part of the data set when the manifest names them
 (:mod:`yawid.dataset.places`): if it is killed at any moment, the data set is either as before or as
@@ -6,6 +6,7 @@ after. A log has one outcome: a newer one replaces the older one with all its ro
 by column name, with times in microseconds since 1970.
 """
 
+import io
 import json
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -20,6 +21,7 @@ from yawid.dataset.schema import FORMAT, ID, TABLES, TIME, Table, json_schema, s
 from yawid.dataset.values import Entry, ReadRow, Row, plain
 from yawid.errors import SourceError
 from yawid.sinks.part_file import os_errors_as_sink_error, sync, write_whole
+from yawid.system.stores import Place
 
 PAGE, SCHEMA = "SCHEMA.md", "schema.json"
 """Files that describe the columns: one for people, one for programs."""
@@ -27,7 +29,7 @@ MOST_ROWS: Final = 1_000_000
 """Most rows in a file; a file with half as many is no longer merged with new rows."""
 
 
-def read_table(folder: Path, name: str, columns: Sequence[str] | None = None) -> pa.Table:
+def read_table(folder: Place, name: str, columns: Sequence[str] | None = None) -> pa.Table:
     """Return a table of a data set, with all columns or some; ids are dictionary-encoded.
 
     Rows come month by month, and within each file in the table's own order.
@@ -39,7 +41,7 @@ def read_table(folder: Path, name: str, columns: Sequence[str] | None = None) ->
     return _read(folder, TABLES[name], [each["path"] for each in files], columns)
 
 
-def read_flights_by_loop(folder: Path, columns: Sequence[str]) -> pa.Table:
+def read_flights_by_loop(folder: Place, columns: Sequence[str]) -> pa.Table:
     """Return some columns of ``flights_by_loop``, ``log_sha256`` among them.
 
     Logs of an older analysis have no rows there: those in ``flights`` stand in for them.
@@ -53,7 +55,7 @@ def read_flights_by_loop(folder: Path, columns: Sequence[str]) -> pa.Table:
     return pa.concat_tables([by_loop, older]).unify_dictionaries()
 
 
-def merge(folder: Path, entries: Iterable[Entry]) -> Row:
+def merge(folder: Place, entries: Iterable[Entry]) -> Row:
     """Merge logs with all their rows into a data set, which is created if there is none.
 
     Return the new manifest. Of several entries with one path, the last counts. Logs of the same
@@ -85,12 +87,12 @@ def merge(folder: Path, entries: Iterable[Entry]) -> Row:
             SCHEMA: _json(json_schema()),
             MANIFEST: _json(manifest),  # written last: it makes the other files count
         }
-        write_whole({folder / name: text for name, text in texts.items()}, force=True)
+        _put(folder, texts)
         complete(folder, manifest)
     return manifest
 
 
-def completed(folder: Path) -> Row | None:
+def completed(folder: Place) -> Row | None:
     """Complete a merge that a kill interrupted; return the manifest, or None if there is none.
 
     Raises:
@@ -105,13 +107,23 @@ def completed(folder: Path) -> Row | None:
     return manifest
 
 
-def _begun(folder: Path) -> Row:
+def _begun(folder: Place) -> Row:
     """Make a folder an empty data set; return its manifest."""
     manifest = {"format": FORMAT, "generation": 0, "outcomes": {}, "tables": {}}
     with os_errors_as_sink_error(folder):
-        folder.mkdir(parents=True, exist_ok=True)
-        write_whole({folder / MANIFEST: _json(manifest)}, force=True)
+        if isinstance(folder, Path):
+            folder.mkdir(parents=True, exist_ok=True)
+        _put(folder, {MANIFEST: _json(manifest)})
     return manifest
+
+
+def _put(folder: Place, texts: Mapping[str, bytes]) -> None:
+    """Write files, in their order; each is there as a whole or not at all."""
+    if isinstance(folder, Path):
+        write_whole({folder / name: text for name, text in texts.items()}, force=True)
+    else:
+        for name, text in texts.items():
+            (folder / name).write_bytes(text)
 
 
 def table_of(table: Table, rows: Sequence[ReadRow]) -> pa.Table:
@@ -133,7 +145,7 @@ def _without_ids(schema: pa.Schema) -> pa.Schema:
 
 
 def _read(
-    folder: Path, table: Table, files: Sequence[str], columns: Sequence[str] | None = None
+    folder: Place, table: Table, files: Sequence[str], columns: Sequence[str] | None = None
 ) -> pa.Table:
     whole = table.schema
     names = whole.names if columns is None else list(columns)
@@ -154,7 +166,7 @@ def _read(
     return pa.concat_tables(found) if found else schema.empty_table()
 
 
-def _logs(folder: Path, before: ReadRow, by_path: Mapping[str, Entry]) -> pa.Table:
+def _logs(folder: Place, before: ReadRow, by_path: Mapping[str, Entry]) -> pa.Table:
     """Return the table ``logs``, in which the logs of ``by_path`` replace older rows."""
     table = TABLES["logs"]
     files = [each["path"] for each in before["tables"].get("logs", {"files": []})["files"]]
@@ -180,7 +192,7 @@ def _owners(logs: pa.Table, by_path: Mapping[str, Entry]) -> dict[str, Entry]:
 
 
 def _merged(
-    folder: Path,
+    folder: Place,
     table: Table,
     files: Sequence[ReadRow],
     new: Sequence[ReadRow],
@@ -216,18 +228,23 @@ def _merged(
     return after
 
 
-def _write(folder: Path, table: Table, place: str, rows: pa.Table, generation: int) -> list[Row]:
+def _write(folder: Place, table: Table, place: str, rows: pa.Table, generation: int) -> list[Row]:
     """Write sorted rows as files of at most ``MOST_ROWS``; return their entries in the manifest."""
     rows = rows.sort_by([(name, "ascending") for name in table.order]).cast(table.schema)
     files = []
     for i, first in enumerate(range(0, len(rows), MOST_ROWS)):
         name = f"{place}/part-{generation:06d}-{i}.parquet"
         path = folder / NEW / name
-        path.parent.mkdir(parents=True, exist_ok=True)
         piece = rows.slice(first, MOST_ROWS)
-        with path.open("wb") as stream:
-            pq.write_table(piece, stream, compression="zstd")
-            sync(stream)
+        if isinstance(path, Path):
+            path.parent.mkdir(parents=True, exist_ok=True)
+            with path.open("wb") as stream:
+                pq.write_table(piece, stream, compression="zstd")
+                sync(stream)
+        else:
+            whole = io.BytesIO()
+            pq.write_table(piece, whole, compression="zstd")
+            path.write_bytes(whole.getvalue())
         files.append({"path": name, "rows": len(piece)})
     return files
 

@@ -11,6 +11,8 @@ does not name are removed, and finally the new files are moved to their places: 
 row twice. If this was interrupted by a kill, the next fleet completes it, and removes files that no
 manifest names. Until then a glob may miss rows; yawid's own reader does not.
 
+A store of objects (S3) has no folders: there a file is moved by a copy and a removal.
+
 Only a manifest makes a folder a data set, and only files with the data set's own form of name are
 removed: all other files in the folder stay as they are.
 """
@@ -25,6 +27,7 @@ from typing import BinaryIO, Final
 from yawid.dataset.schema import FORMAT, TABLES
 from yawid.dataset.values import ReadRow, Row
 from yawid.errors import SourceError
+from yawid.system.stores import Place
 
 MANIFEST: Final = "manifest.json"
 NEW: Final = "_new"
@@ -44,7 +47,7 @@ _OWN: Final = re.compile(
 """The form of the names of a data set's files, below its folder."""
 
 
-def read_manifest(folder: Path) -> Row:
+def read_manifest(folder: Place) -> Row:
     """Return the manifest: ``tables`` by name with ``rows`` and ``files``; ``outcomes`` counted.
 
     Raises:
@@ -69,7 +72,7 @@ def read_manifest(folder: Path) -> Row:
     return manifest
 
 
-def complete(folder: Path, manifest: ReadRow) -> None:
+def complete(folder: Place, manifest: ReadRow) -> None:
     """Move and remove files until they are as the manifest says, wherever a kill has left them.
 
     Raises:
@@ -81,10 +84,22 @@ def complete(folder: Path, manifest: ReadRow) -> None:
     new = folder / NEW
     for name in set(_own_files(new)):
         if name in named:
-            (folder / name).parent.mkdir(parents=True, exist_ok=True)
-            (new / name).replace(folder / name)
+            _move(new / name, folder / name)
         else:
             (new / name).unlink(missing_ok=True)
+    if isinstance(folder, Path) and isinstance(new, Path):
+        _remove_empty(folder, new)
+
+
+def _move(path: Place, target: Place) -> None:
+    if isinstance(path, Path) and isinstance(target, Path):
+        target.parent.mkdir(parents=True, exist_ok=True)
+        path.replace(target)
+    elif not (isinstance(path, Path) or isinstance(target, Path)):
+        path.replace(target)
+
+
+def _remove_empty(folder: Path, new: Path) -> None:
     tables = [each / table for each in (folder, new) for table in TABLES]
     months = [path for table in tables for path in table.glob("month=*")]
     ours = [path for path in months if re.fullmatch(_MONTH, path.name)]
@@ -93,7 +108,7 @@ def complete(folder: Path, manifest: ReadRow) -> None:
             path.rmdir()
 
 
-def opened(folder: Path, name: str) -> BinaryIO:
+def opened(folder: Place, name: str) -> BinaryIO:
     """Open a file that a manifest names; it may still lie among the new files.
 
     Raises:
@@ -116,9 +131,11 @@ def _named(manifest: ReadRow) -> list[str]:
     return [each["path"] for table in manifest["tables"].values() for each in table["files"]]
 
 
-def _own_files(folder: Path) -> Iterator[str]:
+def _own_files(folder: Place) -> Iterator[str]:
     for table in TABLES:
-        for path in (folder / table).rglob("part-*.parquet"):
-            name = path.relative_to(folder).as_posix()
-            if _OWN.fullmatch(name):
-                yield name
+        if isinstance(folder, Path):
+            paths = (folder / table).rglob("part-*.parquet")
+            names = [path.relative_to(folder).as_posix() for path in paths]
+        else:
+            names = folder.below(table)
+        yield from filter(_OWN.fullmatch, names)

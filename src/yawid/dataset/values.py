@@ -46,6 +46,8 @@ def serial_of(parameters: bytes) -> str | None:
 
 FAILED = "failed"
 """Outcome of a log that was not read for a reason that may pass: the next run tries it again."""
+USAGE = "usage"
+"""Outcome of a log that the options do not fit: it gets no row, the user changes the options."""
 
 
 def failed(outcome: str, text: str, reason: str | None = None) -> dict[str, list[Row]]:

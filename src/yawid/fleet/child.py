@@ -20,6 +20,7 @@ from yawid.dataset.values import FAILED, failed
 from yawid.fleet.one_log import rows_of
 from yawid.fleet.spec import Spec
 from yawid.system.processes import die_with_parent
+from yawid.system.stores import CHUNK, StoredPath
 
 READY = "ready"
 """The first answer, sent when all imports are done: a log's timeout starts after it."""
@@ -75,20 +76,14 @@ def rows_here(path: str, spec: Spec, scratch: Path, data: bytes | None) -> Any:
             if data is not None:
                 out.write(data)
             else:
-                _stream(path, out)
+                with StoredPath(path).open() as stream:
+                    shutil.copyfileobj(stream, out, CHUNK)
     except Exception as error:  # a store's library may raise anything
         return failed(FAILED, f"{type(error).__name__}: {error}")
     try:
         return rows_of(local, spec)
     finally:
         local.unlink()
-
-
-def _stream(url: str, out: BinaryIO) -> None:
-    import fsspec
-
-    with fsspec.open(url, "rb") as stream:
-        shutil.copyfileobj(stream, out, 1 << 20)
 
 
 if __name__ == "__main__":

@@ -9,11 +9,11 @@ from pathlib import Path
 from typing import Any, Final
 
 from yawid.errors import ConfigError, SourceError
-from yawid.sources.formats import IN_FOLDERS
+from yawid.sources.formats import IN_FOLDERS, WITH_RECORDS
+from yawid.system.stores import CHUNK, Place, StoredPath, fsspec
 
 NOT_FINISHED: Final = ".interrupted.mcap"
 _WILD: Final = frozenset("*?[")
-_CHUNK: Final = 1 << 20
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,30 +28,41 @@ class FoundLog:
     """The time of the last change in ns since 1970, or what a store reports instead (an ETag)."""
 
 
-def find_logs(paths: Iterable[str]) -> list[FoundLog]:
+def find_logs(paths: Iterable[str], *, with_records: bool = False) -> list[FoundLog]:
     """Return every log below the given files, folders, globs and URLs, once each, largest first.
+
+    CSV and Parquet files, which have many other uses, are found only ``with_records``.
 
     Raises:
         SourceError: one of ``paths`` has no log, or cannot be listed.
         ConfigError: a URL is given and fsspec is not installed.
     """
     found: dict[str, FoundLog] = {}
+    ends = WITH_RECORDS if with_records else IN_FOLDERS
     for path in paths:
-        below = {each.path: each for each in (_below_url(path) if "://" in path else _below(path))}
+        logs = _below_url(path, ends) if "://" in path else _below(path, ends)
+        below = {each.path: each for each in logs}
         if not below:
+            columns = (
+                "" if with_records else "; for CSV and Parquet give --rudder-unit or --columns"
+            )
             raise SourceError(
-                f"{path}: no log was found there; the names of logs end in {', '.join(IN_FOLDERS)}"
+                f"{path}: no log was found there; the names of logs end in {', '.join(ends)}"
+                f"{columns}"
             )
         found |= below
     return sorted(found.values(), key=lambda log: (-log.size, log.path))
 
 
-def check_apart(paths: Iterable[str], found: Iterable[FoundLog], out: Path) -> None:
+def check_apart(paths: Iterable[str], found: Iterable[FoundLog], out: Place) -> None:
     """Check that the data set's folder ``out`` and the folders of the logs are separate.
 
     Raises:
         ConfigError: one of them contains the other.
     """
+    if isinstance(out, StoredPath):
+        _check_apart_in_store(paths, found, str(out).rstrip("/") + "/")
+        return
     place = Path(os.path.realpath(out))
     for folder in {os.path.dirname(_local_path(log.path)) for log in found}:
         if folder and Path(os.path.realpath(folder)).is_relative_to(place):
@@ -64,6 +75,19 @@ def check_apart(paths: Iterable[str], found: Iterable[FoundLog], out: Path) -> N
         if searched is not None and place.is_relative_to(os.path.realpath(searched)):
             raise ConfigError(
                 f"--out {out} lies below {searched}, where logs are searched for: choose a folder "
+                "outside of it"
+            )
+
+
+def _check_apart_in_store(paths: Iterable[str], found: Iterable[FoundLog], out: str) -> None:
+    for log in found:
+        if log.path.startswith(out):
+            raise ConfigError(f"--out {out} holds the log {log.path}: choose a place without logs")
+    for path in paths:
+        before = path.partition("**")[0].rstrip("/") + "/"
+        if out.startswith(before):
+            raise ConfigError(
+                f"--out {out} lies below {before}, where logs are searched for: choose a place "
                 "outside of it"
             )
 
@@ -82,13 +106,13 @@ def _searched(path: str) -> str | None:
     return path if path and os.path.isdir(path) else None
 
 
-def is_log(name: str) -> bool:
-    """Return whether a file found in a folder is a log by its name.
+def is_log(name: str, ends: tuple[str, ...]) -> bool:
+    """Return whether a file found in a folder is a log by its name, which has one of these ends.
 
     A file that the user names is always taken for a log.
     """
     lower = name.lower()
-    return lower.endswith(IN_FOLDERS) and not lower.endswith(NOT_FINISHED)
+    return lower.endswith(ends) and not lower.endswith(NOT_FINISHED)
 
 
 def sha256_of(log: FoundLog) -> str:
@@ -102,8 +126,8 @@ def sha256_of(log: FoundLog) -> str:
             with Path(log.path).open("rb") as stream:
                 return hashlib.file_digest(stream, "sha256").hexdigest()
         digest = hashlib.sha256()
-        with _fsspec().open(log.path, "rb") as stream:
-            while chunk := stream.read(_CHUNK):
+        with StoredPath(log.path).open() as stream:
+            while chunk := stream.read(CHUNK):
                 digest.update(chunk)
         return digest.hexdigest()
     except Exception as error:  # a store's library may raise anything
@@ -114,20 +138,18 @@ def own_bytes(log: FoundLog) -> bytes | None:
     """Return the bytes of a log in ``memory://``, which no other process can read, else None."""
     if not log.path.startswith("memory://"):
         return None
-    with _fsspec().open(log.path, "rb") as stream:
-        data: bytes = stream.read()
-        return data
+    return StoredPath(log.path).read_bytes()
 
 
-def _below(path: str) -> Iterator[FoundLog]:
+def _below(path: str, ends: tuple[str, ...]) -> Iterator[FoundLog]:
     if os.path.isfile(path):
         yield _local(path)
     elif os.path.isdir(path):
         for folder, _, names in os.walk(path, onerror=_cannot_list):
-            yield from (_local(os.path.join(folder, name)) for name in names if is_log(name))
+            yield from (_local(os.path.join(folder, name)) for name in names if is_log(name, ends))
     elif _WILD & set(path):
         for each in glob.iglob(path, recursive=True):
-            if is_log(each) and os.path.isfile(each):
+            if is_log(each, ends) and os.path.isfile(each):
                 yield _local(each)
     else:
         raise SourceError(f"{path}: no such file or folder")
@@ -145,16 +167,16 @@ def _cannot_list(error: OSError) -> None:
     raise SourceError(f"{error.filename}: {error.strerror}") from error
 
 
-def _below_url(url: str) -> Iterator[FoundLog]:
-    fsspec = _fsspec()
+def _below_url(url: str, ends: tuple[str, ...]) -> Iterator[FoundLog]:
+    core = fsspec().core
     try:
-        store, root = fsspec.core.url_to_fs(url)
+        store, root = core.url_to_fs(url)
         if _WILD & set(root):
             names = store.glob(root, detail=True)
         else:
             names = store.find(root, detail=True)
         for name, about in names.items():
-            if name == root or (about.get("type") == "file" and is_log(name)):
+            if name == root or (about.get("type") == "file" and is_log(name, ends)):
                 size = int(about.get("size") or 0)
                 yield FoundLog(store.unstrip_protocol(name), size, _modified(about))
     except Exception as error:  # a store's library may raise anything
@@ -165,11 +187,3 @@ def _modified(about: Any) -> str:
     """Return what a store reports as a file's state: its ETag, else a hash or a time."""
     names = ("ETag", "etag", "md5Hash", "mtime", "LastModified", "last_modified", "created")
     return str(next((about[name] for name in names if about.get(name)), "unknown"))
-
-
-def _fsspec() -> Any:
-    try:
-        import fsspec.core
-    except ImportError as error:
-        raise ConfigError("URLs need fsspec: pip install 'yawid[fleet]'") from error
-    return fsspec

@@ -1,12 +1,15 @@
 """The journal of a fleet: one line for each log that is finished and not merged yet.
 
-``DATASET/finished.jsonl`` grows by one line when a log ends, so that a kill loses no finished log
+``finished.jsonl`` grows by one line when a log ends, so that a kill loses no finished log
 and leaves none half written. The lines are merged into Parquet files when there are many of them,
 at the end of the run, after an interrupt, and at the start of the next run. A last line that is
-incomplete is ignored: its log is run again.
+incomplete is ignored: its log is run again. It lies in the data set's folder; of a data set in a
+store, which cannot append to a file, in a folder of the user.
 """
 
+import hashlib
 import json
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -17,8 +20,10 @@ from yawid.dataset.places import MANIFEST, read_manifest
 from yawid.dataset.schema import TABLES
 from yawid.dataset.values import Entry, ReadRow
 from yawid.errors import SinkError, SourceError
+from yawid.fleet.hold import Hold
 from yawid.sinks.part_file import os_errors_as_sink_error
 from yawid.system.files import lock
+from yawid.system.stores import Place, StoredPath
 
 FINISHED: Final = "finished.jsonl"
 LOCK: Final = ".lock"
@@ -41,16 +46,20 @@ class Journal:
         SourceError: the data set in the folder cannot be read.
     """
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Place) -> None:
         self.folder = folder
         self._lines = self._size = 0
-        self._path = folder / FINISHED
-        self._lock = _locked(folder)
+        here = _here(folder)
+        self._path = here / FINISHED
+        self._lock = _locked(folder, here)
+        self._hold: Hold | None = None
         self._stream: BinaryIO | None = None
         try:
+            if isinstance(folder, StoredPath):
+                self._hold = Hold(folder / LOCK, here)
             self.merge()
         except BaseException:
-            self._lock.close()
+            self._release()
             raise
 
     def known(self) -> dict[str, ReadRow]:
@@ -82,6 +91,8 @@ class Journal:
         if self._stream is not None:
             self._stream.close()
             self._stream = None
+        if self._hold is not None:
+            self._hold.check()
         entries = list(_lines(self._path))
         if entries:
             merge(self.folder, entries)
@@ -95,11 +106,16 @@ class Journal:
         try:
             self.merge()
         finally:
-            self._lock.close()
+            self._release()
+
+    def _release(self) -> None:
+        if self._hold is not None:
+            self._hold.release()
+        self._lock.close()
 
 
 @contextmanager
-def opened(folder: Path) -> Iterator[Journal]:
+def opened(folder: Place) -> Iterator[Journal]:
     """Open a data set; finished logs are merged however the context ends."""
     journal = Journal(folder)
     try:
@@ -108,16 +124,16 @@ def opened(folder: Path) -> Iterator[Journal]:
         journal.close()
 
 
-def peek(folder: Path) -> dict[str, ReadRow]:
+def peek(folder: Place) -> dict[str, ReadRow]:
     """Return the columns ``KNOWN`` of each log by path, without writing anything."""
     known: dict[str, ReadRow] = {}
     if (folder / MANIFEST).exists():
         known = {row["path"]: row for row in read_table(folder, "logs", KNOWN).to_pylist()}
-    newer = (entry["logs"][0] for entry in _lines(folder / FINISHED))
+    newer = (entry["logs"][0] for entry in _lines(_here(folder) / FINISHED))
     return known | {row["path"]: {name: row.get(name) for name in KNOWN} for row in newer}
 
 
-def check_ours(folder: Path) -> None:
+def check_ours(folder: Place) -> None:
     """Check that a folder is a data set or may become one; it need not exist.
 
     Raises:
@@ -125,13 +141,30 @@ def check_ours(folder: Path) -> None:
         SourceError: its manifest or its journal cannot be read, or was not written by yawid.
     """
     with os_errors_as_sink_error(folder):
-        names = {path.name for path in folder.iterdir()} if folder.exists() else set()
+        names = _names(folder)
     if MANIFEST in names:
         read_manifest(folder)
     elif names - _BEFORE_MANIFEST:
         raise SinkError(f"{folder} is not empty and is not a data set: choose another --out")
-    for _ in _lines(folder / FINISHED):
+    for _ in _lines(_here(folder) / FINISHED):
         break
+
+
+def _names(folder: Place) -> set[str]:
+    if isinstance(folder, Path):
+        return {path.name for path in folder.iterdir()} if folder.exists() else set()
+    if (folder / MANIFEST).exists():
+        return {MANIFEST}
+    return {name.partition("/")[0] for name in folder.below()}
+
+
+def _here(folder: Place) -> Path:
+    """Return the folder of the journal and the lock on this machine."""
+    if isinstance(folder, Path):
+        return folder
+    named = Path(os.environ.get("XDG_STATE_HOME") or ".")
+    state = named if named.is_absolute() else Path("~/.local/state").expanduser()
+    return state / "yawid" / "fleets" / hashlib.sha256(str(folder).encode()).hexdigest()[:16]
 
 
 def _lines(path: Path) -> Iterator[Entry]:
@@ -153,11 +186,11 @@ def _lines(path: Path) -> Iterator[Entry]:
             yield entry
 
 
-def _locked(folder: Path) -> BinaryIO:
+def _locked(folder: Place, here: Path) -> BinaryIO:
     check_ours(folder)
-    with os_errors_as_sink_error(folder):
-        folder.mkdir(parents=True, exist_ok=True)
-        file = (folder / LOCK).open("ab")
+    with os_errors_as_sink_error(here):
+        here.mkdir(parents=True, exist_ok=True)
+        file = (here / LOCK).open("ab")
     try:
         lock(file.fileno())
     except OSError as error:

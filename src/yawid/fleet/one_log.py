@@ -13,9 +13,9 @@ from typing import Any
 
 from yawid.answers.heard import LinkCounts
 from yawid.answers.run_summary import ReasonSummary, RunSummary
-from yawid.config.run import RunConfig
+from yawid.config.run import OF_RECORDS, RunConfig
 from yawid.dataset.summary_rows import flight_rows, manoeuvre_rows, run_rows
-from yawid.dataset.values import FAILED, ReadRow, Row, failed, known_date, plain, serial_of
+from yawid.dataset.values import FAILED, USAGE, ReadRow, Row, failed, known_date, plain, serial_of
 from yawid.errors import ConfigError, SourceError, YawidError
 from yawid.fleet.seconds import FlightSink
 from yawid.fleet.spec import Spec
@@ -57,6 +57,8 @@ def rows_of(path: Path, spec: Spec) -> Rows:
     except SourceError as error:
         may_pass = isinstance(error, _OtherKeyError) or _may_pass(error.__cause__)
         outcome, text = FAILED if may_pass else "unreadable", str(error)
+    except ConfigError as error:
+        outcome, text = USAGE, str(error)
     except YawidError as error:
         outcome, text = "unusable", str(error)
     except Exception as error:
@@ -106,14 +108,17 @@ def _rows_of(path: Path, spec: Spec) -> Rows:
             return stack.enter_context(closing(open_log(path, options, again=again)))
 
         source = opened(again=is_auto)
-        config = with_orders(source, source.settled(spec.settings))
+        settings = dict(spec.settings)
+        if not source.format.has_columns:  # a folder may hold records and logs
+            settings = {name: each for name, each in settings.items() if name not in OF_RECORDS}
+        config = with_orders(source, source.settled(settings))
         first = _flown(source, config, spec)
         again = [source] if is_auto else []
 
         def another(config: RunConfig) -> _Flown | None:
             if not again:
                 again.append(opened(again=True))
-                again[0].settled(spec.settings)
+                again[0].settled(settings)
             try:
                 return _flown(again[0], config, spec)
             except ConfigError:  # the settings exclude this boot

@@ -11,10 +11,11 @@ from typing import Any, Final
 
 import pyarrow as pa
 
+from yawid.config.run import OF_RECORDS
 from yawid.dataset.files import table_of
 from yawid.dataset.places import MANIFEST, read_manifest
 from yawid.dataset.schema import ANALYSIS_VERSION, TABLES
-from yawid.dataset.values import FAILED, Entry, ReadRow, Row, failed
+from yawid.dataset.values import FAILED, USAGE, Entry, ReadRow, Row, failed
 from yawid.errors import SinkError, SourceError
 from yawid.fleet.cluster import check_installed, workers_of
 from yawid.fleet.find_logs import FoundLog, check_apart, find_logs, own_bytes, sha256_of
@@ -25,9 +26,13 @@ from yawid.fleet.worker import Task
 from yawid.runs.stop import Interrupted, StopFlag
 from yawid.sinks.words import duration
 from yawid.sources.formats import FORMATS
+from yawid.system.stores import Place
 
 TIMEOUT_S: Final = 600.0
 """Default time limit of one log in s."""
+LOG_BYTES: Final = 1_000_000
+"""The cost of a log itself, as that of so many bytes, in the estimate of the time that remains."""
+SPREAD: Final = 20
 TRIED_AGAIN: Final = ("crashed", "timeout")
 """Outcomes of logs that are run again only with ``--retry``."""
 
@@ -37,7 +42,7 @@ class FleetRun:
     """The settings of a fleet run: which logs, where the data set is, and which workers."""
 
     paths: Sequence[str]
-    out: Path
+    out: Place
     spec: Spec = field(default_factory=Spec)
     workers: int | None = None
     scheduler: str | None = None
@@ -68,7 +73,8 @@ class Progress:
 
     ``logs`` and ``size`` (bytes) are the whole, ``done`` and ``done_bytes`` what has ended.
     ``threads`` workers each replay a log. ``start_s`` is on the monotonic clock. ``why_failed``
-    is the text of the first log that failed.
+    is the text of the first log that failed, ``why_usage`` that of the first that the options do
+    not fit.
     """
 
     logs: int
@@ -79,6 +85,7 @@ class Progress:
     outcomes: Counter[str] = field(default_factory=Counter)
     start_s: float = field(default_factory=time.monotonic)
     why_failed: str = ""
+    why_usage: str = ""
 
     @property
     def failed(self) -> int:
@@ -98,7 +105,8 @@ class Progress:
         counts = ", ".join(f"{name} {count}" for name, count in self.outcomes.most_common())
         text = f"{self.done} of {self.logs} logs, {self.done / passed_s:.2g}/s"
         if self.done_bytes:
-            left_s = passed_s * (self.size - self.done_bytes) / self.done_bytes
+            left = self.size - self.done_bytes + LOG_BYTES * (self.logs - self.done)
+            left_s = passed_s * left / (self.done_bytes + LOG_BYTES * self.done)
             text += f", {self.done_bytes / passed_s / 1e6:.2g} MB/s, {duration(left_s)} left"
         return f"{text}; {counts}" if counts else text
 
@@ -113,7 +121,12 @@ def plan_of(run: FleetRun, found: Sequence[FoundLog], known: Mapping[str, ReadRo
     todo = [log for log in found if not _is_known(log, known.get(log.path), config_hash, run)]
     _need_libraries(todo)
     answered = frozenset(path for path, row in known.items() if row["outcome"] != FAILED)
-    return Plan(todo, len(found) - len(todo), answered)
+    return Plan(_spread(todo), len(found) - len(todo), answered)
+
+
+def _spread(logs: list[FoundLog]) -> list[FoundLog]:
+    """Return logs, which are sorted by size, with every twentieth first: then the time is known."""
+    return logs[::SPREAD] + [log for i, log in enumerate(logs) if i % SPREAD]
 
 
 def _is_known(log: FoundLog, row: ReadRow | None, config_hash: str, run: FleetRun) -> bool:
@@ -151,7 +164,8 @@ def dry_run(run: FleetRun) -> Plan:
 
 
 def _found(run: FleetRun) -> list[FoundLog]:
-    found = find_logs(run.paths)
+    asked = run.spec.settings
+    found = find_logs(run.paths, with_records=any(name in asked for name in OF_RECORDS))
     check_apart(run.paths, found, run.out)
     return found
 
@@ -216,7 +230,9 @@ def _run(
                 row = entry["logs"][0]
                 if row["outcome"] == FAILED:
                     progress.why_failed = progress.why_failed or f"{log.path}: {row['text']}"
-                if row["outcome"] != FAILED or log.path not in plan.answered:
+                if row["outcome"] == USAGE:
+                    progress.why_usage = progress.why_usage or f"{log.path}: {row['text']}"
+                elif row["outcome"] != FAILED or log.path not in plan.answered:
                     journal.add(entry)  # a failure does not replace an earlier answer
                 progress.add(row["outcome"], log.size)
                 show(progress)

@@ -24,6 +24,7 @@ from yawid.results.reasons import KINDS, Reason, Verdict
 from yawid.results.summary import as_summary, bank_summaries, concluded
 from yawid.sinks.mcap.reader import McapRun, open_run
 from yawid.sources.formats import RUN
+from yawid.system.stores import Place
 
 CHANGEABLE = (
     "orders",
@@ -60,7 +61,8 @@ class FinishedRun:
 
     def __init__(self, path: Path) -> None:
         self._run = run = open_run(path)
-        self.path, self.size = path, path.stat().st_size
+        self.path: Place = path  # or where the file was brought from
+        self.size = path.stat().st_size
         self.log_lines = run.log
         grid = run.grid
         self.modes_of = (0, 0) if grid is None else (grid.autopilot, grid.vehicle_type)
@@ -131,7 +133,7 @@ class FinishedRun:
         with run.path.open("rb") as stream:
             sha256 = hashlib.file_digest(stream, "sha256").hexdigest()
         summary = RunSummary(
-            log=str(run.path.absolute()),
+            log=str(self.path.absolute()),
             sha256=sha256,
             source=before.source or before.own_source,
             duration_s=before.duration_s,

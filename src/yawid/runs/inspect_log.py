@@ -39,6 +39,7 @@ from yawid.runs.job import KeptSamples, RecordedLog, run
 from yawid.runs.trials import Trial, Trials
 from yawid.sinks.terminal.progress import Bar, progress
 from yawid.sources.open_log import ReadOptions
+from yawid.system.stores import Place
 
 BRIDGE_S = 20.0
 """Excited stretches that are no more than this far apart are joined to one."""
@@ -189,7 +190,7 @@ def _options(config: RunConfig, always: Container[str]) -> dict[str, Any]:
     return found
 
 
-def command_line(log: Path, config: RunConfig, read_options: ReadOptions) -> str:
+def command_line(log: Place, config: RunConfig, read_options: ReadOptions) -> str:
     """Return the command that replays a log with this configuration, to be copied into a shell.
 
     An option at its default is left out unless the user gave it: a given option is binding for

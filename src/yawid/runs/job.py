@@ -15,7 +15,7 @@ from yawid.answers.run_summary import ChannelFound, RunSummary
 from yawid.blocks import EstimateBlock, ModesBlock, SampleBlock
 from yawid.channels.stage import WANTED
 from yawid.channels.survey import Survey
-from yawid.config.run import BOTH, RunConfig
+from yawid.config.run import BOTH, OF_RECORDS, RunConfig
 from yawid.errors import ConfigError
 from yawid.pipeline import Pipeline
 from yawid.results.reasons import Verdict
@@ -60,7 +60,7 @@ class RecordedLog(Log):
         """
         config, record = RunConfig(**settings), self.record
         if record is None:
-            for name in ("columns", "units", "rudder_unit", "rudder_is", "least_stroke_deg"):
+            for name in OF_RECORDS:
                 if getattr(config, name):
                     option = name.replace("_", "-")
                     raise ConfigError(

@@ -20,6 +20,7 @@ from yawid.sinks.door import say
 from yawid.sinks.mcap.sink import McapSink
 from yawid.sinks.part_file import Disk, check_free
 from yawid.sinks.rerun.sink import RerunSink
+from yawid.system.stores import Place
 
 SIGN = "positive rudder = nose right, positive yaw rate = nose right"
 
@@ -55,7 +56,7 @@ class Outputs:
         return {"mcap": str(self.path(".mcap"))} | rrd
 
 
-def output_names(logs: Sequence[Path]) -> list[str]:
+def output_names(logs: Sequence[Place]) -> list[str]:
     """Return a name for each log's outputs: its stem, with the folder's name where two agree."""
     stems = [log.stem for log in logs]
     names: list[str] = []

@@ -2,7 +2,7 @@
 
 import sys
 from collections.abc import Mapping
-from contextlib import closing
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -26,10 +26,11 @@ from yawid.runs.stop import StopFlag as StopFlag  # a user of replay() needs it 
 from yawid.sinks.door import say
 from yawid.sinks.terminal.progress import progress
 from yawid.sources.open_log import ReadOptions
+from yawid.system.stores import Place, brought
 
 
 def replay(
-    log: Path,
+    log: Place,
     settings: Mapping[str, Any],
     outputs: Outputs,
     stop: StopFlag,
@@ -47,11 +48,14 @@ def replay(
         SinkError: an output cannot be written.
         ConfigError: what is asked for does not fit the log.
     """
-    with stop.raising():
-        source = open_log(log, read_options, again=settings.get("orders") == "auto")
-    with closing(source):
+    with ExitStack() as stack:
+        with stop.raising():
+            local = stack.enter_context(brought(log))
+            source = open_log(local, read_options, again=settings.get("orders") == "auto")
+        stack.callback(source.close)
+        source.path = log
         written = [Path(path) for path in outputs.files().values()]
-        if any(path.exists() and path.samefile(log) for path in written):
+        if any(path.exists() and path.samefile(local) for path in written):
             raise SinkError(f"{log} would be overwritten by its own results: choose another --out")
         with stop.raising():
             config = with_orders(source, source.settled(settings))

@@ -7,10 +7,11 @@ from pathlib import Path
 from typing import BinaryIO
 
 from yawid.errors import SinkError
+from yawid.system.stores import Place
 
 
 @contextmanager
-def os_errors_as_sink_error(path: Path) -> Iterator[None]:
+def os_errors_as_sink_error(path: Place) -> Iterator[None]:
     """Turn an OSError about ``path`` into a SinkError of one line."""
     try:
         yield

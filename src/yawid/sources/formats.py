@@ -92,6 +92,8 @@ FORMATS: Final = (
 )
 IN_FOLDERS: Final = tuple(each.suffix for each in FORMATS if not each.has_columns)
 """The suffixes of files that are taken from a folder: logs and finished runs."""
+WITH_RECORDS: Final = tuple(each.suffix for each in FORMATS)
+"""Those where the user says what the columns of CSV and Parquet hold."""
 
 
 def recorded() -> str:

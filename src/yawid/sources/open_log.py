@@ -18,6 +18,7 @@ from yawid.sources.formats import TLOG, format_of
 from yawid.sources.logs.tlog import FORMS, Form
 from yawid.sources.mavlink.decoder import Decoder
 from yawid.sources.mavlink.signing import Signing, SigningKey
+from yawid.system.stores import Place
 
 if TYPE_CHECKING:
     from yawid.sources.records.record import Record
@@ -105,7 +106,8 @@ class Log:
                 f"{path} is {kind.called}, not a telemetry log: give the .tlog of the flight"
             )
         self._reader = opener(path, wanted, self.options)
-        self.path, self.size = path, path.stat().st_size
+        self.path: Place = path  # or where the file was brought from
+        self.size = path.stat().st_size
         self._digest = hashlib.sha256()
         self._kept = SpooledTemporaryFile(IN_MEMORY) if again else None  # noqa: SIM115 until the end
         self._is_decoded = False

@@ -2,22 +2,22 @@
 
 from collections.abc import Sequence
 from html import escape
-from pathlib import Path
 
 from yawid.answers.run_summary import RunSummary
 from yawid.sinks.words import NEXT, bare_rows, dutch_roll, flight_rows, next_step
+from yawid.system.stores import Place
 from yawid.tables.keywords import in_keywords
 from yawid.tables.table import Table
 
 
-def told(path: Path, summary: RunSummary, tables: Sequence[Table]) -> str:
+def told(path: Place, summary: RunSummary, tables: Sequence[Table]) -> str:
     """Return a run as text for a prompt."""
     rows = ", ".join(f"{table.title} ({len(table)})" for table in tables)
     lines = [f"{path}: {verdict(summary)}", *reasons(summary), *answer(summary), f"rows: {rows}"]
     return "\n  ".join(lines)
 
 
-def page(path: Path, summary: RunSummary, tables: Sequence[Table]) -> str:
+def page(path: Place, summary: RunSummary, tables: Sequence[Table]) -> str:
     """Return a run as HTML for a notebook, without script, external styles or other sources."""
     said = "".join(f"<li>{escape(line)}</li>" for line in reasons(summary))
     dim = "" if summary.deciding.usable else ";opacity:0.6"

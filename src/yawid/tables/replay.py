@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from os import PathLike
+from os import PathLike, fspath
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, Final, Literal
@@ -15,6 +15,7 @@ from yawid.blocks import EstimateBlock, ModesBlock, SampleBlock
 from yawid.errors import ConfigError, YawidError
 from yawid.sinks.base import Grid, Relay, Sink
 from yawid.sinks.mcap.messages import RunRows, joined
+from yawid.system.stores import Place, place_of
 from yawid.tables.keywords import errors_in_keywords
 from yawid.tables.run import Run
 from yawid.tables.table import Table
@@ -85,13 +86,13 @@ def replay(
     if isinstance(columns, Mapping):
         settings["columns"] = tuple(f"{name}={column}" for name, column in columns.items())
     if isinstance(log, str | PathLike):
-        return _of_file(Path(log), settings, config, format, signing_key_file)
+        return _of_file(place_of(fspath(log)), settings, config, format, signing_key_file)
     with _as_file(log) as path:
         return _of_file(path, settings, config, format, signing_key_file).named(type(log).__name__)
 
 
 def _of_file(
-    log: Path,
+    log: Place,
     given: dict[str, Any],
     toml: str | PathLike[str] | None,
     form: str | None,
@@ -131,7 +132,7 @@ class Kept(Relay):
     def _hand(self, call: Callable[[Sink], None]) -> None:
         self._calls.append(call)
 
-    def run(self, path: Path) -> Run:
+    def run(self, path: Place) -> Run:
         """Return the run of the log at ``path``; the sink must be finished and is then empty."""
         from yawid.sinks.mcap.reader import read_config
 

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from functools import cached_property
-from os import PathLike
+from os import PathLike, fspath
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, Literal, Self
@@ -17,6 +17,7 @@ from yawid.blocks import ModesBlock, SampleBlock
 from yawid.config.run import RunConfig
 from yawid.sinks.base import Call, Grid, rudder_unit
 from yawid.sinks.mcap.messages import RunRows, joined
+from yawid.system.stores import Place, brought, place_of
 from yawid.tables.columns import (
     Units,
     estimate_columns,
@@ -42,7 +43,7 @@ class Run:
 
     def __init__(
         self,
-        path: Path,
+        path: Place,
         summary: RunSummary,
         config: RunConfig,
         grid: Grid | None,
@@ -50,7 +51,8 @@ class Run:
         parameters: Mapping[str, float] | None = None,
         calls: Sequence[Call] = (),
     ) -> None:
-        self.path, self.summary, self.config = path, summary, config
+        self.path: Place = path
+        self.summary, self.config = summary, config
         self.parameters = {} if parameters is None else parameters
         self._rows, self._calls = no_rows() if rows is None else rows, calls
         if grid is None:
@@ -203,7 +205,11 @@ class Run:
         from yawid.runs.outputs import Outputs, open_mcap
 
         if not self._calls:
-            return self.path
+            if isinstance(self.path, Path):
+                return self.path
+            folder.mkdir(parents=True, exist_ok=True)
+            self.path.copy_to(folder / self.path.name)
+            return folder / self.path.name
         outputs = Outputs(folder, self.path.stem)
         sink = open_mcap(self.config, outputs)
         for call in self._calls:
@@ -226,18 +232,20 @@ class Run:
 
 @errors_in_keywords()
 def load(path: str | PathLike[str]) -> Run:
-    """Return the run in one of yawid's MCAP files, read into memory as a whole.
+    """Return the run in one of yawid's MCAP files, read into memory as a whole; it may be a URL.
 
     Raises:
         SourceError: it cannot be read, is damaged, was never finished or is not yawid's.
     """
     from yawid.sinks.mcap.reader import open_run
 
-    run = open_run(Path(path))
-    parts = list(run.blocks())
+    place = place_of(fspath(path))
+    with brought(place) as local:
+        run = open_run(local)
+        parts = list(run.blocks())
     rows = joined(parts) if parts else None
     known = parameters_in(run.attachments.get(PARAMETERS, b""))
-    return Run(run.path, run.summary, run.config, run.grid, rows, known)
+    return Run(place, run.summary, run.config, run.grid, rows, known)
 
 
 def no_rows() -> RunRows:

@@ -9,8 +9,8 @@ also scatters by tau, and the flights of its own log are left out of the data se
 """
 
 from collections.abc import Iterator, Mapping
+from contextlib import ExitStack
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Final
 
 import numpy as np
@@ -25,6 +25,7 @@ from yawid.damper.identified import Facts
 from yawid.dataset.summary_rows import flight_rows
 from yawid.dataset.values import serial_of
 from yawid.sinks.mcap.reader import McapRun, open_run
+from yawid.system.stores import Place, brought
 from yawid.trend.changes import scatter
 from yawid.trend.days import solve_tau2
 from yawid.trend.history import FOLLOWED, NO_LOOP, FlightRow, read_flights
@@ -107,7 +108,7 @@ class _Side:
     run.
     """
 
-    path: Path
+    path: Place
     numbers: dict[tuple[str, str, str], Value] = field(default_factory=dict)
     dof: dict[tuple[str, str, str], float] = field(default_factory=dict)
     rows: dict[str, FlightRow] = field(default_factory=dict)
@@ -115,13 +116,18 @@ class _Side:
     sha256: str | None = None
 
 
-def diff(a: Path, b: Path) -> Diff:
+def diff(a: Place, b: Place) -> Diff:
     """Return what changed from A to B.
 
     Raises:
         SourceError: one of them is neither a finished run nor a data set.
     """
-    one, other = _side(a), _side(b)
+    with ExitStack() as stack:
+        one, other = (_side(place, stack) for place in (a, b))
+        return _compared(one, other)
+
+
+def _compared(one: _Side, other: _Side) -> Diff:
     if one.run is not None and other.run is not None:
         flown = _before_after(one, other)
         told = _told(one, other, list(_of_runs(one, other)), [])
@@ -176,10 +182,11 @@ def _of_dampers(told: Diff, found: BeforeAfter) -> DamperDiff:
     )  # fmt: skip
 
 
-def _side(path: Path) -> _Side:
+def _side(path: Place, stack: ExitStack) -> _Side:
+    """Return a side; a run in a store is copied, and its copy is removed when ``stack`` ends."""
     if path.is_dir():
         return _Side(path)
-    run = open_run(path)
+    run = open_run(stack.enter_context(brought(path)))
     rows: dict[str, FlightRow] = {
         row.get("loop") or NO_LOOP: row for row in flight_rows(run.summary, None, None)
     }

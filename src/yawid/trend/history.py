@@ -7,13 +7,13 @@ history of its own.
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
 from yawid.blocks import Floats, Ints
 from yawid.dataset.files import read_flights_by_loop
+from yawid.system.stores import Place
 from yawid.trend.days import Track
 
 FOLLOWED: Final = {"kappa_rad_m": "kappa_std", "zeta": "zeta_std", "K_per_V": "K_per_V_std"}
@@ -54,7 +54,7 @@ class Flights:
     histories: list[History]
 
 
-def read_flights(folder: Path, without_sha: str | None = None) -> Flights:
+def read_flights(folder: Place, without_sha: str | None = None) -> Flights:
     """Return a data set's histories, sorted by vehicle.
 
     The flights of the log with the hash ``without_sha`` are left out.

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from yawid.config.run import RunConfig
+from yawid.config.run import OF_RECORDS, RunConfig
 from yawid.errors import ConfigError
 from yawid.estimation.armax import RecursiveArmax
 from yawid.estimation.bank import Bank
@@ -30,14 +30,7 @@ _NOT_THE_MODEL = (
     *("sysid", "from_s", "to_s", "boot", "servo_tau", "manoeuvres", "lateral", "servo_lag"),
     *("airborne", "given"),
 )
-_OF_RECORDS = (
-    "columns",
-    "units",
-    "rudder_unit",
-    "rudder_stroke_rad",
-    "rudder_is",
-    "least_stroke_deg",
-)
+_OF_RECORDS = (*OF_RECORDS, "rudder_stroke_rad")
 
 
 class StateFile(Bulkhead):
