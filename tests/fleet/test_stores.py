@@ -174,11 +174,11 @@ def test_records_in_a_folder_are_found_by_their_options_and_wrong_usage_leaves_n
     here: Path, capsys: pytest.CaptureFixture[str]
 ):
     rows = [f"{i / 20},{i % 40 // 20},{i % 7 / 100}" for i in range(400)]
-    Path("logs/own.csv").write_text("\n".join(["t,rudder,r", "s,,rad/s", *rows]))
+    Path("logs/own.csv").write_text("\n".join(["t,rudder,r", "s,,rad/s", *rows]), encoding="utf-8")
     assert main(["fleet", "logs", "--out", "data"]) == 6
     assert "for CSV and Parquet give --rudder-unit or --columns" in capsys.readouterr().err
     Path("logs/day.tlog").write_bytes(GCS.read_bytes())
-    Path("logs/a.tlog").write_text("no log\n")
+    Path("logs/a.tlog").write_text("no log\n", encoding="utf-8")
     found = {"a.tlog": "unreadable", "day.tlog": "ok", "own.csv": "unusable"}
     assert fleet("--rudder-unit", "rad", "--rudder-sign", "nose-right") == (0, found)
     assert fleet("--rate", "500") == (2, found)
@@ -186,7 +186,7 @@ def test_records_in_a_folder_are_found_by_their_options_and_wrong_usage_leaves_n
 
 
 def test_where_no_log_can_be_read_the_exit_code_is_6(here: Path):
-    Path("logs/a.tlog").write_text("no log\n")
+    Path("logs/a.tlog").write_text("no log\n", encoding="utf-8")
     assert fleet() == (6, {"a.tlog": "unreadable"})
     assert fleet() == (6, {"a.tlog": "unreadable"})  # nothing was run, and nothing is better
 
