@@ -71,6 +71,9 @@ def test_the_predictions_are_those_of_the_true_aircraft(run: Run) -> None:
         assert at.wn_rad_s == pytest.approx(abs(true), rel=0.02)
         assert at.zeta == pytest.approx(-true.real / abs(true), abs=0.02)
         assert 0.0 < at.zeta_std < 0.05
+    # No damper was flown: all of the rudder is the pilot's.
+    drawn = found.predicted.manoeuvre.judged.u[:, 0]
+    assert found.predicted.pilot == pytest.approx(np.nan_to_num(drawn - np.nanmedian(drawn)))
     flight = run.summary.flight.dutch_roll
     assert rows[0.0].wn_rad_s == pytest.approx(flight.wn_rad_s, rel=0.005)
     assert rows[0.0].wn_std == pytest.approx(flight.wn_std, rel=0.2)
@@ -210,6 +213,7 @@ def test_the_command_prints_a_table_json_and_a_page(tmp_path: Path, capsys) -> N
     assert "This is a prediction" in said
     html = page.read_text(encoding="utf-8")
     assert html.count("<svg") == 4
+    assert "Rudder mix, KFF_RDDRMIX: the mix needs the bare airframe" in html
     assert command_line.main([*asked, "--json"]) == 0
     (line,) = capsys.readouterr().out.splitlines()
     told = json.loads(line)

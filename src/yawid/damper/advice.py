@@ -110,6 +110,7 @@ class Predicted:
     """The damped aircraft, for sentences and pages.
 
     ``central`` is one aircraft with exactly the flight's answer, ``laws`` are by airspeed.
+    ``pilot`` (n,) is the rudder that the pilot moved in ``manoeuvre``.
     """
 
     aircraft: Aircraft
@@ -117,6 +118,7 @@ class Predicted:
     laws: tuple[Law, ...]
     closed: Closed
     manoeuvre: Drawn
+    pilot: Floats
 
 
 def closed_without(gains: Floats) -> int:

@@ -80,10 +80,13 @@ def sentences(
     row = int(np.argmin(np.abs(closed.gains - found.next)))
     for v, speed in enumerate(closed.airspeeds_m_s):
         yield (
-            f"There the decay at {speed:.1f} m/s should show wn {wn[v, row]:.3g} rad/s and zeta "
-            f"{zeta[v, row]:.2f} ± {std[v, row]:.2f}."
+            f"There the Dutch roll at {speed:.1f} m/s should have wn {wn[v, row]:.3g} rad/s and "
+            f"zeta {zeta[v, row]:.2f} ± {std[v, row]:.2f}."
         )
-    yield "A replay of that flight should find the same wn and zeta as now: those without damper."
+    yield (
+        "A replay of that flight should find the same wn and zeta as now: those without damper. "
+        "yawid diff of both runs compares the decay flown with the one predicted."
+    )
     yield f"If the tail wags, or less damping is felt than before, set {name} {flown:g} again."
     yield PREDICTION
 

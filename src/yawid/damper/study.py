@@ -19,7 +19,8 @@ from yawid.damper.advice import (
     recommended,
     table,
 )
-from yawid.damper.autopilots import AUTOPILOTS, Autopilot
+from yawid.damper.autopilots import AUTOPILOTS, Autopilot, Law
+from yawid.damper.decay import pilots_rudder
 from yawid.damper.identified import Facts, few, identified
 from yawid.damper.mix import mix_of
 from yawid.damper.refusals import (
@@ -33,6 +34,7 @@ from yawid.damper.refusals import (
 )
 from yawid.damper.sentences import sentences, warnings
 from yawid.errors import ConfigError
+from yawid.models.refit import Drawn
 
 FURTHEST: Final = 1.5
 """The largest factor between an airspeed asked for and those flown."""
@@ -134,7 +136,16 @@ def _predicted(
     largest = largest_gain(found.aircraft, laws, speeds)
     gains = _gains(largest, known[autopilot.gain], asked.gains)
     closed = closed_with(found.aircraft, laws, gains, speeds, facts.sample_time_s)
-    return Predicted(found.aircraft, found.central, tuple(laws), closed, found.manoeuvre)
+    near = int(np.argmin(np.abs(np.array(speeds) - found.aircraft.airspeed_m_s)))
+    pilot = _pilots(found.manoeuvre, laws[near], known[autopilot.gain], turn or 0.0)
+    return Predicted(found.aircraft, found.central, tuple(laws), closed, found.manoeuvre, pilot)
+
+
+def _pilots(drawn: Drawn, law: Law, gain: float, turn: float) -> Floats:
+    """Return the rudder that the pilot moved; ``turn`` is the part of the turn rate taken off."""
+    rudder, r = (np.nan_to_num(x - np.nanmedian(x)) for x in (drawn.judged.u[:, 0], drawn.judged.y))
+    error = r - turn * np.nan_to_num(drawn.turn_rate)
+    return pilots_rudder(law, gain, rudder, error, drawn.model.sample_time_s)
 
 
 def _airspeeds(flight: Flight, used: Sequence[Manoeuvre], asked: Asked) -> list[float]:

@@ -20,6 +20,8 @@ from yawid.report.picture import Picture, band, log_axis
 from yawid.sinks.palette import BAD, DATA, MODEL, NEUTRAL, RUDDER
 from yawid.sinks.part_file import check_free, write_whole
 
+PERIODS_SHOWN: Final = 16.0
+"""The periods of the Dutch roll over which the response is drawn."""
 SHADES: Final = (MODEL, RUDDER, BAD)
 """The colour of each airspeed, the lowest first."""
 
@@ -50,7 +52,7 @@ def _sections(report: DamperReport, predicted: Predicted, name: str) -> Iterator
     reasons = [(each.weight, each.name, each.text, "") for each in report.verdict.reasons]
     body = note("", " ".join(report.says)) + listed(reasons)
     if report.mix is not None:
-        body += note("", f"{report.mix.parameter}: {report.mix.text}")
+        body += note("", f"Rudder mix, {report.mix.parameter}: {report.mix.text}")
     yield head(name, origin, sentence, body, usable=band_said is not None)
     yield pictures("The damped aircraft", list(_pictures(report, predicted)))
     heading = (
@@ -207,14 +209,13 @@ def _ninety_five(values: Floats) -> tuple[Floats, Floats]:
 
 def _response(predicted: Predicted, gain: float, name: str) -> Picture:
     judged, model = predicted.manoeuvre.judged, predicted.manoeuvre.model
-    u = np.nan_to_num(judged.u[:, 0] - np.nanmean(judged.u[:, 0]))
-    t = judged.t - judged.t[0]
-    v = int(
-        np.argmin(
-            np.abs(np.array(predicted.closed.airspeeds_m_s) - predicted.aircraft.airspeed_m_s)
-        )
-    )
+    speeds = np.array(predicted.closed.airspeeds_m_s)
+    v = int(np.argmin(np.abs(speeds - predicted.aircraft.airspeed_m_s)))
     G, law = _middle_of(predicted, v), predicted.laws[v]
+    period_s = 2.0 * np.pi / float(np.abs(G.dutch_roll[0]))
+    shown = slice(0, round(PERIODS_SHOWN * period_s / model.sample_time_s))
+    u, t = predicted.pilot[shown], (judged.t - judged.t[0])[shown]
+    y = (judged.y - np.nanmedian(judged.y))[shown]
     without, damped = (
         closed_response(G, law, each, u, model.sample_time_s) for each in (None, gain)
     )
@@ -223,14 +224,14 @@ def _response(predicted: Predicted, gain: float, name: str) -> Picture:
         upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=[1, 2])
         upper.plot(t, u, color=RUDDER)
         upper.set_ylabel("rudder")
-        lower.plot(t, judged.y - np.nanmean(judged.y), color=DATA, linewidth=0.9, label="measured")
+        lower.plot(t, y, color=DATA, linewidth=0.9, label="measured")
         lower.plot(t, without, color=NEUTRAL, label="without damper")
         lower.plot(t, damped, color=MODEL, label=f"with {name} {gain:g}")
         lower.set_ylabel("yaw rate [rad/s]")
         lower.set_xlabel("s")
         figure.legend(loc="outside upper right", ncols=3)
 
-    look = "The rudder of the manoeuvre, moved by the pilot, without and with the damper."
+    look = "The rudder that the pilot moved, without and with the damper: how the manoeuvre began."
     return Picture(
         "response", "The manoeuvre flown, without and with the damper", look, draw, (5.6, 4.4)
     )

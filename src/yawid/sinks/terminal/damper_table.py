@@ -61,7 +61,7 @@ def print_damper(report: DamperReport, stream: TextIO) -> None:
 
 def _print_mix(console: Console, report: DamperReport) -> None:
     if report.mix is not None:
-        console.print(Text(f"{report.mix.parameter}  ", style="bold") + Text(report.mix.text))
+        console.print(Text("mix  ", style="bold") + Text(report.mix.text))
 
 
 def _named(report: DamperReport) -> list[tuple[str, float | None]]:
