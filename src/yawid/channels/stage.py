@@ -218,8 +218,7 @@ class Channels:
         surface = self._surface.read(messages, surfaces, self.aileron, own_clock=untimed)
         self.surface_rows += len(surface)
         samples: list[SampleBlock] = []
-        is_same = all(map(Surface.same_meaning, self._used, surfaces))
-        if len(surface) and self._used and not is_same:
+        if len(surface) and self._used and not all(map(Surface.same_meaning, self._used, surfaces)):
             # Rows before the first row of the new meaning still have the old one.
             early = yaw.order < surface.order[0]
             samples += self._segments(yaw.select(early), surface.select(slice(0, 0)))
