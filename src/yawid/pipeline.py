@@ -184,7 +184,9 @@ class Pipeline:
     def collect_lateral(self, *, wait: bool = False) -> list[tuple[int, Bare]]:
         """Pass the airframes fitted since the last call to the sinks; return them with their n."""
         laterals = None if self._manoeuvres is None else self._manoeuvres.laterals
-        ready = [] if laterals is None else list(laterals.ready(wait=wait))
+        if self._manoeuvres is None or laterals is None:
+            return []
+        ready = list(laterals.ready(self._manoeuvres.answered, wait=wait))
         for n, bare, span_ns in ready:
             for sink in self.sinks:
                 sink.lateral(n, bare, span_ns)

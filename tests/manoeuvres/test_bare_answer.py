@@ -5,14 +5,17 @@ from __future__ import annotations
 import math
 from typing import Any
 
+import hand_flights
 import numpy as np
 import pytest
 from lateral.flown import flown
+from msgspec.structs import replace as msgspec_replace
 
+from yawid.answers.run_summary import DutchRoll
 from yawid.lateral.airframe import Airframe, FailedGate, Known
 from yawid.lateral.motion import Motion
 from yawid.manoeuvres import bare_answer
-from yawid.manoeuvres.bare_answer import Fitted, bare_of, fitted, lateral_of
+from yawid.manoeuvres.bare_answer import Fitted, against_flown, bare_of, fitted, lateral_of
 
 MOTION = flown(seconds=2.0)
 NAMES = (
@@ -107,6 +110,27 @@ def test_a_rudder_that_feeds_the_yaw_rate_back_is_refused_without_any_parameter(
     said = " ".join(reason.text for reason in told.verdict.reasons)
     assert ("is feedback of the yaw rate (limit 0.2)" in said) == refused
     assert told.verdict.usable != refused
+
+
+@pytest.mark.parametrize(
+    ("wn", "loop", "usable", "known"),
+    [(2.5, "airframe", True, True), (2.6, "airframe", True, False),
+     (2.6, "with_roll_loop", True, True), (2.6, "airframe", False, True)],
+)  # fmt: skip
+def test_where_the_sticks_alone_flew_both_answers_must_agree(
+    wn: float, loop: str, usable: bool, known: bool
+):
+    """2.4 +- .03 and wn +- .04 are 2 sigma apart at 2.5 and 4 at 2.6."""
+    flown = hand_flights.manoeuvre(1, wn, loop=loop)
+    [name] = [each for each in flown.estimates if each == flown.verdict.method]
+    roll = DutchRoll(wn_rad_s=wn, wn_std=0.04, zeta=0.2, zeta_std=0.01)
+    estimates = flown.estimates | {name: msgspec_replace(flown.estimates[name], dutch_roll=roll)}
+    verdict = msgspec_replace(flown.verdict, usable=usable)
+    flown = msgspec_replace(flown, estimates=estimates, verdict=verdict)
+
+    told = lateral_of(against_flown(found(1, airframe(std=0.03)), flown))
+
+    assert told.verdict.usable == known
 
 
 def test_a_motion_that_is_missing_is_the_cause():

@@ -94,9 +94,9 @@ class Criterion:
 class Part:
     """One manoeuvre at a point: its predictor, its start and trims ``own`` (8,).
 
-    ``inputs`` (n, 8) are those of ``pair``, the servo lag and the delay in s;
-    ``columns`` (3 n, 8) are what these add to the innovations, in units of ``size`` (8,), and
-    ``power`` (8, 8) their products; ``e`` (3 n,) are the innovations.
+    ``inputs`` (n, 8) are those of ``pair``, the servo lag and the delay in s. ``columns`` (3 n, 8)
+    are what start and trims add to the innovations, each of length 1, and ``power`` (8, 8) their
+    products; ``e`` (3 n,) are the innovations.
     """
 
     predictor: Predictor

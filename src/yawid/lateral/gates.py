@@ -43,6 +43,11 @@ GATES = {
         "{found:.2f} of the rudder near the mode is feedback of the yaw rate (limit {limit:g})",
         "switch the yaw damper off for the manoeuvre",
     ),
+    "differs_from_flown": Gate(
+        "only the sticks flew it, and the answer as flown is {found:.1f} sigma away "
+        "(limit {limit:g})",
+        "repeat the manoeuvre in calmer air",
+    ),
     "not_settled": Gate(
         "the fit did not settle within {limit:g} steps", "repeat the manoeuvre in calmer air"
     ),

@@ -15,6 +15,7 @@ import numpy as np
 from yawid.answers.run_summary import (
     Bare,
     DutchRoll,
+    Manoeuvre,
     ReasonSummary,
     TimeConstant,
     Value,
@@ -25,6 +26,7 @@ from yawid.lateral.airframe import Airframe, FailedGate, Known
 from yawid.lateral.fit_airframe import fit_airframe
 from yawid.lateral.gates import GATES
 from yawid.lateral.motion import Motion
+from yawid.manoeuvres.conditions import AIRFRAME
 from yawid.manoeuvres.feedback import rate_feedback
 from yawid.quantities.flying_qualities import dutch_roll_level
 
@@ -42,6 +44,8 @@ LAWS: Final[Mapping[str, int]] = {
 FED_BACK: Final = 0.2
 """The most of the rudder near the mode that may be feedback of the yaw rate: with .29 a flight of
 SITL in turbulence had zeta .46 for .63, and with 1 and more wn 6 to 9 % too high."""
+APART_SIGMAS: Final = 3.0
+"""Where nothing but the sticks moves the surfaces, both answers are of one aircraft."""
 MOST_TOGETHER: Final = 6
 """The most manoeuvres of one airspeed in one fit, which takes longer with each."""
 
@@ -89,6 +93,22 @@ def fitted(n: int, motion: Motion | str, servo_lag_s: float | None) -> Fitted:
         gate = FailedGate("rudder_feeds_back", share, FED_BACK)
         found = replace(found, failed=(gate, *found.failed))
     return Fitted(n, motion, found, why)
+
+
+def against_flown(found: Fitted, flown: Manoeuvre) -> Fitted:
+    """Return a fit, refused where only the sticks flew and the usable answer as flown differs."""
+    airframe, roll = found.airframe, flown.dutch_roll
+    if airframe is None or roll is None or flown.loop != AIRFRAME or not flown.verdict.usable:
+        return found
+    pairs = (
+        (airframe.wn_rad_s, roll.wn_rad_s, roll.wn_std),
+        (airframe.zeta, roll.zeta, roll.zeta_std),
+    )
+    away = max(abs(own.value - x) / math.hypot(own.std, std or 0.0) for own, x, std in pairs)
+    if not away > APART_SIGMAS:
+        return found
+    gate = FailedGate("differs_from_flown", away, APART_SIGMAS)
+    return replace(found, airframe=replace(airframe, failed=(*airframe.failed, gate)))
 
 
 def _fed_back(motion: Motion, found: Airframe) -> float:

@@ -1,12 +1,20 @@
 """The lateral fits of a run: each follows its manoeuvre's answer as flown, and never delays it."""
 
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, Future
 
 from yawid.answers.run_summary import Bare
 from yawid.blocks import MotionBlock, SampleBlock
-from yawid.manoeuvres.bare_answer import Fitted, bare_of, fitted, lateral_of, yaw_damped
+from yawid.manoeuvres.answer import Answered
+from yawid.manoeuvres.bare_answer import (
+    Fitted,
+    against_flown,
+    bare_of,
+    fitted,
+    lateral_of,
+    yaw_damped,
+)
 from yawid.manoeuvres.conditions import AIRFRAME, conditions
 from yawid.manoeuvres.motion_store import MotionStore
 
@@ -66,11 +74,19 @@ class Laterals:
             future.set_result(fitted(n, motion, self._lag_s))
         self._waiting.append(((int(span_ns[0]), int(span_ns[1])), future))
 
-    def ready(self, *, wait: bool) -> Iterator[tuple[int, Bare, tuple[int, int]]]:
-        """Yield number, airframe and Unix times of each manoeuvre newly fitted, once."""
+    def ready(
+        self, answered: Sequence[Answered], *, wait: bool
+    ) -> Iterator[tuple[int, Bare, tuple[int, int]]]:
+        """Yield number, airframe and Unix times of each manoeuvre newly fitted, once.
+
+        ``answered`` are the answers as flown so far; a manoeuvre without one waits for it.
+        """
         while self._waiting and (wait or self._waiting[0][1].done()):
+            at = len(self._told)
+            if at >= len(answered):
+                return
             span_ns, future = self._waiting.popleft()
-            found = self._checked(future.result())
+            found = self._checked(against_flown(future.result(), answered[at].found))
             if len(self._found) < MOST_KEPT:
                 self._found.append(found)
             self._told[found.n] = lateral_of(found)
