@@ -108,7 +108,7 @@ def test_a_rudder_that_feeds_the_yaw_rate_back_is_refused_without_any_parameter(
     told = lateral_of(fitted(1, motion, 0.0))
 
     said = " ".join(reason.text for reason in told.verdict.reasons)
-    assert ("is feedback of the yaw rate (limit 0.2)" in said) == refused
+    assert ("is feedback of the yaw rate (limit 0.1)" in said) == refused
     assert told.verdict.usable != refused
 
 

@@ -41,9 +41,9 @@ LAWS: Final[Mapping[str, int]] = {
     "wn_rad_s": 1, "zeta": 0, "roll_mode": -1, "spiral": 1, "servo_lag_s": 0, "rudder_mix": -2,
 }  # fmt: skip
 """The power of the airspeed to which each number is proportional, in air of one density."""
-FED_BACK: Final = 0.2
-"""The most of the rudder near the mode that may be feedback of the yaw rate: with .29 a flight of
-SITL in turbulence had zeta .46 for .63, and with 1 and more wn 6 to 9 % too high."""
+FED_BACK: Final = 0.1
+"""The most of the rudder near the mode that may be feedback of the yaw rate: with .21 to .29 flights
+of SITL in turbulence had zeta .46 to .57 for .63. Without a damper none is seen at all."""
 APART_SIGMAS: Final = 3.0
 """Where nothing but the sticks moves the surfaces, both answers are of one aircraft."""
 MOST_TOGETHER: Final = 6
