@@ -42,7 +42,7 @@ LAWS: Final[Mapping[str, int]] = {
 }  # fmt: skip
 """The power of the airspeed to which each number is proportional, in air of one density."""
 FED_BACK: Final = 0.1
-"""The most of the rudder near the mode that may be feedback of the yaw rate: with .21 to .29 flights
+"""The most of the rudder near the mode that may feed back the yaw rate: with .21 to .29 flights
 of SITL in turbulence had zeta .46 to .57 for .63. Without a damper none is seen at all."""
 APART_SIGMAS: Final = 3.0
 """Where nothing but the sticks moves the surfaces, both answers are of one aircraft."""
