@@ -90,6 +90,8 @@ def test_parameters_bear_the_names_of_the_log_and_their_values_to_go_back_to():
     assert "MAVn_EXTRA1 = 25 for ATTITUDE; now 4 to 10" in page
     assert "KFF_RDDRMIX = 0 (rudder follows the aileron); afterwards back to 0.5" in page
     assert "YAW2SRV_DAMP = 0" in page
+    assert "leave it on only to check its gain" in " ".join(page.split())
+    assert "yawid diff BEFORE AFTER" in page
 
 
 def test_without_an_answer_the_period_is_a_guess_and_says_so():

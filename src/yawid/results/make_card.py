@@ -73,7 +73,7 @@ MOST_REASONS: Final = 2
 MIXES: Final[Mapping[int, Mapping[str, str]]] = {
     ARDUPILOT: {
         "KFF_RDDRMIX": "rudder follows the aileron",
-        "YAW2SRV_DAMP": "yaw damper moves the rudder",
+        "YAW2SRV_DAMP": "yaw damper moves the rudder: leave it on only to check its gain",
         "YAW2SRV_SLIP": "sideslip loop moves the rudder",
     },
     PX4: {"FW_RLL_TO_YAW_FF": "rudder follows the roll demand"},

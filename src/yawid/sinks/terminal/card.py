@@ -212,3 +212,6 @@ def _check(card: FlightTestCard) -> Iterator[Row]:
         yield "in the air", card.live
         yield "", "by MAVProxy: output add 127.0.0.1:14560; QGroundControl forwards, too"
     yield "landed", f"yawid inspect {BLANK} --card"
+    if card.autopilot in (ARDUPILOT, PX4):
+        yield "what now", "yawid damper RUN: the yaw damper's next gain, and the rudder mix"
+        yield "", "yawid diff BEFORE AFTER: did the new gain do what was predicted"
