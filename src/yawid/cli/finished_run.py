@@ -107,7 +107,7 @@ def _report(arguments: argparse.Namespace) -> int:
 
     if arguments.out is not None and arguments.out.suffix.lower() not in (".html", ".htm"):
         raise ConfigError(
-            f"a report is one HTML file: -o must end with .html, got {arguments.out}; a browser "
+            f"a report is one HTML file: --out must end with .html, got {arguments.out}; a browser "
             "prints it as PDF"
         )
     hush("matplotlib")  # it makes a folder for its cache where there is none, and logs that

@@ -84,6 +84,11 @@ def _live(arguments: argparse.Namespace) -> int:
     from yawid.sinks.terminal.live_screen import console_for
     from yawid.sinks.terminal.summary_table import print_summary
 
+    if Path(arguments.endpoint).is_file():
+        raise ConfigError(
+            f"{arguments.endpoint} is a file, not a live link: use yawid replay for a log, or give "
+            "an endpoint such as udpin:127.0.0.1:14560"
+        )
     every_vehicle = arguments.sysid == "all"
     if every_vehicle:
         arguments.sysid = None

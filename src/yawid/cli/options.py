@@ -54,6 +54,17 @@ class OneLineParser(argparse.ArgumentParser):
         else:
             super()._print_message(message, file)
 
+    def _get_value(self, action: argparse.Action, arg_string: str) -> Any:
+        """Return the value of an argument; where a number is needed, say so."""
+        try:
+            return super()._get_value(action, arg_string)
+        except argparse.ArgumentError as error:
+            if action.type not in (float, int):
+                raise
+            needed = "a number" if action.type is float else "a whole number"
+            said = f"must be {needed}, got {arg_string!r}"
+            raise argparse.ArgumentError(action, said) from error
+
     def error(self, message: str) -> NoReturn:
         """Write the line to stderr and exit with 2."""
         lists = "commands" if self.prog == "yawid" else "options"
@@ -146,7 +157,7 @@ def add_command(
     """Add a command: its ``arguments``, what it does in a line, and examples, one in each line."""
     command: argparse.ArgumentParser = commands.add_parser(
         name,
-        usage=f"yawid {name} {arguments} [options]",
+        usage=" ".join(filter(None, ("yawid", name, arguments, "[options]"))),
         help=what,
         description=what[0].upper() + what[1:] + ".",
         epilog="examples:\n" + textwrap.indent(examples, "  "),
@@ -235,6 +246,10 @@ def settings_of(arguments: argparse.Namespace) -> dict[str, Any]:
     """
     from yawid.config.run import RunConfig, check_settings, overruled
 
+    if getattr(arguments, "sysid", None) == "all":  # yawid live has taken it away before
+        raise ConfigError(
+            "--sysid all is for yawid live: give the number of one vehicle, or leave --sysid out"
+        )
     given = check_settings(given_options(arguments), "the command line")
     settings = overruled(arguments.settings, given)
     RunConfig(**settings)  # errors in it are reported once for the command, not for each log

@@ -281,7 +281,9 @@ def read_toml(path: Path) -> dict[str, Any]:
     try:
         return tomllib.loads(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise ConfigError(f"{path}: not a readable TOML file: {error}") from error
+        raise ConfigError(
+            f"{path}: not a readable TOML file: {getattr(error, 'strerror', None) or error}"
+        ) from error
 
 
 def overruled(settings: Mapping[str, Any], by: Mapping[str, Any]) -> dict[str, Any]:

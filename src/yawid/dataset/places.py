@@ -60,7 +60,7 @@ def read_manifest(folder: Place) -> Row:
             raise SourceError(f"{path} has format {found['format']}, this version reads {FORMAT}")
         others = [name for name in _named(found) if _OWN.fullmatch(name) is None]
         found["generation"] + 0, dict(found["outcomes"])
-    except FileNotFoundError:
+    except (FileNotFoundError, NotADirectoryError):
         raise SourceError(f"{folder} is not a data set: it has no {MANIFEST}") from None
     except OSError as error:
         raise SourceError(f"{path} cannot be read: {error.strerror}") from error

@@ -44,7 +44,7 @@ def export(mcap: Path, out: Path | None = None, *, force: bool = False) -> Path:
     """
     out = mcap.with_suffix(FORMATS[0]) if out is None else out
     if out.suffix not in FORMATS:
-        raise ConfigError(f"-o {out}: the name must end in {', '.join(FORMATS)}")
+        raise ConfigError(f"--out {out}: the name must end in {', '.join(FORMATS)}")
     run = open_run(mcap)
     blocks = run.blocks()
     first = next(blocks, None)

@@ -12,7 +12,7 @@ from yawid.sources.link.endpoints import parse_endpoint
     "text",
     ["udpin:127.0.0.1:14560", "udpin:0.0.0.0:14560", "udpout:10.0.0.1:14550",
      "udpbcast:192.168.1.255:14550", "tcp:127.0.0.1:5760", "mcast:239.1.2.3:14551",
-     "/dev/ttyUSB0,921600", "COM3,57600", "udpin:[::1]:14560", "udpin:[::]:14560",
+     "/dev/ttyUSB0,921600", "COM3,57600", "com3,57600", "udpin:[::1]:14560", "udpin:[::]:14560",
      "udpout:[2001:db8::7]:14550", "tcp:[fe80::1%eth0]:5760", "udpin:[::ffff:10.0.0.1]:14560"],
 )  # fmt: skip
 def test_an_endpoint_that_leaves_nothing_open_is_taken(text: str) -> None:

@@ -12,7 +12,7 @@ BAUD = 57600
 _HOST_PORT = re.compile(r"(udpin|udpout|udpbcast|tcp):([^:\s\[\]]+):(\d+)")
 _HOST6_PORT = re.compile(r"(udpin|udpout|tcp):\[([\da-fA-F.]*:[\da-fA-F:.]*(?:%[\w.-]+)?)\]:(\d+)")
 _MULTICAST = re.compile(r"mcast:(?:(?:(\d+(?:\.\d+){3}):)?(\d+))?")
-_SERIAL = re.compile(r"(/dev/[^,\s]+|COM\d+)(?:,(\d+))?")
+_SERIAL = re.compile(r"(/dev/[^,\s]+|(?i:COM)\d+)(?:,(\d+))?")
 _UNSUPPORTED = ("tcpin", "uds", "unix", "ws", "wss")
 
 
