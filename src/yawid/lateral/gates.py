@@ -12,7 +12,7 @@ from yawid.lateral.record import Record
 
 COPIED, COLOURED, TOO_COARSE = 0.98, 0.35, 0.25
 WN_KNOWN, AILERON_KNOWN, RUDDER_SIGMAS = 0.05, 0.25, 3.0
-FED_BACK, WN_KNOWN_FED_BACK = 0.9, 0.02
+FED_BACK, WN_KNOWN_FED_BACK = 0.9, 0.025
 """Where roll and p explain the aileron by more, sigma of wn must be smaller: it was too small by up
 to eight times in flights of a Cessna whose aileron followed the roll hold alone."""
 LEAST_STARTS_AGREEING = 2
