@@ -1,6 +1,6 @@
 """Judges the bare airframe of JSBSim's flights under a roll hold against their linearisation.
 
-    python tools/bench.py lateral [--seed 812] [--flights 120] [--manoeuvres 1] [--logs DIR]
+    python tools/bench.py lateral [--seed 812] [--flights 120] [--manoeuvres 2] [--logs DIR]
                                   [--jobs 2] [--csv FILE] [--readme]
 
 The flights are those of flights/lateral.py: the roll hold hears the noisy signals. Of each flight
@@ -169,7 +169,7 @@ def main(arguments: list[str]) -> Generator[str, None, str | None]:
     options_of(parser)
     parser.add_argument("--seed", type=int, default=SEED)
     parser.add_argument("--flights", type=int, default=COUNT)
-    parser.add_argument("--manoeuvres", type=int, default=1, choices=(1, 2, 3))
+    parser.add_argument("--manoeuvres", type=int, default=2, choices=(1, 2, 3))
     parser.add_argument("--csv", type=Path, metavar="FILE", help="a row for each manoeuvre")
     options = parser.parse_args(arguments)
     numbers = [i * STRIDE % COUNT for i in range(min(options.flights, COUNT))]
