@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import os
 import platform
 import re
@@ -136,6 +137,9 @@ def test_a_log_and_a_run_are_read_from_a_store_under_their_urls(
     assert f"{there}/data is not a data set: it has no manifest.json" in said
     assert main(["replay", "nosuch://x/y"]) == 6
     assert "Protocol not known: nosuch" in capsys.readouterr().err
+    if importlib.util.find_spec("s3fs") is None:
+        assert main(["trend", "s3://bucket/data"]) == 2
+        assert "yawid: s3://bucket/data/manifest.json: Install s3fs" in capsys.readouterr().err
     assert place_of(f"file://{tmp_path}") == tmp_path
     with brought(there / "day.tlog") as local:
         assert local.read_bytes() == GCS.read_bytes()

@@ -26,7 +26,7 @@ from typing import BinaryIO, Final
 
 from yawid.dataset.schema import FORMAT, TABLES
 from yawid.dataset.values import ReadRow, Row
-from yawid.errors import SourceError
+from yawid.errors import ConfigError, SourceError
 from yawid.system.stores import Place
 
 MANIFEST: Final = "manifest.json"
@@ -60,6 +60,8 @@ def read_manifest(folder: Place) -> Row:
             raise SourceError(f"{path} has format {found['format']}, this version reads {FORMAT}")
         others = [name for name in _named(found) if _OWN.fullmatch(name) is None]
         found["generation"] + 0, dict(found["outcomes"])
+    except ConfigError:  # a ValueError: a library is missing
+        raise
     except (FileNotFoundError, NotADirectoryError):
         raise SourceError(f"{folder} is not a data set: it has no {MANIFEST}") from None
     except OSError as error:

@@ -221,6 +221,8 @@ def _os_errors(name: str) -> Iterator[None]:
     """
     try:
         yield
+    except YawidError:
+        raise
     except ImportError as error:
         raise ConfigError(f"{name}: {error}") from error
     except OSError as error:
