@@ -27,7 +27,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "physics": {"config", "estimation"},
     "lateral": {"estimation"},
     "offline": {"config", "estimation", "physics"},
-    "models": {"config", "estimation", "results"},
+    "models": {"config", "estimation", "offline", "physics", "results"},
     "damper": {"config", "models", "physics", "results"},
     "results": {"config", "estimation", "physics"},
     "manoeuvres": {"config", "estimation", "lateral", "results"},
@@ -46,7 +46,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "dataset": {"sinks"},
     "fleet": {"config", "dataset", "runs", "sinks"} | {"sources"},
     "trend": {"damper", "dataset", "report", "sinks", "sinks/mcap"},
-    "tables": {"config", "damper", "report", "runs", "sources", "sinks", "sinks/mcap"},
+    "tables": {"config", "damper", "models", "report", "runs", "sources", "sinks", "sinks/mcap"},
     "cli": {"config", "damper", "dataset", "estimation", "fleet", "report", "results"}
     | {"runs", "runs/live", "runs/regress", "sinks", "sinks/mcap", "sinks/terminal", "sources"}
     | {"tables", "trend"},

@@ -114,13 +114,13 @@ def test_what_cannot_be_written_is_one_line_and_leaves_nothing(
     assert main(["export", str(mcap), "-o", str(out)]) == 6
     assert main(["export", str(mcap), "-o", str(tmp_path / "run.xlsx")]) == 2
     assert main(["export", str(torn), "-o", str(tmp_path / "torn.csv")]) == 6
-    assert main(["export", str(C172P), "-o", str(tmp_path / "log.csv")]) == 6
+    assert main(["export", str(tmp_path / "absent.tlog"), "-o", str(tmp_path / "log.csv")]) == 6
 
     said = capsys.readouterr().err.splitlines()
     assert [line for line in said if "yawid: " not in line] == []
     for line, words in zip(
         said,
-        ("--force", "must end in .parquet, .csv, .npz", "recover", "not an MCAP file"),
+        ("--force", "must end in .parquet, .csv, .npz", "recover", "does not exist"),
         strict=True,
     ):
         assert words in line

@@ -88,7 +88,7 @@ def test_each_option_is_a_keyword_with_a_type() -> None:
     for name in options:
         assert keywords[name].kind is inspect.Parameter.KEYWORD_ONLY
         assert keywords[name].annotation not in (Any, inspect.Parameter.empty), name
-    with pytest.raises(TypeError, match="rates"):
+    with pytest.raises(TypeError, match=r"keyword argument 'rates'; did you mean rate\?"):
         yawid.replay(record(), rates=10)  # type: ignore[call-arg]  # the mistake
 
 

@@ -189,8 +189,11 @@ class TimeConstant(Part, frozen=True):
 class Bare(Part, frozen=True, kw_only=True):
     """The bare airframe, of one manoeuvre (``lateral``) or of a flight (``bare``).
 
-    ``derivatives`` are dimensional, by the names of ``NAMES``. Where a gate stops it there are only
-    ``used``, the manoeuvres looked at, and the verdict, which says why.
+    ``derivatives`` are dimensional, by the names of ``NAMES``, and ``alpha_rad`` is the angle of
+    attack of the body's axes. That of a flight has the ``correlations`` of derivatives, angle and
+    servo lag, in this order, and the names of those that what is known beforehand determines
+    (``from_prior``). Where a gate stops it there are only ``used``, the manoeuvres looked at, and
+    the verdict, which says why.
     """
 
     NAMES: ClassVar = (
@@ -202,8 +205,11 @@ class Bare(Part, frozen=True, kw_only=True):
     roll_mode: TimeConstant | None = None
     spiral: TimeConstant | None = None
     derivatives: dict[str, Value] | None = None
+    alpha_rad: Value | None = None
     servo_lag_s: Value | None = None
     rudder_mix: Value | None = None
+    correlations: list[list[Number]] | None = None
+    from_prior: list[str] | None = None
     gust_std_rad: Number | None = None
     whiteness_rho1: Number | None = None
     airspeed_m_s: Number | None = None

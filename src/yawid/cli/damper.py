@@ -2,15 +2,11 @@
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from yawid.cli.options import Commands, add_command
 from yawid.cli.standard_streams import hush
 from yawid.errors import ConfigError
 from yawid.sinks.door import say, tell_json, tell_page
-
-if TYPE_CHECKING:
-    from yawid.tables.run import Run
 
 
 def add_damper(commands: Commands) -> None:
@@ -65,17 +61,17 @@ def _parameter(text: str) -> tuple[str, float]:
 
 
 def _damper(arguments: argparse.Namespace) -> int:
+    from yawid.damper.study import Asked, study
     from yawid.sinks.terminal.damper_table import print_damper
+    from yawid.tables.replay import run_of
 
     if arguments.out is not None and arguments.out.suffix != ".html":
         raise ConfigError(f"--out {arguments.out}: the name must end in .html")
-    found = _run_of(arguments.log).damper(
-        aim=arguments.aim,
-        autopilot=arguments.autopilot,
-        loop_rate=arguments.loop_rate,
-        airspeed=arguments.airspeed,
-        parameters=dict(arguments.param),
-    )
+    asked = Asked(
+        arguments.aim, arguments.autopilot, arguments.loop_rate, arguments.airspeed,
+        dict(arguments.param),
+    )  # fmt: skip
+    found = study(run_of(arguments.log).facts, asked)
     if arguments.json:
         tell_json(found.report.to_json())
     else:
@@ -88,12 +84,3 @@ def _damper(arguments: argparse.Namespace) -> int:
 
         write_damper_page(found, arguments.out, force=arguments.force)
     return found.exit_code
-
-
-def _run_of(log: Path) -> "Run":
-    """Return a finished run, or the replay of a log with the default options."""
-    from yawid.sources.formats import RUN, format_of
-    from yawid.tables.replay import replay
-    from yawid.tables.run import load
-
-    return load(log) if format_of(log) is RUN else replay(log)

@@ -4,12 +4,26 @@ import argparse
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 from yawid.cli.options import Commands, add_command
 from yawid.cli.standard_streams import hush
+from yawid.errors import ConfigError
 from yawid.sinks.door import say, tell
 
 Run = Callable[[argparse.Namespace], int]
+WHAT = ("samples", "manoeuvres", "modes", "model")
+DIMENSIONS = (
+    ("--mass", "KG", "mass"),
+    ("--ixx", "KG_M2", "moment of inertia about the body's x axis"),
+    ("--izz", "KG_M2", "that about its z axis"),
+    ("--ixz", "KG_M2", "product of inertia, the integral of x z"),
+    ("--area", "M2", "area of the wing"),
+    ("--span", "M", "span of the wing"),
+    ("--rudder-max-deg", "DEG", "deflection of the rudder at half its travel"),
+    ("--aileron-max-deg", "DEG", "deflection of the aileron at half its travel"),
+    ("--density", "KG_M3", "of the air (default: the standard atmosphere's at the altitude flown)"),
+)
 
 
 def add_finished_run(commands: Commands) -> None:
@@ -39,15 +53,7 @@ def add_finished_run(commands: Commands) -> None:
         "--png", type=Path, metavar="DIR", help="also write its pictures, a PNG each, into DIR"
     )
     _add_force(report, _report, "files that exist")
-    export = _on_run(
-        commands, "export", "write a finished run's samples and results as a table",
-        "yawid export yawid-out/flight.mcap\nyawid export flight.mcap -o flight.csv --force",
-    )  # fmt: skip
-    export.add_argument(
-        "-o", "--out", type=Path, metavar="OUT.parquet|.csv|.npz",
-        help="(default: Parquet next to the MCAP, with its name)",
-    )  # fmt: skip
-    _add_force(export, _export, "a file that exists")
+    _add_export(commands)
     recover = add_command(
         commands, "recover", "BROKEN.mcap -o OUT.mcap",
         "make a proper MCAP of one that was cut off",
@@ -61,6 +67,32 @@ def add_finished_run(commands: Commands) -> None:
         "-o", "--out", metavar="OUT.mcap", type=Path, required=True, help="the file to write"
     )
     _add_force(recover, _recover, "a file that exists")
+
+
+def _add_export(commands: Commands) -> None:
+    export = add_command(
+        commands, "export", "RUN|LOG", "write samples, manoeuvres, modes or a model for others",
+        "yawid export yawid-out/flight.mcap\nyawid export flight.mcap -o flight.csv --force\n"
+        "yawid export flight.tlog --what model --of 2 -o model.mat",
+    )  # fmt: skip
+    export.add_argument(
+        "log", metavar="RUN|LOG", type=Path, help="the MCAP of a finished run, or a log to replay"
+    )
+    export.add_argument(
+        "--what", choices=WHAT, default="samples", help="what is written (default: samples)"
+    )
+    export.add_argument(
+        "--of", default="flight", metavar="flight|bare|N",
+        help="whose model: the flight's, the bare airframe's, or manoeuvre N's (default: flight)",
+    )  # fmt: skip
+    export.add_argument(
+        "-o", "--out", type=Path, metavar="OUT.parquet|.csv|.npz|.json|.mat|.xml",
+        help="(default: next to RUN or LOG, Parquet or JSON); a model: .json, .mat, .xml (JSBSim)",
+    )  # fmt: skip
+    group = export.add_argument_group("the aircraft, for JSBSim's coefficients (.xml)")
+    for name, metavar, text in DIMENSIONS:
+        group.add_argument(name, type=float, metavar=metavar, help=text)
+    _add_force(export, _export, "a file that exists")
 
 
 def _on_run(commands: Commands, name: str, what: str, examples: str) -> argparse.ArgumentParser:
@@ -77,7 +109,6 @@ def _add_force(command: argparse.ArgumentParser, run: Run, what: str) -> None:
 
 
 def _view(arguments: argparse.Namespace) -> int:
-    from yawid.errors import ConfigError
     from yawid.runs.view import VIEWERS, view
 
     if arguments.viewer != "rerun":
@@ -103,7 +134,6 @@ def _view(arguments: argparse.Namespace) -> int:
 
 
 def _report(arguments: argparse.Namespace) -> int:
-    from yawid.errors import ConfigError
 
     if arguments.out is not None and arguments.out.suffix.lower() not in (".html", ".htm"):
         raise ConfigError(
@@ -121,10 +151,37 @@ def _report(arguments: argparse.Namespace) -> int:
 
 
 def _export(arguments: argparse.Namespace) -> int:
+    from yawid.sources.formats import RUN, format_of
     from yawid.tables.export import export
+    from yawid.tables.replay import run_of
 
-    tell(str(export(arguments.mcap, arguments.out, force=arguments.force)))
+    log, what, force = arguments.log, arguments.what, arguments.force
+    if what == "model":
+        tell(str(_model(arguments)))
+    elif format_of(log) is RUN:
+        tell(str(export(log, arguments.out, what, force=force)))
+    else:
+        out = log.with_suffix(".parquet") if arguments.out is None else arguments.out
+        with TemporaryDirectory() as folder:
+            tell(str(export(run_of(log).mcap(Path(folder)), out, what, force=force)))
     return 0
+
+
+def _model(arguments: argparse.Namespace) -> Path:
+    from yawid.tables.model_file import MODEL_FORMATS, write_model
+    from yawid.tables.replay import run_of
+
+    which, log = arguments.of, arguments.log
+    if which not in ("flight", "bare") and not which.isdigit():
+        raise ConfigError(f"--of must be flight, bare or the number of a manoeuvre, got {which!r}")
+    out = log.with_suffix(".json") if arguments.out is None else arguments.out
+    if out.suffix not in MODEL_FORMATS:
+        raise ConfigError(f"-o {out}: the name of a model must end in {', '.join(MODEL_FORMATS)}")
+    run = run_of(log, **({"lateral": "auto"} if which == "bare" else {}))
+    names = [name[2:].replace("-", "_") for name, *_ in DIMENSIONS]
+    given = {name: getattr(arguments, name) for name in names}
+    of = int(which) if which.isdigit() else which
+    return write_model(run, of, out, given, force=arguments.force)
 
 
 def _recover(arguments: argparse.Namespace) -> int:

@@ -13,6 +13,7 @@ from typing import Any, Final
 import msgspec
 
 from yawid.answers.damper_report import DamperReport
+from yawid.answers.identified_model import ModelFile
 from yawid.answers.inspection import Inspection
 from yawid.answers.reports import OrdersReport, RegressReport, StepReport
 from yawid.answers.run_summary import RunSummary
@@ -28,6 +29,7 @@ Schema = dict[str, Any]
 _PRINTED: Final = {
     "replay": RunSummary, "live": RunSummary, "inspect": Inspection, "orders": OrdersReport,
     "step": StepReport, "regress": RegressReport, "damper": DamperReport,
+    "export": ModelFile,
 }  # fmt: skip
 """The type that each command prints; those of trend and diff take long to import."""
 _ENDS: Final = {

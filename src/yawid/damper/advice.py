@@ -14,8 +14,8 @@ import numpy as np
 from yawid.answers.damper_report import DamperAt, DamperGain, Recommended
 from yawid.blocks import Bools, Floats
 from yawid.damper.autopilots import Law
-from yawid.damper.draws import Aircraft
 from yawid.damper.loop import closed_dutch_roll, known_frequencies, margins
+from yawid.models.draws import Aircraft
 from yawid.models.refit import Drawn
 from yawid.physics.continuous import Transfer
 from yawid.physics.modes import Complexes

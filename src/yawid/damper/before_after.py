@@ -16,7 +16,7 @@ from yawid.blocks import Floats
 from yawid.damper.advice import closed_with
 from yawid.damper.autopilots import Autopilot, Law
 from yawid.damper.decay import Sine, damped_sine, decays_in, pilots_rudder
-from yawid.damper.identified import Facts, Identified, few, identified
+from yawid.damper.identified import Facts, Identified, identified
 from yawid.damper.refusals import (
     Refused,
     autopilot_of,
@@ -26,6 +26,7 @@ from yawid.damper.refusals import (
     usable_flight,
 )
 from yawid.damper.response import closed_response
+from yawid.models.draws import few
 from yawid.models.refit import Rows
 
 ROWS: Final = 9

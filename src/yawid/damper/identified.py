@@ -5,19 +5,15 @@ from dataclasses import dataclass, replace
 from math import radians
 from typing import Final
 
-import numpy as np
-
 from yawid.answers.run_summary import Flight, Manoeuvre, RunSummary
 from yawid.blocks import SampleBlock
 from yawid.config.run import RunConfig
 from yawid.damper.autopilots import Autopilot, Law, law_at
-from yawid.damper.draws import Aircraft, central, drawn_aircraft
 from yawid.damper.refusals import MOST_GAIN_STD, Refused, check_gain, check_turn
-from yawid.models.refit import Drawn, Rows
+from yawid.models.draws import Aircraft, central, drawn_aircraft, fits
+from yawid.models.refit import Drawn, Rows, rows_of
 from yawid.physics.continuous import Transfer
 
-MOST_MANOEUVRES: Final = 6
-"""The largest number of manoeuvres that are fitted again."""
 RICHER: Final = ((3, 3, 2), (4, 4, 3))
 """Structures: the draws have the flight's own and the other one of these."""
 
@@ -34,11 +30,7 @@ class Facts:
 
     def rows(self, manoeuvres: Sequence[Manoeuvre]) -> list[Rows]:
         """Return the samples of manoeuvres, in one pass over those of the run."""
-        found = [Rows(each) for each in manoeuvres]
-        for block in self.samples:
-            for each in found:
-                each.add(block)
-        return found
+        return rows_of(manoeuvres, self.samples)
 
     def laws(
         self, autopilot: Autopilot, known: Mapping[str, float], loop_hz: float,
@@ -66,12 +58,6 @@ class Identified:
     manoeuvre: Drawn
 
 
-def few(manoeuvres: Sequence[Manoeuvre]) -> list[Manoeuvre]:
-    """Return as many of the manoeuvres as are fitted again, evenly spaced."""
-    count = min(len(manoeuvres), MOST_MANOEUVRES)
-    return [manoeuvres[i] for i in np.linspace(0, len(manoeuvres) - 1, count).round().astype(int)]
-
-
 def identified(
     facts: Facts, flight: Flight, rows: Sequence[Rows], turn_factor: float | None,
     most_gain_std: float = MOST_GAIN_STD,
@@ -88,7 +74,8 @@ def identified(
     assert flight.dutch_roll is not None
     na, nb, nc, nk = (getattr(flight.orders, name) for name in ("na", "nb", "nc", "nk"))
     other = RICHER[1] if (na, nb, nc) != RICHER[1] else RICHER[0]
-    own, richer = (_fits(facts, rows, orders) for orders in ((na, nb, nc, nk), (*other, nk)))
+    both = (na, nb, nc, nk), (*other, nk)
+    own, richer = (fits(facts.config, facts.sample_time_s, rows, orders) for orders in both)
     models = ([(each.model, speed) for each, speed in some] for some in (own, richer))
     aircraft = drawn_aircraft(flight, *models, mean_output=facts.config.output == "yaw")
     if aircraft is None:
@@ -99,10 +86,3 @@ def identified(
     if turn_factor is not None:
         check_turn([each for each, _ in own], flight.dutch_roll.wn_rad_s, turn_factor)
     return Identified(aircraft, central(aircraft, flight), own[0][0])
-
-
-def _fits(facts: Facts, rows: Sequence[Rows], orders: Sequence[int]) -> list[tuple[Drawn, float]]:
-    """Return the manoeuvres fitted by these orders, each with its airspeed in m/s."""
-    drawn = [(each.drawn(facts.config, facts.sample_time_s, orders), each.found.airspeed_m_s)
-             for each in rows]  # fmt: skip
-    return [(fit, speed) for fit, speed in drawn if fit is not None and speed is not None]

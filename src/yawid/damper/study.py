@@ -21,7 +21,7 @@ from yawid.damper.advice import (
 )
 from yawid.damper.autopilots import AUTOPILOTS, Autopilot, Law
 from yawid.damper.decay import pilots_rudder
-from yawid.damper.identified import Facts, few, identified
+from yawid.damper.identified import Facts, identified
 from yawid.damper.mix import mix_of
 from yawid.damper.refusals import (
     EXIT_CODES,
@@ -34,6 +34,7 @@ from yawid.damper.refusals import (
 )
 from yawid.damper.sentences import sentences, warnings
 from yawid.errors import ConfigError
+from yawid.models.draws import few
 from yawid.models.refit import Drawn
 
 FURTHEST: Final = 1.5

@@ -41,7 +41,12 @@ class Airframe:
     roll_s: Known
     spiral_s: Known
     derivatives: dict[str, Known]
+    alpha_rad: Known
     servo_lag_s: Known
+    correlations: Floats
+    """Of the derivatives, ``alpha_rad`` and ``servo_lag_s`` (14, 14)."""
+    from_prior: tuple[str, ...]
+    """Those of them whose sigma is nearly that of what is known beforehand."""
     delay_s: Known
     roll_delay_s: Known
     rudder_mix: Known

@@ -1,7 +1,7 @@
 """The entry of the room: manoeuvres of one speed to the bare airframe, its sigma and verdict."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -34,6 +34,13 @@ AGREES_SIGMAS = 0.5
 COLOUR_S = 0.04
 """The time in s over which innovations should not be correlated: one sample at 25 Hz, for which the
 limit was chosen. Over one sample of 50 Hz a smooth roll angle is (0.4 in SITL), and no harm."""
+OF_PRIOR = 0.7
+"""A parameter is the prior's where its sigma is a larger part of the prior's: the record has less
+than the prior's information."""
+ANSWERED = (*DERIVATIVES, "alpha_rad", "servo_lag_s")
+"""The numbers whose correlations are answered."""
+_OF = {"Y_beta": "log_Y_beta", "alpha_rad": "alpha", "servo_lag_s": "servo_lag"}
+"""The parameters that they are made of, where they have other names."""
 _STEP = 1e-4
 """Step of the modes' slopes, in scales of the parameters."""
 
@@ -84,10 +91,10 @@ def _values(found: Fit, airspeed_m_s: float) -> tuple[Floats, Floats]:
 def _airframe(fits: Sequence[Fit], records: Sequence[Record], airspeed_m_s: float) -> Airframe:
     best = fits[0]
     values, slopes = _values(best, airspeed_m_s)
-    variances = IN_GUSTS**2 * np.einsum("ij,jk,ik->i", slopes, best.covariance, slopes)
     near = [each for each in fits if each.criterion - best.criterion < 2.0 * NATS]
-    others = np.array([_values(each, airspeed_m_s)[0] for each in near])
-    variances += np.mean((others - values) ** 2, axis=0)
+    others = np.array([_values(each, airspeed_m_s)[0] for each in near]) - values
+    whole = IN_GUSTS**2 * slopes @ best.covariance @ slopes.T + others.T @ others / len(near)
+    variances = np.diag(whole).copy()
     variances[:4] += (np.array(FLOORS) * values[:4]) ** 2
     variances[1] += ZETA_FLOOR**2
     stds = np.sqrt(variances)
@@ -101,9 +108,10 @@ def _airframe(fits: Sequence[Fit], records: Sequence[Record], airspeed_m_s: floa
     return Airframe(
         wn_rad_s=wn, zeta=zeta, roll_s=_time_constant(roll), spiral_s=_time_constant(spiral),
         derivatives={name: by_name[name] for name in DERIVATIVES},
-        servo_lag_s=by_name["servo_lag"], delay_s=by_name["delay"],
-        roll_delay_s=by_name["roll_delay"], rudder_mix=mix, gust_std_rad=gust,
-        rho1=autocorrelation(best.errors, records),
+        alpha_rad=by_name["alpha"], correlations=_correlations(whole[4:, 4:]),
+        from_prior=tuple(_from_prior(best)), servo_lag_s=by_name["servo_lag"],
+        delay_s=by_name["delay"], roll_delay_s=by_name["roll_delay"], rudder_mix=mix,
+        gust_std_rad=gust, rho1=autocorrelation(best.errors, records),
         airspeed_m_s=airspeed_m_s, aileron_fed_back=max(each.fed_back for each in records),
         names=best.of.names, theta=best.x * best.of.scale,
         covariance=best.covariance * np.outer(best.of.scale, best.of.scale),
@@ -119,6 +127,24 @@ def _mix(found: Fit, airspeed_m_s: float) -> Known:
     slopes = (mixes[1:] - mixes[0]) / _STEP
     variance = IN_GUSTS**2 * slopes @ found.covariance @ slopes + np.var(rolls[0], ddof=1)
     return Known(float(mixes[0]), math.sqrt(max(float(variance), 0.0)))
+
+
+def _correlations(covariance: Floats) -> Floats:
+    """Return those of the parameters in ANSWERED (14, 14); 0 of one that was not estimated."""
+    at = [AT[_OF.get(name, name)] for name in ANSWERED]
+    some = covariance[np.ix_(at, at)]
+    std = np.sqrt(np.maximum(np.diag(some), np.finfo(float).tiny))
+    found = np.asarray(some / np.outer(std, std), np.float64)
+    np.fill_diagonal(found, 1.0)
+    return found
+
+
+def _from_prior(found: Fit) -> Iterator[str]:
+    """Yield the names of ANSWERED of which the record says little: sigma is nearly the prior's."""
+    of = found.of
+    share = np.sqrt(np.diag(found.covariance)) * of.scale / of.spread
+    known = dict(zip(of.names, share.tolist(), strict=True))
+    yield from (name for name in ANSWERED if known.get(_OF.get(name, name), 0.0) > OF_PRIOR)
 
 
 def _time_constant(pole: Known) -> Known:

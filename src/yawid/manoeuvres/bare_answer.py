@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
+import msgspec
 import numpy as np
 
 from yawid.answers.run_summary import (
@@ -23,7 +24,7 @@ from yawid.answers.run_summary import (
 )
 from yawid.blocks import AIRSPEED_SHARE
 from yawid.lateral.airframe import Airframe, FailedGate, Known
-from yawid.lateral.fit_airframe import fit_airframe
+from yawid.lateral.fit_airframe import ANSWERED, fit_airframe
 from yawid.lateral.gates import GATES
 from yawid.lateral.motion import Motion
 from yawid.manoeuvres.conditions import AIRFRAME
@@ -39,6 +40,7 @@ LAWS: Final[Mapping[str, int]] = {
     "Y_beta": 1, "Y_delta_r": 1, "L_p": 1, "L_r": 1, "N_p": 1, "N_r": 1,
     "L_beta": 2, "L_delta_a": 2, "L_delta_r": 2, "N_beta": 2, "N_delta_a": 2, "N_delta_r": 2,
     "wn_rad_s": 1, "zeta": 0, "roll_mode": -1, "spiral": 1, "servo_lag_s": 0, "rudder_mix": -2,
+    "alpha_rad": -2,
 }  # fmt: skip
 """The power of the airspeed to which each number is proportional, in air of one density."""
 FED_BACK: Final = 0.1
@@ -155,7 +157,7 @@ def _told(airframe: Airframe, used: Sequence[int]) -> Bare:
     numbers = {
         "wn_rad_s": airframe.wn_rad_s, "zeta": airframe.zeta, "roll_mode": airframe.roll_s,
         "spiral": airframe.spiral_s, "servo_lag_s": airframe.servo_lag_s,
-        "rudder_mix": airframe.rudder_mix, **airframe.derivatives,
+        "rudder_mix": airframe.rudder_mix, "alpha_rad": airframe.alpha_rad, **airframe.derivatives,
     }  # fmt: skip
     return _bare(numbers, airframe.airspeed_m_s, airframe.gust_std_rad, airframe.rho1, used)
 
@@ -176,6 +178,7 @@ def _bare(
             for name in Bare.NAMES
             if name in numbers and (value := _value(numbers[name])) is not None
         },
+        alpha_rad=_value(numbers["alpha_rad"]),
         servo_lag_s=_value(numbers["servo_lag_s"]), rudder_mix=_value(numbers["rudder_mix"]),
         gust_std_rad=gust, whiteness_rho1=rho1, airspeed_m_s=airspeed_m_s, used=list(used),
         verdict=VerdictSummary(usable=True, reasons=[]),
@@ -209,9 +212,21 @@ def bare_of(found: Sequence[Fitted], servo_lag_s: float | None) -> Bare | None:
         tried = [each for each in found if each.airframe is not None]
         best = min(tried, key=lambda each: len(each.airframe.failed), default=found[0])  # type: ignore[union-attr]  # tried have one
         return lateral_of(best)
-    if len(known) == 1:
-        return _told(*known[0])
-    return _pooled([each for each, _ in known], [n for _, ns in known for n in ns])
+    airframes = [each for each, _ in known]
+    one = len(known) == 1
+    told = _told(*known[0]) if one else _pooled(airframes, [n for _, ns in known for n in ns])
+    return _with_correlations(told, airframes)
+
+
+def _with_correlations(found: Bare, airframes: Sequence[Airframe]) -> Bare:
+    """Return it with the mean correlations, and with the names that every prior determines."""
+    names = [*(found.derivatives or {}), "alpha_rad", "servo_lag_s"]
+    at = [ANSWERED.index(name) for name in names]
+    rows = np.mean([each.correlations for each in airframes], axis=0)[np.ix_(at, at)]
+    prior = [n for n in ANSWERED if all(n in each.from_prior for each in airframes)]
+    return msgspec.structs.replace(
+        found, correlations=rows.round(4).tolist(), from_prior=prior or None
+    )
 
 
 def _of_one_speed(found: Sequence[Fitted]) -> list[list[Fitted]]:
@@ -253,7 +268,8 @@ def _pooled(airframes: Sequence[Airframe], used: Sequence[int]) -> Bare:
     middle = float(np.median(speeds))
     rows = [
         {"wn_rad_s": a.wn_rad_s, "zeta": a.zeta, "roll_mode": a.roll_s, "spiral": a.spiral_s,
-         "servo_lag_s": a.servo_lag_s, "rudder_mix": a.rudder_mix, **a.derivatives}
+         "servo_lag_s": a.servo_lag_s, "rudder_mix": a.rudder_mix, "alpha_rad": a.alpha_rad,
+         **a.derivatives}
         for a in airframes
     ]  # fmt: skip
     numbers = {}

@@ -4,7 +4,7 @@ A run's file holds the sigma of theta but not its covariance, which every band n
 the same samples gives it, and shows that the file can be replayed.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
 from typing import Any, Final
@@ -126,3 +126,12 @@ class Rows:
             one_step, free = fit_percent(y, fitted.y_hat), fit_percent(y, simulated)
             how_well = Fit(one_step, free, whiteness_p=fitted.whiteness_p)
         return Drawn(self.found, model, judged, turn_rate, how_well)
+
+
+def rows_of(manoeuvres: Sequence[Manoeuvre], samples: Iterable[SampleBlock]) -> list[Rows]:
+    """Return the samples of manoeuvres, in one pass over those of the run."""
+    found = [Rows(each) for each in manoeuvres]
+    for block in samples:
+        for each in found:
+            each.add(block)
+    return found

@@ -21,7 +21,7 @@ from yawid.errors import ConfigError, SourceError
 from yawid.sinks.mcap.messages import RunRows, joined
 from yawid.sinks.mcap.reader import McapRun, open_run
 from yawid.sinks.part_file import written_whole
-from yawid.tables.columns import Units, record_columns
+from yawid.tables.columns import Units, manoeuvre_columns, mode_columns, record_columns
 from yawid.tables.table import Column, filled
 from yawid.version import __version__
 
@@ -34,12 +34,16 @@ _NO_HEADER: Final = pyarrow.csv.WriteOptions(include_header=False)
 TIME: Final = pa.timestamp("ns", tz="UTC")
 
 
-def export(mcap: Path, out: Path | None = None, *, force: bool = False) -> Path:
+def export(
+    mcap: Path, out: Path | None = None, what: str = "samples", *, force: bool = False
+) -> Path:
     """Write a run's samples and results to ``out``, else next to the MCAP; return the path.
+
+    ``what`` may also be its manoeuvres or its modes.
 
     Raises:
         ConfigError: the suffix of ``out`` is not one of ``FORMATS``.
-        SourceError: the MCAP cannot be read, is damaged, or holds no sample.
+        SourceError: the MCAP cannot be read, is damaged, or has nothing of it.
         SinkError: the file exists and ``force`` is not set, or it cannot be written.
     """
     out = mcap.with_suffix(FORMATS[0]) if out is None else out
@@ -51,7 +55,13 @@ def export(mcap: Path, out: Path | None = None, *, force: bool = False) -> Path:
     if run.grid is None or first is None:
         raise SourceError(f"{mcap} holds no sample: there is nothing to export")
     known = Units(run.grid, run.config)
-    tables = (record_columns(rows, known) for rows in _groups(chain([first], blocks)))
+    tables: Tables = (record_columns(rows, known) for rows in _groups(chain([first], blocks)))
+    if what == "modes":
+        tables = ([*mode_columns(rows, known)] for rows in _groups(chain([first], blocks)))
+    elif what == "manoeuvres":
+        if not run.summary.manoeuvres:
+            raise SourceError(f"{mcap} holds no manoeuvre: there is nothing to export")
+        tables = iter([[*manoeuvre_columns(run.summary, known)]])
     with written_whole(out, force=force) as stream:
         _WRITERS[out.suffix](stream, tables, facts_of(run, known))
     return out.absolute()

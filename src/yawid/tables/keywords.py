@@ -1,11 +1,15 @@
 """Errors in Python's words: the library's texts name options, a caller in Python has keywords."""
 
 import re
-from collections.abc import Iterator
-from contextlib import contextmanager
-from typing import Final
+from collections.abc import Callable
+from functools import wraps
+from inspect import signature
+from typing import Final, ParamSpec, TypeVar
 
-from yawid.errors import YawidError
+from yawid.errors import YawidError, did_you_mean
+
+P = ParamSpec("P")
+T = TypeVar("T")
 
 _OTHERS: Final = {"from": "from_s", "to": "to_s", "param": "parameters"}
 """The keywords that are not the option's name with underscores."""
@@ -19,11 +23,19 @@ def in_keywords(text: str) -> str:
     return _OPTION.sub(lambda found: _OTHERS.get(found[1], found[1].replace("-", "_")), text)
 
 
-@contextmanager
-def errors_in_keywords() -> Iterator[None]:
-    """Give the errors that yawid raises on purpose the names that Python has for its options."""
-    try:
-        yield
-    except YawidError as error:
-        error.args = tuple(in_keywords(str(each)) for each in error.args)
-        raise
+def with_keywords(function: Callable[P, T]) -> Callable[P, T]:
+    """Return a function whose errors have Python's words, and name the keyword that was meant."""
+
+    @wraps(function)
+    def called(*args: P.args, **kwargs: P.kwargs) -> T:
+        names = signature(function).parameters
+        if unknown := [name for name in kwargs if name not in names]:
+            said = f"{function.__name__}() got an unexpected keyword argument {unknown[0]!r}"
+            raise TypeError(said + did_you_mean(unknown[0], names))
+        try:
+            return function(*args, **kwargs)
+        except YawidError as error:
+            error.args = tuple(in_keywords(str(each)) for each in error.args)
+            raise
+
+    return called

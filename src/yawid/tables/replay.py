@@ -16,8 +16,8 @@ from yawid.errors import ConfigError, YawidError
 from yawid.sinks.base import Grid, Relay, Sink
 from yawid.sinks.mcap.messages import RunRows, joined
 from yawid.system.stores import Place, place_of
-from yawid.tables.keywords import errors_in_keywords
-from yawid.tables.run import Run
+from yawid.tables.keywords import with_keywords
+from yawid.tables.run import Run, load
 from yawid.tables.table import Table
 
 if TYPE_CHECKING:
@@ -30,7 +30,7 @@ Method = Literal["els", "rml"]
 Surface = Literal["rudder", "aileron"]
 
 
-@errors_in_keywords()
+@with_keywords
 def replay(
     log: str | PathLike[str] | Any,
     *,
@@ -89,6 +89,19 @@ def replay(
         return _of_file(place_of(fspath(log)), settings, config, format, signing_key_file)
     with _as_file(log) as path:
         return _of_file(path, settings, config, format, signing_key_file).named(type(log).__name__)
+
+
+def run_of(log: Path, **settings: Any) -> Run:
+    """Return a finished run, or the replay of a log.
+
+    Raises:
+        ConfigError, ChannelError, SourceError: as :func:`replay`.
+    """
+    from yawid.sources.formats import RUN, format_of
+
+    if format_of(log) is RUN:
+        return load(log)
+    return _of_file(log, settings, None, None, None)
 
 
 def _of_file(

@@ -15,6 +15,7 @@ from yawid.answers.heard import PARAMETERS, parameters_in
 from yawid.answers.run_summary import Bare, Flight, ReasonSummary, RunSummary, VerdictSummary
 from yawid.blocks import ModesBlock, SampleBlock
 from yawid.config.run import RunConfig
+from yawid.quantities.airspeed import SEA_LEVEL_DENSITY, density_ratio
 from yawid.sinks.base import Call, Grid, rudder_unit
 from yawid.sinks.mcap.messages import RunRows, joined
 from yawid.system.stores import Place, brought, place_of
@@ -27,11 +28,14 @@ from yawid.tables.columns import (
     record_columns,
     sample_columns,
 )
-from yawid.tables.keywords import errors_in_keywords
+from yawid.tables.keywords import with_keywords
 from yawid.tables.table import Column, Table
 
 if TYPE_CHECKING:
+    from yawid.damper.identified import Facts
     from yawid.damper.study import Study
+    from yawid.models.identify import Recorded
+    from yawid.models.linear import LinearModel
 
 
 class Run:
@@ -158,7 +162,37 @@ class Run:
         """Return ``record`` as an xarray.Dataset; see :meth:`Table.to_xarray`."""
         return self.record.to_xarray()
 
-    @errors_in_keywords()
+    @with_keywords
+    def model(self, which: int | Literal["flight", "bare"] = "flight") -> "LinearModel":
+        """Return the identified model of manoeuvre n, of the flight, or of the bare airframe.
+
+        It has ``tf()``, ``ss()``, ``frequency_response(w)``, ``simulate(u)``, ``to_control()``.
+
+        Raises:
+            ConfigError: there is no such manoeuvre, or the model's output is no yaw rate.
+            NotIdentifiable: there is no answer of it.
+        """
+        from yawid.models.identify import model_of
+
+        return model_of(self.recorded, which)
+
+    @property
+    def recorded(self) -> "Recorded":
+        """The run as the models are made from it."""
+        from yawid.models.identify import Recorded
+
+        grid, samples = self._known.grid, [self._rows.samples]
+        return Recorded(self.summary, self.config, grid.sample_time_s, samples, grid.rudder_unit)
+
+    @property
+    def air_density(self) -> float | None:
+        """The standard atmosphere's density in kg/m^3 at the altitude flown, None if unknown."""
+        found = [each.altitude_m for each in self.summary.manoeuvres or ()]
+        known = [each for each in found if each is not None]
+        ratio = density_ratio(np.array(known)).mean() if known else np.nan
+        return float(SEA_LEVEL_DENSITY * ratio) if np.isfinite(ratio) else None
+
+    @with_keywords
     def damper(
         self,
         *,
@@ -179,16 +213,20 @@ class Run:
         Raises:
             ConfigError: a value is outside its limits, or the run has no samples.
         """
-        from yawid.damper.identified import Facts
         from yawid.damper.study import Asked, study
 
         asked = Asked(aim, autopilot, loop_rate, airspeed, parameters or {}, gains)
-        samples = self._rows.samples
-        sample_time_s = self._known.grid.sample_time_s
-        facts = Facts(self.summary, self.config, sample_time_s, [samples], self.parameters)
-        return study(facts, asked)
+        return study(self.facts, asked)
 
-    @errors_in_keywords()
+    @property
+    def facts(self) -> "Facts":
+        """The run as the study of its damper needs it."""
+        from yawid.damper.identified import Facts
+
+        sample_time_s, samples = self._known.grid.sample_time_s, [self._rows.samples]
+        return Facts(self.summary, self.config, sample_time_s, samples, self.parameters)
+
+    @with_keywords
     def report(self, path: str | PathLike[str], *, force: bool = False) -> Path:
         """Write the report of the run, one HTML file, and return its absolute path.
 
@@ -230,7 +268,6 @@ class Run:
         return page(self.path, self.summary, self._tables())
 
 
-@errors_in_keywords()
 def load(path: str | PathLike[str]) -> Run:
     """Return the run in one of yawid's MCAP files, read into memory as a whole; it may be a URL.
 

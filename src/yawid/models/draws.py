@@ -11,9 +11,11 @@ from typing import Final
 
 import numpy as np
 
-from yawid.answers.run_summary import Flight
+from yawid.answers.run_summary import Flight, Manoeuvre
 from yawid.blocks import Bools, Floats
+from yawid.config.run import RunConfig
 from yawid.models.fitted import Model
+from yawid.models.refit import Drawn, Rows
 from yawid.physics.continuous import Transfer, transfer
 from yawid.physics.modes import Complexes
 
@@ -23,6 +25,8 @@ ALIKE: Final = 0.15
 """A structure whose wn differs by more than this part of it has found another mode."""
 OWN_SHARE: Final = 0.6
 """The share of the draws that have the answer's own structure."""
+MOST_MANOEUVRES: Final = 6
+"""The largest number of manoeuvres that are fitted again."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,6 +46,21 @@ class Aircraft:
     def at(self, airspeed_m_s: float) -> Transfer:
         """Return the transfer functions at another equivalent airspeed."""
         return self.G.faster(airspeed_m_s / self.airspeed_m_s, self.lag)
+
+
+def few(manoeuvres: Sequence[Manoeuvre]) -> list[Manoeuvre]:
+    """Return as many of the manoeuvres as are fitted again, evenly spaced."""
+    count = min(len(manoeuvres), MOST_MANOEUVRES)
+    return [manoeuvres[i] for i in np.linspace(0, len(manoeuvres) - 1, count).round().astype(int)]
+
+
+def fits(
+    config: RunConfig, sample_time_s: float, rows: Sequence[Rows], orders: Sequence[int]
+) -> list[tuple[Drawn, float]]:
+    """Return manoeuvres fitted by these orders, each with its airspeed in m/s."""
+    drawn = [(each.drawn(config, sample_time_s, orders), each.found.airspeed_m_s)
+             for each in rows]  # fmt: skip
+    return [(fit, speed) for fit, speed in drawn if fit is not None and speed is not None]
 
 
 def drawn_aircraft(
@@ -72,7 +91,7 @@ def drawn_aircraft(
                 parts.append((kept.select(near), is_own))
     width = max(each.poles.shape[1] for each, _ in parts)
     wide = [_widened(each, width) for each, _ in parts]
-    G = Transfer(  # noqa: N806  as in the text of damper/loop.py
+    G = Transfer(
         poles=np.concatenate([each.poles for each in wide]),
         residues=np.concatenate([each.residues for each in wide]),
         direct=np.concatenate([each.direct for each in wide]),
@@ -83,7 +102,7 @@ def drawn_aircraft(
     own_rows = np.concatenate([np.full(len(each), is_own) for each, is_own in parts])
     if np.count_nonzero(own_rows) < DRAWS // 4:
         return None
-    G = G.with_pair(_as_told(flight, G.dutch_roll, own_rows, rng))  # noqa: N806
+    G = G.with_pair(_as_told(flight, G.dutch_roll, own_rows, rng))
     lag = np.where(np.arange(len(G)) % 2 == 0, _fastest_real(G), -1)
     return Aircraft(G, own_rows, lag, speed)
 
@@ -95,7 +114,7 @@ def central(aircraft: Aircraft, flight: Flight) -> Transfer:
     poles = aircraft.G.dutch_roll
     off = np.abs(np.log(np.abs(poles) / wn)) + np.abs(-poles.real / np.abs(poles) - zeta)
     nearest = int(np.argmin(np.where(aircraft.own, off, np.inf)))
-    return aircraft.G.select(slice(nearest, nearest + 1)).with_pair(_pole(wn, np.array([zeta])))
+    return aircraft.G.select(slice(nearest, nearest + 1)).with_pair(pole_of(wn, np.array([zeta])))
 
 
 def _drawn(model: Model, count: int, rng: np.random.Generator, *, mean_output: bool) -> Transfer:
@@ -122,21 +141,22 @@ def _as_told(flight: Flight, poles: Complexes, own: Bools, rng: np.random.Genera
         more = np.sqrt(max(std**2 - have**2, 0.0))
         apart = apart * min(1.0, std / have if have > 0.0 else 1.0)
         told.append(mean + apart + more * rng.normal(size=len(values)))
-    return _pole(np.exp(told[0]), np.clip(told[1], -0.9, 0.95))
+    return pole_of(np.exp(told[0]), np.clip(told[1], -0.9, 0.95))
 
 
-def _pole(wn: Floats | float, zeta: Floats) -> Complexes:
+def pole_of(wn: Floats | float, zeta: Floats) -> Complexes:
+    """Return the pole (n,) in the upper half plane of wn in rad/s and zeta (n,)."""
     return np.asarray(wn * (-zeta + 1j * np.sqrt(1.0 - zeta**2)), complex)
 
 
-def _widened(G: Transfer, width: int) -> Transfer:  # noqa: N803
+def _widened(G: Transfer, width: int) -> Transfer:
     """Return it with further poles far away that have no effect, ``width`` in all."""
     more = ((0, 0), (0, width - G.poles.shape[1]))
     poles = np.pad(G.poles, more, constant_values=-1e9)
     return replace(G, poles=poles, residues=np.pad(G.residues, more))
 
 
-def _fastest_real(G: Transfer) -> Floats:  # noqa: N803
+def _fastest_real(G: Transfer) -> Floats:
     """Return the column (n,) of the fastest stable real pole with an effect, -1 without one."""
     real = (np.abs(G.poles.imag) < 1e-9) & (G.poles.real < 0.0) & (np.abs(G.residues) > 0.0)
     speed = np.where(real, -G.poles.real, -np.inf)

@@ -1,0 +1,280 @@
+"""A linear model with sigma: parameters with their covariance, and the state space made of them.
+
+Sigma of all that is made of the parameters is that of the delta method, by central differences with
+steps of a thousandth of each parameter's sigma.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from operator import itemgetter
+from typing import NamedTuple
+
+import numpy as np
+from scipy import signal
+
+from yawid.blocks import Floats
+from yawid.errors import ConfigError
+from yawid.models.fitted import Judged
+from yawid.offline.response_curves import frequency_response as measured_response
+from yawid.physics.modes import Complexes
+
+Matrices = tuple[Floats, Floats, Floats, Floats]
+"""A (n, n), B (n, inputs), C (outputs, n), D (outputs, inputs)."""
+STEP, LEAST_STEP = 1e-3, 1e-7
+"""Steps of the slopes, in sigmas, and as a part of a parameter without one."""
+SEGMENTS = 4
+"""Segments without overlap into which a manoeuvre is cut for its coherence."""
+
+
+class Signal(NamedTuple):
+    """The name and the unit of an input, an output or a state."""
+
+    name: str
+    unit: str
+
+
+class TransferFunction(NamedTuple):
+    """num and den, highest power first, of one input to one output, with their sigmas.
+
+    In s, or in z where ``sample_time_s`` is not 0; a dead time ``delay_s`` comes on top in s.
+    """
+
+    num: Floats
+    den: Floats
+    num_std: Floats
+    den_std: Floats
+    sample_time_s: float
+    delay_s: float
+
+
+class StateSpace(NamedTuple):
+    """x' = A x + B u, y = C x + D u, or x(k+1) = A x(k) + B u(k) where ``sample_time_s`` is not 0.
+
+    ``A_std`` and ``B_std`` are the sigmas of the elements, 0 where they are known. In continuous
+    time a dead time ``delay_s`` of the inputs comes on top.
+    """
+
+    A: Floats
+    B: Floats
+    C: Floats
+    D: Floats
+    A_std: Floats
+    B_std: Floats
+    sample_time_s: float
+    delay_s: float
+
+
+class FrequencyResponse(NamedTuple):
+    """G at ``w`` (k,) in rad/s from one input to one output, in y per u.
+
+    ``magnitude_std`` (k,) in y per u and ``phase_std_rad`` (k,) are sigmas of |G| and of its angle.
+    ``coherence`` (k,) is the squared coherence of the record, NaN where there is none.
+    """
+
+    w: Floats
+    G: Complexes
+    magnitude_std: Floats
+    phase_std_rad: Floats
+    coherence: Floats
+
+
+def slopes_of(of: Callable[[Floats], np.ndarray], values: Floats, std: Floats) -> np.ndarray:
+    """Return the slopes (..., p) of a function at ``values`` (p,) with sigmas ``std`` (p,)."""
+    step = np.where(std > 0.0, STEP * std, LEAST_STEP * np.abs(values))
+    step = np.where(step > 0.0, step, LEAST_STEP)
+    moves = np.diag(step)
+    columns = [(of(values + d) - of(values - d)) / (2.0 * h)
+               for d, h in zip(moves, step, strict=True)]  # fmt: skip
+    return np.stack(columns, axis=-1)
+
+
+@dataclass(frozen=True, slots=True)
+class Form:
+    """Parameters (p,) by name and unit, their covariance (p, p), and the function to matrices."""
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    values: Floats
+    covariance: Floats
+    matrices: Callable[[Floats], Matrices]
+    sample_time_s: float = 0.0
+
+    @property
+    def std(self) -> Floats:
+        """The sigmas (p,)."""
+        return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
+
+    def slopes(self, of: Callable[[Matrices], np.ndarray]) -> np.ndarray:
+        """Return the slopes (..., p) of what is made of the matrices."""
+        return slopes_of(lambda values: of(self.matrices(values)), self.values, self.std)
+
+    def sigma(self, of: Callable[[Matrices], np.ndarray]) -> Floats:
+        """Return the sigma of a real array made of the matrices."""
+        return self.spread(self.slopes(of))
+
+    def spread(self, slopes: np.ndarray) -> Floats:
+        """Return the sigma of what has these slopes (..., p)."""
+        variance = np.einsum("...i,ij,...j->...", slopes, self.covariance, slopes)
+        return np.asarray(np.sqrt(np.maximum(variance, 0.0)), np.float64)
+
+
+@dataclass(frozen=True, slots=True)
+class LinearModel:
+    """An identified model: of a manoeuvre, of the flight, or of the bare airframe.
+
+    ``of`` says which, ``usable`` and ``reasons`` whether its answer may be used, and ``sigma_is``
+    whether sigmas are total or of noise alone, as a manoeuvre's are. Inputs move from their trim; a
+    unit of them is that of their channel. ``measured`` has the samples of a
+    manoeuvre, as measured and as modelled, else None. ``facts`` are further numbers.
+    """
+
+    of: str
+    usable: bool
+    reasons: tuple[str, ...]
+    sigma_is: str
+    continuous: Form
+    discrete: Form
+    inputs: tuple[Signal, ...]
+    outputs: tuple[Signal, ...]
+    states: tuple[Signal, ...]
+    delay_s: float = 0.0
+    """The dead time of the inputs; in discrete time it is in the states."""
+    measured: Judged | None = None
+    facts: dict[str, float] = field(default_factory=dict)
+    from_prior: tuple[str, ...] = ()
+    """The parameters that what is known beforehand determines more than the record does."""
+
+    @property
+    def sample_time_s(self) -> float:
+        """The time from sample to sample of the discrete form."""
+        return self.discrete.sample_time_s
+
+    def _form(self, discrete: bool) -> Form:
+        return self.discrete if discrete else self.continuous
+
+    def ss(self, *, discrete: bool = False) -> StateSpace:
+        """Return the state space with the sigmas of its elements.
+
+        A discrete one has the inputs held from sample to sample.
+        """
+        form = self._form(discrete)
+        A, B, C, D = form.matrices(form.values)
+        A_std, B_std = (form.sigma(itemgetter(i)) for i in (0, 1))
+        return StateSpace(A, B, C, D, A_std, B_std, form.sample_time_s, self._delay(discrete))
+
+    def _delay(self, discrete: bool) -> float:
+        return 0.0 if discrete else self.delay_s
+
+    def tf(
+        self, input: str | None = None, output: str | None = None, *, discrete: bool = False
+    ) -> TransferFunction:
+        """Return the transfer function from an input to an output with sigmas.
+
+        Raises:
+            ConfigError: the model has no such input or output.
+        """
+        i, o = self.place_of(self.inputs, input), self.place_of(self.outputs, output)
+        form = self._form(discrete)
+
+        def polynomials(m: Matrices) -> Floats:
+            num, den = signal.ss2tf(*m, input=i)
+            return np.stack([num[o], den])
+
+        num, den = polynomials(form.matrices(form.values))
+        num_std, den_std = form.sigma(polynomials)
+        clean = np.abs(num) > 1e-12 * np.abs(num).max()
+        first = int(np.argmax(clean)) if clean.any() else len(num) - 1
+        return TransferFunction(
+            num[first:], den, num_std[first:], den_std, form.sample_time_s, self._delay(discrete)
+        )
+
+    @staticmethod
+    def place_of(signals: Sequence[Signal], name: str | None) -> int:
+        """Return the place of a signal by its name; without one, of yaw rate or rudder.
+
+        Raises:
+            ConfigError: there is no such signal.
+        """
+        names = [each.name for each in signals]
+        if name is None:
+            return next((i for i, each in enumerate(names) if each in ("r", "rudder")), 0)
+        if name not in names:
+            raise ConfigError(f"the model has no {name!r}: {', '.join(names)}")
+        return names.index(name)
+
+    def frequency_response(
+        self, w: Sequence[float] | Floats, input: str | None = None, output: str | None = None
+    ) -> FrequencyResponse:
+        """Return G(jw) of the continuous model at ``w`` (k,) in rad/s, with sigmas.
+
+        Raises:
+            ConfigError: the model has no such input or output, or a frequency is not above 0.
+        """
+        i, o = self.place_of(self.inputs, input), self.place_of(self.outputs, output)
+        w = np.atleast_1d(np.asarray(w, np.float64))
+        if not (w > 0.0).all():
+            raise ConfigError("frequencies w must be above 0 rad/s")
+
+        def response(m: Matrices) -> Complexes:
+            A, B, C, D = m
+            x = np.linalg.solve(1j * w[:, None, None] * np.eye(len(A)) - A, B[:, i, None])
+            found = (C[o] @ x)[:, 0] + D[o, i]
+            return np.asarray(found * np.exp(-1j * w * self.delay_s), np.complex128)
+
+        form = self.continuous
+        G = response(form.matrices(form.values))
+        slopes = form.slopes(response) * (np.conj(G) / np.abs(G))[:, None]
+        along, across = form.spread(slopes.real), form.spread(slopes.imag)
+        return FrequencyResponse(w, G, along, across / np.abs(G), self._coherence(w, i))
+
+    def _coherence(self, w: Floats, place: int) -> Floats:
+        """Return the squared coherence (k,) of the longest stretch of the record."""
+        nothing = np.full(len(w), np.nan)
+        if self.measured is None:
+            return nothing
+        rows = self.measured.longest_stretch()
+        u, y, Ts = self.measured.u[rows, place], self.measured.y[rows], self.sample_time_s
+        if len(y) < 8 * SEGMENTS:
+            return nothing
+        found = measured_response(u, y, Ts, len(y) // SEGMENTS * Ts)
+        at = 2.0 * np.pi * found.frequency_hz
+        return np.interp(w, at, found.coherence, left=np.nan, right=np.nan)
+
+    def simulate(self, u: Sequence[float] | Floats) -> Floats:
+        """Return the outputs of the model at rest for inputs on its grid: (n,), or (n, outputs).
+
+        ``u`` (n,) is the first input, or (n, inputs) all of them, about their trim. The value
+        of sample k is held until sample k + 1.
+
+        Raises:
+            ConfigError: u has another number of inputs.
+        """
+        u = np.asarray(u, np.float64)
+        u = u[:, None] if u.ndim == 1 else u
+        if u.ndim != 2 or u.shape[1] > len(self.inputs):
+            names = ", ".join(each.name for each in self.inputs)
+            raise ConfigError(f"u must be (n,) or (n, {len(self.inputs)}) for {names}: {u.shape}")
+        u = np.pad(u, ((0, 0), (0, len(self.inputs) - u.shape[1])))
+        form = self.discrete
+        _, y, _ = signal.dlsim((*form.matrices(form.values), form.sample_time_s), u)
+        return np.asarray(y[:, 0] if y.shape[1] == 1 else y, np.float64)
+
+    def to_control(self, *, discrete: bool = False) -> object:
+        """Return a ``control.StateSpace`` of python-control with the signals' names.
+
+        Raises:
+            ConfigError: python-control is not installed, or the continuous model has a dead time.
+        """
+        try:
+            import control
+        except ImportError as error:
+            text = "to_control needs python-control: pip install control"
+            raise ConfigError(f"{text} ({error})") from error
+        found = self.ss(discrete=discrete)
+        if found.delay_s:
+            raise ConfigError(
+                f"a dead time of {found.delay_s:g} s fits no continuous state space: "
+                "to_control(discrete=True) has it"
+            )
+        names = {key: [each.name for each in getattr(self, key)] for key in ("inputs", "outputs")}
+        return control.ss(*found[:4], found.sample_time_s, **names)
