@@ -38,7 +38,7 @@ def write_model(
     *,
     force: bool = False,
 ) -> Path:
-    """Write a model of a run by the suffix of ``out``, one of ``MODEL_FORMATS``; return its absolute path.
+    """Write a model of a run, by the suffix of ``out``; return its absolute path.
 
     ``dimensions`` are those of :class:`Dimensions`, which JSBSim's coefficients need.
 
