@@ -176,7 +176,9 @@ def _model(arguments: argparse.Namespace) -> Path:
         raise ConfigError(f"--of must be flight, bare or the number of a manoeuvre, got {which!r}")
     out = log.with_suffix(".json") if arguments.out is None else arguments.out
     if out.suffix not in MODEL_FORMATS:
-        raise ConfigError(f"--out {out}: the name of a model must end in {', '.join(MODEL_FORMATS)}")
+        raise ConfigError(
+            f"--out {out}: the name of a model must end in {', '.join(MODEL_FORMATS)}"
+        )
     run = run_of(log, **({"lateral": "auto"} if which == "bare" else {}))
     names = [name[2:].replace("-", "_") for name, *_ in DIMENSIONS]
     given = {name: getattr(arguments, name) for name in names}
