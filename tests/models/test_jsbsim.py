@@ -46,17 +46,15 @@ def dimensions(fdm: Any) -> Dimensions:
     )  # fmt: skip
 
 
-@pytest.mark.parametrize(
-    ("aircraft", "feet", "knots"),
-    one_in(4, PLACES),
-)
+@pytest.mark.parametrize("place", one_in(4, PLACES))
 def test_the_dutch_roll_comes_back(
-    aircraft: str, feet: float, knots: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    place: tuple[str, float, float], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from flights.flight import trimmed
     from flights.plan import FlightPlan
     from flights.truth import dutch_roll, lateral
 
+    aircraft, feet, knots = place
     plan = FlightPlan(aircraft=aircraft, speed_kt=knots, altitude_ft=feet)
     fdm = trimmed(plan)
     A, aileron, rudder = lateral(jsbsim.FGLinearization(fdm))
