@@ -166,7 +166,20 @@ def test_a_turn_that_the_damper_feeds_back_is_refused(tmp_path: Path) -> None:
     run = yawid.replay(path, **options)
 
     # At wn the roll is 0.8 r / wn, and the turn's term g / V of that: 0.078 r.
-    assert run.damper(autopilot="ardupilot", parameters=PLANE).exit_code == 0
+    found = run.damper(autopilot="ardupilot", parameters=PLANE, gains=[0.6])
+    assert found.exit_code == 0
+    # The loop is closed on r - (g / V) roll, of which the roll is 0.8 r / s.
+    (at,) = [gain.at[0] for gain in found.report.gains if gain.value == 0.6]
+    washout, turn = -np.log(0.996008) * 200.0, 9.80665 / V * 0.8
+    plant = np.polymul([1.0, 2.0 * ZETA * WN, WN**2], [1.0, washout])
+
+    def damped(left: float) -> complex:
+        zeros = 0.6 * 1.2732 * DELTA * np.polymul([1.0, 0.4], [1.0, -left])
+        roots = np.roots(np.polyadd(plant, zeros))
+        return complex(roots[np.argmax(roots.imag)])
+
+    assert at.wn_rad_s == pytest.approx(abs(damped(turn)), rel=0.015)
+    assert abs(damped(turn)) < 0.96 * abs(damped(0.0))
     three = PLANE | {"YAW2SRV_RLL": 3.0}
     found = run.damper(autopilot="ardupilot", parameters=three)
     assert found.report.verdict.why == "roll_term"

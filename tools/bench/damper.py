@@ -24,7 +24,7 @@ from typing import Any
 
 import numpy as np
 from checks.judge import Row, folder_of, in_processes, kept, options_of, write_csv
-from flights.damped import DampedFlight, Damper, linear
+from flights.damped import GRAVITY, DampedFlight, Damper, linear
 from flights.flight import Hands
 from flights.fly import Made
 from flights.moved import CONDITIONS
@@ -179,7 +179,9 @@ def _decays(found: Study, after: Run, truth: dict[str, Any]) -> Row:
     """Return the damped sine of the decay after the last movement: in flight, and predicted."""
     predicted, samples = found.predicted, after.samples
     assert predicted is not None
-    t, rudder, r = samples.t, samples.rudder, samples.r
+    # The damper's loop is closed on the yaw rate less the wanted turn.
+    t, rudder = samples.t, samples.rudder
+    r = samples.r - GRAVITY / samples.airspeed * np.sin(samples.roll)
     plan, _, _ = plan_of(truth["place"])
     stick = excitation(plan)
     stick[-round(REST_S / STEP_S) :] = 0.0

@@ -185,7 +185,8 @@ def _decays(
         if np.count_nonzero(good) < len(y) / 2:
             continue
         rudder, r = (np.interp(t, t[good], x[good]) for x in (u[:, 0], y))
-        v = pilots_rudder(law, gain, rudder, r - factor * np.nan_to_num(turn_rate), step)
+        error = r - factor * np.nan_to_num(turn_rate)
+        v = pilots_rudder(law, gain, rudder, error, step)
         speed = each.airspeed_m_s or by.aircraft.airspeed_m_s
         G = by.central.faster(speed / by.aircraft.airspeed_m_s)  # noqa: N806
         decays = [rows for rows in decays_in(v, step, wn) if good[rows].all()]
@@ -193,7 +194,7 @@ def _decays(
         for rows in decays:
             v[rows.start - 1 : rows.stop] = 0.0
         response = closed_response(G, law, gain, v, step)
-        flown += [r[rows] for rows in decays]
+        flown += [error[rows] for rows in decays]
         predicted += [response[rows] for rows in decays]
     sines = damped_sine(flown, step, wn), damped_sine(predicted, step, wn)
     if sines[0] is None or sines[1] is None:

@@ -151,10 +151,10 @@ def check_gain(effect: Floats, known: Floats, most_std: float = MOST_GAIN_STD) -
         raise Refused("gain_uncertain", text, CARD)
 
 
-def check_turn(fits: Sequence[Drawn], wn: float, factor: float) -> None:
-    """Check that the turn's term, which feeds the roll back, is small next to the yaw rate.
+def turn_share(fits: Sequence[Drawn], wn: float, factor: float) -> float:
+    """Return the share of the turn's term, which feeds the roll back, in the yaw rate near wn.
 
-    ``factor`` is the parameter of the term. Both are compared near wn rad/s.
+    ``factor`` is the parameter of the term, wn is in rad/s.
 
     Raises:
         Refused: it is above 20 %, or the bank is not known.
@@ -176,6 +176,7 @@ def check_turn(fits: Sequence[Drawn], wn: float, factor: float) -> None:
     if share > MOST_TURN:
         text = (
             f"near wn the wanted turn that the damper subtracts is {100 * share:.0f} % of the yaw "
-            f"rate: up to {100 * MOST_TURN:g} % may be left out of the loop"
+            f"rate: at most {100 * MOST_TURN:g} % can be trusted in the loop"
         )
         raise Refused("roll_term", text, "hold the roll more closely in the manoeuvres")
+    return share

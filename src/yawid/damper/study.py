@@ -138,7 +138,7 @@ def _predicted(
     gains = _gains(largest, known[autopilot.gain], asked.gains)
     closed = closed_with(found.aircraft, laws, gains, speeds, facts.sample_time_s)
     near = int(np.argmin(np.abs(np.array(speeds) - found.aircraft.airspeed_m_s)))
-    pilot = _pilots(found.manoeuvre, laws[near], known[autopilot.gain], turn or 0.0)
+    pilot = _pilots(found.manoeuvre, laws[near], known[autopilot.gain], found.turn)
     return Predicted(found.aircraft, found.central, tuple(laws), closed, found.manoeuvre, pilot)
 
 

@@ -55,10 +55,14 @@ def few(manoeuvres: Sequence[Manoeuvre]) -> list[Manoeuvre]:
 
 
 def fits(
-    config: RunConfig, sample_time_s: float, rows: Sequence[Rows], orders: Sequence[int]
-) -> list[tuple[Drawn, float]]:
-    """Return manoeuvres fitted by these orders, each with its airspeed in m/s."""
-    drawn = [(each.drawn(config, sample_time_s, orders), each.found.airspeed_m_s)
+    config: RunConfig, sample_time_s: float, rows: Sequence[Rows], orders: Sequence[int],
+    turn: float = 0.0,
+) -> list[tuple[Drawn, float]]:  # fmt: skip
+    """Return manoeuvres fitted by these orders, each with its airspeed in m/s.
+
+    The output is less ``turn`` times the turn rate.
+    """
+    drawn = [(each.drawn(config, sample_time_s, orders, turn), each.found.airspeed_m_s)
              for each in rows]  # fmt: skip
     return [(fit, speed) for fit, speed in drawn if fit is not None and speed is not None]
 

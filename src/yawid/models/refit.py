@@ -81,8 +81,8 @@ class Rows:
     ) -> Drawn | None:
         """Fit the manoeuvre by the method that answered it, with its own or other orders.
 
-        The output is less ``turn`` times the turn rate. Return None where the fit fails or the
-        manoeuvre has no answer.
+        The output is less ``turn`` times the turn rate, or as it was for 0. Return None where the
+        fit fails or the manoeuvre has no answer.
         """
         answer, columns = self.found.answer, self.columns()
         if answer is None or columns is None:
@@ -93,10 +93,10 @@ class Rows:
         u = u[:, : len(self.found.inputs)]
         if u.shape[1] < len(self.found.inputs):
             u = np.column_stack([u, aileron])
-        if self.found.turn_removed and config.turn == "keep":
-            y = y - turn_rate
         if turn:
             y = y - turn * turn_rate
+        elif self.found.turn_removed and config.turn == "keep":
+            y = y - turn_rate
         tried = self.found.answering_try
         if tried is not None and tried.band_hz is not None:
             low_hz, high_hz = tried.band_hz
