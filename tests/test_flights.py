@@ -142,8 +142,8 @@ def test_without_functions_the_stock_channels_are_assumed(log: Path, capsys, tmp
 AT_A_GLANCE = {
     "alfa_carbonz_engine_failure": (2.5, 2.9, 132, "GUIDED", "airborne", 132),
     "copter_sik_radio": (2.9, None, 2444, "STABILIZE", "slow", 515),
-    "sitl_auto_25hz": (25.0, 25.0, 495, "AUTO", "airborne", 441),
-    "sitl_auto_mavproxy_4hz": (3.9, 3.8, 495, "AUTO", "airborne", 441),
+    "sitl_auto_25hz": (25.0, 25.0, 495, "AUTO", "airborne", 437.5),
+    "sitl_auto_mavproxy_4hz": (3.9, 3.8, 495, "AUTO", "airborne", 437.5),
     "sitl_fbwa_50hz": (50.0, 50.0, 270, "FBWA", "airborne", 213),
     "sitl_fbwa_gcs_4hz": (4.0, 2.0, 270, "FBWA", "airborne", 213),
     "sitl_fbwa_stock_33hz": (25.6, 25.0, 270, "FBWA", "airborne", 213),
@@ -185,7 +185,7 @@ def test_skywalker_is_dominated_by_its_turns(capsys, tmp_path):
     code, summary = replay(capsys, tmp_path, "skywalker_manual_a")
 
     assert code == 5
-    assert "+0.79" in reasons(summary)["turn_dominated"]
+    assert "+0.78" in reasons(summary)["turn_dominated"]
     assert summary["channels"]["rudder"]["source"] == "ACTUATOR_CONTROL_TARGET.controls[2]"
 
 

@@ -20,7 +20,7 @@ from yawid.sinks.terminal.summary_table import (
 from yawid.sinks.words import count, dutch_roll, flown, of_loop, says, tried
 
 MOST_PHASES = 6
-LEAST_PHASE_S = 2.0
+LEAST_PHASE_S = 3.0
 MOST_WINDOWS = 6
 MOST_SENDERS = 8
 MOST_MANOEUVRES = 6
@@ -88,7 +88,7 @@ def _phases(phases: Sequence[FlightPhase]) -> str:
     longest = np.sort(np.argsort(-lasts, kind="stable")[:MOST_PHASES])
     shown = [i for i in longest.tolist() if lasts[i] >= LEAST_PHASE_S]
     rest = len(phases) - len(shown)
-    named = ", ".join(_phase(phases[i]) for i in shown) or "none of two seconds"
+    named = ", ".join(_phase(phases[i]) for i in shown) or f"none of {LEAST_PHASE_S:g} s"
     return named + (f", and {rest} shorter" if rest else "")
 
 
