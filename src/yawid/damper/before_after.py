@@ -171,7 +171,8 @@ def _decays(
 ) -> dict[str, Decay]:
     """Return the damped sine of the decays as flown and as predicted, nothing without a decay."""
     turn = side.autopilot.turn
-    factor = 0.0 if turn is None else side.facts.parameters.get(turn, 1.0)
+    off = turn is None or side.facts.config.turn == "remove"  # then the samples are less it already
+    factor = 0.0 if off else side.facts.parameters.get(turn or "", 1.0)
     flown: list[Floats] = []
     predicted: list[Floats] = []
     step = side.facts.sample_time_s

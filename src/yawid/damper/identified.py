@@ -97,5 +97,5 @@ def identified(
         raise Refused("not_fitted", text, "replay the log with this version")
     effect = aircraft.G.effect
     check_gain(effect, effect[aircraft.own], most_gain_std)
-    left = (turn_factor or 0.0) - turn
+    left = 0.0 if facts.config.turn == "remove" else (turn_factor or 0.0) - turn
     return Identified(aircraft, central(aircraft, flight), own[0][0], left)
