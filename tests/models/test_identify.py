@@ -106,14 +106,15 @@ def test_sigmas_are_those_of_parameters_that_are_drawn() -> None:
 def test_a_dead_time_is_in_the_samples_and_not_forgotten_in_continuous_time() -> None:
     data = record()
     data["rudder"] = np.roll(data["rudder"], -1)
-    late = yawid.replay(data, **GIVEN | {"orders": (2, 2, 2, 2)}).model(1)
+    delayed = yawid.replay(data, **GIVEN | {"orders": (2, 2, 2, 2)})
 
-    assert late.delay_s == late.ss().delay_s == pytest.approx(0.05)
-    step = late.simulate(np.ones(8))
-    assert step[:2].tolist() == [0.0, 0.0]
-    np.testing.assert_allclose(step[1:], model(1).simulate(np.ones(7)), rtol=0.02)
-    G, prompt = (each.frequency_response([5.0]).G[0] for each in (late, model(1)))
-    assert G / prompt == pytest.approx(np.exp(-0.25j), rel=0.02)
+    for late in (delayed.model(1), delayed.model("flight")):
+        assert late.delay_s == late.ss().delay_s == pytest.approx(0.05)
+        step = late.simulate(np.ones(8))
+        assert step[:2].tolist() == [0.0, 0.0]
+        np.testing.assert_allclose(step[1:], model(1).simulate(np.ones(7)), rtol=0.02)
+        G, prompt = (each.frequency_response([5.0]).G[0] for each in (late, model(1)))
+        assert G / prompt == pytest.approx(np.exp(-0.25j), rel=0.02)
 
 
 def test_two_inputs_have_their_own_numerators() -> None:

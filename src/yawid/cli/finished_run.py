@@ -152,7 +152,7 @@ def _report(arguments: argparse.Namespace) -> int:
 
 def _export(arguments: argparse.Namespace) -> int:
     from yawid.sources.formats import RUN, format_of
-    from yawid.tables.export import export
+    from yawid.tables.export import check_name, export
     from yawid.tables.replay import run_of
 
     log, what, force = arguments.log, arguments.what, arguments.force
@@ -162,6 +162,7 @@ def _export(arguments: argparse.Namespace) -> int:
         tell(str(export(log, arguments.out, what, force=force)))
     else:
         out = log.with_suffix(".parquet") if arguments.out is None else arguments.out
+        check_name(out)  # before a replay that takes long
         with TemporaryDirectory() as folder:
             tell(str(export(run_of(log).mcap(Path(folder)), out, what, force=force)))
     return 0

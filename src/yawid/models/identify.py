@@ -113,12 +113,13 @@ def _flight(run: Recorded) -> LinearModel:
     some = np.array([each for each in draws if len(each) == n])
     inputs = run.inputs(("rudder",))
     continuous = _observer(values, np.cov(some.T), inputs)
-    sampled = _sampled(continuous, run.sample_time_s)
+    delay = pairs[0][0].orders.nk[0] - 1
     return LinearModel(
         of="flight", **_judged(flight.verdict), sigma_is=TOTAL,
-        continuous=continuous, discrete=sampled, inputs=inputs,
+        continuous=continuous, inputs=inputs,
+        discrete=_sampled(continuous, run.sample_time_s, delay),
         outputs=(_OUTPUT,), states=_chain(continuous),
-        delay_s=(pairs[0][0].orders.nk[0] - 1) * run.sample_time_s,
+        delay_s=delay * run.sample_time_s,
         facts=_airspeed(flight.airspeed_m_s),
     )  # fmt: skip
 
@@ -181,11 +182,16 @@ def _unit(name: str, rudder_unit: str) -> str:
     return unit if surface is None else f"{unit} per {surface}"
 
 
-def _sampled(continuous: Form, sample_time_s: float) -> Form:
-    """Return the form with the inputs held from sample to sample."""
+def _sampled(continuous: Form, sample_time_s: float, delay: int = 0) -> Form:
+    """Return the form with the inputs held from sample to sample, ``delay`` samples late."""
 
     def matrices(values: Floats) -> Matrices:
         A, B, C, D, _ = signal.cont2discrete(continuous.matrices(values), sample_time_s)
+        for _ in range(delay):  # the input of one sample before becomes a state
+            n, m = B.shape
+            A = np.block([[A, B], [np.zeros((m, n + m))]])
+            B, C = np.vstack([np.zeros((n, m)), np.eye(m)]), np.hstack([C, D])
+            D = np.zeros_like(D)
         return A, B, C, D
 
     return Form(

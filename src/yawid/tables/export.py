@@ -34,6 +34,16 @@ _NO_HEADER: Final = pyarrow.csv.WriteOptions(include_header=False)
 TIME: Final = pa.timestamp("ns", tz="UTC")
 
 
+def check_name(out: Path) -> None:
+    """Check the name of a file to be written.
+
+    Raises:
+        ConfigError: its suffix is not one of ``FORMATS``.
+    """
+    if out.suffix not in FORMATS:
+        raise ConfigError(f"--out {out}: the name must end in {', '.join(FORMATS)}")
+
+
 def export(
     mcap: Path, out: Path | None = None, what: str = "samples", *, force: bool = False
 ) -> Path:
@@ -47,8 +57,7 @@ def export(
         SinkError: the file exists and ``force`` is not set, or it cannot be written.
     """
     out = mcap.with_suffix(FORMATS[0]) if out is None else out
-    if out.suffix not in FORMATS:
-        raise ConfigError(f"--out {out}: the name must end in {', '.join(FORMATS)}")
+    check_name(out)
     run = open_run(mcap)
     blocks = run.blocks()
     first = next(blocks, None)
