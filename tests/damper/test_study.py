@@ -146,6 +146,7 @@ def test_an_uncertain_or_refused_answer_gives_no_advice(run: Run) -> None:
     wide = change(flight, dutch_roll=change(flight.dutch_roll, wn_std=0.3))
     verdict = change(flight.verdict, usable=False)
     for each, id_ in ((wide, "wn_uncertain"), (change(flight, verdict=verdict), "not_usable"),
+                      (change(flight, orders=None), "not_fitted"),
                       (change(flight, airspeed_m_s=None), "airspeed_unknown")):  # fmt: skip
         other = Run(run.path, change(run.summary, flight=each), run.config, None, None)
         found = other.damper(autopilot="ardupilot", parameters=PLANE)

@@ -222,6 +222,11 @@ def test_what_is_not_known_has_no_model() -> None:
         model(1).tf(output="beta")
     with pytest.raises(ConfigError, match="of the bare airframe, not of the flight"):
         coefficients(model("flight"), Dimensions())
+    of = run()
+    flight = msgspec.structs.replace(of.summary.flight, orders=None)
+    summary = msgspec.structs.replace(of.summary, flight=flight)
+    with pytest.raises(NotIdentifiable, match="the manoeuvres have different orders"):
+        Run(of.path, summary, of.config, None, None).model("flight")
 
 
 def test_python_control_reads_it() -> None:

@@ -77,7 +77,7 @@ def identified(
         Refused: they do not give the flight's answer, the gain at wn is not known well enough, or
             the wanted turn is too large a part of the yaw rate.
     """
-    assert flight.orders is not None  # it is usable
+    assert flight.orders is not None  # usable_flight refuses others
     assert flight.dutch_roll is not None
     na, nb, nc, nk = (getattr(flight.orders, name) for name in ("na", "nb", "nc", "nk"))
     other = RICHER[1] if (na, nb, nc) != RICHER[1] else RICHER[0]

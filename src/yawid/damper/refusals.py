@@ -42,7 +42,8 @@ def usable_flight(summary: RunSummary, most_wn_std: float = MOST_WN_STD) -> Flig
     """Return the flight's answer.
 
     Raises:
-        Refused: it is not usable, wn is not known well enough, or the airspeed is not known.
+        Refused: it is not usable, wn is not known well enough, its manoeuvres have different
+            orders, or the airspeed is not known.
     """
     flight = summary.flight
     if flight is None or flight.dutch_roll is None or not flight.verdict.usable:
@@ -56,6 +57,9 @@ def usable_flight(summary: RunSummary, most_wn_std: float = MOST_WN_STD) -> Flig
         known = "no sigma" if std is None else f"a sigma of {100 * std / roll.wn_rad_s:.1f} %"
         text = f"wn has {known}, and at most {100 * most_wn_std:g} % is needed"
         raise Refused("wn_uncertain", text, CARD)
+    if flight.orders is None:
+        text = "the manoeuvres were answered with different orders, and one model is needed"
+        raise Refused("not_fitted", text, "replay the log with the --orders of one of them")
     if flight.airspeed_m_s is None or flight.airspeed_source != "airspeed":
         text = "the airspeed of the manoeuvres is not known, and the damper is scaled by it"
         raise Refused("airspeed_unknown", text, "fly with an airspeed in the log")

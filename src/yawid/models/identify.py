@@ -97,7 +97,10 @@ def _flight(run: Recorded) -> LinearModel:
     if flight.airspeed_m_s is None:
         raise NotIdentifiable("the airspeed is not known: take the model of one manoeuvre")
     used = [each for each in run.summary.manoeuvres or () if each.n in flight.used]
-    assert flight.orders is not None  # it has a Dutch roll
+    if flight.orders is None:
+        raise NotIdentifiable(
+            "the manoeuvres have different orders: take the model of one, or replay with --orders"
+        )
     orders = list(flight.orders.to_json().values())
     own = fits(run.config, run.sample_time_s, rows_of(few(used), run.samples), orders)
     pairs = [(each.model, speed) for each, speed in own]
