@@ -8,7 +8,6 @@ aircraft of JSBSim -N_delta_a / N_delta_r leaves nine tenths of it, and on one m
 from typing import Final
 
 import numpy as np
-from scipy.linalg import expm
 
 from yawid.blocks import Floats
 from yawid.lateral.model import AILERON, BETA, ROLL, RUDDER, airframe
@@ -24,6 +23,8 @@ def rudder_mixes(theta: Floats, airspeed_m_s: float) -> Floats:
     With the sideslip beta_a of the aileron and beta_r of the rudder moved as the aileron is, the
     mix m gives the least integral of (beta_a + m beta_r)^2. NaN where a derivative is not known.
     """
+    from scipy.linalg import expm  # it takes long to load, and few runs need it
+
     A, B = (each[:, :4, :] for each in airframe(theta, airspeed_m_s))
     found = np.full((len(theta), len(ROLLS_S)), np.nan)
     whole = np.zeros((len(theta), 6, 6))
