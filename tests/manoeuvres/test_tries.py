@@ -11,9 +11,9 @@ from manoeuvres.test_answer import told
 from scipy.signal import butter, lfilter
 
 from yawid.blocks import Floats, SampleBlock
+from yawid.estimation.narrow import Narrow, narrowed
 from yawid.manoeuvres.answer import Answered
 from yawid.results.judge_samples import narrower
-from yawid.results.narrow import Narrow, narrowed
 
 
 def pulses(seed: int) -> Floats:

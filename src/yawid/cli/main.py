@@ -45,8 +45,8 @@ from yawid.cli.trend import add_trend
 from yawid.errors import UNFORESEEN, SinkError, YawidError, without_viewer
 from yawid.runs.stop import Interrupted, StopFlag
 from yawid.sinks.door import DEBUG, mute, say, show_traceback, tell, tell_json, tell_page
-from yawid.sinks.part_file import check_free
 from yawid.sources.formats import RUN, recorded
+from yawid.system.part_file import check_free
 from yawid.system.stores import Place, place_of
 from yawid.version import __version__
 

@@ -12,7 +12,7 @@ from yawid.blocks import Floats
 from yawid.config.run import RunConfig
 from yawid.damper.autopilots import AUTOPILOTS, Autopilot, first
 from yawid.models.refit import Drawn
-from yawid.results.yaw_loop import BARE
+from yawid.quantities.vehicles import AIRFRAME
 
 EXIT_CODES: Final = {
     "not_usable": 5, "stick": 5, "other_loop": 5, "airspeed_unknown": 5, "wn_uncertain": 5,
@@ -126,7 +126,7 @@ def gain_flown(summary: RunSummary, manoeuvre: Manoeuvre, name: str, last: float
     Where only the sticks move the surfaces no damper acts, and its gain is 0. ``last`` is the
     parameter's last value in the log.
     """
-    if manoeuvre.loop == BARE:
+    if manoeuvre.loop == AIRFRAME:
         return 0.0
     rudder = summary.channels.get("rudder")
     seen = [each for each in (rudder and rudder.yaw_gains) or () if each.name == name]

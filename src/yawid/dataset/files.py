@@ -20,7 +20,7 @@ from yawid.dataset.places import MANIFEST, NEW, NO_MONTH, complete, month_of, op
 from yawid.dataset.schema import FORMAT, ID, TABLES, TIME, Table, json_schema, schema_page
 from yawid.dataset.values import Entry, ReadRow, Row, plain
 from yawid.errors import SourceError
-from yawid.sinks.part_file import os_errors_as_sink_error, sync, write_whole
+from yawid.system.part_file import os_errors_as_sink_error, sync, write_whole
 from yawid.system.stores import Place
 
 PAGE, SCHEMA = "SCHEMA.md", "schema.json"

@@ -10,7 +10,7 @@ from typing import Final
 
 from yawid.errors import SinkError
 from yawid.sinks.door import say
-from yawid.sinks.part_file import os_errors_as_sink_error
+from yawid.system.part_file import os_errors_as_sink_error
 from yawid.system.stores import StoredPath
 
 COPY: Final = "held"

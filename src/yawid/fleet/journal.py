@@ -21,8 +21,8 @@ from yawid.dataset.schema import TABLES
 from yawid.dataset.values import Entry, ReadRow
 from yawid.errors import SinkError, SourceError
 from yawid.fleet.hold import Hold
-from yawid.sinks.part_file import os_errors_as_sink_error
 from yawid.system.files import lock
+from yawid.system.part_file import os_errors_as_sink_error
 from yawid.system.stores import Place, StoredPath
 
 FINISHED: Final = "finished.jsonl"

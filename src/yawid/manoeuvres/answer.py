@@ -18,6 +18,7 @@ from yawid.estimation.bank import SampleHistory
 from yawid.estimation.fit import fit_percent, simulate
 from yawid.estimation.free_run import RudderEffect
 from yawid.estimation.methods import IN_CALM_AIR, OF_STRUCTURES, of_a_record
+from yawid.estimation.narrow import Narrow, narrowed
 from yawid.estimation.record_fit import (
     FittedModel,
     fit_methods,
@@ -30,6 +31,7 @@ from yawid.manoeuvres.calm_air import apart_reasons, is_calm
 from yawid.manoeuvres.candidate import OTHER_SPEED, speed_factors, speed_rows
 from yawid.manoeuvres.conditions import conditions, without_airspeed
 from yawid.manoeuvres.feedback import fed_back_reasons, rate_feedback
+from yawid.quantities.vehicles import WITH_ROLL_LOOP
 from yawid.results.excitation import LEAST_STROKE, excitation, own_part
 from yawid.results.judge_estimate import Evidence, bank_verdict
 from yawid.results.judge_rudder import rudder_reasons, rudder_shifts
@@ -42,7 +44,6 @@ from yawid.results.judge_samples import (
     reaction_shares,
     turn_correlation,
 )
-from yawid.results.narrow import Narrow, narrowed
 from yawid.results.reasons import Reason, Verdict
 from yawid.results.structures import NEXT, NOTHING_KNOWN, Spread, spread_of
 from yawid.results.summary import as_summary, described, dutch_roll_told
@@ -230,7 +231,7 @@ def answer_by(
         found = without_airspeed(found)
     config = way.config
     fits = Fits(setting, config, samples, way.narrow)
-    if found.loop != "with_roll_loop" and may_have_aileron(fits):
+    if found.loop != WITH_ROLL_LOOP and may_have_aileron(fits):
         both = Fits(setting, replace(config, inputs=BOTH), samples, way.narrow)
         if both.simulation_pct() > fits.simulation_pct() + WORTH_PCT:
             fits = both

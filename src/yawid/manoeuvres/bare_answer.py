@@ -27,9 +27,9 @@ from yawid.lateral.airframe import Airframe, FailedGate, Known
 from yawid.lateral.fit_airframe import ANSWERED, fit_airframe
 from yawid.lateral.gates import GATES
 from yawid.lateral.motion import Motion
-from yawid.manoeuvres.conditions import AIRFRAME
 from yawid.manoeuvres.feedback import rate_feedback
 from yawid.quantities.flying_qualities import dutch_roll_level
+from yawid.quantities.vehicles import AIRFRAME
 
 BARE_UNKNOWN: Final = "bare_unknown"
 OF_ALL: Final = frozenset(

@@ -8,9 +8,15 @@ import numpy as np
 
 from yawid.blocks import FIRST_DATE_NS, Floats, Noted, SampleBlock
 from yawid.quantities.airspeed import name_of, source_of
-from yawid.quantities.vehicles import ARDUPILOT, PX4, mode_name
+from yawid.quantities.vehicles import (
+    AIRFRAME,
+    ARDUPILOT,
+    LOOP_UNKNOWN,
+    PX4,
+    WITH_ROLL_LOOP,
+    mode_name,
+)
 
-AIRFRAME, WITH_ROLL_LOOP, UNKNOWN = "airframe", "with_roll_loop", "unknown"
 BARE = {ARDUPILOT: {"MANUAL"}, PX4: {"MANUAL"}}
 """By autopilot, the flight modes in which only the sticks move the surfaces."""
 LIMITED = {ARDUPILOT: {"TRAINING"}, PX4: set()}
@@ -46,7 +52,7 @@ def conditions(samples: SampleBlock, modes_of: tuple[int, int]) -> Conditions:
     from_s, to_s = (samples.boot_us[[0, -1]] / 1e6).tolist()
     known = np.unique(samples.mode[np.isfinite(samples.mode)])
     names = [mode_name(*modes_of, int(mode)) for mode in known]
-    loops = {loop_of(modes_of[0], name) for name in names} or {UNKNOWN}
+    loops = {loop_of(modes_of[0], name) for name in names} or {LOOP_UNKNOWN}
     speed, height = samples.airspeed[used], samples.altitude[used]
     airspeed = _mean(speed)
     source = source_of(samples.noted[used] & Noted.GROUND_SPEED.value != 0)
@@ -59,7 +65,7 @@ def conditions(samples: SampleBlock, modes_of: tuple[int, int]) -> Conditions:
         duration_s=to_s - from_s,
         date=_date(int(samples.unix_ns[0])),
         mode=" and ".join(names) or None,
-        loop=loops.pop() if len(loops) == 1 else UNKNOWN,
+        loop=loops.pop() if len(loops) == 1 else LOOP_UNKNOWN,
         airspeed_m_s=airspeed,
         airspeed_std_m_s=None if airspeed is None else float(np.nanstd(speed)),
         airspeed_source=None if airspeed is None else source,
@@ -82,9 +88,9 @@ def loop_of(autopilot: int, mode: str) -> str:
     twice the damping or more.
     """
     if autopilot not in BARE or mode.startswith("mode "):
-        return UNKNOWN
+        return LOOP_UNKNOWN
     if mode in LIMITED[autopilot]:
-        return UNKNOWN
+        return LOOP_UNKNOWN
     return AIRFRAME if mode in BARE[autopilot] else WITH_ROLL_LOOP
 
 

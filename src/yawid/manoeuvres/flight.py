@@ -28,7 +28,7 @@ from yawid.answers.run_summary import (
 from yawid.blocks import Bools, Floats
 from yawid.manoeuvres.airspeed_check import Finding
 from yawid.manoeuvres.answer import OTHER_ORDERS, Answered, Structure
-from yawid.manoeuvres.conditions import AIRFRAME
+from yawid.quantities.vehicles import AIRFRAME
 from yawid.results.judge_estimate import DISAGREE_SIGMAS
 from yawid.results.reasons import Reason, Verdict
 from yawid.results.summary import as_summary

@@ -15,8 +15,9 @@ from yawid.manoeuvres.bare_answer import (
     lateral_of,
     yaw_damped,
 )
-from yawid.manoeuvres.conditions import AIRFRAME, conditions
+from yawid.manoeuvres.conditions import conditions
 from yawid.manoeuvres.motion_store import MotionStore
+from yawid.quantities.vehicles import AIRFRAME
 
 MOST_KEPT = 24
 """The most manoeuvres of a flight whose motion is kept for a fit over several of them."""

@@ -21,6 +21,7 @@ from yawid.answers.run_summary import Manoeuvre, Try
 from yawid.blocks import SampleBlock
 from yawid.config.run import BOTH, RunConfig
 from yawid.estimation.methods import OF_STRUCTURES
+from yawid.estimation.narrow import Narrow
 from yawid.estimation.record_fit import held_back_pct
 from yawid.manoeuvres.answer import (
     Answered,
@@ -33,8 +34,8 @@ from yawid.manoeuvres.answer import (
     may_have_aileron,
     may_remove_turn,
 )
+from yawid.quantities.vehicles import WITH_ROLL_LOOP
 from yawid.results.coherence import BAND_MARGIN, HIGHEST, RATE_OF_BAND
-from yawid.results.narrow import Narrow
 from yawid.results.structures import AFTER_NEXT, NEXT, SIMPLE, WEIGHT_PCT
 
 MOST_TRIES = 4
@@ -96,7 +97,7 @@ def _others(
         turn, yaw = samples.turn_rate[known], samples.y[known]
         if len(turn) and turn.std() > LEAST_TURN * yaw.std():
             yield Way(replace(config, turn="remove"))
-    may_try = first.found.loop != "with_roll_loop" and first.found.inputs != list(BOTH)
+    may_try = first.found.loop != WITH_ROLL_LOOP and first.found.inputs != list(BOTH)
     if may_try and may_have_aileron(Fits(setting, config, samples)):
         yield Way(replace(config, inputs=BOTH))
     if first.found.dutch_roll is None and not config.binds("orders"):

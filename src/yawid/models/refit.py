@@ -19,9 +19,9 @@ from yawid.config.run import RunConfig
 from yawid.errors import ConfigError
 from yawid.estimation.fit import fit_percent, simulate
 from yawid.estimation.methods import METHODS
+from yawid.estimation.narrow import Narrow, narrowed
 from yawid.estimation.record_fit import FittedModel, fit_record
 from yawid.models.fitted import Judged, Model
-from yawid.results.narrow import Narrow, narrowed
 
 _AWAY_NS: Final = 2_000_000_000
 _COLUMNS: Final = ("u", "y", "turn_rate", "aileron")

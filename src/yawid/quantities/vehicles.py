@@ -11,6 +11,8 @@ from yawid.quantities.airspeed import Kind
 
 ARDUPILOT, AUTOPILOT_INVALID, PX4 = 3, 8, 12
 """Numbers of MAV_AUTOPILOT; ground stations and other components send the invalid one."""
+AIRFRAME, WITH_ROLL_LOOP, LOOP_UNKNOWN = "airframe", "with_roll_loop", "unknown"
+"""The ``loop`` of an answer: by whose hand the surfaces moved, the sticks' or the autopilot's."""
 AUTOPILOT_NAMES = {0: "generic", ARDUPILOT: "ArduPilot", PX4: "PX4"}
 AIRSPEED_GIVEN: Final[Mapping[tuple[str, str | int], Kind]] = {
     ("VFR_HUD", ARDUPILOT): Kind.EQUIVALENT,

@@ -18,7 +18,7 @@ from yawid.physics.modes import Complexes
 from yawid.report.html import Cell, head, listed, note, page, pictures, sheet
 from yawid.report.picture import Picture, band, log_axis
 from yawid.sinks.palette import BAD, DATA, MODEL, NEUTRAL, RUDDER
-from yawid.sinks.part_file import check_free, write_whole
+from yawid.system.part_file import check_free, write_whole
 
 PERIODS_SHOWN: Final = 16.0
 """The periods of the Dutch roll over which the response is drawn."""

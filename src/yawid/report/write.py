@@ -27,8 +27,8 @@ from yawid.report.time_pictures import (
 from yawid.results.advice import to_do
 from yawid.sinks.answers import cards, headline
 from yawid.sinks.mcap.reader import McapRun, open_run
-from yawid.sinks.part_file import check_free, os_errors_as_sink_error, write_whole
 from yawid.sinks.words import dutch_roll_in, next_step, sigma_means, utc
+from yawid.system.part_file import check_free, os_errors_as_sink_error, write_whole
 
 
 def write_report(

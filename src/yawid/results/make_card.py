@@ -35,7 +35,7 @@ from yawid.answers.run_summary import (
 )
 from yawid.blocks import Floats, Noted, SampleBlock
 from yawid.quantities.airspeed import GROUND_SPEED, source_of
-from yawid.quantities.vehicles import ARDUPILOT, PX4, WITHOUT_RUDDER
+from yawid.quantities.vehicles import AIRFRAME, ARDUPILOT, PX4, WITH_ROLL_LOOP, WITHOUT_RUDDER
 from yawid.results.reasons import ASK_HZ
 
 SAMPLES_PER_PERIOD: Final = 16.0
@@ -266,9 +266,7 @@ def _mixes(autopilot: int | None, parameters: Mapping[str, float]) -> Iterator[P
 
 
 def _modes(autopilot: int | None, used: Sequence[Manoeuvre]) -> Iterator[ModeToFly]:
-    for mode, loop in zip(
-        MODES.get(autopilot or 0, ()), ("airframe", "with_roll_loop"), strict=False
-    ):
+    for mode, loop in zip(MODES.get(autopilot or 0, ()), (AIRFRAME, WITH_ROLL_LOOP), strict=False):
         yield ModeToFly(mode=mode, loop=loop, answered=[m.n for m in used if m.loop == loop])
 
 

@@ -15,9 +15,7 @@ from yawid.answers.run_summary import (
     Manoeuvre,
     RunSummary,
 )
-
-BARE = "airframe"
-"""The ``loop`` of a manoeuvre in which only the sticks move the surfaces."""
+from yawid.quantities.vehicles import AIRFRAME
 
 
 def with_yaw_loop(summary: RunSummary) -> RunSummary:
@@ -32,7 +30,7 @@ def with_yaw_loop(summary: RunSummary) -> RunSummary:
     by_number = {each.n: each for each in summary.manoeuvres or ()}
 
     def said(found: Flight | Manoeuvre) -> Flight | Manoeuvre:
-        if found.loop == BARE:
+        if found.loop == AIRFRAME:
             return found
         of = (
             [found]

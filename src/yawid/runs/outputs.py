@@ -18,8 +18,8 @@ from yawid.runs.versions import versions
 from yawid.sinks.base import Sink
 from yawid.sinks.door import say
 from yawid.sinks.mcap.sink import McapSink
-from yawid.sinks.part_file import Disk, check_free
 from yawid.sinks.rerun.sink import RerunSink
+from yawid.system.part_file import Disk, check_free
 from yawid.system.stores import Place
 
 SIGN = "positive rudder = nose right, positive yaw rate = nose right"

@@ -17,9 +17,9 @@ from yawid.results.summary import summarise
 from yawid.runs.job import feed_all
 from yawid.runs.outputs import Outputs, finish, open_mcap, parameters_of, whole_or_none
 from yawid.sinks.door import tell_whole
-from yawid.sinks.part_file import check_free, write_whole
 from yawid.sources.open_log import TlogBytes
 from yawid.sources.simulated_tlog import SimulatedFlight, tlog_of
+from yawid.system.part_file import check_free, write_whole
 
 FULL_RUDDER_RAD = np.deg2rad(25.0)
 """The deflection that a simulated tlog holds as full travel; a replay with --rudder-max-deg 25

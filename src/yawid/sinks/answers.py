@@ -18,6 +18,7 @@ from yawid.answers.run_summary import (
     ReasonSummary,
     RunSummary,
 )
+from yawid.quantities.vehicles import AIRFRAME
 from yawid.results.reasons import KINDS
 from yawid.sinks.words import (
     GREEK,
@@ -52,7 +53,7 @@ def cards(summary: RunSummary) -> list[Card]:
     """Return the cards of the four questions, for the flight or for the stream's answer."""
     mode, flight = _dutch_roll(summary), summary.flight
     others = summary.others if flight is None else {}
-    levelled = summary.deciding.usable and (flight is None or flight.loop == "airframe")
+    levelled = summary.deciding.usable and (flight is None or flight.loop == AIRFRAME)
     if mode is not None and not levelled:
         mode = replace(mode, level=None)
     frequency = _of_number("Natural frequency ωn", 0, mode, others)

@@ -23,6 +23,7 @@ from yawid.answers.run_summary import (
 )
 from yawid.estimation.fit import WORST_PCT
 from yawid.quantities.airspeed import GROUND_SPEED
+from yawid.quantities.vehicles import AIRFRAME, WITH_ROLL_LOOP
 
 LATIN: Final = ("wn", "zeta")
 GREEK: Final = ("ωn", "ζ")
@@ -49,8 +50,8 @@ class Loop(NamedTuple):
 
 
 _LOOPS: Final = {
-    "airframe": Loop("bare", "airframe", "the airframe"),
-    "with_roll_loop": Loop("roll", "with roll loop", "the aircraft with its roll loop"),
+    AIRFRAME: Loop("bare", "airframe", "the airframe"),
+    WITH_ROLL_LOOP: Loop("roll", "with roll loop", "the aircraft with its roll loop"),
 }
 _NO_LOOP: Final = Loop("?", "not known", "the aircraft as flown (the flight mode is not known)")
 

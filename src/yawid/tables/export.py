@@ -20,7 +20,7 @@ import pyarrow.parquet as pq
 from yawid.errors import ConfigError, SourceError
 from yawid.sinks.mcap.messages import RunRows, joined
 from yawid.sinks.mcap.reader import McapRun, open_run
-from yawid.sinks.part_file import written_whole
+from yawid.system.part_file import written_whole
 from yawid.tables.columns import Units, manoeuvre_columns, mode_columns, record_columns
 from yawid.tables.table import Column, filled
 from yawid.version import __version__

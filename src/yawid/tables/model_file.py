@@ -22,7 +22,7 @@ from yawid.blocks import Array
 from yawid.models.aerodynamics import Dimensions, aerodynamics
 from yawid.models.identify import model_of
 from yawid.models.linear import LinearModel
-from yawid.sinks.part_file import write_whole
+from yawid.system.part_file import write_whole
 from yawid.tables.run import Run
 
 MODEL_FORMATS: Final = (".json", ".mat", ".xml")

@@ -13,7 +13,7 @@ from yawid.quantities.table import QUANTITIES
 from yawid.report.html import Cell, head, listed, note, page, pictures, sheet
 from yawid.report.picture import Picture, band
 from yawid.sinks.palette import BAD, DATA, NEUTRAL
-from yawid.sinks.part_file import check_free, write_whole
+from yawid.system.part_file import check_free, write_whole
 from yawid.trend import words
 from yawid.trend.days import FAR
 from yawid.trend.history import FOLLOWED

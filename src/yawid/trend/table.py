@@ -8,6 +8,7 @@ from rich.table import Table
 from rich.text import Text
 
 from yawid.answers.damper_report import Decay, FlownGain
+from yawid.quantities.vehicles import AIRFRAME, WITH_ROLL_LOOP
 from yawid.sinks.door import page_console
 from yawid.trend import words
 from yawid.trend.diff import DamperDiff, Diff
@@ -81,7 +82,7 @@ def _histories(rows: list[Followed]) -> Table:
 
 def _named(vehicle: str, loop: str) -> str:
     """Return a vehicle's name with its loop; an empty loop, as of two runs, has none."""
-    return vehicle + {"airframe": "", "": "", "with_roll_loop": " roll"}.get(loop, " ?")
+    return vehicle + {AIRFRAME: "", "": "", WITH_ROLL_LOOP: " roll"}.get(loop, " ?")
 
 
 def print_diff(told: Diff, stream: TextIO) -> None:

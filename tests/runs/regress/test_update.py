@@ -83,7 +83,7 @@ def test_a_disk_that_is_full_at_any_of_the_files_changes_none(
         if name in stream.name:
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-    monkeypatch.setattr("yawid.sinks.part_file.sync", full)
+    monkeypatch.setattr("yawid.system.part_file.sync", full)
     assert main(["regress", str(case), "--update", "--why", "x"]) == 6
     assert capsys.readouterr().err.endswith(f"{name}: No space left on device\n")
     assert contents(case) == before

@@ -215,7 +215,9 @@ def test_one_flipped_byte_anywhere_never_makes_a_false_message(
 def test_no_byte_of_a_torn_file_makes_a_false_message_when_flipped(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("yawid.sinks.part_file.sync", lambda stream: None)  # thousands take minutes
+    monkeypatch.setattr(
+        "yawid.system.part_file.sync", lambda stream: None
+    )  # thousands take minutes
     whole = write_file(tmp_path / "whole.mcap", n=3)
     rows, data = Counter(raw(whole)), whole.read_bytes()
     stop = chunk_places(whole)[-1][1]  # the summary is lost: nothing settles what a number means

@@ -7,7 +7,7 @@ from pathlib import Path
 from yawid.errors import SinkError
 from yawid.runs.live.bulkhead import Bulkhead
 from yawid.sinks.base import Call, Pace, Relay, Sink
-from yawid.sinks.part_file import open_part, os_errors_as_sink_error, sync, take_name
+from yawid.system.part_file import open_part, os_errors_as_sink_error, sync, take_name
 
 LOOK_S = 1.0
 

@@ -21,7 +21,6 @@ from yawid.runs.live.vehicles import MOST_VEHICLES, Fleet, Single
 from yawid.runs.live.worker import DiskBeside, Worker
 from yawid.runs.outputs import Outputs
 from yawid.runs.stop import StopFlag
-from yawid.sinks.part_file import os_errors_as_sink_error
 from yawid.sinks.terminal.live_facts import LiveFacts as ScreenFacts
 from yawid.sinks.terminal.progress import Console
 from yawid.sources.link.endpoints import Endpoint, parse_endpoint
@@ -34,6 +33,7 @@ from yawid.sources.link.tcp_serial import StreamTap
 from yawid.sources.link.udp import UdpTap
 from yawid.sources.mavlink.signing import SigningKey
 from yawid.sources.open_log import ReadOptions
+from yawid.system.part_file import os_errors_as_sink_error
 
 READ_S = 0.2
 SILENT_US = 5_000_000

@@ -20,7 +20,7 @@ from yawid.estimation.bank import Bank
 from yawid.pipeline import Pipeline
 from yawid.runs.live.bulkhead import Bulkhead
 from yawid.sinks.base import Pace
-from yawid.sinks.part_file import os_errors_as_sink_error, write_whole
+from yawid.system.part_file import os_errors_as_sink_error, write_whole
 
 VERSION = "yawid-state-1"
 SAVE_S = 60.0

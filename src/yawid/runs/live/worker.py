@@ -8,7 +8,7 @@ from concurrent.futures import Executor, Future
 from functools import partial
 from typing import BinaryIO, ParamSpec, TypeVar
 
-from yawid.sinks.part_file import Disk, sync
+from yawid.system.part_file import Disk, sync
 
 _P = ParamSpec("_P")
 _T = TypeVar("_T")
@@ -64,7 +64,7 @@ class DiskBeside(Disk):
         self._syncing: dict[BinaryIO, Future[None]] = {}
 
     def sync_soon(self, stream: BinaryIO) -> None:
-        """See :meth:`yawid.sinks.part_file.Disk.sync_soon`."""
+        """See :meth:`yawid.system.part_file.Disk.sync_soon`."""
         stream.flush()
         before = self._syncing.get(stream)
         if before is not None and not before.done():
@@ -76,7 +76,7 @@ class DiskBeside(Disk):
         self._syncing[stream] = self.worker.submit(_sync_and_close, os.dup(stream.fileno()))
 
     def sync_now(self, stream: BinaryIO) -> None:
-        """See :meth:`yawid.sinks.part_file.Disk.sync_now`; it is the last call for a stream."""
+        """See :meth:`yawid.system.part_file.Disk.sync_now`; it is the last call for a stream."""
         before = self._syncing.pop(stream, None)
         if before is not None:
             before.result()

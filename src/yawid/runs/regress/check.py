@@ -23,7 +23,7 @@ from yawid.errors import ConfigError, SinkError, YawidError
 from yawid.runs.regress.case import Case, Replayed
 from yawid.runs.regress.compare import Mismatch, compare_summaries, compare_tables, split_tolerances
 from yawid.runs.regress.table import csv_of, read_csv
-from yawid.sinks.part_file import os_errors_as_sink_error
+from yawid.system.part_file import os_errors_as_sink_error
 from yawid.system.processes import cores
 
 ACTUAL, PICTURE = "actual.csv", "actual.svg"

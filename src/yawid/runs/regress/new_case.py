@@ -18,10 +18,10 @@ from yawid.channels.yaw_reader import SOURCES, UNTIMED
 from yawid.config.run import RunConfig, check_settings
 from yawid.errors import ConfigError, SinkError, SourceError
 from yawid.runs.regress.case import Case
-from yawid.sinks.part_file import os_errors_as_sink_error
 from yawid.sources.formats import TLOG, format_of
 from yawid.sources.logs.tlog import read_tlog, record_at
 from yawid.sources.open_log import TlogBytes
+from yawid.system.part_file import os_errors_as_sink_error
 
 MOST_BYTES = 1_000_000
 LEAD_S = 10.0

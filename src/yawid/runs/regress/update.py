@@ -14,7 +14,7 @@ from yawid.runs.regress.table import csv_of
 from yawid.runs.stop import Interrupted
 from yawid.runs.versions import versions
 from yawid.sinks.door import say as to_stderr
-from yawid.sinks.part_file import write_whole
+from yawid.system.part_file import write_whole
 
 
 def update(folder: Path, names: Sequence[str], why: str, say: Callable[[str], None]) -> None:

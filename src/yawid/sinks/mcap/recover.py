@@ -25,7 +25,7 @@ from yawid.sinks.mcap.chunks import MAGIC
 from yawid.sinks.mcap.reader import DAMAGE, is_bomb
 from yawid.sinks.mcap.remains import NAMES, SUMMARY, Remains
 from yawid.sinks.mcap.schemas import LOG, TOPICS, is_ours
-from yawid.sinks.part_file import written_whole
+from yawid.system.part_file import written_whole
 from yawid.version import __version__
 
 LIBRARY: Final = f"yawid {__version__} (recovered)"

@@ -42,7 +42,7 @@ from yawid.sinks.mcap.schemas import (
     schema_data,
     units,
 )
-from yawid.sinks.part_file import Disk, open_part, os_errors_as_sink_error, take_name
+from yawid.system.part_file import Disk, open_part, os_errors_as_sink_error, take_name
 from yawid.version import __version__
 
 LIBRARY: Final = f"yawid {__version__}"

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Final
 from yawid.answers.run_summary import RunSummary
 from yawid.errors import SinkError, without_viewer
 from yawid.sinks.base import Call, Pace, Relay
-from yawid.sinks.part_file import open_part, take_name
+from yawid.system.part_file import open_part, take_name
 
 if TYPE_CHECKING:
     from yawid.sinks.rerun.recording import RerunView

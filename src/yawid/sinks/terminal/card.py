@@ -9,7 +9,7 @@ from typing import TextIO
 from yawid.answers.flight_test_card import FlightTestCard, ParameterToSet, RudderMove
 from yawid.answers.inspection import Inspection
 from yawid.quantities.airspeed import GROUND_SPEED
-from yawid.quantities.vehicles import ARDUPILOT, PX4
+from yawid.quantities.vehicles import AIRFRAME, ARDUPILOT, PX4
 from yawid.results.make_card import why_no_card
 from yawid.sinks.door import WIDTH
 from yawid.sinks.words import count, dutch_roll
@@ -130,7 +130,7 @@ def _flight(card: FlightTestCard) -> Iterator[Row]:
         height += f"; flown: {low:.0f} to {high:.0f} m above the sea"
     yield "height", height
     for each in flown.modes:
-        whose = "bare airframe" if each.loop == "airframe" else "aircraft with its roll loop"
+        whose = "bare airframe" if each.loop == AIRFRAME else "aircraft with its roll loop"
         done = f" (this log: {count(len(each.answered))})" if each.answered else ""
         yield "mode", f"[ ] {each.mode}: the {whose}{done}"
     if not flown.modes:

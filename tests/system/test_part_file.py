@@ -11,7 +11,7 @@ from places import C172P
 from yawid.cli.main import main
 from yawid.errors import SinkError
 from yawid.runs.live.guarded_sink import TlogRecorder
-from yawid.sinks.part_file import write_whole, written_whole
+from yawid.system.part_file import write_whole, written_whole
 
 
 def test_a_replay_that_cannot_begin_leaves_another_runs_recording_alone(

@@ -6,7 +6,7 @@ from scipy.signal import freqz
 
 from yawid.config.estimator import ArmaxOrders
 from yawid.errors import ConfigError, NotIdentifiable
-from yawid.offline.response_curves import (
+from yawid.physics.response_curves import (
     answer_by_transient,
     answer_by_weighting,
     curves_from_data,
