@@ -14,8 +14,8 @@ from scipy.special import gammaincc
 
 import yawid.estimation.all_pole as module
 from yawid.estimation.all_pole import all_pole
+from yawid.estimation.machine.products import cross
 from yawid.estimation.machine.runner import RUNNER
-from yawid.estimation.products import cross
 from yawid.estimation.whiteness import chi_square_tail
 
 lengths = st.sampled_from([0, 1, 2, 63, 400])

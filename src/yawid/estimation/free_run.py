@@ -18,6 +18,7 @@ import numpy as np
 from yawid.blocks import Floats
 from yawid.estimation.all_pole import all_pole
 from yawid.estimation.fit import fit_percent
+from yawid.estimation.machine.products import along, cross
 from yawid.estimation.polynomials import c_of, is_stable
 from yawid.estimation.prediction_error import (
     HALVINGS,
@@ -26,7 +27,6 @@ from yawid.estimation.prediction_error import (
     RecordFit,
     Scores,
 )
-from yawid.estimation.products import along, cross
 
 NEAR_ENOUGH = 1e-5
 """The relative gain in loss after which the steps end: the next one is a small part of sigma."""

@@ -13,8 +13,8 @@ import numpy as np
 from yawid.blocks import Floats
 from yawid.config.estimator import EstimatorConfig
 from yawid.estimation.all_pole import all_pole
+from yawid.estimation.machine.products import along, cross
 from yawid.estimation.polynomials import c_of, is_stable, known_regressors, lag_depth, reflected
-from yawid.estimation.products import along, cross
 
 ITERATIONS = 30
 """The most steps of a fit."""

@@ -15,10 +15,10 @@ from yawid.blocks import Bools, EstimateBlock, Floats, Status
 from yawid.config.estimator import EstimatorConfig
 from yawid.estimation.fit import fit_percent, simulate
 from yawid.estimation.free_run import RudderEffect, best_shift, rudder_fits
+from yawid.estimation.machine.products import cross
 from yawid.estimation.methods import METHODS, Method
 from yawid.estimation.polynomials import lag_depth
 from yawid.estimation.prediction_error import SETTLED, RecordFit, stretches_of
-from yawid.estimation.products import cross
 from yawid.estimation.whiteness import chi_square_tail, ljung_box
 
 BLOCKS = 8

@@ -9,9 +9,9 @@ import numpy as np
 
 from yawid.blocks import Floats
 from yawid.config.estimator import EstimatorConfig
+from yawid.estimation.machine.products import cross
 from yawid.estimation.methods import METHODS
 from yawid.estimation.prediction_error import RecordFit, stretches_of
-from yawid.estimation.products import cross
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from yawid.blocks import Floats
-from yawid.estimation.products import cross
+from yawid.estimation.machine.products import cross
 from yawid.lateral.model import AT, PARAMETERS, SIZES, Guess, system
 from yawid.lateral.predictor import Predictor, whitened
 from yawid.lateral.record import Record

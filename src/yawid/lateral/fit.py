@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from yawid.blocks import Floats
-from yawid.estimation.products import cross
+from yawid.estimation.machine.products import cross
 from yawid.lateral.criterion import Criterion, Point
 from yawid.lateral.model import NAMES, Guess
 from yawid.lateral.record import Record

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from yawid.blocks import WINDOW_S, Bools, Floats, shifted, strokes, window_of
-from yawid.estimation.products import cross
+from yawid.estimation.machine.products import cross
 
 LEAST_STROKE = 0.1
 """The rudder excites where its own part covers this much of half its travel within 5 s."""
