@@ -61,7 +61,12 @@ def test_groff_takes_the_page_and_every_command_is_on_it(capsys: pytest.CaptureF
     if not shutil.which("groff"):
         pytest.skip("groff is not installed")
     made = subprocess.run(
-        ["groff", "-man", "-Tutf8", "-ww"], input=page, capture_output=True, text=True, check=True
+        ["groff", "-man", "-Tutf8", "-ww"],
+        input=page,
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=60,
     )
     assert made.stderr == ""
     plain = re.sub(r"\x1b\[[\d;]*m|.\x08", "", made.stdout)

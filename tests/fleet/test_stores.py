@@ -225,7 +225,9 @@ def test_a_fleet_on_an_s3_server(tmp_path: Path, monkeypatch):
 
         def run(*words: str) -> tuple[int, str]:
             command = [sys.executable, "-m", "yawid", *words]
-            done = subprocess.run(command, env=env, cwd=tmp_path, capture_output=True, text=True)
+            done = subprocess.run(
+                command, env=env, cwd=tmp_path, capture_output=True, text=True, timeout=300
+            )
             assert "Traceback" not in done.stderr, done.stderr
             return done.returncode, done.stdout + done.stderr
 

@@ -74,5 +74,6 @@ def test_the_copter_has_its_torn_frame_its_radio_and_its_losses() -> None:
     link = decoder.link
     assert link.skipped_bytes == 31
     assert link.senders[51, 68] > 0
-    assert link.by_sender[1, 1].lost == 2856
-    assert link.lost == 2856 + link.by_sender[51, 68].lost < 3000
+    in_a_jump = 144  # over 128, in the time that so many frames take
+    assert link.by_sender[1, 1].lost == 2856 + in_a_jump
+    assert link.lost == 3000 + link.by_sender[51, 68].lost < 3200

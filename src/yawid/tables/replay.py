@@ -12,6 +12,7 @@ import numpy as np
 from yawid.answers.heard import PARAMETERS, parameters_in
 from yawid.answers.run_summary import RunSummary
 from yawid.blocks import EstimateBlock, ModesBlock, SampleBlock
+from yawid.config.names import RecursiveName
 from yawid.errors import ConfigError, YawidError
 from yawid.sinks.base import Grid, Relay, Sink
 from yawid.sinks.mcap.messages import RunRows, joined
@@ -26,7 +27,6 @@ if TYPE_CHECKING:
 OF_FILES: Final = ("out", "force", "json", "rerun")
 """Options of the output files that a TOML file may hold for the command line: ignored here."""
 _NOT_SETTINGS: Final = ("log", "config", "format", "signing_key_file")
-Method = Literal["els", "rml"]
 Surface = Literal["rudder", "aileron"]
 
 
@@ -55,8 +55,8 @@ def replay(
     lateral: Literal["auto", "off"] | None = None,
     servo_lag: float | None = None,
     servo_tau: float | None = None,
-    method: Method | None = None,
-    also: Method | Literal["none"] | None = None,
+    method: RecursiveName | None = None,
+    also: RecursiveName | Literal["none"] | None = None,
     engine: Literal["numba", "filterpy"] | None = None,
     memory: float | None = None,
     forgetting: float | None = None,
