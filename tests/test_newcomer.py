@@ -276,7 +276,7 @@ import argparse
 from typing import Any
 
 from yawid.cli.options import add_command
-from yawid.sinks.door import tell
+from yawid.sinks.door import print_line
 
 
 def add_greet(commands: Any) -> None:
@@ -286,7 +286,7 @@ def add_greet(commands: Any) -> None:
 
 
 def _greet(arguments: argparse.Namespace) -> int:
-    tell("hello")
+    print_line("hello")
     return 0
 '''
     },

@@ -96,8 +96,8 @@ class Pipeline:
         found = [each.found for each in stage.answered]
         if stage.laterals is None:
             return found
-        told = stage.laterals.told()
-        return [msgspec.structs.replace(each, lateral=told.get(each.n)) for each in found]
+        bares = stage.laterals.bares()
+        return [msgspec.structs.replace(each, lateral=bares.get(each.n)) for each in found]
 
     def progress(self, *, closely: bool) -> tuple[UnderWay, int]:
         """Return the progress of the current manoeuvre, and how many wait for their answers.

@@ -172,12 +172,12 @@ def test_a_yaw_damper_that_becomes_known_later_refuses_what_was_found():
     gains: list[str] = []
     laterals = Laterals(60.0, 0.0, None, (3, 1), lambda *s: gains[0] if gains else None)
     laterals._held_s[1] = (20.0, 50.0)
-    laterals._told[1] = whole().bare() or pytest.fail("it is known")
-    assert laterals.told()[1].verdict.usable
+    laterals._bares[1] = whole().bare() or pytest.fail("it is known")
+    assert laterals.bares()[1].verdict.usable
 
     gains.append("YAW2SRV_DAMP 0.5")
 
-    assert not laterals.told()[1].verdict.usable
+    assert not laterals.bares()[1].verdict.usable
 
 
 @pytest.mark.long

@@ -258,7 +258,7 @@ def asked(config: RunConfig, wn: float, *, answers: bool = True) -> tuple[list[s
     """Which structures are told beside an answer of wn, and all that is known"""
     u, y = flown(1)
     found = spread_of(config, TS_S, u, y, wn, fitted(config, u, y) if answers else None)
-    return [f"{','.join(map(str, each.orders[:3]))}/{each.every}" for each in found.told], found
+    return [f"{','.join(map(str, each.orders[:3]))}/{each.every}" for each in found.opinions], found
 
 
 def test_the_own_orders_are_not_asked_twice():
@@ -279,7 +279,7 @@ def test_on_a_grid_that_is_coarse_already_half_the_rate_is_asked_of_the_own_orde
     _, fine = asked(RunConfig(), WN)
     names, coarse = asked(RunConfig(), 7.5)
 
-    assert fine.slower is fine.told[2]  # 3,3,2 on the coarse grid
+    assert fine.slower is fine.opinions[2]  # 3,3,2 on the coarse grid
     assert names == ["4,4,3/1", "2,2,2/1", "5,5,4/1"]
     assert (coarse.slower.orders, coarse.slower.every) == (OWN, 2)
     assert coarse.slower.dutch_roll[0] == pytest.approx(WN, rel=0.05)
@@ -291,8 +291,8 @@ def test_a_structure_that_finds_another_mode_is_left_out(wn: float):
     _, found = asked(RunConfig(), wn)
 
     around = found.around(wn)
-    assert found.told
-    assert around.told == ()
+    assert found.opinions
+    assert around.opinions == ()
     assert around.structures_std("wn_rad_s", wn) == pytest.approx(0.005 * wn)
     assert math.isfinite(around.scatter["wn_rad_s"])
 
@@ -302,7 +302,7 @@ def test_a_structure_that_does_not_know_its_own_mode_is_left_out():
     vague = told(6.5)
     vague.dutch_roll[1] = 0.66
 
-    assert spread(vague, told(6.1)).around(6.0).told[0].dutch_roll[0] == 6.1
+    assert spread(vague, told(6.1)).around(6.0).opinions[0].dutch_roll[0] == 6.1
 
 
 def test_a_coarser_grid_has_the_rudders_mean_and_the_yaw_rate_at_the_instant():

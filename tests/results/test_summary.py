@@ -149,9 +149,9 @@ def test_a_stream_is_compared_with_the_newest_two_memories():
 
     spreads = [stream_spread(bank, bank.history()) for bank in (known, other)]
     for spread in spreads:
-        (own,) = (e for e in spread.told if e.orders == config.orders and e.every == 1)
+        (own,) = (e for e in spread.opinions if e.orders == config.orders and e.every == 1)
         assert own.dutch_roll[0] == pytest.approx(2.4, rel=0.02)
-    told, expected = ([each.dutch_roll.tolist() for each in spread.told] for spread in spreads)
+    told, expected = ([each.dutch_roll.tolist() for each in spread.opinions] for spread in spreads)
     assert told == expected
 
 

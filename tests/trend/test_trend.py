@@ -340,9 +340,9 @@ def test_outliers_and_who_stands_out_are_judged_over_all_numbers(tmp_path: Path)
     one = studied[4]
     p = 66 * 2.0 * scipy.stats.t.sf(np.abs(one.level.z), one.fitted.dof)
     assert 1e-4 < p[5] < 0.01
-    assert [(each.flight, each.p) for each in one.told.outliers] == [(6, pytest.approx(p[5]))]
+    assert [(each.flight, each.p) for each in one.followed.outliers] == [(6, pytest.approx(p[5]))]
     for each in studied:
-        assert each.told.beside is not None
-        p_one = 2.0 * scipy.stats.t.sf(abs(each.told.beside.sigmas), 5)
-        assert each.told.beside.p == pytest.approx(min(1.0, 6 * p_one))
+        assert each.followed.beside is not None
+        p_one = 2.0 * scipy.stats.t.sf(abs(each.followed.beside.sigmas), 5)
+        assert each.followed.beside.p == pytest.approx(min(1.0, 6 * p_one))
     assert said.numbers_tested == 66

@@ -100,9 +100,9 @@ def flown(place: int, gain: float, number: int) -> Made:
         "closed": model.dutch_roll(damper),
         "open": model.dutch_roll(replace(damper, gain=0.0)),
     }
-    told = {name: [abs(p), _zeta(p)] for name, p in poles.items()}
+    pairs = {name: [abs(p), _zeta(p)] for name, p in poles.items()}
     ends = [plan.seconds - REST_S + link.boot_s, plan.seconds + link.boot_s]
-    return Made(log, told | {
+    return Made(log, pairs | {
         "aircraft": plan.aircraft, "speed_kt": plan.speed_kt, "place": place, "gain": gain,
         "loop_hz": damper.loop_hz, "servo_lag_s": damper.servo_lag_s, "rest": ends,
     })  # fmt: skip
@@ -143,11 +143,11 @@ def _compared(found: Study, before: Run, log: Path, truth: dict[str, Any]) -> Ro
     row = int(np.argmin(np.abs(closed.gains - truth["gain"])))
     zeta, std = float(closed.middle(closed.zeta)[0, row]), float(closed.std(closed.zeta)[0, row])
     wn = float(closed.middle(closed.wn)[0, row])
-    told: Row = {"wn": wn, "zeta": zeta, "zeta_std": std, "refused": "", **_advice(found, truth)}
+    result: Row = {"wn": wn, "zeta": zeta, "zeta_std": std, "refused": "", **_advice(found, truth)}
     after = replay(log)
-    told["z"] = _apart(before, after)
-    told |= _decays(found, after, truth)
-    return told
+    result["z"] = _apart(before, after)
+    result |= _decays(found, after, truth)
+    return result
 
 
 def _advice(found: Study, truth: dict[str, Any]) -> Row:
@@ -199,8 +199,8 @@ def _decays(found: Study, after: Run, truth: dict[str, Any]) -> Row:
         (t > last + step) & (t < last + 2.5 * math.tau / truth["closed"][0]) & np.isfinite(rudder)
     )
     fits = [damped_sine([x[rows]], step, truth["closed"][0]) for x in (r, response)]
-    told = [None if fit is None else [fit.wn_rad_s, fit.zeta] for fit in fits]
-    return {"decay": told[0], "decay_predicted": told[1]}
+    modes = [None if fit is None else [fit.wn_rad_s, fit.zeta] for fit in fits]
+    return {"decay": modes[0], "decay_predicted": modes[1]}
 
 
 def is_right(zeta: float, true: float) -> bool:
@@ -223,19 +223,19 @@ def table(rows: list[Row]) -> Iterator[str]:
 
 
 def _cells(rows: list[Row]) -> list[str]:
-    told = [row for row in rows if not row["refused"]]
-    right = [row for row in told if is_right(row["zeta"], row["closed"][1])]
-    within = [row for row in told if is_within(row)]
+    predicted = [row for row in rows if not row["refused"]]
+    right = [row for row in predicted if is_right(row["zeta"], row["closed"][1])]
+    within = [row for row in predicted if is_within(row)]
     # A predicted pair that became two real poles has no wn; its zeta counts as wrong.
-    off = [abs(row["wn"] / row["closed"][0] - 1.0) for row in told if math.isfinite(row["wn"])]
-    decays = [row for row in told if row["decay"] and row["decay_predicted"]]
+    off = [abs(row["wn"] / row["closed"][0] - 1.0) for row in predicted if math.isfinite(row["wn"])]
+    decays = [row for row in predicted if row["decay"] and row["decay_predicted"]]
     alike = [row for row in decays if is_right(row["decay_predicted"][1], row["decay"][1])]
-    answered = [row for row in told if row["z"]]
+    answered = [row for row in predicted if row["z"]]
     same = [row for row in answered if max(row["z"]) <= 2.0]
     median = f"{100 * float(np.median(off)):.1f} %" if off else "-"
-    shares = (right, told), (within, told), (alike, decays), (same, answered)
+    shares = (right, predicted), (within, predicted), (alike, decays), (same, answered)
     said = [f"{len(some)} of {len(of)}" for some, of in shares]
-    return [str(len(rows)), str(len(rows) - len(told)), *said[:2], median, *said[2:]]
+    return [str(len(rows)), str(len(rows) - len(predicted)), *said[:2], median, *said[2:]]
 
 
 def harmful(row: Row) -> bool:
@@ -261,14 +261,14 @@ def main(arguments: list[str]) -> Generator[str, None, str | None]:
     if options.csv:
         write_csv(options.csv, rows)
     yield from table(rows)
-    told = [row for row in rows if not row["refused"]]
-    right = sum(is_right(row["zeta"], row["closed"][1]) for row in told)
-    within = sum(is_within(row) for row in told)
+    predicted = [row for row in rows if not row["refused"]]
+    right = sum(is_right(row["zeta"], row["closed"][1]) for row in predicted)
+    within = sum(is_within(row) for row in predicted)
     counts = (("right", right), ("within", within))
     missed = [
-        f"{count} of {len(told)} {what}"
+        f"{count} of {len(predicted)} {what}"
         for what, count in counts
-        if 100.0 * count < NEEDED[what] * len(told)
+        if 100.0 * count < NEEDED[what] * len(predicted)
     ]
     if bad := [f"{row['aircraft']} {row['gain']:g}" for row in rows if harmful(row)]:
         missed.append(f"harmful advice: {', '.join(bad)}")

@@ -168,8 +168,8 @@ def is_as_replayed(summary: dict[str, Any], folder: Path) -> bool:
     log = Path(summary["files"]["tlog"])
     settings = {"sysid": summary["vehicle"]["sysid"]}
     again, _ = replay(log, settings, Outputs(folder, f"{log.stem}-again"), StopFlag())
-    told = again.to_json()
-    return all(told[name] == summary[name] for name in ("estimates", "manoeuvres", "flight"))
+    replayed = again.to_json()
+    return all(replayed[name] == summary[name] for name in ("estimates", "manoeuvres", "flight"))
 
 
 def bench_latency(options: argparse.Namespace) -> Iterator[str]:
@@ -192,11 +192,11 @@ def bench_latency(options: argparse.Namespace) -> Iterator[str]:
 
 def bench_fits(options: argparse.Namespace) -> Iterator[str]:
     """Measure the latency without manoeuvres, with them, and while a fit runs all the time."""
-    beside = (TOOLS / "bench" / "live_beside_fits.py",)
+    with_fits = (TOOLS / "bench" / "live_beside_fits.py",)
     for what, program, manoeuvres in (
         ("without manoeuvres", LIVE, "off"),
         ("with manoeuvres", LIVE, "auto"),
-        ("with a fit running all the time", beside, "auto"),
+        ("with a fit running all the time", with_fits, "auto"),
     ):
         with tempfile.TemporaryDirectory() as name:
             asked = (Path(name), "--manoeuvres", manoeuvres)

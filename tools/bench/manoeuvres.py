@@ -108,8 +108,8 @@ def compared(log: Path, name: str, pairs: int) -> tuple[str, str]:
     off, auto = (median(column) for column in zip(*turns, strict=True))
     ratio = median(b / a for a, b in turns)
     minutes, share = found.duration_s / 60.0, sum(spans) / found.duration_s
-    told = f"{name}, {minutes:.0f} min ({share:.0%})"
-    return told, f"{off:.2f}, {auto:.2f}: {ratio:.2f}"
+    head = f"{name}, {minutes:.0f} min ({share:.0%})"
+    return head, f"{off:.2f}, {auto:.2f}: {ratio:.2f}"
 
 
 _IN_A_PROCESS = """
@@ -159,8 +159,8 @@ def grown(folder: Path, hours: float) -> tuple[str, str]:
         growths.append(last - first)
         peaks.append(peak)
     more = [auto - off for off, auto in (growths, peaks)]
-    told = f"memory over {hours:g} h"
-    return told, f"{more[0]:+.2f} MB, peak {more[1]:+.2f}"
+    head = f"memory over {hours:g} h"
+    return head, f"{more[0]:+.2f} MB, peak {more[1]:+.2f}"
 
 
 def main(arguments: list[str]) -> Iterator[str]:
@@ -180,6 +180,6 @@ def main(arguments: list[str]) -> Iterator[str]:
             columns.append(compared(log, what, options.pairs))
         if options.only != "time":
             columns.append(grown(folder, options.hours))
-    yield "| | " + " | ".join(told for told, _ in columns) + " |"
+    yield "| | " + " | ".join(head for head, _ in columns) + " |"
     yield "|---" * (1 + len(columns)) + "|"
     yield "| user CPU s, off, auto: ratio | " + " | ".join(cell for _, cell in columns) + " |"

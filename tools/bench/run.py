@@ -44,18 +44,18 @@ def run(name: str, options: list[str]) -> tuple[str, str | None]:
     in it are replaced by LOG. The aims missed are what the bench's generator returns, None if it
     has none.
     """
-    options_told = []
+    named = []
     for option in options:
-        told_option = "LOG" if os.sep in option else option
-        if told_option != "LOG" or "LOG" not in options_told:
-            options_told.append(told_option)
+        shown = "LOG" if os.sep in option else option
+        if shown != "LOG" or "LOG" not in named:
+            named.append(shown)
     today = datetime.datetime.now(tz=datetime.UTC).date()
-    made = f"| `{shlex.join([name, *options_told])}`, {today} |"
-    told = importlib.import_module(f"bench.{name}").main(options)
+    made = f"| `{shlex.join([name, *named])}`, {today} |"
+    bench = importlib.import_module(f"bench.{name}").main(options)
     lines: list[str] = []
     while True:
         try:
-            line = next(told)
+            line = next(bench)
         except StopIteration as end:
             return "\n".join(lines), end.value
         lines.append(line if lines else line.replace("| |", made, 1))

@@ -51,8 +51,8 @@ def counts(rows: Sequence[Row]) -> tuple[int, ...]:
     flown = {(row["seed"], row["of"]) for row in [*own, *missed]}
     usable = [row for row in own if row["usable"]]
     kinds = [how_right(row) for row in usable]
-    told = [kinds.count(kind) for kind in ("right", "fair", "neither", "wrong")]
-    return len(flown), len(missed), len(found) - len(own), len(own) - len(usable), *told
+    counts = [kinds.count(kind) for kind in ("right", "fair", "neither", "wrong")]
+    return len(flown), len(missed), len(found) - len(own), len(own) - len(usable), *counts
 
 
 def how_right(row: Row) -> str:

@@ -83,8 +83,8 @@ def equal_messages(one: Path, other: Path) -> tuple[int, int]:
     read = []
     for path in (one, other):
         with path.open("rb") as stream:
-            told = make_reader(stream).iter_messages(log_time_order=False)
-            read.append([(c.topic, m.log_time, m.publish_time, m.data) for _, c, m in told])
+            messages = make_reader(stream).iter_messages(log_time_order=False)
+            read.append([(c.topic, m.log_time, m.publish_time, m.data) for _, c, m in messages])
     return sum(a == b for a, b in zip(*read, strict=False)), max(map(len, read))
 
 
@@ -193,8 +193,8 @@ def row(name: str, seconds: dict[str, float], equal: set[tuple[int, int]]) -> st
             continue
         cell = f"{seconds[column]:.3g}"
         if column == COLD:
-            told = ", ".join(f"{same} of {number} equal" for same, number in sorted(equal))
-            cell += f" ({seconds[COLD] / seconds[SHORT_WALL]:.2g} x warm), {told}"
+            shares = ", ".join(f"{same} of {number} equal" for same, number in sorted(equal))
+            cell += f" ({seconds[COLD] / seconds[SHORT_WALL]:.2g} x warm), {shares}"
         elif column not in (NUMPY, SHORT_WALL):
             cell += f" ({seconds[column] / seconds[NUMPY]:.2g})"
         cells.append(cell)
@@ -204,13 +204,13 @@ def row(name: str, seconds: dict[str, float], equal: set[tuple[int, int]]) -> st
 def missed(seconds: dict[str, float], equal: set[tuple[int, int]]) -> str | None:
     """Return which limits are exceeded, in words; None if none is."""
     most = {(SHORT, NUMPY): MOST_OF_NUMPY, (COLD, SHORT_WALL): MOST_OF_WARM}
-    told = [
+    exceeded = [
         f"{what}: {seconds[what] / seconds[of]:.1f} x {of}; {allowed:g} is allowed"
         for (what, of), allowed in most.items()
         if what in seconds and seconds[what] > allowed * seconds[of]
     ]
-    told += [f"{a} of {b} messages of a cold replay are equal" for a, b in equal if a != b]
-    return "; ".join(told) or None
+    exceeded += [f"{a} of {b} messages of a cold replay are equal" for a, b in equal if a != b]
+    return "; ".join(exceeded) or None
 
 
 def main(arguments: list[str]) -> Generator[str, None, str | None]:

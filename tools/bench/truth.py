@@ -235,14 +235,14 @@ def warning_criteria(rows: Sequence[Row]) -> Iterator[Criterion]:
         ]
         silent, silent_pct = _share([row for row in right if not row["warnings"]], right)
         seen = [row for row in wrong if row["warnings"] or not row["usable"]]
-        told, told_pct = _share(seen, wrong)
+        warned, warned_pct = _share(seen, wrong)
         counts = name == "flights"
         needed = f">= {SILENT_PCT:g} %", f">= {WARNED_PCT:g} %"
-        silent_met, told_met = silent_pct >= SILENT_PCT, told_pct >= WARNED_PCT
+        silent_met, warned_met = silent_pct >= SILENT_PCT, warned_pct >= WARNED_PCT
         yield (f"{name} less than {RIGHT_PCT:g} % off: no warning",
                needed[0] if counts else "", silent, silent_met or not counts)  # fmt: skip
         yield (f"{name} off by {WRONG_PCT:g} % and {WRONG_Z:g} sigma: warned or refused",
-               needed[1] if counts else "", told, told_met or not counts)  # fmt: skip
+               needed[1] if counts else "", warned, warned_met or not counts)  # fmt: skip
 
 
 def criteria(rows: Sequence[Row]) -> Iterator[Criterion]:
@@ -325,11 +325,11 @@ def record_rows(log: Path) -> list[Row]:
     path = CASES / (name if of_case else SAME_AIRCRAFT.get(name, name)) / "truth.json"
     known = path.exists() and (of_case or name in SAME_AIRCRAFT)
     truth = json.loads(path.read_text(encoding="utf-8")) if known else {}
-    told = {"record": name, "from": "replay_logs" if of_case else "records"}
+    head = {"record": name, "from": "replay_logs" if of_case else "records"}
     # The default options, with the vehicle that the case chooses.
     case = log.with_name("case.toml")
     options = tomllib.loads(case.read_text(encoding="utf-8"))["options"] if case.exists() else {}
-    return [told | row for row in judged(log, truth, RunConfig(sysid=options.get("sysid")))]
+    return [head | row for row in judged(log, truth, RunConfig(sysid=options.get("sysid")))]
 
 
 def records(folder: Path) -> list[Path]:

@@ -45,7 +45,7 @@ WARM_S = 3.0
 SETTLED_S = 3.0
 """Time in s after the last frame, for fits and waiting frames."""
 LATE_S = 0.2
-TOLD = re.compile(r"system (\d+): manoeuvre 1 \(\d+ to (\d+) s")
+REPORTED = re.compile(r"system (\d+): manoeuvre 1 \(\d+ to (\d+) s")
 
 
 def vehicle(sysid: int) -> Iterator[Record]:
@@ -86,7 +86,7 @@ def send_in_bursts(log: Path, port: int) -> None:
     print(json.dumps({"sent": len(frames), "begun_s": unix_s, "latest_s": latest_s}))
 
 
-class Told(threading.Thread):
+class Reports(threading.Thread):
     """Reads a session's stderr; ``at_s`` is when each vehicle's first manoeuvre was reported."""
 
     def __init__(self, stream: IO[str]) -> None:
@@ -99,7 +99,7 @@ class Told(threading.Thread):
         """Read until the session ends."""
         for line in self._stream:
             self.lines.append(line)
-            if found := TOLD.search(line):
+            if found := REPORTED.search(line):
                 self.at_s[int(found[1])] = time.time()
 
 
@@ -114,8 +114,8 @@ def flown(log: Path, folder: Path) -> dict[str, Any]:
     with session(folder, "--sysid", "all") as (process, port):
         assert process.stdout is not None
         assert process.stderr is not None
-        told = Told(process.stderr)
-        told.start()
+        reports = Reports(process.stderr)
+        reports.start()
         time.sleep(WARM_S)
         before_s = cpu_s(process.pid)
         command = [sys.executable, "-m", "bench.vehicles", "send", str(log), str(port)]
@@ -124,9 +124,9 @@ def flown(log: Path, folder: Path) -> dict[str, Any]:
         time.sleep(SETTLED_S)
         process.terminate()
         summaries = [json.loads(line) for line in process.stdout]
-        told.join(ENDING_S)
+        reports.join(ENDING_S)
     sent: dict[str, Any] = json.loads(done.stdout)
-    return sent | {"cpu_s": used_s, "told": told, "summaries": summaries}
+    return sent | {"cpu_s": used_s, "reports": reports, "summaries": summaries}
 
 
 def lost(summaries: list[dict[str, Any]], log: Path) -> int:
@@ -143,8 +143,8 @@ def delays_s(got: dict[str, Any]) -> list[float]:
     """Return the time in s from the end of each vehicle's manoeuvre to its report."""
     ends = {e["vehicle"]["sysid"]: e["manoeuvres"][:1] for e in got["summaries"]}
     at_start_s = got["begun_s"] - Link().boot_s
-    told = got["told"].at_s
-    return [told[n] - at_start_s - e["to_s"] for n, found in ends.items() for e in found]
+    reports = got["reports"].at_s
+    return [reports[n] - at_start_s - e["to_s"] for n, found in ends.items() for e in found]
 
 
 def row(vehicles: list[list[Record]], options: argparse.Namespace) -> str:
@@ -158,10 +158,10 @@ def row(vehicles: list[list[Record]], options: argparse.Namespace) -> str:
         missing, count = lost(summaries, log), len(vehicles)
         same = [is_as_replayed(e, folder) for e in summaries] if count <= options.same else []
     if options.lines:
-        sys.stderr.writelines(got["told"].lines)
+        sys.stderr.writelines(got["reports"].lines)
     if got["latest_s"] > LATE_S:
         print(f"the sender was {got['latest_s']:.2f} s late", file=sys.stderr)
-    behind = any("behind the link" in line for line in got["told"].lines)
+    behind = any("behind the link" in line for line in got["reports"].lines)
     dropped = sum(summaries[0]["live"]["dropped"].values())
     percent = 100.0 * got["cpu_s"] / SECONDS
     worst = [max(e["live"]["latency_ms"][of] for e in summaries) for of in ("p50", "p99", "max")]

@@ -77,7 +77,7 @@ def px4_outputs(records: list[Record]) -> list[Record]:
 
     PX4 sends the four bytes of an integer parameter in the place of the float.
     """
-    told = [
+    parameters = [
         mavlink.MAVLink_param_value_message(
             name.encode(),
             float(np.int32(value).view(np.float32)),
@@ -90,7 +90,7 @@ def px4_outputs(records: list[Record]) -> list[Record]:
 
     def change(message: Any) -> list[Any]:
         if message.get_type() == "PARAM_VALUE":
-            return [told.pop(0)] if told else []
+            return [parameters.pop(0)] if parameters else []
         _as_px4(message)
         if message.get_type() == "SERVO_OUTPUT_RAW":
             message.servo5_raw, message.servo4_raw = 3000 - message.servo4_raw, 1000

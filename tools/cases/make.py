@@ -33,14 +33,14 @@ def write(name: str, recipe: Recipe, made: Made, folder: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "log.tlog").write_bytes(made.log)
     if made.truth is not None:
-        text = json.dumps(_told(name, made.truth), indent=1) + "\n"
+        text = json.dumps(_with_command(name, made.truth), indent=1) + "\n"
         (folder / "truth.json").write_text(text, encoding="utf-8")
     path = folder / "case.toml"
     rest = _kept(path.read_text(encoding="utf-8")) if path.exists() else ""
     path.write_text(_header(recipe, made) + rest, encoding="utf-8")
 
 
-def _told(name: str, truth: dict[str, Any]) -> dict[str, Any]:
+def _with_command(name: str, truth: dict[str, Any]) -> dict[str, Any]:
     """Return the truth with the command that makes the case, unless it already has one."""
     return (
         truth if "command" in truth else truth | {"command": f"python tools/make_cases.py {name}"}

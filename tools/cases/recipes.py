@@ -56,30 +56,30 @@ def flown(command: str, scratch: Path, flights: Path) -> Made:
     code = fly_jsbsim.main([*shlex.split(command), "--out", str(log), "--truth", str(found)])
     if code:
         raise ValueError(f"fly_jsbsim.py {command} failed")
-    told = json.loads(found.read_text(encoding="utf-8"))
-    told.pop("command")
-    return Made(log.read_bytes(), {"flight": f"tools/fly_jsbsim.py {command}"} | told)
+    truth = json.loads(found.read_text(encoding="utf-8"))
+    truth.pop("command")
+    return Made(log.read_bytes(), {"flight": f"tools/fly_jsbsim.py {command}"} | truth)
 
 
 def original(command: str, place: str, scratch: Path, flights: Path) -> Made:
     """Fly one of the first cases, whose truth has the command of the flight itself."""
     made = flown(command, scratch, flights)
     assert made.truth is not None
-    told = {key: value for key, value in made.truth.items() if key != "flight"}
+    truth = {key: value for key, value in made.truth.items() if key != "flight"}
     paths = f"--out replay_logs/{place}/log.tlog --truth replay_logs/{place}/truth.json"
-    return Made(made.log, told | {"command": f"python tools/fly_jsbsim.py {command} {paths}"})
+    return Made(made.log, truth | {"command": f"python tools/fly_jsbsim.py {command} {paths}"})
 
 
 def changed(
     command: str,
     change: Callable[[list[Record]], Iterable[Record] | bytes],
     *rest: Path,
-    tell: bool = True,
+    has_truth: bool = True,
 ) -> Made:
-    """Fly, then change the log's records; without ``tell``, the result has no truth."""
+    """Fly, then change the log's records; without ``has_truth``, the result has no truth."""
     made = flown(command, *rest)
     log = change(split(made.log))
-    return Made(log if isinstance(log, bytes) else join(log), made.truth if tell else None)
+    return Made(log if isinstance(log, bytes) else join(log), made.truth if has_truth else None)
 
 
 def flown_twice(
@@ -93,13 +93,13 @@ def flown_twice(
     return Made(join(combine(split(a.log), split(b.log))), b.truth)
 
 
-def cut(name: str, low_s: float, high_s: float, told: Truth | None, *rest: Path) -> Made:
+def cut(name: str, low_s: float, high_s: float, truth: Truth | None, *rest: Path) -> Made:
     """Cut a stretch out of a recorded flight, keeping only the messages that yawid reads."""
     log = (rest[1] / f"{name}.tlog").read_bytes()
     command = (
         f"python tools/trim_tlog.py {name}.tlog log.tlog --from {low_s:g} --to {high_s:g} --only"
     )
-    return Made(trim(log, low_s, high_s, ESSENTIAL), told and told | {"command": command})
+    return Made(trim(log, low_s, high_s, ESSENTIAL), truth and truth | {"command": command})
 
 
 def with_aileron(scratch: Path, flights: Path) -> Made:
@@ -234,7 +234,7 @@ RECIPES: dict[str, Recipe] = {
     ),
     "no_rudder": Recipe(
         "JSBSim C172P reported as a flying wing with elevons: no rudder at all",
-        partial(changed, f"{FLY} 18 --seconds 20", no_rudder, tell=False),
+        partial(changed, f"{FLY} 18 --seconds 20", no_rudder, has_truth=False),
         floor=0,
     ),
     "sitl_fbwa_50hz": Recipe(

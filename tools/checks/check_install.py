@@ -36,7 +36,7 @@ LOG = ROOT / "replay_logs" / "c172p_3211" / "log.tlog"
 DATA = {"yawid/py.typed", "yawid/report/report.css", "yawid/cli/json_keys.toml"}
 DATA |= {f"yawid/layouts/{name}" for name in ("plotjuggler.xml", "foxglove.json")}
 DATA |= {f"yawid/manual/{path.name}" for path in (SRC / "yawid" / "manual").iterdir()}
-BESIDE = {"LICENSE", "PKG-INFO", "README.md", "pyproject.toml", "setup.cfg"}
+OF_SDIST = {"LICENSE", "PKG-INFO", "README.md", "pyproject.toml", "setup.cfg"}
 TESTS = (
     "tests/test_pipeline.py",
     "tests/estimation",
@@ -124,7 +124,7 @@ def built(wheel: Path, scratch: Path) -> str:
     files = {name for name in files if "src/yawid.egg-info/" not in name}
     # setuptools always packs the tests in the root of tests/, too.
     tests = {f"tests/{path.name}" for path in (ROOT / "tests").glob("test*.py")}
-    wanted = {f"src/{name}" for name in package} | BESIDE | tests
+    wanted = {f"src/{name}" for name in package} | OF_SDIST | tests
     assert files == wanted, f"the sdist: {sorted(files ^ wanted)}"
     python = environment(scratch / "bare", sys.executable)
     install(python, wheel)

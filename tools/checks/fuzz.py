@@ -55,14 +55,14 @@ def run(flight: FuzzFlight, arguments: list[str], folder: Path) -> int:
     files["KEY"].write_bytes(bytes(range(32)))
     files["TOML"].write_text(_TOML)
     pattern = re.compile(r"(^|=)(LOG|KEY|TOML|OUT)$")
-    told = [pattern.sub(lambda m: m[1] + str(files[m[2]]), word) for word in arguments]
+    given = [pattern.sub(lambda m: m[1] + str(files[m[2]]), word) for word in arguments]
     out, err = io.StringIO(), io.StringIO()
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err), _limited():
         try:
-            code = yawid(told)
+            code = yawid(given)
         except SystemExit as end:  # argparse exits so
             return int(end.code or 0)
-    _check(code, told, out.getvalue(), err.getvalue())
+    _check(code, given, out.getvalue(), err.getvalue())
     return code
 
 
@@ -161,8 +161,8 @@ def main() -> int:
                 print(f"--- seed {seed}\n{found}", flush=True)
             memory_mb.append(resident_mb())
             seed += 1
-    told = ", ".join(f"exit {code}: {count}" for code, count in sorted(counts.items()))
-    print(f"{sum(counts.values())} runs ({told}); findings: {sorted(known) or 'none'}")
+    counted = ", ".join(f"exit {code}: {count}" for code, count in sorted(counts.items()))
+    print(f"{sum(counts.values())} runs ({counted}); findings: {sorted(known) or 'none'}")
     quarter = memory_mb[len(memory_mb) // 4]
     print(f"resident memory: {quarter:.0f} MB after a quarter, {memory_mb[-1]:.0f} MB at the end")
     return 1 if known else 0

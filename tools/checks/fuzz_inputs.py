@@ -81,8 +81,8 @@ class FuzzFlight:
                 swing = rng.normal() if self.moves else 0.0
                 events.append((float(t), message_of(name, _payload(name, boot_s, t, swing))))
         for at, name, value in self.parameters:
-            told = dialect.MAVLink_param_value_message(name.encode()[:16], value, 9, 10, 0)
-            events.append((at * self.seconds, told))
+            message = dialect.MAVLink_param_value_message(name.encode()[:16], value, 9, 10, 0)
+            events.append((at * self.seconds, message))
         for at, name, payload in self.fields:
             events.append((at * self.seconds, message_of(name, payload)))
         return sorted(events, key=lambda event: event[0])
@@ -200,12 +200,12 @@ _VALUES: dict[str, tuple[str, ...]] = {
 def options(draw: st.DrawFn) -> list[str]:
     """Return options with values that are mostly allowed; LOG, KEY and TOML stand for files."""
     chosen = draw(st.lists(st.sampled_from(sorted(_VALUES)), max_size=4, unique=True))
-    told = []
+    given = []
     for name in chosen:
         is_allowed = draw(st.sampled_from(range(8))) < 7
         value = draw(st.sampled_from(_VALUES[name]) if is_allowed else _WORDS)
-        told.append(f"{name}={value}")
-    return told
+        given.append(f"{name}={value}")
+    return given
 
 
 @st.composite
@@ -218,17 +218,17 @@ def command_lines(draw: st.DrawFn) -> list[str]:
         return draw(
             st.lists(st.text(max_size=8) | st.sampled_from(["--help", "regress"]), max_size=3)
         )
-    told = [option for option in draw(options()) if _fits(command, option)]
+    given = [option for option in draw(options()) if _fits(command, option)]
     if command == "live":
         place = st.sampled_from(["udpin:127.0.0.1:0", "udpin:127.0.0.1:14998", "udp:", "é:1"])
-        return ["live", draw(place), "--seconds=0.05", "--out=OUT", *told]
+        return ["live", draw(place), "--seconds=0.05", "--out=OUT", *given]
     logs = (
         ["LOG"]
         if command != "replay"
         else draw(st.sampled_from([["LOG"], ["LOG", "LOG"], ["OUT"]]))
     )
     ends = ["--out=OUT", "--force"] if command == "replay" else []
-    return [command, *logs, "--json", *ends, *told]
+    return [command, *logs, "--json", *ends, *given]
 
 
 def _fits(command: str, option: str) -> bool:

@@ -60,12 +60,12 @@ def folder_of(logs: Path | None) -> Iterator[Path]:
 
 def kept(folder: Path, name: str, make: Callable[[], Made]) -> tuple[Path, Truth]:
     """Return a log and its truth; make them if the folder does not have them yet."""
-    log, told = folder / f"{name}.tlog", folder / f"{name}.json"
-    if not told.exists():  # the truth is written last, so with it the log is complete
+    log, truth = folder / f"{name}.tlog", folder / f"{name}.json"
+    if not truth.exists():  # the truth is written last, so with it the log is complete
         made = make()
         log.write_bytes(made.log)
-        told.write_text(json.dumps(made.truth, indent=1) + "\n", encoding="utf-8")
-    return log, json.loads(told.read_text(encoding="utf-8"))
+        truth.write_text(json.dumps(made.truth, indent=1) + "\n", encoding="utf-8")
+    return log, json.loads(truth.read_text(encoding="utf-8"))
 
 
 def in_processes(do: Callable[[Any], list[Row]], tasks: Sequence[Any], jobs: int) -> list[Row]:
@@ -109,7 +109,7 @@ def judged(log: Path, truth: Truth, config: RunConfig | None = None) -> list[Row
         return compared(replayed(log, config), truth, config)
     except YawidError as error:
         verdict = VerdictSummary(usable=False, reasons=[])
-        return [{"kind": "flight"} | _told(None, None, verdict) | {"fatal": type(error).__name__}]
+        return [{"kind": "flight"} | _judged(None, None, verdict) | {"fatal": type(error).__name__}]
 
 
 def true_at(truth: Truth, from_s: float, to_s: float, inputs: Sequence[str]) -> Known | None:
@@ -169,7 +169,7 @@ def compared(summary: RunSummary, truth: Truth, config: RunConfig | None = None)
     for method in METHODS if end_s is not None else ():
         estimate = (summary.estimates or {}).get(method)
         roll = None if estimate is None else estimate.dutch_roll
-        rows.append({"kind": f"stream {method}"} | _told(roll, at_end, summary.verdict))
+        rows.append({"kind": f"stream {method}"} | _judged(roll, at_end, summary.verdict))
     return rows
 
 
@@ -190,8 +190,8 @@ def _manoeuvre_rows(
     for method in METHODS:
         estimate = found.estimates.get(method)
         roll = None if estimate is None else estimate.dutch_roll
-        yield {"kind": method} | where | _told(roll, known, found.verdict)
-    yield {"kind": "manoeuvre"} | where | _told(found.dutch_roll, known, found.verdict)
+        yield {"kind": method} | where | _judged(roll, known, found.verdict)
+    yield {"kind": "manoeuvre"} | where | _judged(found.dutch_roll, known, found.verdict)
 
 
 def _flight_row(
@@ -200,11 +200,11 @@ def _flight_row(
     flight, verdict = summary.flight, summary.deciding
     if flight is None:
         roll = summary.dutch_roll if verdict.usable else None
-        return {"kind": "flight"} | _told(roll, at_end, verdict)
+        return {"kind": "flight"} | _judged(roll, at_end, verdict)
     roll = flight.dutch_roll if verdict.usable else None
     at_speed = flight.airspeed_m_s if {"lines", "manoeuvres"} & truth.keys() else None
     used = [m for m in summary.manoeuvres or [] if m.n in flight.used or not flight.used]
-    row: Row = {"kind": "flight"} | _told(roll, _together(used, known, at_speed), verdict)
+    row: Row = {"kind": "flight"} | _judged(roll, _together(used, known, at_speed), verdict)
     row["disagree"] = len(flight.disagree)
     true = truth.get("kappa_rad_m", {}).get(flight.loop)
     if true and flight.kappa_rad_m is not None:
@@ -234,7 +234,7 @@ def _together(
     return np.mean(values, axis=0), np.sqrt(squares)
 
 
-def _told(roll: DutchRoll | None, known: Known | None, verdict: VerdictSummary) -> Row:
+def _judged(roll: DutchRoll | None, known: Known | None, verdict: VerdictSummary) -> Row:
     """Return verdict, truth, estimate, error in %, sigmas and z; unknown values are None."""
     row: Row = {
         "usable": verdict.usable,

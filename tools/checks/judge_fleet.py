@@ -93,8 +93,8 @@ def run_fleet(paths: Sequence[str], out: Path, workers: int, kill_every_s: float
 def throughput(logs: Sequence[Path], out: Path, workers: int) -> None:
     """Print the rate of the workers and of one process, in wall time and CPU."""
     command = [sys.executable, "-c", ONE_PROCESS, str(logs[0]), *map(str, logs)]
-    told = subprocess.run(command, check=True, capture_output=True, text=True).stdout.split()
-    one_wall_s, one_cpu_s = map(float, told)
+    used = subprocess.run(command, check=True, capture_output=True, text=True).stdout.split()
+    one_wall_s, one_cpu_s = map(float, used)
     seen = run_fleet([str(log) for log in logs], out, workers)
     n = len(logs)
     print(f"one process: {n / one_wall_s:.2f} logs/s, {one_cpu_s / n:.3f} CPU s a log")

@@ -53,10 +53,10 @@ class Copy:
         """Run the tests of all defects without a defect; return as :meth:`run` does."""
         for plain in (False, True):
             tests = {each.test for each in defects if each.file.startswith(PLAIN) == plain}
-            code, told = self.run(*sorted(tests), plain=plain) if tests else (0, "")
+            code, output = self.run(*sorted(tests), plain=plain) if tests else (0, "")
             if code != 0:
                 break
-        return code, told
+        return code, output
 
     def run(self, *tests: str, plain: bool) -> tuple[int, str]:
         """Run tests in the copy; return pytest's exit code (1: some failed) and what it printed.
@@ -130,9 +130,9 @@ def main(argv: Sequence[str]) -> int:
         return 2
     with tempfile.TemporaryDirectory() as scratch:
         copy = Copy(Path(scratch) / "tree")
-        code, told = copy.run_all(defects)
+        code, output = copy.run_all(defects)
         if code != 0:
-            print(f"mutate: without any defect:\n{told}", file=sys.stderr)
+            print(f"mutate: without any defect:\n{output}", file=sys.stderr)
             return 2
         return int(seed(defects, copy) > 0)
 

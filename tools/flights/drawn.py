@@ -73,10 +73,10 @@ class Drawn:
         return float(self._columns[name][self._ms])
 
 
-def told_log(
-    rng: np.random.Generator, draw: Callable[[float], dict[str, Floats]], **told: Any
+def drawn_log(
+    rng: np.random.Generator, draw: Callable[[float], dict[str, Floats]], **facts: Any
 ) -> Made:
-    """Return the log of a motion, with ``told`` in its truth.
+    """Return the log of a motion, with ``facts`` in its truth.
 
     ``draw`` returns the motion's columns for a length in s.
     """
@@ -84,7 +84,7 @@ def told_log(
     plan, link = FlightPlan(seconds=seconds, manoeuvre="none"), drawn_link(rng)
     log = join(telemetry(link, Drawn(plan, draw(seconds))))
     known: dict[str, Any] = {"aircraft": "drawn", "dutch_roll": None, "severity": 0}
-    return Made(log, known | _of(link, seconds) | told)
+    return Made(log, known | _of(link, seconds) | facts)
 
 
 def _of(link: Link, seconds: float) -> dict[str, float]:
@@ -95,7 +95,7 @@ def _of(link: Link, seconds: float) -> dict[str, float]:
 def hovering(rng: np.random.Generator) -> Made:
     """Hover a quadplane in wind: the rudder moves with the lift motors, which turn the aircraft."""
     wind = float(rng.choice([0.0, 3.0, 8.0, 12.0]))
-    drawn = told_log(rng, lambda s: _hover(rng, s, wind), wind_m_s=wind)
+    drawn = drawn_log(rng, lambda s: _hover(rng, s, wind), wind_m_s=wind)
     kind = int(rng.choice([mavlink.MAV_TYPE_FIXED_WING, mavlink.MAV_TYPE_VTOL_TILTROTOR]))
     mode = int(rng.choice([QSTABILIZE, QHOVER, QLOITER, AUTO]))
     assert drawn.truth is not None
@@ -131,7 +131,9 @@ def _hover(rng: np.random.Generator, seconds: float, wind: float) -> dict[str, F
     }
 
 
-def on_lift_motors(told: list[Record], rng: np.random.Generator, *, kind: int, mode: int) -> bytes:
+def on_lift_motors(
+    records: list[Record], rng: np.random.Generator, *, kind: int, mode: int
+) -> bytes:
     """Change a log into that of a quadplane, carried by lift motors on outputs 5 to 8."""
     motors = [
         mavlink.MAVLink_param_value_message(
@@ -154,12 +156,12 @@ def on_lift_motors(told: list[Record], rng: np.random.Generator, *, kind: int, m
             return [message, motors.pop(0)]
         return [message]
 
-    return join(rewrite(told, change))
+    return join(rewrite(records, change))
 
 
 def quadrotor(rng: np.random.Generator) -> Made:
     """Hover PX4's quadrotor: its third control is a torque that moves the yaw, not a rudder."""
-    made = told_log(rng, lambda s: _hover(rng, s, 0.0))
+    made = drawn_log(rng, lambda s: _hover(rng, s, 0.0))
 
     def change(message: Any) -> list[Any]:
         name = message.get_type()
@@ -178,7 +180,7 @@ def quadrotor(rng: np.random.Generator) -> Made:
 
 def tumbling(rng: np.random.Generator) -> Made:
     """Tumble, rolling all the time; the controller moves the rudder against the rates."""
-    return told_log(rng, lambda s: _tumble(rng, s))
+    return drawn_log(rng, lambda s: _tumble(rng, s))
 
 
 def _tumble(rng: np.random.Generator, seconds: float) -> dict[str, Floats]:
@@ -208,7 +210,7 @@ def parked(rng: np.random.Generator) -> Made:
         shake = np.sin(math.tau * line_hz * t + wander(rng, len(t), 5.0, 1.0))
         return columns | {"r": columns["r"] + rng.uniform(0.002, 0.01) * shake}
 
-    return told_log(rng, draw, line_hz=round(line_hz, 2), wind_m_s=wind)
+    return drawn_log(rng, draw, line_hz=round(line_hz, 2), wind_m_s=wind)
 
 
 def _standing(rng: np.random.Generator, seconds: float, wind: float) -> dict[str, Floats]:
@@ -227,7 +229,7 @@ def _standing(rng: np.random.Generator, seconds: float, wind: float) -> dict[str
 def disarmed(rng: np.random.Generator) -> Made:
     """Stand disarmed while the pilot tries the sticks; some airspeeds are absurd."""
     wind = float(rng.choice([0.0, 3.0, 63.0]))
-    made = told_log(rng, lambda s: _standing(rng, s, wind), wind_m_s=wind)
+    made = drawn_log(rng, lambda s: _standing(rng, s, wind), wind_m_s=wind)
 
     def change(message: Any) -> list[Any]:
         if message.get_type() == "HEARTBEAT" and message.get_srcSystem() == 1:
@@ -252,7 +254,7 @@ def taxiing(rng: np.random.Generator) -> Made:
         roll = wander(rng, n, 0.2, 0.005)
         return {"r": r, "roll": roll, "rudder": rudder, "airspeed": air, "groundspeed": rolling}
 
-    return told_log(rng, draw, speed_m_s=round(speed, 2))
+    return drawn_log(rng, draw, speed_m_s=round(speed, 2))
 
 
 def take_off(number: int) -> Made:
@@ -263,7 +265,7 @@ def take_off(number: int) -> Made:
     """
     rng = np.random.default_rng([SEED, 2, number])
     top, pull = float(rng.uniform(20.0, 35.0)), float(rng.uniform(1.0, 3.0))
-    made = told_log(rng, lambda s: _roll_out(rng, s, top, pull), top_m_s=round(top, 1))
+    made = drawn_log(rng, lambda s: _roll_out(rng, s, top, pull), top_m_s=round(top, 1))
     assert made.truth is not None
     return Made(made.log, made.truth | {"group": "take-off"})
 

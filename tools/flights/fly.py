@@ -43,9 +43,9 @@ def fly(
     link: Link,
     hands: Hands | None = None,
     severity: int = 0,
-    **told: Any,
+    **facts: Any,
 ) -> Made:
-    """Fly a plan; return the log and its truth, which also has the items of ``told``.
+    """Fly a plan; return the log and its truth, which also has the items of ``facts``.
 
     The truth of a plan with legs is that of :func:`leg_truth`. The truth of other plans has the
     Dutch roll at the airspeeds and the altitude flown: ``dutch_roll`` with the roll hold, but
@@ -59,7 +59,7 @@ def fly(
     flight = flight_of(plan, link, hands, severity)
     log = join(telemetry(link, flight))
     if isinstance(flight, LegFlight) and isinstance(plan, LegPlan):
-        return Made(log, leg_truth(plan, link, flight) | told)
+        return Made(log, leg_truth(plan, link, flight) | facts)
     assert isinstance(plan, FlightPlan)
     flown = after_lead_in(flight.flown)
     lines = truth_lines(plan, flown)
@@ -73,5 +73,5 @@ def fly(
     }  # fmt: skip
     at = [[round(s + link.boot_s, 2), round(kt, 3)] for s, kt, _, _ in flight.flown]
     return Made(
-        log, conditions | modes_at(lines, flown[:, 1]) | {"lines": lines, "flown": at} | told
+        log, conditions | modes_at(lines, flown[:, 1]) | {"lines": lines, "flown": at} | facts
     )

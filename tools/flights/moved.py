@@ -71,8 +71,8 @@ def of_grid(seed: int, number: int) -> Made:
     rudder[-round(REST_S / STEP_S) :] = 0.0
     hz, name = RATES_HZ[turn % len(RATES_HZ)], list(GYROS)[gyro]
     link = Link(hz, hz, rate_noise=GYROS[name], seed=int(rng.integers(1, 2**31)))
-    told: dict[str, Any] = {"gyro": name, "rate_hz": hz, "seed": seed, "number": number}
-    return fly(plan, link, Hands(rudder), severity, **told)
+    facts: dict[str, Any] = {"gyro": name, "rate_hz": hz, "seed": seed, "number": number}
+    return fly(plan, link, Hands(rudder), severity, **facts)
 
 
 def excited(number: int) -> Made:

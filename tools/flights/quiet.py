@@ -53,7 +53,7 @@ def in_the_air(
     rng: np.random.Generator,
     hands: Callable[[float], Hands],
     severities: Sequence[int],
-    **told: Any,
+    **facts: Any,
 ) -> Made:
     """Fly one of the GENTLE aircraft; ``hands`` is called with the length of the flight in s."""
     aircraft, altitude_ft, speed_kt = GENTLE[rng.integers(len(GENTLE))]
@@ -67,7 +67,7 @@ def in_the_air(
         manoeuvre="none",
     )
     severity = int(rng.choice(severities))
-    return fly(plan, drawn_link(rng), hands(seconds), severity, **told)
+    return fly(plan, drawn_link(rng), hands(seconds), severity, **facts)
 
 
 def turning(rng: np.random.Generator) -> Made:

@@ -109,13 +109,13 @@ def main() -> int:
         with contextlib.redirect_stdout(io.StringIO()):
             yawid([*run, *(replay_options or ["--rate", "10", "--forgetting", "1"])])
             mcap = Path(folder) / f"{options.log.stem}.mcap"
-            told = Path(folder) / "told"
-            yawid(["replay", str(MANY), "--out", str(told), "--json"])
-            yawid(["report", str(told / "log.mcap")])
+            made = Path(folder) / "told"
+            yawid(["replay", str(MANY), "--out", str(made), "--json"])
+            yawid(["report", str(made / "log.mcap")])
         out: Path = options.out
         done = [
             attempt("viewer", lambda: viewer_picture(mcap.with_suffix(".rrd"), out / "rerun.png")),
-            attempt("report", lambda: report_picture(told / "log.html", out / "report.png")),
+            attempt("report", lambda: report_picture(made / "log.html", out / "report.png")),
         ]
     return 0 if all(done) else 1
 

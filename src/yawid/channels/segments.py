@@ -121,7 +121,7 @@ class Segmenter:
         self.epoch += 1
         self._restart(Held.RUDDER_CHANGED)
 
-    def begin_anew(self, why: Held) -> None:
+    def begin_segment(self, why: Held) -> None:
         """Start a new segment for a reason that a record gives."""
         if why & Held.RUDDER_CHANGED:
             self.new_meaning()

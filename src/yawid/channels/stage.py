@@ -110,7 +110,7 @@ class Channels:
         samples: list[SampleBlock] = []
         for first, stop in pairwise([-1, *changes.tolist(), len(block)]):
             if first >= 0:
-                self.segmenter.begin_anew(Held(int(block.held[first])))
+                self.segmenter.begin_segment(Held(int(block.held[first])))
             rows = block.select(slice(first + 1, stop))
             values = record_values(rows, self.config)
             lost = np.where(np.isnan(values[:, :-1]).any(axis=1), Held.RUDDER_INVALID.value, 0)

@@ -111,8 +111,10 @@ class SurfaceReader:
             return none
         for surface in surfaces:
             self.twins.observe(block, surface)
-        beside = self._aileron.at(block.order + 1)[:, 0]  # of the same message: of this very row
-        values = np.stack([*(s.deflection(block) for s in surfaces), beside], axis=1)
+        own_aileron = self._aileron.at(block.order + 1)[
+            :, 0
+        ]  # of the same message: of this very row
+        values = np.stack([*(s.deflection(block) for s in surfaces), own_aileron], axis=1)
         times = self.own_clock.readings.at(block.order) if own_clock else self._times(block)
         return Series(block.order, block.received_us, times, values)
 
@@ -125,12 +127,12 @@ class SurfaceReader:
             return reported
         return self._from_unix(reported, self._boot.at(block.order))
 
-    def _from_unix(self, reported: Ints, beside: Ints) -> Ints:
+    def _from_unix(self, reported: Ints, boot: Ints) -> Ints:
         """Return Unix times as boot times, by an offset that is renewed where both drift apart."""
         times, start = reported - self._unix_offset, 0
-        while (apart := np.abs(times[start:] - beside[start:]) > APART_US).any():
+        while (apart := np.abs(times[start:] - boot[start:]) > APART_US).any():
             start += int(np.argmax(apart))
-            self._unix_offset = int(reported[start] - beside[start])
+            self._unix_offset = int(reported[start] - boot[start])
             times[start:] = reported[start:] - self._unix_offset
         return times
 

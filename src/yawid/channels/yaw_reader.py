@@ -169,7 +169,7 @@ class YawReader:
             return Series.empty(len(ROW) + self.motion * len(COLUMNS))
         block = messages[self.source]
         if self.source == UNTIMED:
-            block, t_us = self._timed_beside(block, clock)
+            block, t_us = self._timed_by(block, clock)
         else:
             t_us = boot_us(block.fields)
         with np.errstate(over="ignore", invalid="ignore"):
@@ -201,19 +201,19 @@ class YawReader:
         self.column = block.called["r"]
         if len(block) == 0:
             return Series.empty(len(ROW) + self.motion * (len(COLUMNS) + 1))
-        told = block.held >= 0
+        has_held = block.held >= 0
         rate, unwrapped = _angles(block.r)[0], self._unwrap(block.yaw)
         level = np.where(np.isfinite(block.pitch), block.pitch, 0.0)
         if self.heading_rate:
             rate = _heading_rate(block.roll, level, block.q, rate)
         airspeed = known(block.airspeed)
-        turn = np.where(told, block.turn_rate, _turn_rate(airspeed, block.roll, level))
-        on_ground = np.where(told, block.on_ground, self._grounded(block))
+        turn = np.where(has_held, block.turn_rate, _turn_rate(airspeed, block.roll, level))
+        on_ground = np.where(has_held, block.on_ground, self._grounded(block))
         lost = lost + int(Held.YAW_INVALID) * np.isnan(rate)
         held = np.where(block.held > 0, block.held - lost, 0)
-        held = held - int(Held.ON_GROUND) * (told & (on_ground == 1.0))
+        held = held - int(Held.ON_GROUND) * (has_held & (on_ground == 1.0))
         on_ground = np.zeros(len(block)) if self.all_flown else on_ground
-        steep = ~told & (np.maximum(np.abs(block.roll), np.abs(level)) > UPRIGHT)
+        steep = ~has_held & (np.maximum(np.abs(block.roll), np.abs(level)) > UPRIGHT)
         held = held + int(Held.STEEP) * steep
         self.rows += len(block)
         made = {
@@ -235,7 +235,7 @@ class YawReader:
         by_speed = self._take_off.rolls(by_speed, block.roll, block.altitude)
         return np.where(np.isfinite(block.on_ground), block.on_ground, by_speed)
 
-    def _timed_beside(self, block: MessageBlock, clock: OwnClock) -> tuple[MessageBlock, Ints]:
+    def _timed_by(self, block: MessageBlock, clock: OwnClock) -> tuple[MessageBlock, Ints]:
         """Return the rows at which the clock has advanced since the row before, and its times.
 
         Receive stamps cannot replace the clock, because messages come in bursts.

@@ -6,7 +6,7 @@ from pathlib import Path
 from yawid.cli.options import Commands, add_command
 from yawid.cli.standard_streams import hush
 from yawid.errors import ConfigError
-from yawid.sinks.door import say, tell_json, tell_page
+from yawid.sinks.door import print_json, print_page, say
 
 
 def add_damper(commands: Commands) -> None:
@@ -73,9 +73,9 @@ def _damper(arguments: argparse.Namespace) -> int:
     )  # fmt: skip
     found = study(run_of(arguments.log).facts, asked)
     if arguments.json:
-        tell_json(found.report.to_json())
+        print_json(found.report.to_json())
     else:
-        tell_page(print_damper, found.report)
+        print_page(print_damper, found.report)
     if arguments.out is not None and found.predicted is None:
         say(f"{arguments.out} was not written, as there is nothing to draw")
     elif arguments.out is not None:

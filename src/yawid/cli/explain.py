@@ -20,7 +20,7 @@ from typing import Final
 from yawid.cli.config_file import commands_of
 from yawid.cli.options import Commands, add_command
 from yawid.errors import EXIT_CODES, ConfigError
-from yawid.sinks.door import WIDTH, tell_whole
+from yawid.sinks.door import WIDTH, print_text
 
 MANUAL: Final = Path(__file__).parents[1] / "manual"
 _HEADING: Final = re.compile(r"^##+ (.+)$", re.MULTILINE)
@@ -43,7 +43,7 @@ def add_explain(commands: Commands, whole: argparse.ArgumentParser) -> None:
 
 def _explain(whole: argparse.ArgumentParser, arguments: argparse.Namespace) -> int:
     parts, asked = parts_of(whole), " ".join(arguments.word)
-    tell_whole(explained(parts, asked) if asked else listed(parts))
+    print_text(explained(parts, asked) if asked else listed(parts))
     return 0
 
 

@@ -9,7 +9,7 @@ from tempfile import TemporaryDirectory
 from yawid.cli.options import Commands, add_command
 from yawid.cli.standard_streams import hush
 from yawid.errors import ConfigError
-from yawid.sinks.door import say, tell
+from yawid.sinks.door import print_line, say
 
 Run = Callable[[argparse.Namespace], int]
 WHAT = ("samples", "manoeuvres", "modes", "model")
@@ -116,7 +116,7 @@ def _view(arguments: argparse.Namespace) -> int:
             raise ConfigError(
                 f"--save, --to and --force work with Rerun only, not with {arguments.viewer}"
             )
-        tell(str(VIEWERS[arguments.viewer](arguments.mcap)))
+        print_line(str(VIEWERS[arguments.viewer](arguments.mcap)))
         return 0
     if arguments.save is not None and arguments.save.suffix.lower() != ".rrd":
         raise ConfigError(
@@ -129,7 +129,7 @@ def _view(arguments: argparse.Namespace) -> int:
         raise ConfigError(f"--to must be rerun+http://HOST:PORT/proxy, got {arguments.to!r}")
     view(arguments.mcap, arguments.save, arguments.to or "spawn", force=arguments.force)
     if arguments.save is not None:
-        tell(str(arguments.save.absolute()))
+        print_line(str(arguments.save.absolute()))
     return 0
 
 
@@ -146,7 +146,7 @@ def _report(arguments: argparse.Namespace) -> int:
 
     with progress(sys.stderr, f"report of {arguments.mcap.name}"):
         path = write_report(arguments.mcap, arguments.out, png=arguments.png, force=arguments.force)
-    tell(str(path))
+    print_line(str(path))
     return 0
 
 
@@ -157,14 +157,14 @@ def _export(arguments: argparse.Namespace) -> int:
 
     log, what, force = arguments.log, arguments.what, arguments.force
     if what == "model":
-        tell(str(_model(arguments)))
+        print_line(str(_model(arguments)))
     elif format_of(log) is RUN:
-        tell(str(export(log, arguments.out, what, force=force)))
+        print_line(str(export(log, arguments.out, what, force=force)))
     else:
         out = log.with_suffix(".parquet") if arguments.out is None else arguments.out
         check_name(out)  # before a replay that takes long
         with TemporaryDirectory() as folder:
-            tell(str(export(run_of(log).mcap(Path(folder)), out, what, force=force)))
+            print_line(str(export(run_of(log).mcap(Path(folder)), out, what, force=force)))
     return 0
 
 
@@ -194,5 +194,5 @@ def _recover(arguments: argparse.Namespace) -> int:
     topics = ", ".join(f"{topic} {count}" for topic, count in sorted(found.counts.items()))
     if found.left_out:
         say(f"left out, as it is damaged or unknown: {found.left_out}")
-    tell(f"{arguments.out}: {topics}")
+    print_line(f"{arguments.out}: {topics}")
     return 0

@@ -16,7 +16,7 @@ from yawid.cli.options import (
 )
 from yawid.errors import ConfigError, SinkError
 from yawid.runs.stop import StopFlag
-from yawid.sinks.door import tell
+from yawid.sinks.door import print_line
 from yawid.system.stores import place_of
 
 if TYPE_CHECKING:
@@ -73,7 +73,7 @@ def _fleet(arguments: argparse.Namespace) -> int:
     if arguments.dry_run:
         plan = dry_run(run)
         text = f"{len(plan.todo)} logs, {plan.size / 1e6:.1f} MB; known already: {plan.known}"
-        tell(f"to run: {text}")
+        print_line(f"to run: {text}")
         return 0
     console = Console(sys.stderr)
 
@@ -96,8 +96,8 @@ def _fleet(arguments: argparse.Namespace) -> int:
         )
     rows = ", ".join(f"{name} {each['rows']}" for name, each in manifest["tables"].items())
     outcomes = ", ".join(f"{name} {n}" for name, n in sorted(manifest["outcomes"].items()))
-    tell(f"{run.out.absolute()}: {rows}")
-    tell(f"outcomes: {outcomes}")
+    print_line(f"{run.out.absolute()}: {rows}")
+    print_line(f"outcomes: {outcomes}")
     if progress.failed:
         console.say(
             f"{progress.failed} logs failed for a reason that may pass: repeat the command to try "

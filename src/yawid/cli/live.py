@@ -14,7 +14,7 @@ from yawid.cli.options import (
     settings_of,
 )
 from yawid.errors import ConfigError
-from yawid.sinks.door import tell_json, tell_page
+from yawid.sinks.door import print_json, print_page
 
 ASKED_HZ = 50.0
 COMPID = 194
@@ -117,7 +117,7 @@ def _live(arguments: argparse.Namespace) -> int:
         )
     for session in ended:
         if arguments.json:
-            tell_json(session.summary.to_json())
+            print_json(session.summary.to_json())
         else:
-            tell_page(partial(print_summary, verbose=arguments.verbose), session.summary)
+            print_page(partial(print_summary, verbose=arguments.verbose), session.summary)
     return max(session.exit_code for session in ended)

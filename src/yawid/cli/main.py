@@ -44,7 +44,7 @@ from yawid.cli.standard_streams import bring_out, make_ready
 from yawid.cli.trend import add_trend
 from yawid.errors import UNFORESEEN, SinkError, YawidError, without_viewer
 from yawid.runs.stop import Interrupted, StopFlag
-from yawid.sinks.door import DEBUG, mute, say, show_traceback, tell, tell_json, tell_page
+from yawid.sinks.door import DEBUG, mute, print_json, print_line, print_page, say, show_traceback
 from yawid.sources.formats import RUN, recorded
 from yawid.system.part_file import check_free
 from yawid.system.stores import Place, place_of
@@ -199,15 +199,15 @@ def _fly(whole: argparse.ArgumentParser, arguments: argparse.Namespace) -> int:
         check_free(outputs.path(suffix), force=arguments.force)
     _compile_behind()
     found, _ = inspect(arguments.log, settings, read_options)
-    tell_page(print_inspection, found)
+    print_page(print_inspection, found)
     if found.command is not None:
         settings = settings_of(whole.parse_args(shlex.split(found.command)[1:]))
-    tell("")
+    print_line("")
     with StopFlag().installed() as stop:
         summary, verdict = replay(arguments.log, settings, outputs, stop, read_options)
-    tell_page(partial(_print_summary, verbose=arguments.verbose), summary)
+    print_page(partial(_print_summary, verbose=arguments.verbose), summary)
     page = write_report(Path((summary.files or {})["mcap"]), force=arguments.force)
-    tell(f"report: {page}")
+    print_line(f"report: {page}")
     if not arguments.no_open and sys.stdout.isatty() and has_desktop():
         webbrowser.open(page.as_uri())
     code: int = verdict.exit_code
@@ -232,7 +232,7 @@ def _replay(arguments: argparse.Namespace) -> int:
             outputs = outputs_of(arguments, name)
             run = partial(replay, log, settings, outputs, stop, read_options)
             try:
-                codes.append(_told(run, arguments.json, page))
+                codes.append(_run_and_print(run, arguments.json, page))
             except Interrupted:
                 unreached.append(log)
     if unreached:
@@ -263,9 +263,9 @@ def _orders(arguments: argparse.Namespace) -> int:
     settings, read_options = settings_of(arguments), read_options_of(arguments)
     report, verdict = orders_report(arguments.log, settings, read_options)
     if arguments.json:
-        tell_json(report.to_json())
+        print_json(report.to_json())
     else:
-        tell_page(print_orders, report)
+        print_page(print_orders, report)
     return verdict.exit_code
 
 
@@ -276,10 +276,10 @@ def _inspect(arguments: argparse.Namespace) -> int:
 
     with_card, settings = arguments.card, settings_of(arguments)
     run = partial(inspect, arguments.log, settings, read_options_of(arguments), with_card=with_card)
-    return _told(run, arguments.json, print_card if with_card else print_inspection)
+    return _run_and_print(run, arguments.json, print_card if with_card else print_inspection)
 
 
-def _told(
+def _run_and_print(
     run: Callable[[], tuple[_Page, Any]],
     as_json: bool,
     page: Callable[[_Page, TextIO], None],
@@ -294,9 +294,9 @@ def _told(
     except Exception as error:  # the logs that follow are still run
         return _unforeseen(error)
     if as_json:
-        tell_json(summary.to_json())
+        print_json(summary.to_json())
     else:
-        tell_page(page, summary)
+        print_page(page, summary)
     code: int = verdict.exit_code
     return code
 

@@ -8,7 +8,7 @@ from typing import Final
 
 from yawid.cli.explain import Parts, parts_of
 from yawid.cli.options import Commands, add_command
-from yawid.sinks.door import tell_whole
+from yawid.sinks.door import print_text
 from yawid.version import __version__
 
 SECTIONS: Final = {
@@ -30,7 +30,7 @@ def add_man(commands: Commands, whole: argparse.ArgumentParser) -> None:
 
 
 def _man(whole: argparse.ArgumentParser, _: argparse.Namespace) -> int:
-    tell_whole(man_page(str(whole.description), parts_of(whole)))
+    print_text(man_page(str(whole.description), parts_of(whole)))
     return 0
 
 

@@ -9,9 +9,11 @@ from typing import TYPE_CHECKING, Any, NoReturn, TypeAlias
 
 from yawid.config.names import ELS, RECURSIVE, RML
 from yawid.errors import ConfigError, did_you_mean
-from yawid.sinks.door import plain, tell_whole
+from yawid.sinks.door import plain, print_text
 
 if TYPE_CHECKING:
+    from _typeshed import SupportsWrite
+
     from yawid.runs.outputs import Outputs
     from yawid.sources.open_log import ReadOptions
 
@@ -47,10 +49,10 @@ class OneLineParser(argparse.ArgumentParser):
         super().__init__(*arguments, **settings)
         self.register("type", Path, _path)  # for every command: subparsers have this class too
 
-    def _print_message(self, message: str, file: Any = None) -> None:
+    def _print_message(self, message: str, file: "SupportsWrite[str] | None" = None) -> None:
         """Write help; argparse itself would ignore that stdout is full or closed."""
         if file is sys.stdout:
-            tell_whole(message)
+            print_text(message)
         else:
             super()._print_message(message, file)
 
@@ -71,7 +73,7 @@ class OneLineParser(argparse.ArgumentParser):
         end = "" if message.endswith("?") else ";"
         self.exit(2, f"yawid: {plain(message)}{end} {self.prog} --help lists the {lists}\n")
 
-    def _check_value(self, action: argparse.Action, value: Any) -> None:
+    def _check_value(self, action: argparse.Action, value: object) -> None:
         """Refuse a value that is not a choice, with the one it is most like."""
         if action.choices is not None and value not in action.choices:
             near = did_you_mean(str(value), names := [str(each) for each in action.choices])

@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 
 from yawid.cli.options import Commands, add_command
-from yawid.sinks.door import tell, tell_json
+from yawid.sinks.door import print_json, print_line
 
 PLANTS = ("yaw", "lateral", "rigid-body")
 NUMBERS = (
@@ -78,11 +78,11 @@ def _step(arguments: argparse.Namespace) -> int:
     asked = arguments.model, arguments.u0, arguments.step_time
     report = step_report(arguments.file, *asked)
     if arguments.json:
-        tell_json(report.to_json())
+        print_json(report.to_json())
         return 0
-    tell(MODELS[report.model])
+    print_line(MODELS[report.model])
     for name, number in (report.parameters | {n: getattr(report, n) for n in SETTLING}).items():
-        tell(f"  {name:<16} {number.value:.6g} ± {number.std:.2g}")
+        print_line(f"  {name:<16} {number.value:.6g} ± {number.std:.2g}")
     return 0
 
 
@@ -102,5 +102,5 @@ def _simulate(arguments: argparse.Namespace) -> int:
         force=arguments.force,
     )
     if str(arguments.out) != "-":
-        tell(str(arguments.out))
+        print_line(str(arguments.out))
     return 0

@@ -16,7 +16,7 @@ from yawid.cli.config_file import commands_of
 from yawid.cli.options import Commands, add_command
 from yawid.config.names import RECURSIVE
 from yawid.errors import SinkError
-from yawid.sinks.door import tell, tell_whole
+from yawid.sinks.door import print_line, print_text
 from yawid.sources.formats import FORMATS
 from yawid.system.stores import place_of
 
@@ -66,7 +66,7 @@ def _schema(arguments: argparse.Namespace) -> int:
     schema = document()
     if arguments.command is not None:
         schema = of_command(schema, arguments.command)
-    tell_whole(json.dumps(schema, indent=1, ensure_ascii=False) + "\n")
+    print_text(json.dumps(schema, indent=1, ensure_ascii=False) + "\n")
     return 0
 
 
@@ -84,10 +84,10 @@ def _warm(_: argparse.Namespace) -> int:
     from yawid.estimation.machine.runner import RUNNER, is_plain
 
     if is_plain():
-        tell("nothing to do: NUMBA_DISABLE_JIT is set, the estimators run as plain Python")
+        print_line("nothing to do: NUMBA_DISABLE_JIT is set, the estimators run as plain Python")
         return 0
     if RUNNER.is_compiled():
-        tell("nothing to do: the estimators are compiled")
+        print_line("nothing to do: the estimators are compiled")
         return 0
     start = time.perf_counter()
     folder = RUNNER.compile()
@@ -98,9 +98,9 @@ def _warm(_: argparse.Namespace) -> int:
             f"compiled code cannot be saved: {why + '; ' if why else ''}no folder can be written "
             f"to (tried: {tried}); set NUMBA_CACHE_DIR to a folder that you alone can write to"
         )
-    tell(f"compiled the estimators in {time.perf_counter() - start:.1f} s: {folder}")
+    print_line(f"compiled the estimators in {time.perf_counter() - start:.1f} s: {folder}")
     if why:
-        tell(why)
+        print_line(why)
     return 0
 
 
@@ -128,7 +128,7 @@ def _completion(whole: argparse.ArgumentParser, arguments: argparse.Namespace) -
             elif action.choices is None and action.metavar is not None:
                 action.choices = _values(str(action.metavar)) or None
     preamble = "".join(sorted(functions))
-    tell_whole(shtab.complete(whole, arguments.shell, preamble=preamble) + "\n")
+    print_text(shtab.complete(whole, arguments.shell, preamble=preamble) + "\n")
     return 0
 
 

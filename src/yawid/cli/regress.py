@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from yawid.cli.options import Commands, add_command, add_estimator_options, given_options
 from yawid.errors import ConfigError
 from yawid.runs.stop import Interrupted
-from yawid.sinks.door import say, tell, tell_json
+from yawid.sinks.door import print_json, print_line, say
 
 if TYPE_CHECKING:
     from yawid.runs.regress.check import Outcome
@@ -51,7 +51,7 @@ def _regress(arguments: argparse.Namespace) -> int:
         from yawid.runs.regress.update import update
 
         try:
-            update(arguments.folder, arguments.cases, arguments.why, tell)
+            update(arguments.folder, arguments.cases, arguments.why, print_line)
         except Interrupted as stopped:
             return stopped.exit_code  # cases updated before keep their new references
         return 0
@@ -84,9 +84,9 @@ def _new(arguments: argparse.Namespace, settings: Mapping[str, Any]) -> int:
     from yawid.runs.regress.new_case import new_case
 
     case = new_case(arguments.new, arguments.name, arguments.folder, settings)
-    tell(f"made  {case.folder}: {case.log.stat().st_size} bytes, floor {case.floor}")
-    tell("write into its case.toml whose log it is; then")
-    tell(f'yawid regress --update --why "first reference" {case.folder}')
+    print_line(f"made  {case.folder}: {case.log.stat().st_size} bytes, floor {case.floor}")
+    print_line("write into its case.toml whose log it is; then")
+    print_line(f'yawid regress --update --why "first reference" {case.folder}')
     return 0
 
 
@@ -109,27 +109,27 @@ def _compare(arguments: argparse.Namespace) -> int:
         for outcome in regress(cases, arguments.workers):
             outcomes.append(outcome)
             if not arguments.json:
-                _tell(outcome)
+                _print_outcome(outcome)
     except Interrupted as stopped:
         unreached = cases[len(outcomes) :]
         say(f"not reached: {', '.join(case.name for case in unreached)}")
         code, why = stopped.exit_code, ("interrupted: not compared",)
         outcomes += [Outcome(case.name, case.folder.absolute(), code, why) for case in unreached]
     if arguments.json:
-        tell_json(as_json(outcomes))
+        print_json(as_json(outcomes))
     if arguments.junit is not None:
         write_junit(arguments.junit, outcomes)
     return exit_code(outcomes)
 
 
-def _tell(outcome: "Outcome") -> None:
-    tell(f"{'ok' if outcome.ok else 'FAILED':>6}  {outcome.name}")
+def _print_outcome(outcome: "Outcome") -> None:
+    print_line(f"{'ok' if outcome.ok else 'FAILED':>6}  {outcome.name}")
     for line in outcome.wrong[:MOST_LINES]:
-        tell(f"        {line}")
+        print_line(f"        {line}")
     if len(outcome.wrong) > MOST_LINES:
-        tell(f"        and {len(outcome.wrong) - MOST_LINES} more: --json lists them all")
+        print_line(f"        and {len(outcome.wrong) - MOST_LINES} more: --json lists them all")
     for what, path in outcome.files.items():
-        tell(f"        {what}: {path}")
+        print_line(f"        {what}: {path}")
     if outcome.code == 1:
-        tell("        if the change is meant:")
-        tell(f'        yawid regress --update --why "..." {outcome.folder}')
+        print_line("        if the change is meant:")
+        print_line(f'        yawid regress --update --why "..." {outcome.folder}')

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from yawid.cli.options import Commands, add_command
 from yawid.cli.standard_streams import hush
-from yawid.sinks.door import tell_json, tell_page
+from yawid.sinks.door import print_json, print_page
 from yawid.system.stores import place_of
 
 CHANGED = 7
@@ -41,28 +41,28 @@ def _trend(arguments: argparse.Namespace) -> int:
     from yawid.trend.table import print_trend
     from yawid.trend.trend import trend
 
-    told, studied = trend(arguments.dataset, arguments.vehicle)
+    report, studied = trend(arguments.dataset, arguments.vehicle)
     if arguments.out is not None:
         hush("matplotlib")  # it makes a folder for its cache where there is none, and logs that
         from yawid.trend.page import write_page
 
-        write_page(told, studied, arguments.out, force=arguments.force)
+        write_page(report, studied, arguments.out, force=arguments.force)
     if arguments.json:
-        tell_json(told.to_json())
+        print_json(report.to_json())
     else:
-        tell_page(print_trend, told)
-    return CHANGED if told.changed else 0
+        print_page(print_trend, report)
+    return CHANGED if report.changed else 0
 
 
 def _diff(arguments: argparse.Namespace) -> int:
     from yawid.trend.diff import diff
     from yawid.trend.table import print_diff
 
-    told = diff(arguments.a, arguments.b)
+    report = diff(arguments.a, arguments.b)
     if arguments.json:
-        tell_json(told.to_json())
+        print_json(report.to_json())
     else:
-        tell_page(print_diff, told)
-    if told.changed:
+        print_page(print_diff, report)
+    if report.changed:
         return CHANGED
-    return 0 if told.judged else NOTHING_COMPARED
+    return 0 if report.judged else NOTHING_COMPARED

@@ -38,7 +38,7 @@ def check_fields(config: Any, called: Callable[[str], str] = str) -> None:
             raise ConfigError(f"{called(name)} must {_words(kind)}, got {value!r}")
 
 
-def fits(value: Any, kind: Any) -> bool:
+def fits(value: object, kind: Any) -> bool:
     """Return whether a value fits ``kind``: a class, or an annotation with bounds."""
     if type(value) is kind:
         return True

@@ -200,10 +200,10 @@ def _decays(
     sines = damped_sine(flown, step, wn), damped_sine(predicted, step, wn)
     if sines[0] is None or sines[1] is None:
         return {}
-    return {"decay": _told(sines[0], len(flown)), "decay_predicted": _told(sines[1], len(flown))}
+    return {"decay": _decay(sines[0], len(flown)), "decay_predicted": _decay(sines[1], len(flown))}
 
 
-def _told(sine: Sine, count: int) -> Decay:
+def _decay(sine: Sine, count: int) -> Decay:
     stds = {"wn_std": sine.wn_std, "zeta_std": sine.zeta_std}
     known = {name: value for name, value in stds.items() if np.isfinite(value)}
     return Decay(wn_rad_s=sine.wn_rad_s, zeta=sine.zeta, decays=count, **known)

@@ -151,8 +151,8 @@ def _pilots(drawn: Drawn, law: Law, gain: float, turn: float) -> Floats:
 
 def _airspeeds(flight: Flight, used: Sequence[Manoeuvre], asked: Asked) -> list[float]:
     """Return the airspeeds in m/s of the predictions, ascending."""
-    told = flight.airspeed_m_s
-    assert told is not None  # usable_flight() has seen to it
+    middle = flight.airspeed_m_s
+    assert middle is not None  # usable_flight() has seen to it
     flown = [each.airspeed_m_s for each in used if each.airspeed_m_s is not None]
     low, high = asked.airspeed or (min(flown), max(flown))
     if low < min(flown) / FURTHEST or high > max(flown) * FURTHEST:
@@ -162,9 +162,9 @@ def _airspeeds(flight: Flight, used: Sequence[Manoeuvre], asked: Asked) -> list[
         )
         to_do = "fly manoeuvres at those airspeeds, or ask for less by --airspeed LO,HI"
         raise Refused("too_far", text, to_do)
-    if high - low <= SAME_SPEED * told and asked.airspeed is None:
-        return [told]
-    between = [told] if low * (1 + SAME_SPEED) < told < high / (1 + SAME_SPEED) else []
+    if high - low <= SAME_SPEED * middle and asked.airspeed is None:
+        return [middle]
+    between = [middle] if low * (1 + SAME_SPEED) < middle < high / (1 + SAME_SPEED) else []
     return sorted({low, *between, high})
 
 

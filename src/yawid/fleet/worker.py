@@ -74,7 +74,7 @@ class Child:
                 tempfile.TemporaryDirectory(prefix="yawid-fleet-") as scratch,
                 _killed_after(task.timeout_s, process, is_late),
             ):
-                answer = _told(process, (task.path, task.spec, scratch, task.data))
+                answer = _answer_of(process, (task.path, task.spec, scratch, task.data))
             if answer is not _DIED:
                 return answer
             code = self.close()
@@ -97,7 +97,7 @@ class Child:
         if self._is_over:  # another thread called end() before there was a process to kill
             process.kill()
         with _killed_after(START_S, process, threading.Event()):
-            answer = _told(process)
+            answer = _answer_of(process)
         if answer is _DIED:
             raise RuntimeError(f"python -m yawid.fleet.child {_how(self.close())}")
         return process
@@ -141,7 +141,7 @@ def _killed_after(
         timer.cancel()
 
 
-def _told(process: "subprocess.Popen[bytes]", order: object = None) -> Any:
+def _answer_of(process: "subprocess.Popen[bytes]", order: object = None) -> Any:
     """Return what the process answers to an order, or ``_DIED`` if it ended instead."""
     assert process.stdin is not None
     assert process.stdout is not None

@@ -46,7 +46,7 @@ from yawid.results.judge_samples import (
 )
 from yawid.results.reasons import Reason, Verdict
 from yawid.results.structures import NEXT, NOTHING_KNOWN, Spread, spread_of
-from yawid.results.summary import as_summary, described, dutch_roll_told
+from yawid.results.summary import as_summary, described, dutch_roll_in
 
 OTHER_ORDERS = (*NEXT, 1)
 """Second candidate orders; one of the two is chosen for the whole flight, from all manoeuvres."""
@@ -144,7 +144,7 @@ class Fits:
     def in_calm_air(self) -> None:
         """Let output error answer where the air is calm and the rudder moved by itself."""
         others, first = self.methods, self.methods[0]
-        wn = float(dutch_roll_told(self, first, self.estimators[first].theta)[0])
+        wn = float(dutch_roll_in(self, first, self.estimators[first].theta)[0])
         if first != OF_STRUCTURES or not wn > 0.0:
             return
         model = fit_record(self.estimator, self.u, self.y, method=IN_CALM_AIR)
@@ -170,7 +170,7 @@ class Fits:
         """Return the spread around the answer; ``held_back`` is its held-back fit in percent."""
         first = self.methods[0]
         model = self.estimators[first]
-        wn = float(dutch_roll_told(self, first, model.theta)[0])
+        wn = float(dutch_roll_in(self, first, model.theta)[0])
         if not wn > 0.0:
             return NOTHING_KNOWN
         if first in (OF_STRUCTURES, IN_CALM_AIR):
@@ -264,7 +264,7 @@ def answer_by(
     alone += [] if untrue is None else [untrue.reason]
     verdict = bank_verdict(fits, evidence, setting.rates_hz, alone, first_answers=True)
     config = fits.config
-    told = Manoeuvre(
+    manoeuvre = Manoeuvre(
         n=n,
         **asdict(found),
         inputs=list(config.inputs),
@@ -275,7 +275,7 @@ def answer_by(
     )
     span_ns = int(samples.unix_ns[0]), int(samples.unix_ns[-1])
     structures = _structures(fits, estimates[first], evidence[first], spread)
-    return Answered(told, verdict, span_ns, structures)
+    return Answered(manoeuvre, verdict, span_ns, structures)
 
 
 def short_reasons(fits: Fits, history: SampleHistory, evidence: Evidence) -> Iterator[Reason]:

@@ -137,7 +137,7 @@ def lateral_of(found: Fitted) -> Bare:
     """Return the answer on the airframe of one manoeuvre."""
     if found.airframe is None:
         return _unknown([found.n], found.why, found.step)
-    return _told(found.airframe, [found.n])
+    return _answer(found.airframe, [found.n])
 
 
 def _sentence(remedy: str) -> str:
@@ -149,7 +149,7 @@ def _unknown(used: Sequence[int], text: str, step: str | None) -> Bare:
     return Bare(used=list(used), verdict=VerdictSummary(usable=False, reasons=[said], next=step))
 
 
-def _told(airframe: Airframe, used: Sequence[int]) -> Bare:
+def _answer(airframe: Airframe, used: Sequence[int]) -> Bare:
     if airframe.failed:
         gates = [(GATES[each.name], each) for each in airframe.failed]
         text = "; ".join(g.sentence.format(found=e.found, limit=e.limit) for g, e in gates)
@@ -214,8 +214,8 @@ def bare_of(found: Sequence[Fitted], servo_lag_s: float | None) -> Bare | None:
         return lateral_of(best)
     airframes = [each for each, _ in known]
     one = len(known) == 1
-    told = _told(*known[0]) if one else _pooled(airframes, [n for _, ns in known for n in ns])
-    return _with_correlations(told, airframes)
+    answer = _answer(*known[0]) if one else _pooled(airframes, [n for _, ns in known for n in ns])
+    return _with_correlations(answer, airframes)
 
 
 def _with_correlations(found: Bare, airframes: Sequence[Airframe]) -> Bare:

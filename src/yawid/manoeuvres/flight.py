@@ -176,7 +176,7 @@ def _together(
     An airspeed that is wrong by one factor still serves to compare manoeuvres.
     """
     orders = _orders(alike)
-    told = [
+    chosen = [
         next(iter(each.structures.values())) if orders is None else each.structures[orders]
         for each in alike
     ]
@@ -184,7 +184,7 @@ def _together(
     sources = {each.found.airspeed_source for each in alike}
     scaled = sources == {"airspeed"} and (untrue is None or untrue.is_factor)
     by = speeds if scaled else np.ones(len(alike))
-    rolls = np.array([each.dutch_roll for each in told])
+    rolls = np.array([each.dutch_roll for each in chosen])
     x, std = rolls[:, 0] / by, rolls[:, 1] / by
     agree, share = _agreement(x, std)
     used = [alike[i] for i in np.flatnonzero(agree).tolist()]
@@ -196,8 +196,8 @@ def _together(
     heights = [h for each in used if (h := each.found.altitude_m) is not None]
     warned = list(_warnings(used))
     moves = np.max([(0.0, 0.0), *(reason.moves for reason in warned)], axis=0)
-    wn, zeta = _averages([(*each.dutch_roll, *each.beyond) for each in told], by, agree, moves)
-    physics = _physics([told[i] for i in np.flatnonzero(agree).tolist()], by[agree])
+    wn, zeta = _averages([(*each.dutch_roll, *each.beyond) for each in chosen], by, agree, moves)
+    physics = _physics([chosen[i] for i in np.flatnonzero(agree).tolist()], by[agree])
     reasons = [*of_the_log, *warned]
     if apart:
         text = _disagreement(apart, wn.mean * unit, wn.std * unit, speed, len(used))
@@ -224,15 +224,15 @@ def _together(
         between_std=BetweenStd(wn_rad_s=wn.tau * unit, zeta=zeta.tau),
         used=[each.found.n for each in used],
         disagree=[each.found.n for each, _ in apart],
-        refits=list(_refits(alike, told)) or None,
+        refits=list(_refits(alike, chosen)) or None,
         verdict=as_summary(verdict),
     )
     return flight, verdict
 
 
-def _refits(alike: Sequence[Answered], told: Sequence[Structure]) -> Iterator[Refit]:
-    """Yield the results ``told`` of manoeuvres whose own results are by other orders."""
-    for each, used in zip(alike, told, strict=True):
+def _refits(alike: Sequence[Answered], chosen: Sequence[Structure]) -> Iterator[Refit]:
+    """Yield the results ``chosen`` of manoeuvres whose own results are by other orders."""
+    for each, used in zip(alike, chosen, strict=True):
         if used is next(iter(each.structures.values())):
             continue
         wn, wn_std, zeta, zeta_std = used.dutch_roll.tolist()
@@ -248,14 +248,14 @@ def _refits(alike: Sequence[Answered], told: Sequence[Structure]) -> Iterator[Re
 
 
 def _averages(
-    told: Sequence[tuple[float, ...]], by: Floats, agree: Bools, moves: Floats
+    chosen: Sequence[tuple[float, ...]], by: Floats, agree: Bools, moves: Floats
 ) -> tuple[Pooled, Pooled]:
     """Return the means of wn / ``by`` and of zeta over the manoeuvres that agree.
 
-    A row of ``told`` holds wn, its sigma, zeta, its sigma, and the sigmas of both that noise does
+    A row of ``chosen`` holds wn, its sigma, zeta, its sigma, and the sigmas of both that noise does
     not explain. ``moves`` (2,) is how far wn (relative) and zeta may be wrong by a warning.
     """
-    wn, wn_std, zeta, zeta_std, wn_beyond, zeta_beyond = np.array(told)[agree, :6].T
+    wn, wn_std, zeta, zeta_std, wn_beyond, zeta_beyond = np.array(chosen)[agree, :6].T
     wn, wn_std, wn_beyond = wn / by[agree], wn_std / by[agree], wn_beyond / by[agree]
     x = pooled(wn, wn_std, TAU_WN_SHARE * float(np.median(wn)), wn_beyond)
     rest = pooled(zeta, zeta_std, TAU_ZETA, zeta_beyond)
@@ -316,14 +316,14 @@ def _disagreement(
     return f"{', '.join(said)}; {others} {wn:.3g} ± {std:.2g}{at}: {them} left out of the answer"
 
 
-def _physics(told: Sequence[Structure], speeds: Floats) -> Mapping[str, Value]:
+def _physics(chosen: Sequence[Structure], speeds: Floats) -> Mapping[str, Value]:
     """Return the numbers of eq. 22-23 over the power of V with which they go, where known.
 
-    ``told`` are the results of n manoeuvres, ``speeds`` (n,) their airspeeds.
+    ``chosen`` are the results of n manoeuvres, ``speeds`` (n,) their airspeeds.
     """
     found = {}
     for name, power in POWERS.items():
-        rows = np.array([each.physics.get(name, (math.nan,) * 3) for each in told])
+        rows = np.array([each.physics.get(name, (math.nan,) * 3) for each in chosen])
         known = np.isfinite(rows).all(axis=1) & (rows[:, 1] > 0.0)
         if known.any():
             x, std, beyond = (rows[known] / speeds[known, None] ** power).T

@@ -41,7 +41,7 @@ class Laterals:
         modes_of: tuple[int, int],
         yaw_loop: Callable[[float, float], str | None],
     ) -> None:
-        self._told: dict[int, Bare] = {}
+        self._bares: dict[int, Bare] = {}
         self._store = MotionStore(longest_s)
         self._lag_s = servo_lag_s
         self._worker = worker
@@ -83,21 +83,21 @@ class Laterals:
         ``answered`` are the answers as flown so far; a manoeuvre without one waits for it.
         """
         while self._waiting and (wait or self._waiting[0][1].done()):
-            at = len(self._told)
+            at = len(self._bares)
             if at >= len(answered):
                 return
             span_ns, future = self._waiting.popleft()
             found = self._checked(against_flown(future.result(), answered[at].found))
             if len(self._found) < MOST_KEPT:
                 self._found.append(found)
-            self._told[found.n] = lateral_of(found)
-            yield found.n, self._told[found.n], span_ns
+            self._bares[found.n] = lateral_of(found)
+            yield found.n, self._bares[found.n], span_ns
 
-    def told(self) -> dict[int, Bare]:
+    def bares(self) -> dict[int, Bare]:
         """Return the airframe of each manoeuvre fitted, by its number."""
-        gains = {n: self._damper(n) for n in self._told}
+        gains = {n: self._damper(n) for n in self._bares}
         refused = {n: lateral_of(yaw_damped(n, each)) for n, each in gains.items() if each}
-        return self._told | refused
+        return self._bares | refused
 
     def flight(self) -> Bare | None:
         """Return the airframe of all the manoeuvres fitted, None without any."""

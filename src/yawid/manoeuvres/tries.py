@@ -62,11 +62,11 @@ def answer(samples: SampleBlock, n: int, setting: ManoeuvreSetting) -> Answered:
     if len(tried) == 1:
         return first
     best = next((each for _, each in tried if each.verdict.usable), first)
-    tries = [_told(way, each.found, answers=each is best) for way, each in tried]
+    tries = [_as_try(way, each.found, answers=each is best) for way, each in tried]
     return replace(best, found=structs.replace(best.found, tries=tries))
 
 
-def _told(way: Way, found: Manoeuvre, *, answers: bool) -> Try:
+def _as_try(way: Way, found: Manoeuvre, *, answers: bool) -> Try:
     """Return what was tried and what speaks against it."""
     return Try(
         turn="remove" if found.turn_removed else "keep",

@@ -106,7 +106,7 @@ def drawn_aircraft(
     own_rows = np.concatenate([np.full(len(each), is_own) for each, is_own in parts])
     if np.count_nonzero(own_rows) < DRAWS // 4:
         return None
-    G = G.with_pair(_as_told(flight, G.dutch_roll, own_rows, rng))
+    G = G.with_pair(_as_answered(flight, G.dutch_roll, own_rows, rng))
     lag = np.where(np.arange(len(G)) % 2 == 0, _fastest_real(G), -1)
     return Aircraft(G, own_rows, lag, speed)
 
@@ -131,21 +131,23 @@ def _drawn(model: Model, count: int, rng: np.random.Generator, *, mean_output: b
     return replace(found, mean_s=model.sample_time_s if model.orders.nb[0] > 2 else 0.0)
 
 
-def _as_told(flight: Flight, poles: Complexes, own: Bools, rng: np.random.Generator) -> Complexes:
+def _as_answered(
+    flight: Flight, poles: Complexes, own: Bools, rng: np.random.Generator
+) -> Complexes:
     """Return the Dutch rolls (n,) with the flight's mean and total sigma of wn and zeta."""
     assert flight.dutch_roll is not None
     roll = flight.dutch_roll
     ln_wn, zeta = np.log(np.abs(poles)), -poles.real / np.abs(poles)
     wanted = ((ln_wn, np.log(roll.wn_rad_s), (roll.wn_std or 0.0) / roll.wn_rad_s),
               (zeta, roll.zeta, roll.zeta_std or 0.0))  # fmt: skip
-    told = []
+    drawn = []
     for values, mean, std in wanted:
         apart = values - np.mean(values[own])
         have = float(np.sqrt(np.mean(apart**2)))
         more = np.sqrt(max(std**2 - have**2, 0.0))
         apart = apart * min(1.0, std / have if have > 0.0 else 1.0)
-        told.append(mean + apart + more * rng.normal(size=len(values)))
-    return pole_of(np.exp(told[0]), np.clip(told[1], -0.9, 0.95))
+        drawn.append(mean + apart + more * rng.normal(size=len(values)))
+    return pole_of(np.exp(drawn[0]), np.clip(drawn[1], -0.9, 0.95))
 
 
 def pole_of(wn: Floats | float, zeta: Floats) -> Complexes:

@@ -110,9 +110,11 @@ def _flight(run: Recorded) -> LinearModel:
     draws = [_polynomials(aircraft.G, i) for i in range(len(aircraft.G))]
     wn, zeta = flight.dutch_roll.wn_rad_s, flight.dutch_roll.zeta
     pole = pole_of(wn, np.array([zeta]))
-    told = [_polynomials(_told(m, flight.airspeed_m_s / at).with_pair(pole), 0) for m, at in pairs]
-    n = max(len(each) for each in told)
-    values = np.mean([each for each in told if len(each) == n], axis=0)
+    scaled = [
+        _polynomials(_at_speed(m, flight.airspeed_m_s / at).with_pair(pole), 0) for m, at in pairs
+    ]
+    n = max(len(each) for each in scaled)
+    values = np.mean([each for each in scaled if len(each) == n], axis=0)
     some = np.array([each for each in draws if len(each) == n])
     inputs = run.inputs(("rudder",))
     continuous = _observer(values, np.cov(some.T), inputs)
@@ -127,7 +129,7 @@ def _flight(run: Recorded) -> LinearModel:
     )  # fmt: skip
 
 
-def _told(model: Model, factor: float) -> Transfer:
+def _at_speed(model: Model, factor: float) -> Transfer:
     return transfer(model.theta[None], model.orders, model.sample_time_s).faster(factor)
 
 

@@ -128,8 +128,8 @@ def _points(known: list[tuple[Manoeuvre, float, DutchRoll]], flights: Sequence[F
     shown = sure if sure.any() else np.full(len(kind), fill_value=True)
     reach = np.minimum(spread, 0.5 * np.abs(value))
     ends = np.concatenate([(value - reach)[shown], (value + reach)[shown]])
-    for told in (each.dutch_roll for each in flights if each.dutch_roll is not None):
-        middle, reach = np.array(_values(told)), np.array(_sigmas(told))
+    for roll in (each.dutch_roll for each in flights if each.dutch_roll is not None):
+        middle, reach = np.array(_values(roll)), np.array(_sigmas(roll))
         ends = np.vstack([ends, middle - SIGMAS * reach, middle + SIGMAS * reach])
     low, high = ends.min(axis=0), ends.max(axis=0)
     room = np.maximum(high - low, 0.05 * np.abs(high))

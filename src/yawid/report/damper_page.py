@@ -64,18 +64,18 @@ def _sections(report: DamperReport, predicted: Predicted, name: str) -> Iterator
         "phase margin deg",
     )
     yield sheet("Every gain", heading, [(cells, False) for cells in _rows(report)])
-    told = (
+    meaning = (
         "± is one sigma, bands are 2 sigma. Margins are those of the open loop at the 95 % bound "
         "of the model; where nothing crosses, or the model is not known, there is none."
     )
-    yield note("", told)
+    yield note("", meaning)
 
 
 def _rows(report: DamperReport) -> Iterator[list[Cell]]:
     for gain in report.gains:
         for at in gain.at:
             pairs = ((at.wn_rad_s, at.wn_std, ".2f"), (at.zeta, at.zeta_std, ".3f"))
-            told = [
+            modes = [
                 "" if x is None else f"{x:{form}} ± {std or 0.0:{form}}" for x, std, form in pairs
             ]
             margins = [
@@ -83,7 +83,7 @@ def _rows(report: DamperReport) -> Iterator[list[Cell]]:
             ]
             yield [
                 (each, "")
-                for each in (f"{gain.value:g}", f"{at.airspeed_m_s:.1f}", *told, *margins)
+                for each in (f"{gain.value:g}", f"{at.airspeed_m_s:.1f}", *modes, *margins)
             ]
 
 

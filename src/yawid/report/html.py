@@ -21,7 +21,7 @@ STYLE: Final = (
     f":root {{ {' '.join(f'--{name}: {colour};' for name, colour in _COLOURS.items())} }}\n"
 ) + files("yawid.report").joinpath("report.css").read_text(encoding="utf-8")
 POLICY: Final = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
-Told = tuple[ReasonSummary, str]
+Advised = tuple[ReasonSummary, str]
 """A reason, and what to do about it."""
 Cell = tuple[str, str]
 """A cell of a wide table: its text, and the small text below it."""
@@ -56,7 +56,7 @@ def first_screen(
     origin: str,
     sentence: str,
     answers: Sequence[Card],
-    told: Sequence[Told],
+    advised: Sequence[Advised],
     remark: str = "",
     step: str | None = None,
 ) -> str:
@@ -70,7 +70,7 @@ def first_screen(
              enumerate(answers)]  # fmt: skip
     cards = f'<div class="cards">\n{"".join(shown)}</div>\n'
     below = f"{note('', remark) if remark else ''}\n"
-    items = ((reason.weight, reason.name, reason.text, to_do) for reason, to_do in told)
+    items = ((reason.weight, reason.name, reason.text, to_do) for reason, to_do in advised)
     last = "" if step is None else f'<p class="next"><b>{NEXT}</b> {prose(step)}</p>\n'
     return head(name, origin, sentence, cards + below + listed(items) + last, usable=kind != "no")
 

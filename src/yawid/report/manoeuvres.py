@@ -119,14 +119,14 @@ def flight_numbers(summary: RunSummary, drawn: Sequence[Drawn], rudder_unit: str
     for flight in flights:
         of = f", {whose(flight)}" if len(flights) > 1 else ""
         yield table(f"The flight{of}, ± one σ", dict(_facts(flight, rudder_unit)))
-    told = {_column(each, len(flights)): each.physics for each in flights if each.physics}
-    told = told or {
+    physics = {_column(each, len(flights)): each.physics for each in flights if each.physics}
+    physics = physics or {
         f"manoeuvre {each.found.n}": each.found.answer.physics
         for each in drawn[:MOST_COLUMNS]
         if each.found.answer is not None and each.found.answer.physics
     }
-    if told:
-        yield yaw_channel(told, rudder_unit)
+    if physics:
+        yield yaw_channel(physics, rudder_unit)
     without = [each for each in flights if not each.physics]
     if without and (summary.flights is not None or not summary.used):  # older files hold none
         yield note("", f"{_begun('; '.join(map(_no_physics, without)))}.")

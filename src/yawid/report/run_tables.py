@@ -62,23 +62,23 @@ def stream_numbers(summary: RunSummary, answer: MethodSummary, run_grid: Grid) -
         yield note("", f"Derivatives are absent: {NO_YAW_CHANNEL}.")
 
 
-def yaw_channel(told: Mapping[str, Mapping[str, Value]], rudder_unit: str) -> str:
+def yaw_channel(columns: Mapping[str, Mapping[str, Value]], rudder_unit: str) -> str:
     """Return the table of the numbers of eq. 22-23, a column for each source, and the citation."""
     rows = []
     for row in (*YAW_CHANNEL.values(), QUANTITIES[REDUCTION_ERROR]):
-        found = [numbers.get(row.name, Value()) for numbers in told.values()]
+        found = [numbers.get(row.name, Value()) for numbers in columns.values()]
         if any(each.value is not None for each in found):
             text = ", ".join(filter(None, (row.words, row.unit_for(rudder_unit))))
             label = symbol(row.symbol, text)
             rows.append((label, *map(of_value, found)))
-    total = any(each.std_noise is not None for some in told.values() for each in some.values())
+    total = any(each.std_noise is not None for some in columns.values() for each in some.values())
     sigma = "± one σ, in brackets of noise alone" if total else "± one σ, of noise alone"
     cited = note(
         "",
         "Left of = the usual name, sideslip positive with wind from the right; right of it the "
         f"paper's: {PAPER}.",
     )
-    return f"{grid(f'Yaw channel, {sigma}', ('', *told), rows)}\n{cited}"
+    return f"{grid(f'Yaw channel, {sigma}', ('', *columns), rows)}\n{cited}"
 
 
 def _number(value: float | None) -> str:

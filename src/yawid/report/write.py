@@ -46,14 +46,14 @@ def write_report(
     run = open_run(mcap)
     path = mcap.with_suffix(".html") if out is None else out
     check_free(path, force=force)
-    told = Report(run)
-    alone = {} if png is None else {png / f"{each.key}.png": each for each in told.pictures()}
+    report = Report(run)
+    alone = {} if png is None else {png / f"{each.key}.png": each for each in report.pictures()}
     for each in alone:
         check_free(each, force=force)
     if png is not None:
         with os_errors_as_sink_error(png):
             png.mkdir(parents=True, exist_ok=True)
-    files = {path: told.html().encode("utf-8", "replace")}
+    files = {path: report.html().encode("utf-8", "replace")}
     files |= {each: picture.png for each, picture in alone.items()}
     write_whole(files, force=force)
     return path.absolute()
@@ -99,7 +99,7 @@ class Report:
         stretch = (run.config.from_s, run.config.to_s)
         sentence = headline(summary, stretch)
         yield first_screen(
-            name, _origin(run), sentence, cards(summary), _told(summary), _sigma(summary),
+            name, _origin(run), sentence, cards(summary), _advised(summary), _sigma(summary),
             next_step(summary.deciding),
         )  # fmt: skip
         unit = HALF_TRAVEL if run.grid is None else run.grid.rudder_unit
@@ -190,7 +190,7 @@ def _sigma(summary: RunSummary) -> str:
     return f"± is one sigma{means}. Bands in the pictures are 2 sigma." if means else ""
 
 
-def _told(summary: RunSummary) -> list[tuple[ReasonSummary, str]]:
+def _advised(summary: RunSummary) -> list[tuple[ReasonSummary, str]]:
     """Return each reason with what to do about it; what to do next is stated once, below them."""
     reasons, step = summary.deciding.reasons, summary.deciding.next
     advice = [to_do(reason, summary) for reason in reasons]
@@ -206,12 +206,12 @@ def _origin(run: McapRun) -> str:
         parts.append(utc(flight.date))
     if answer is not None:
         rate = f"{1.0 / answer.sample_time_s:.3g} Hz"
-        told = answer if flight is None else flight
-        if told.method is None:  # a flight without a usable manoeuvre
+        best = answer if flight is None else flight
+        if best.method is None:  # a flight without a usable manoeuvre
             parts.append(f"at {rate}")
         else:
-            name = told.method.upper()
-            parts.append(f"{name}, orders na,nb,nc,nk = {told.orders} at {rate}")
+            name = best.method.upper()
+            parts.append(f"{name}, orders na,nb,nc,nk = {best.orders} at {rate}")
     return " · ".join(parts)
 
 

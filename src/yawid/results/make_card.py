@@ -44,7 +44,7 @@ ENOUGH: Final = 0.9
 """The part of that rate that is enough."""
 LEAST_HZ, MOST_HZ = 10.0, 50.0
 """The lowest message rate in Hz that may be enough, and the highest that is asked for."""
-NICE_HZ: Final = (25.0, 40.0, 50.0)
+NICE_HZ: Final = (5.0, 10.0, 20.0, 25.0, 40.0, 50.0, 100.0)
 """Round message rates in Hz to ask for."""
 SMALL_M_S: Final = 32.0
 """An aircraft that flies slower than this, in m/s, counts as small."""
@@ -235,7 +235,8 @@ def _least_hz(roll: DutchRoll | None) -> float:
 
 def _ask_hz(wn: float) -> float:
     wanted = SAMPLES_PER_PERIOD * wn / (2.0 * math.pi)
-    return next((rate for rate in NICE_HZ if rate >= max(ENOUGH * wanted, ASK_HZ)), MOST_HZ)
+    least = min(max(ENOUGH * wanted, ASK_HZ), MOST_HZ)
+    return next(rate for rate in NICE_HZ if rate >= least)
 
 
 def _rates(

@@ -70,7 +70,7 @@ class Opinion:
 class Spread:
     """The results of other structures next to an answer, and the scatter of the record's parts.
 
-    ``told`` holds the results; ``scatter`` the sigmas from the record's parts, by the names of
+    ``opinions`` holds the results; ``scatter`` the sigmas from the record's parts, by the names of
     ``Opinion.values``. ``next`` is the richer structure on the same grid, ``slower`` the answer's
     own structure, or a similar one, at a lower rate. ``own`` is the own structure fitted like the
     others, where that fit is not the answer. ``held_back_pct`` is the own structure's fit of held
@@ -78,7 +78,7 @@ class Spread:
     the one that all were fitted by.
     """
 
-    told: tuple[Opinion, ...]
+    opinions: tuple[Opinion, ...]
     scatter: Mapping[str, float]
     next: Opinion | None = None
     slower: Opinion | None = None
@@ -90,16 +90,16 @@ class Spread:
     def around(self, wn: float) -> "Spread":
         """Return it with only those structures that know a mode near wn rad/s to 10 %."""
 
-        def tells(each: Opinion | None) -> bool:
+        def knows(each: Opinion | None) -> bool:
             if each is None:
                 return False
             own, sigma = float(each.dutch_roll[0]), float(each.dutch_roll[1])
             return 1.0 / ALIKE < own / wn < ALIKE and sigma < UNCERTAIN_WN * own
 
-        told = tuple(each for each in self.told if tells(each))
-        slower = self.slower if tells(self.slower) else None
+        opinions = tuple(each for each in self.opinions if knows(each))
+        slower = self.slower if knows(self.slower) else None
         richer = None if self._is_another_mode(wn) else self.next
-        return replace(self, told=told, slower=slower, next=richer)
+        return replace(self, opinions=opinions, slower=slower, next=richer)
 
     def _is_another_mode(self, wn: float) -> bool:
         """Return whether the richer structure found another mode, with a worse held-back fit."""
@@ -111,7 +111,7 @@ class Spread:
     @property
     def weights(self) -> Floats:
         """The structures' weights (n,), 1 for the best and for those without a held-back fit."""
-        pct = np.array([each.held_back_pct for each in self.told])
+        pct = np.array([each.held_back_pct for each in self.opinions])
         best = np.nanmax(pct, initial=-np.inf)
         weights: Floats = np.where(np.isfinite(pct), np.exp((pct - best) / WEIGHT_PCT), 1.0)
         return weights
@@ -121,10 +121,10 @@ class Spread:
 
         They stand in where the other poles of an answer lie too near the mode to be divided out.
         """
-        told = [each for each in self.told if each.every == 1 and each.orders[:3] == SIMPLE]
+        opinions = [each for each in self.opinions if each.every == 1 and each.orders[:3] == SIMPLE]
         return {
             name: {"value": value, "std": each.sigmas[name]}
-            for each in told
+            for each in opinions
             for name, value in each.values.items()
             if name not in (*MOVED, *EQUAL)
         }
@@ -149,7 +149,7 @@ class Spread:
 
     def structures_std(self, name: str, value: float) -> float:
         """Return the structures' distance from this value as a sigma, the least one included."""
-        pairs = zip(self.weights.tolist(), self.told, strict=True)
+        pairs = zip(self.weights.tolist(), self.opinions, strict=True)
         known = [(w, each.values[name]) for w, each in pairs if name in each.values]
         total = sum(w for w, _ in known)
         squares = sum(w * (x - value) ** 2 for w, x in known)
@@ -186,10 +186,10 @@ class Spread:
         return max(own, apart) if math.isfinite(own) else own
 
 
-def _apart(told: Opinion | None, wn: float, zeta: float) -> Floats:
-    if told is None:
+def _apart(opinions: Opinion | None, wn: float, zeta: float) -> Floats:
+    if opinions is None:
         return np.full(2, np.nan)
-    return np.asarray(np.abs(told.dutch_roll[[0, 2]] - (wn, zeta)))
+    return np.asarray(np.abs(opinions.dutch_roll[[0, 2]] - (wn, zeta)))
 
 
 def _forgetting_nothing(config: RunConfig, sample_time_s: float) -> EstimatorConfig:
@@ -197,7 +197,7 @@ def _forgetting_nothing(config: RunConfig, sample_time_s: float) -> EstimatorCon
     return replace(config, memory=None, forgetting=1.0).estimator(OF_STRUCTURES, sample_time_s)
 
 
-def _told(
+def _opinion(
     config: RunConfig,
     sample_time_s: float,
     model: FittedModel,
@@ -256,26 +256,29 @@ def spread_of(
     All structures are fitted by ``method`` and have the own nk, which is converted to the coarse
     grid.
     """
-    tell, orders = partial(_others, config, sample_time_s, u, y, method), config.four_orders[:3]
+    others, orders = partial(_others, config, sample_time_s, u, y, method), config.four_orders[:3]
     every = round(2.0 * math.pi / (wn * sample_time_s * COARSE_PER_PERIOD))
-    richer = tell([AFTER_NEXT if orders == NEXT else NEXT], 1)
+    richer = others([AFTER_NEXT if orders == NEXT else NEXT], 1)
     if every > 1:
         # A free run hardly distinguishes five poles from four, and takes long to find them.
-        coarse = tell(COARSE if method == OF_STRUCTURES else COARSE[:2], every)
-        told = [*tell([SIMPLE], 1), *richer, *coarse]
+        coarse = others(COARSE if method == OF_STRUCTURES else COARSE[:2], every)
+        opinions = [*others([SIMPLE], 1), *richer, *coarse]
         slower = [each for each in coarse if each.orders[:3] == orders] or coarse
     else:
-        told = [*richer, *tell(sorted({SIMPLE, *COARSE} - {each.orders[:3] for each in richer}), 1)]
-        slower = tell([orders], 2)
-    own, own_told = answer, None
+        opinions = [
+            *richer,
+            *others(sorted({SIMPLE, *COARSE} - {each.orders[:3] for each in richer}), 1),
+        ]
+        slower = others([orders], 2)
+    own, own_opinion = answer, None
     if own is None:
         own = fit_record(_forgetting_nothing(config, sample_time_s), u, y, NEAR_ENOUGH, method)
-        own_told = _told(config, sample_time_s, own, u, y, 1, method)
-    if own_told is not None:
-        told, held_back = [*told, own_told], own_told.held_back_pct
+        own_opinion = _opinion(config, sample_time_s, own, u, y, 1, method)
+    if own_opinion is not None:
+        opinions, held_back = [*opinions, own_opinion], own_opinion.held_back_pct
     _, _, scatter = _said(config, sample_time_s, own, own.scatter)
     return Spread(
-        tuple(told), scatter, next(iter(richer), None), next(iter(slower), None), own_told,
+        tuple(opinions), scatter, next(iter(richer), None), next(iter(slower), None), own_opinion,
         held_back, _is_slow(config, sample_time_s, wn), method,
     )  # fmt: skip
 
@@ -312,7 +315,7 @@ def _others(
         if every > 1 or other.orders != config.orders:
             settings = _forgetting_nothing(other, sample_time_s)
             model = fit_record(settings, u, y, NEAR_ENOUGH, method)
-            found.append(_told(other, sample_time_s, model, u, y, every, method))
+            found.append(_opinion(other, sample_time_s, model, u, y, every, method))
     return [each for each in found if each is not None]
 
 

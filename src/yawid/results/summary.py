@@ -112,8 +112,8 @@ def concluded(
     """
     if not flights:
         return advised(with_yaw_loop(summary)), verdict
-    told = [flight for flight, _ in flights if flight.used]
-    summary = replace(summary, flight=flights[0][0], flights=told or None)
+    usable = [flight for flight, _ in flights if flight.used]
+    summary = replace(summary, flight=flights[0][0], flights=usable or None)
     return advised(with_yaw_loop(summary)), flights[0][1]
 
 
@@ -204,7 +204,7 @@ def bank_summaries(bank: Bank) -> tuple[dict[str, MethodSummary], dict[str, Evid
     for method in bank.methods:
         before = np.full(2, np.nan)
         if earlier is not None:
-            before = dutch_roll_told(bank, method, earlier.theta[method])
+            before = dutch_roll_in(bank, method, earlier.theta[method])
         held_back_pct = _held_back_pct(bank, method, history)
         summaries[method], evidence[method] = described(
             bank, method, history, held_back_pct, before, spread
@@ -305,9 +305,7 @@ def stream_spread(bank: Bank, history: SampleHistory) -> Spread:
     One fit to all of these samples, with the estimators' own orders, is one of the structures: a
     recursion may not yet have reached the values that its samples lead to.
     """
-    found = (
-        dutch_roll_told(bank, method, bank.last[method].theta[-1])[0] for method in bank.methods
-    )
+    found = (dutch_roll_in(bank, method, bank.last[method].theta[-1])[0] for method in bank.methods)
     wn = next((float(each) for each in found if each > 0.0), math.nan)
     if not math.isfinite(wn):
         return NOTHING_KNOWN
@@ -317,7 +315,7 @@ def stream_spread(bank: Bank, history: SampleHistory) -> Spread:
     return spread_of(bank.config, bank.sample_time_s, u, y, wn)
 
 
-def dutch_roll_told(bank: Estimates, method: str, theta: Floats) -> Floats:
+def dutch_roll_in(bank: Estimates, method: str, theta: Floats) -> Floats:
     """Return wn in rad/s and zeta (2,) of the Dutch roll in a method's theta (p,), NaN without."""
     orders, mean_output = bank.estimators[method].config.orders, bank.config.output == "yaw"
     return dutch_roll_of(theta, orders, bank.sample_time_s, mean_output=mean_output)

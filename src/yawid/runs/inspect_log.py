@@ -32,7 +32,7 @@ from yawid.results.judge_samples import (
     MOST_REACTION,
     WORTH_PCT,
 )
-from yawid.results.make_card import SAMPLES_PER_PERIOD, Flown, make_card, why_no_card
+from yawid.results.make_card import NICE_HZ, SAMPLES_PER_PERIOD, Flown, make_card, why_no_card
 from yawid.results.reasons import COPIES, Verdict
 from yawid.runs.choose_orders import with_orders
 from yawid.runs.job import KeptSamples, RecordedLog, run
@@ -46,15 +46,13 @@ BRIDGE_S = 20.0
 BEFORE_S = 2.0
 """A stretch begins this long before the rudder moves."""
 LEAST_STRETCH_S = 5.0
-NOBODY = frozenset({"no_vehicle", "no_rudder", "no_yaw"})
-UNANSWERABLE = NOBODY | {"rate_too_low", "not_in_command"}
+UNANSWERABLE = frozenset({"no_vehicle", "no_rudder", "no_yaw", "rate_too_low", "not_in_command"})
 """Reasons that no other option of a replay can remove."""
 WORTH_SAYING = frozenset({"rudder_assumed", "unit_assumed", "rate_low"})
 """Warnings for which the answer says how the next recording can avoid them."""
 LEAST_PER_PERIOD, GOOD_PER_PERIOD = 4.0, 10.0
 """Messages per period of the Dutch roll: at least the first for an answer, better the second."""
 STATES = {AIRBORNE: "airborne", GROUNDED: "on ground"}
-NICE_RATES_HZ = (5.0, 10.0, 20.0, 25.0, 40.0, 50.0, 100.0)
 MOST_REMEDIES = 2
 TAP = "udpin:127.0.0.1:14560"
 """The endpoint of the test card's live command: a ground station has to forward its link there."""
@@ -327,7 +325,7 @@ def _mended(trials: Trials, trial: Trial) -> Trial | None:
     assert trial.answer is not None  # a fatal reason with a remedy comes from an estimate
     own_hz = 1.0 / trial.answer.sample_time_s
     if "rate" in remedy:
-        remedy["rate"] = max(NICE_RATES_HZ[0], min(remedy["rate"], own_hz))
+        remedy["rate"] = max(NICE_HZ[0], min(remedy["rate"], own_hz))
     if "band" in remedy:
         low, high = remedy["band"]
         remedy["band"] = (low, min(high, float(f"{0.45 * remedy.get('rate', own_hz):.2g}")))
@@ -344,7 +342,7 @@ def _rate(trial: Trial, later_hz: float) -> float:
     own = min(later_hz, *(rate for rate in rates if rate is not None))
     wn = trial.wn_rad_s if np.isfinite(trial.wn_rad_s) else 0.0
     target = max(SAMPLES_PER_PERIOD * wn / (2.0 * np.pi), 10.0)
-    allowed = [rate for rate in NICE_RATES_HZ if rate <= own * 1.02]
+    allowed = [rate for rate in NICE_HZ if rate <= own * 1.02]
     if not allowed:
         return float(f"{own:.3g}")
     return min(allowed, key=lambda rate: abs(rate - target))

@@ -16,7 +16,7 @@ from yawid.plant.simulate import SPEED_M_S, PlantName, Simulation, simulate_plan
 from yawid.results.summary import summarise
 from yawid.runs.job import feed_all
 from yawid.runs.outputs import Outputs, finish, open_mcap, parameters_of, whole_or_none
-from yawid.sinks.door import tell_whole
+from yawid.sinks.door import print_text
 from yawid.sources.open_log import TlogBytes
 from yawid.sources.simulated_tlog import SimulatedFlight, tlog_of
 from yawid.system.part_file import check_free, write_whole
@@ -84,7 +84,7 @@ def simulate_to_file(
     if out.suffix == ".mcap":
         _mcap(simulation, out, rate_hz, force)
     elif out == STDOUT:
-        tell_whole(_csv(simulation).decode())
+        print_text(_csv(simulation).decode())
     else:
         check_free(out, force=force)
         write_whole({out: writers[out.suffix](simulation)}, force=force)

@@ -59,14 +59,14 @@ def step_report(
         raise NotIdentifiable("; ".join(refusals) + hint)
     best = min(found, key=lambda name: found[name].noise_std)
 
-    def told(name: str) -> Told:
+    def number(name: str) -> Told:
         value = getattr(found[best], name)
         return Told(value=float(value.value), std=float(value.std))
 
     return StepReport(
         model=best,
-        parameters={name: told(name) for name in _PARAMETERS[best]},
-        settling_2pct_s=told("settling_2pct_s"),
-        settling_5pct_s=told("settling_5pct_s"),
+        parameters={name: number(name) for name in _PARAMETERS[best]},
+        settling_2pct_s=number("settling_2pct_s"),
+        settling_5pct_s=number("settling_5pct_s"),
         noise_std=float(found[best].noise_std),
     )

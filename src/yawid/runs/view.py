@@ -97,8 +97,8 @@ def view_in_foxglove(mcap: Path) -> str:
             f"browser; the layout to import there: {FOXGLOVE}"
         )
     _start(program, str(mcap.absolute()))
-    told = f"Foxglove shows {mcap}; load the layout by its menu, Import from file"
-    return f"{told}: {FOXGLOVE}{_unusable(run)}"
+    text = f"Foxglove shows {mcap}; load the layout by its menu, Import from file"
+    return f"{text}: {FOXGLOVE}{_unusable(run)}"
 
 
 VIEWERS: Final[dict[str, Callable[[Path], str]]] = {
@@ -141,8 +141,8 @@ def _has(run: McapRun, curve: str) -> bool:
         topics |= {MANOEUVRE, FLIGHT}
     topic, _, parameter = curve.partition("/parameters/")
     if parameter:
-        tells = "Estimate.parameters" in run.metadata.get("units", {})  # older files lack them
-        return tells and grid is not None and parameter in grid.parameters and topic in topics
+        has_names = "Estimate.parameters" in run.metadata.get("units", {})  # older files lack them
+        return has_names and grid is not None and parameter in grid.parameters and topic in topics
     return topic.rpartition("/")[0] in topics
 
 

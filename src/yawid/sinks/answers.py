@@ -126,13 +126,13 @@ def _elsewhere(summary: RunSummary) -> str:
     """Return a sentence on the part of a refused log that is usable by itself, "" without any."""
     if summary.flight is None:
         return ""
-    told = [
+    usable = [
         of_loop(each, summary.manoeuvres or (), GREEK)
         for each in summary.by_loop
         if each.verdict.usable
     ]
-    if told:
-        return f"This can be used: {'; '.join(told)}."
+    if usable:
+        return f"This can be used: {'; '.join(usable)}."
     alone = [
         f"{each.n} ({each.from_s:.0f} to {each.to_s:.0f} s)"
         for each in summary.manoeuvres or ()

@@ -86,25 +86,25 @@ def say(text: str) -> None:
         mute(sys.stderr)
 
 
-def tell(line: str) -> None:
+def print_line(line: str) -> None:
     """Write a line of the answer to stdout.
 
     Raises:
         OSError: stdout takes no more.
     """
-    tell_whole(plain(line) + "\n")
+    print_text(plain(line) + "\n")
 
 
-def tell_json(answer: object) -> None:
+def print_json(answer: object) -> None:
     """Write an answer to stdout as one line of JSON, in ASCII.
 
     Raises:
         OSError: stdout takes no more.
     """
-    tell_whole(json.dumps(answer).replace("\x7f", "\\u007f") + "\n")
+    print_text(json.dumps(answer).replace("\x7f", "\\u007f") + "\n")
 
 
-def tell_page(page: Callable[[_T, TextIO], None], content: _T) -> None:
+def print_page(page: Callable[[_T, TextIO], None], content: _T) -> None:
     """Print a page to stdout as one piece, with every text in ``content`` made :func:`plain`.
 
     Raises:
@@ -112,7 +112,7 @@ def tell_page(page: Callable[[_T, TextIO], None], content: _T) -> None:
     """
     text = _Page()
     page(cleaned(content), text)
-    tell_whole(text.getvalue())
+    print_text(text.getvalue())
 
 
 def page_console(stream: TextIO) -> "Console":
@@ -123,7 +123,7 @@ def page_console(stream: TextIO) -> "Console":
     return Console(file=stream, highlight=False, markup=False, emoji=False, width=width)
 
 
-def tell_whole(text: str) -> None:
+def print_text(text: str) -> None:
     """Write to stdout a text made by yawid: what comes from outside must be made plain before.
 
     Raises:

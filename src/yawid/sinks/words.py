@@ -131,10 +131,10 @@ def of_noise(mode: DutchRoll | None, names: tuple[str, str] = LATIN) -> str:
 
 def sigma_means(modes: Iterable[DutchRoll | None]) -> str:
     """Return what the sigmas contain, as a phrase that follows ``one sigma``; "" without any."""
-    told = [mode for mode in modes if mode is not None and mode.wn_std is not None]
-    if any(noise_spreads(mode) for mode in told):
+    known = [mode for mode in modes if mode is not None and mode.wn_std is not None]
+    if any(noise_spreads(mode) for mode in known):
         return ": noise, scatter over the record, structure"
-    return " of noise alone" if told else ""
+    return " of noise alone" if known else ""
 
 
 def duration(seconds: float) -> str:
@@ -348,8 +348,8 @@ def _flown(
     dates = [date for date in (flight.date, *(each.date for each in manoeuvres)) if date]
     if dates:
         yield utc(dates[0])
-    told = [each for each in manoeuvres if each.n in flight.used] or manoeuvres
-    modes = dict.fromkeys(each.mode for each in told if each.mode is not None)
+    used = [each for each in manoeuvres if each.n in flight.used] or manoeuvres
+    modes = dict.fromkeys(each.mode for each in used if each.mode is not None)
     if modes:
         yield f"in {' and '.join(modes)}"
     if vehicle is not None:

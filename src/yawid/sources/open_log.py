@@ -98,10 +98,10 @@ class Log:
         again: bool = False,
     ) -> None:
         self.options = options or ReadOptions()
-        is_told, kind = self.options.form != "auto", format_of(path)
-        self.format = kind = TLOG if is_told and not kind.magic else kind
+        is_given, kind = self.options.form != "auto", format_of(path)
+        self.format = kind = TLOG if is_given and not kind.magic else kind
         opener = kind.opener
-        if opener is None or (is_told and kind is not TLOG):
+        if opener is None or (is_given and kind is not TLOG):
             raise SourceError(
                 f"{path} is {kind.called}, not a telemetry log: give the .tlog of the flight"
             )

@@ -10,7 +10,7 @@ from yawid.tables.keywords import in_keywords
 from yawid.tables.table import Table
 
 
-def told(path: Place, summary: RunSummary, tables: Sequence[Table]) -> str:
+def as_text(path: Place, summary: RunSummary, tables: Sequence[Table]) -> str:
     """Return a run as text for a prompt."""
     rows = ", ".join(f"{table.title} ({len(table)})" for table in tables)
     lines = [f"{path}: {verdict(summary)}", *reasons(summary), *answer(summary), f"rows: {rows}"]

@@ -258,9 +258,9 @@ class Run:
         return [self.samples, *self.estimates.values(), self.modes, self.manoeuvres]
 
     def __repr__(self) -> str:
-        from yawid.tables.page import told
+        from yawid.tables.page import as_text
 
-        return told(self.path, self.summary, self._tables())
+        return as_text(self.path, self.summary, self._tables())
 
     def _repr_html_(self) -> str:
         from yawid.tables.page import page

@@ -154,7 +154,7 @@ class Table:
         )
 
 
-def cell(value: Any) -> str:
+def cell(value: object) -> str:
     """Return a value as text for a person, "" where it is unknown."""
     if value is None or value != value:  # NaN and NaT
         return ""

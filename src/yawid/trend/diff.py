@@ -130,23 +130,23 @@ def diff(a: Place, b: Place) -> Diff:
 def _compared(one: _Side, other: _Side) -> Diff:
     if one.run is not None and other.run is not None:
         flown = _before_after(one, other)
-        told = _told(one, other, list(_of_runs(one, other)), [])
-        return told if flown is None else replace(told, damper=_of_dampers(told, flown))
+        result = _result(one, other, list(_of_runs(one, other)), [])
+        return result if flown is None else replace(result, damper=_of_dampers(result, flown))
     notes: list[str] = []
     for run, fleet in ((one, other), (other, one)):
         if fleet.run is None:
             studied = study(read_flights(fleet.path, run.sha256))
             for each in studied:
                 key = (each.history.vehicle, each.history.loop, each.history.quantity)
-                fleet.numbers[key], fleet.dof[key] = each.told.now, each.fitted.dof
+                fleet.numbers[key], fleet.dof[key] = each.followed.now, each.fitted.dof
             if run.run is not None:
                 _pick(run, fleet, studied, notes)
-    for side, beside, name in ((one, other, "A"), (other, one, "B")):
-        alone = {key[:2] for key in side.numbers} - {key[:2] for key in beside.numbers}
+    for side, opposite, name in ((one, other, "A"), (other, one, "B")):
+        alone = {key[:2] for key in side.numbers} - {key[:2] for key in opposite.numbers}
         if alone:
             said = ", ".join(f"{vehicle} ({loop})" for vehicle, loop in sorted(alone)[:8])
             notes.append(f"only in {name}: {said}{', …' if len(alone) > 8 else ''}")
-    return _told(one, other, [], notes)
+    return _result(one, other, [], notes)
 
 
 def _before_after(a: _Side, b: _Side) -> BeforeAfter | None:
@@ -172,9 +172,9 @@ def _facts(run: McapRun) -> Facts | None:
     return Facts(run.summary, run.config, run.grid.sample_time_s, run.samples(), known)
 
 
-def _of_dampers(told: Diff, found: BeforeAfter) -> DamperDiff:
+def _of_dampers(result: Diff, found: BeforeAfter) -> DamperDiff:
     """Return what the dampers say, with the verdict on the aircraft without them."""
-    judged = [each for each in told.numbers if each.not_judged is None]
+    judged = [each for each in result.numbers if each.not_judged is None]
     differ = [each.quantity for each in judged if each.changed]
     return DamperDiff(
         parameter=found.parameter, unchanged=not differ if judged else None, differ=differ,
@@ -225,7 +225,7 @@ def _pick(run: _Side, fleet: _Side, studied: list[Studied], notes: list[str]) ->
         alike = [each for each in own if (each.history.loop, each.history.quantity) == key[1:]]
         mine = [each for each in alike if each.history.vehicle == vehicle]
         sigma = value.std or 0.0
-        if mine and mine[0].told.days >= LEAST_OWN:
+        if mine and mine[0].followed.days >= LEAST_OWN:
             fleet.numbers[key], fleet.dof[key] = one_more(mine[0], sigma), mine[0].fitted.dof
         elif len(alike) >= LEAST_OWN:
             fleet.numbers[key], fleet.dof[key] = _among(alike, sigma), len(alike) - 1.0
@@ -268,7 +268,7 @@ def _nothing(
     if not own:
         loops = ", ".join(sorted({each.history.loop for each in studied}))
         return f"{fleet.path} has flights of the loop {loops}; {run.path} is of {loop}"
-    mine = [each.told for each in own if each.history.vehicle == vehicle]
+    mine = [each.followed for each in own if each.history.vehicle == vehicle]
     has = "no flight of this vehicle" if not mine else (
         f"{mine[0].flights} flights of {vehicle} on {mine[0].days} days"
     )  # fmt: skip
@@ -291,7 +291,7 @@ def _own_vehicle(run: _Side, studied: list[Studied]) -> str | None:
     return found.pop() if len(found) == 1 else None
 
 
-def _told(a: _Side, b: _Side, facts: list[Fact], notes: list[str]) -> Diff:
+def _result(a: _Side, b: _Side, facts: list[Fact], notes: list[str]) -> Diff:
     a_numbers, b_numbers = a.numbers, b.numbers
     if a.rows and b.rows:
         a_numbers, b_numbers = _alike(a, b), _alike(b, a)

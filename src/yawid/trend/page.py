@@ -29,24 +29,26 @@ LEAST_DAYS: Final = 2.0
 """Least length of the axis of dates in days."""
 
 
-def write_page(told: Trend, studied: Sequence[Studied], path: Path, *, force: bool = False) -> None:
+def write_page(
+    report: Trend, studied: Sequence[Studied], path: Path, *, force: bool = False
+) -> None:
     """Write the page of a data set's trends to ``path``.
 
     Raises:
         SinkError: the file exists and ``force`` is not set, or it cannot be written.
     """
     check_free(path, force=force)
-    html = page(f"{Path(told.dataset).name} - yawid trend", _sections(told, studied))
+    html = page(f"{Path(report.dataset).name} - yawid trend", _sections(report, studied))
     write_whole({path: html.encode("utf-8", "replace")}, force=force)
 
 
-def _sections(told: Trend, studied: Sequence[Studied]) -> Iterator[str]:
-    changed = [each for each in told.followed if each.change is not None]
-    sentence = f"{len(changed)} of {len(told.followed)} histories changed." if changed else (
+def _sections(report: Trend, studied: Sequence[Studied]) -> Iterator[str]:
+    changed = [each for each in report.followed if each.change is not None]
+    sentence = f"{len(changed)} of {len(report.followed)} histories changed." if changed else (
         "Nothing changed beyond chance."
     )  # fmt: skip
-    name, origin = Path(told.dataset).name, f"{told.dataset} · {words.flights_line(told)}"
-    yield head(name, origin, sentence, listed(_changes(told)), usable=not changed)
+    name, origin = Path(report.dataset).name, f"{report.dataset} · {words.flights_line(report)}"
+    yield head(name, origin, sentence, listed(_changes(report)), usable=not changed)
     if studied:
         by_vehicle: dict[tuple[str, str], list[Studied]] = {}
         for each in studied:
@@ -64,32 +66,34 @@ def _sections(told: Trend, studied: Sequence[Studied]) -> Iterator[str]:
             + (f" {more} more vehicles are only in the table." if more else ""),
         )
         if len(by_vehicle) > 1:
-            yield pictures("The vehicles next to each other", list(_beside(studied)))
+            yield pictures("The vehicles next to each other", list(_compared(studied)))
     heading = (
         "vehicle", "", "flights", "now", "a year", "season", "a flight",
         "between flights", "next to others", "result",
     )  # fmt: skip
-    yield sheet("Every history", heading, [(_row(each), not each.tested) for each in told.followed])
+    yield sheet(
+        "Every history", heading, [(_row(each), not each.tested) for each in report.followed]
+    )
     yield note(
         "",
         "± is one sigma. Now: the level after the last change. A year, a flight: slope of a "
         "straight line. Between flights: their scatter beyond their own sigmas. Next to others: "
         "its distance in sigmas from the median of the vehicles of its type. "
-        f"{words.rate_line(told)}.",
+        f"{words.rate_line(report)}.",
     )
     yield note("What this cannot do", " ".join(words.LIMITS))
 
 
-def _changes(told: Trend) -> Iterator[tuple[str, str, str, str]]:
+def _changes(report: Trend) -> Iterator[tuple[str, str, str, str]]:
     """Yield weight, name, text and advice of each change, then of each possible season."""
-    for each in told.followed:
+    for each in report.followed:
         if each.change is not None:
             otherwise = "; ".join(each.change.measured_otherwise)
             advice = f"The measurement changed there too: {otherwise}." if otherwise else (
                 "Look at the flights on both sides of it, and at what was done to the aircraft."
             )  # fmt: skip
             yield "fatal", _whose(each), words.change_line(each.change), advice
-    for each in told.followed:
+    for each in report.followed:
         if each.may_be_season is not None:
             yield "", _whose(each), words.season_line(each.may_be_season), ""
 
@@ -114,7 +118,7 @@ def _row(each: Followed) -> Iterator[Cell]:
     yield words.spread(each.slope_per_flight), ""
     yield "–" if each.between_std is None else f"{each.between_std:.2g}", ""
     yield "–" if each.beside is None else f"{each.beside.sigmas:+.1f}", ""
-    yield words.came_of_it(each), "; ".join(words.outlier_line(one) for one in each.outliers)
+    yield words.result(each), "; ".join(words.outlier_line(one) for one in each.outliers)
 
 
 def _picture(i: int, some: Sequence[Studied]) -> Picture:
@@ -134,7 +138,7 @@ def _picture(i: int, some: Sequence[Studied]) -> Picture:
         axes[-1].xaxis.set_major_formatter(formatter)
 
     look = "; ".join(
-        f"{words.name_of(each.history.quantity)}: {words.came_of_it(each.told)}" for each in some
+        f"{words.name_of(each.history.quantity)}: {words.result(each.followed)}" for each in some
     )
     size_in = 5.6, 1.2 + 1.35 * len(some)
     return Picture(f"trend{i}", f"{vehicle} ({loop.replace('_', ' ')})", look, draw, size_in)
@@ -170,7 +174,7 @@ def _draw_history(ax: Axes, each: Studied) -> None:
     ax.set_ylabel(f"{words.name_of(each.history.quantity)}{f' [{unit}]' if unit else ''}")
 
 
-def _beside(studied: Sequence[Studied]) -> Iterator[Picture]:
+def _compared(studied: Sequence[Studied]) -> Iterator[Picture]:
     for quantity in FOLLOWED:
         some = [each for each in studied if each.history.quantity == quantity]
         some = sorted(some, key=lambda each: each.level.value)
@@ -179,10 +183,10 @@ def _beside(studied: Sequence[Studied]) -> Iterator[Picture]:
         if len(some) > MOST_COMPARED:  # keep both ends, and evenly chosen vehicles between them
             rows = np.unique(np.linspace(0, len(some) - 1, MOST_COMPARED).astype(int))
             some = [some[i] for i in rows]
-        yield _beside_picture(quantity, some)
+        yield _compared_picture(quantity, some)
 
 
-def _beside_picture(quantity: str, some: Sequence[Studied]) -> Picture:
+def _compared_picture(quantity: str, some: Sequence[Studied]) -> Picture:
     def draw(canvas: Figure) -> None:
         ax = canvas.subplots()
         for i, each in enumerate(some):

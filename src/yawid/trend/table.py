@@ -21,11 +21,11 @@ MOST_OUTLIERS: Final = 20
 """Most outliers that are printed; ``--json`` has all."""
 
 
-def print_trend(told: Trend, stream: TextIO) -> None:
+def print_trend(report: Trend, stream: TextIO) -> None:
     """Print a data set's trends: first what changed, then the histories and outliers."""
     console = page_console(stream)
-    console.print(Text(told.dataset, "bold"), soft_wrap=True)
-    changed = [each for each in told.followed if each.change is not None]
+    console.print(Text(report.dataset, "bold"), soft_wrap=True)
+    changed = [each for each in report.followed if each.change is not None]
     word = Text(f"{len(changed)} CHANGED", "bold red") if changed else Text("steady", "bold green")
     console.print(Text("verdict  ") + word)
     for each in changed:
@@ -34,16 +34,16 @@ def print_trend(told: Trend, stream: TextIO) -> None:
              f"{words.change_line(each.change)}", "red")  # fmt: skip
         for line in each.change.measured_otherwise:
             _say(console, f"the measurement changed there too: {line}", "yellow")
-    for each in told.followed:
+    for each in report.followed:
         if each.may_be_season is not None:
             _say(console, f"{each.vehicle} ({each.loop}) {words.name_of(each.quantity)} "
                  f"{words.season_line(each.may_be_season)}", "yellow")  # fmt: skip
-    _say(console, words.flights_line(told))
-    steady = {id(each) for each in [e for e in told.followed if e.change is None][:MOST_ROWS]}
-    rows = [each for each in told.followed if each.change is not None or id(each) in steady]
+    _say(console, words.flights_line(report))
+    steady = {id(each) for each in [e for e in report.followed if e.change is None][:MOST_ROWS]}
+    rows = [each for each in report.followed if each.change is not None or id(each) in steady]
     if rows:
         console.print(_histories(rows))
-    outliers = [(each, one) for each in told.followed for one in each.outliers]
+    outliers = [(each, one) for each in report.followed for one in each.outliers]
     for each, one in outliers[:MOST_OUTLIERS]:
         _say(
             console,
@@ -52,9 +52,9 @@ def print_trend(told: Trend, stream: TextIO) -> None:
     notes = [
         "± is one sigma; now: after the last change; a year: slope of a straight line; "
         "between: scatter of flights beyond their own sigmas",
-        words.rate_line(told),
+        words.rate_line(report),
     ]
-    left = len(told.followed) - len(rows), len(outliers) - MOST_OUTLIERS
+    left = len(report.followed) - len(rows), len(outliers) - MOST_OUTLIERS
     for count, what in zip(left, ("histories", "outliers"), strict=True):
         if count > 0:
             notes.append(f"{count} more {what} are in --json")
@@ -73,7 +73,7 @@ def _histories(rows: list[Followed]) -> Table:
             words.spread(each.now),
             words.spread(each.slope_per_year),
             "-" if each.between_std is None else f"{each.between_std:.2g}",
-            words.came_of_it(each),
+            words.result(each),
             style="" if each.change is None else "red",
         )
         last = whose
@@ -85,62 +85,62 @@ def _named(vehicle: str, loop: str) -> str:
     return vehicle + {AIRFRAME: "", "": "", WITH_ROLL_LOOP: " roll"}.get(loop, " ?")
 
 
-def print_diff(told: Diff, stream: TextIO) -> None:
+def print_diff(report: Diff, stream: TextIO) -> None:
     """Print what changed between two sides: numbers, verdict, channels, configuration."""
     console = page_console(stream)
-    console.print(Text(f"A {told.a}\nB {told.b}", "bold"), soft_wrap=True)
-    if told.changed:
+    console.print(Text(f"A {report.a}\nB {report.b}", "bold"), soft_wrap=True)
+    if report.changed:
         word = Text("CHANGED", "bold red")
-    elif told.judged:
+    elif report.judged:
         word = Text("no change", "bold green")
     else:
         word = Text("nothing could be compared", "bold yellow")
     console.print(Text("verdict  ") + word)
     table = _table("A", "B", "B - A", "sigmas")
-    for each in told.numbers:
-        came = f"not judged: {each.not_judged}" if each.not_judged else "agrees"
-        came = "CHANGED" if each.changed else came
+    for each in report.numbers:
+        result = f"not judged: {each.not_judged}" if each.not_judged else "agrees"
+        result = "CHANGED" if each.changed else result
         table.add_row(
             _named(each.vehicle, each.loop).strip(), words.name_of(each.quantity),
             words.spread(each.a), words.spread(each.b),
             f"{each.difference:+.3g}", "-" if each.sigmas is None else f"{each.sigmas:+.1f}",
-            came, style="red" if each.changed else "",
+            result, style="red" if each.changed else "",
         )  # fmt: skip
-    if told.numbers:
+    if report.numbers:
         console.print(table)
-    if told.damper is not None:
-        _print_damper(console, told.damper)
-    for fact in told.facts:
+    if report.damper is not None:
+        _print_damper(console, report.damper)
+    for fact in report.facts:
         style = "red" if fact.changed else "yellow"
         _say(console, f"{fact.what}: {fact.a} in A, {fact.b} in B", style)
-    for line in told.notes:
+    for line in report.notes:
         _say(console, line)
-    rate = 100.0 * told.false_alarm_rate
+    rate = 100.0 * report.false_alarm_rate
     notes = (
         f"± is one total sigma; changed: beyond what both sigmas explain, at {rate:g} % false "
-        f"alarms over all {told.judged} numbers judged"
+        f"alarms over all {report.judged} numbers judged"
     )
     console.print(Text(fill(notes, console.width, break_on_hyphens=False), "dim"))
 
 
-def _print_damper(console: Console, told: DamperDiff) -> None:
+def _print_damper(console: Console, report: DamperDiff) -> None:
     """Print what two flights say of their yaw damper."""
-    if told.unchanged is None:
+    if report.unchanged is None:
         said, style = "not judged whether it changed", "yellow"
-    elif told.unchanged:
+    elif report.unchanged:
         said, style = "unchanged", "green"
     else:
-        said, style = f"CHANGED in {', '.join(map(words.name_of, told.differ))}", "red"
+        said, style = f"CHANGED in {', '.join(map(words.name_of, report.differ))}", "red"
     console.print(Text("the aircraft without its yaw damper  ") + Text(said, style))
     table = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0))
-    heads = ("", told.parameter, "pair predicted", "decay predicted", "decay flown", "")
+    heads = ("", report.parameter, "pair predicted", "decay predicted", "decay flown", "")
     for head in heads:
         table.add_column(head, justify="right", no_wrap=True)
-    for each in told.flown:
+    for each in report.flown:
         result = {True: "agrees", False: "DIFFERS", None: "-"}[each.agrees]
         modes = (_damped(found) for found in (each, each.decay_predicted, each.decay))
         table.add_row(each.flight, f"{each.gain:g}", *modes, result)
-    if told.flown:
+    if report.flown:
         console.print(table)
         text = (
             "wn in rad/s / zeta. Pair: the Dutch roll with that gain, predicted from the other "
@@ -148,7 +148,7 @@ def _print_damper(console: Console, told: DamperDiff) -> None:
             "not the pair: compare the two fits"
         )
         console.print(Text(fill(text, console.width, break_on_hyphens=False), "dim"))
-    for line in told.notes:
+    for line in report.notes:
         _say(console, line)
 
 

@@ -133,7 +133,7 @@ class Studied:
     fitted: Fitted
     level: Level
     change: Change | None
-    told: Followed
+    followed: Followed
 
 
 def trend(folder: Place, vehicle: str | None = None) -> tuple[Trend, list[Studied]]:
@@ -151,17 +151,17 @@ def trend(folder: Place, vehicle: str | None = None) -> tuple[Trend, list[Studie
             some = f"{', '.join(names[:8])}{', …' if len(names) > 8 else ''}" or "none"
             raise ConfigError(f"--vehicle {vehicle}: not in {folder}, which has {some}")
     shown = [each for each in studied if vehicle in (None, each.history.vehicle)]
-    told = Trend(
+    report = Trend(
         dataset=str(folder.absolute()),
         changed=any(each.change is not None for each in shown),
         false_alarm_rate=FALSE_ALARMS,
-        histories_tested=sum(each.told.tested for each in studied),
+        histories_tested=sum(each.followed.tested for each in studied),
         numbers_tested=sum(len(each.history.flights) for each in studied),
         flights=len({(row["log_sha256"], row["sysid"], row["boot"]) for row in flights.rows}),
         left_out={why: count for why, count in flights.left_out.items() if count},
-        followed=[each.told for each in shown],
+        followed=[each.followed for each in shown],
     )
-    return told, shown
+    return report, shown
 
 
 def study(flights: Flights) -> list[Studied]:
@@ -179,12 +179,12 @@ def study(flights: Flights) -> list[Studied]:
         shape = None if change is None else profile(len(fit.days.value), change)
         changes.append(change)
         levels.append(level_of(history.track, fit, shape))
-    besides = _besides(histories, levels)
+    compared = _compared(histories, levels)
     return [
-        Studied(history, fit, level, change, _told(flights, history, fit, level, change, beside,
+        Studied(history, fit, level, change, _followed(flights, history, fit, level, change, beside,
                                                    among))
         for history, fit, level, change, beside in zip(
-            histories, fits, levels, changes, besides, strict=True
+            histories, fits, levels, changes, compared, strict=True
         )
     ]  # fmt: skip
 
@@ -209,7 +209,7 @@ def _fits(histories: Sequence[History]) -> list[Fitted]:
     return [found[i] for i in range(len(histories))]
 
 
-def _besides(histories: Sequence[History], levels: Sequence[Level]) -> list[Beside | None]:
+def _compared(histories: Sequence[History], levels: Sequence[Level]) -> list[Beside | None]:
     """Compare the levels of vehicles of one type and loop."""
     alike: dict[tuple[object, ...], list[int]] = {}
     for i, history in enumerate(histories):
@@ -219,18 +219,18 @@ def _besides(histories: Sequence[History], levels: Sequence[Level]) -> list[Besi
         value = np.array([levels[i].value for i in rows])
         std = np.array([levels[i].std for i in rows])
         for i, beside in zip(rows, compare(value, std), strict=True):
-            found[i] = None if beside is None else _beside(beside, len(rows), len(histories))
+            found[i] = None if beside is None else _among_others(beside, len(rows), len(histories))
     return found
 
 
-def _beside(found: Compared, vehicles: int, tested: int) -> Beside:
+def _among_others(found: Compared, vehicles: int, tested: int) -> Beside:
     p = min(1.0, found.p * tested)
     return Beside(
         vehicles=vehicles, median=found.median, sigmas=found.z, p=p, stands_out=p <= FALSE_ALARMS
     )
 
 
-def _told(
+def _followed(
     flights: Flights,
     history: History,
     fit: Fitted,

@@ -48,7 +48,7 @@ def outlier_line(outlier: Outlier) -> str:
     return f"{outlier.date[:10]} (flight {outlier.flight}) {outlier.sigmas:+.1f} sigma"
 
 
-def came_of_it(each: Followed) -> str:
+def result(each: Followed) -> str:
     """Return the result for one number of one vehicle in a few words."""
     said = []
     if each.change is not None:
@@ -66,11 +66,11 @@ def came_of_it(each: Followed) -> str:
     return ", ".join(said) or "steady"
 
 
-def flights_line(told: Trend) -> str:
+def flights_line(report: Trend) -> str:
     """Return in words how many flights there are, and how many were left out and why."""
-    left = ", ".join(f"{count} {why}" for why, count in told.left_out.items())
-    text = f"{told.flights} flights" + (f", left out: {left}" if left else "")
-    if any(each.vehicle.startswith("sysid:") for each in told.followed):
+    left = ", ".join(f"{count} {why}" for why, count in report.left_out.items())
+    text = f"{report.flights} flights" + (f", left out: {left}" if left else "")
+    if any(each.vehicle.startswith("sysid:") for each in report.followed):
         text += (
             "; sysid:N is a MAVLink id, used where no serial number is known; several aircraft may "
             "share it"
@@ -78,13 +78,13 @@ def flights_line(told: Trend) -> str:
     return text
 
 
-def rate_line(told: Trend) -> str:
+def rate_line(report: Trend) -> str:
     """Return in words what was tested, and how often the tests give false alarms."""
-    rate = 100.0 * told.false_alarm_rate
+    rate = 100.0 * report.false_alarm_rate
     return (
         f"false alarms: {rate:g} % of data sets in which nothing changed, over all "
-        f"{told.histories_tested} histories tested and all looks, one after each day flown; "
-        f"outliers likewise, over {told.numbers_tested} numbers in one look"
+        f"{report.histories_tested} histories tested and all looks, one after each day flown; "
+        f"outliers likewise, over {report.numbers_tested} numbers in one look"
     )
 
 

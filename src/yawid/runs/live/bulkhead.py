@@ -24,13 +24,13 @@ class Bulkhead:
         self,
         what: str,
         goes_on: str,
-        tell: Callable[[str], None],
+        say: Callable[[str], None],
         lets_pass: Callable[[Exception], bool] = lambda _: False,
     ) -> None:
         self.what = what
         self.failure: str | None = None
         self._goes_on = goes_on
-        self._tell = tell
+        self._say = say
         self._lets_pass = lets_pass
 
     def attempt(self, act: Callable[[], _T], otherwise: _T) -> _T:
@@ -51,7 +51,7 @@ class Bulkhead:
             # The text of a SinkError already names what failed.
             is_said = isinstance(error, SinkError)
             self.failure = cause if is_said else f"{self.what} failed because of {cause}"
-            self._tell(f"{self.failure}: {self._goes_on}")
+            self._say(f"{self.failure}: {self._goes_on}")
 
 
 def cause_of(error: Exception) -> str:

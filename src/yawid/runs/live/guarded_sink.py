@@ -22,8 +22,8 @@ class Guard(Bulkhead):
     without = "it"
     """The name of what the session goes on without, in a message."""
 
-    def __init__(self, part: Path, tell: Callable[[str], None]) -> None:
-        super().__init__(part.name, f"the session goes on without {self.without}", tell)
+    def __init__(self, part: Path, say: Callable[[str], None]) -> None:
+        super().__init__(part.name, f"the session goes on without {self.without}", say)
         self._part = part
         self._look = Pace(LOOK_S)
 
@@ -57,8 +57,8 @@ class Guard(Bulkhead):
 class Guarded(Guard, Relay):
     """A sink that hands every call to another sink, which writes ``part``, and guards it."""
 
-    def __init__(self, sink: Sink, part: Path, tell: Callable[[str], None]) -> None:
-        super().__init__(part, tell)
+    def __init__(self, sink: Sink, part: Path, say: Callable[[str], None]) -> None:
+        super().__init__(part, say)
         self._sink = sink
 
     def flush(self) -> None:
@@ -87,9 +87,9 @@ class TlogRecorder(Guard):
 
     without = "its tlog"
 
-    def __init__(self, path: Path, tell: Callable[[str], None], *, force: bool) -> None:
+    def __init__(self, path: Path, say: Callable[[str], None], *, force: bool) -> None:
         part, self._stream = open_part(path, force=force)
-        super().__init__(part, tell)
+        super().__init__(part, say)
         self._path = path
         self._force = force
 

@@ -18,7 +18,7 @@ from yawid.runs.live.overload import Overload
 from yawid.runs.live.publish import Publish
 from yawid.runs.live.vehicle_session import MOST_EVENTS, Ended, Setting
 from yawid.runs.live.vehicles import MOST_VEHICLES, Fleet, Single
-from yawid.runs.live.worker import DiskBeside, Worker
+from yawid.runs.live.worker import SharedDisk, Worker
 from yawid.runs.outputs import Outputs
 from yawid.runs.stop import StopFlag
 from yawid.sinks.terminal.live_facts import LiveFacts as ScreenFacts
@@ -45,7 +45,7 @@ SWITCH_S = 0.001
 With 1 ms the latency of the stream's estimates is the same while a fit runs; with Python's usual
 5 ms it is visibly longer.
 """
-LOAD, LOAD_BESIDE_FITS, LONGEST_PAUSE_S = 1 / 3, 1 / 8, 0.5
+LOAD, LOAD_WITH_FITS, LONGEST_PAUSE_S = 1 / 3, 1 / 8, 0.5
 """The part of the time that the loop may take, alone and while fits wait, and the longest pause.
 
 A loop that needs more reads less often, with pauses up to the longest. A block takes nearly the
@@ -146,7 +146,7 @@ def live(
             RUNNER.compile_behind()
             setting = Setting(
                 options.endpoint, config, outputs, read_options, options.state, console.say,
-                stamps.now, tap.reached_us, fits, DiskBeside(disk), viewers, lateral,
+                stamps.now, tap.reached_us, fits, SharedDisk(disk), viewers, lateral,
             )  # fmt: skip
             with _publishing(tap, setting, options) as publish:
                 return _attend(tap, setting, options, stop, console, publish)
@@ -249,9 +249,9 @@ class _Loop:
                 tap, hz, setting.read_options, options.request_sysid, sender_of
             )
         self._publish = publish
-        self._publishing = Bulkhead("publishing", "nothing more is published", self._tell)
-        self._asking = Bulkhead("asking for rates", "no more rates are asked for", self._tell)
-        self._drawing = Bulkhead("the screen", "lines are written instead", self._tell)
+        self._publishing = Bulkhead("publishing", "nothing more is published", self._say)
+        self._asking = Bulkhead("asking for rates", "no more rates are asked for", self._say)
+        self._drawing = Bulkhead("the screen", "lines are written instead", self._say)
 
     def run(self, stop: StopFlag) -> None:
         """Read and watch until asked to stop, the time is up, or the endpoint fails."""
@@ -268,7 +268,7 @@ class _Loop:
             if self._publish is not None:
                 publish = partial(self._publish.tick, self._sessions.running(), time.monotonic())
                 for line in self._publishing.attempt(publish, list[str]()):
-                    self._tell(line)
+                    self._say(line)
             stopped = [session for session in self._sessions.running() if session.stopped()]
             if stopped or self._console.is_due():
                 self._show()
@@ -312,14 +312,14 @@ class _Loop:
         inbox = self._tap.inbox
         if len(inbox):
             skipped_bytes = inbox.skip()
-            self._tell(
+            self._say(
                 f"stopped while {inbox.skipped} datagrams of {skipped_bytes} bytes were waiting to "
                 "be estimated: they are in no file and no estimate"
             )
         for line in self._tap.news:
-            self._tell(line)
+            self._say(line)
         if inbox.dropped or inbox.too_long or self._tap.socket_dropped:
-            self._tell(f"some datagrams were lost on this machine: {self._dropped()} dropped")
+            self._say(f"some datagrams were lost on this machine: {self._dropped()} dropped")
         parts = (self._publishing, self._asking, self._drawing)
         failed = [part for part in parts if part.failure is not None]
         dropped = {
@@ -353,7 +353,7 @@ class _Loop:
         except SourceError as error:
             if not self._has_failed:
                 self._has_failed = True
-                self._tell(str(error))
+                self._say(str(error))
             return False
         self._read_s = time.monotonic()
         if data:
@@ -368,16 +368,16 @@ class _Loop:
         The shorter of the two counts, so that a single long pass changes nothing.
         """
         usual_s, self._busy_s = min(busy_s, self._busy_s), busy_s
-        load = LOAD_BESIDE_FITS if self._fits.waiting else LOAD
+        load = LOAD_WITH_FITS if self._fits.waiting else LOAD
         self._tap.pause_s = min(max(BATCH_S, usual_s / load), LONGEST_PAUSE_S)
 
     def _watch(self) -> None:
         """Report what is new: senders, silence, a clock that was set, overload, rates."""
         while self._tap.news:
-            self._tell(self._tap.news.popleft())
+            self._say(self._tap.news.popleft())
         jump_s = self._tap.stamps.jump()
         if jump_s is not None:
-            self._tell(
+            self._say(
                 f"this machine's clock jumped by {jump_s:+.1f} s: the receive stamps continue "
                 "without the jump"
             )
@@ -388,15 +388,15 @@ class _Loop:
             text = f"no data for {seconds} s" if self._is_silent else "the link is back"
             never = self._is_silent and not self._tap.inbox.last_us
             to_send = f"; {self._tap.endpoint.to_send}" if never else ""
-            self._tell(f"{text} on {self._tap.endpoint}{to_send}")
+            self._say(f"{text} on {self._tap.endpoint}{to_send}")
         for line in self._overload.lines():
-            self._tell(line)
+            self._say(line)
         if self._rates is not None:
             ask = partial(self._rates.tick, time.monotonic(), self._vehicle())
             for line in self._asking.attempt(ask, list[str]()):
-                self._tell(line)
+                self._say(line)
 
-    def _tell(self, text: str) -> None:
+    def _say(self, text: str) -> None:
         if len(self._events) < MOST_EVENTS:
             self._events.append(text)
         self._console.say(text)

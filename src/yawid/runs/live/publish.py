@@ -29,7 +29,7 @@ class Published:
         self.manoeuvres = 0
         self.since_s = math.inf
         self.state: str | None = None
-        self.told_s = -math.inf
+        self.said_s = -math.inf
 
 
 class Publish:
@@ -62,8 +62,8 @@ class Publish:
         }
         for vehicle, session in speaking.items():
             known = self._known.setdefault(vehicle, Published(self._worker))
-            tell = partial(self._tell_manoeuvres, vehicle[0], session, known)
-            session.publishing.attempt(tell, None)
+            report = partial(self._report_manoeuvres, vehicle[0], session, known)
+            session.publishing.attempt(report, None)
         if speaking:
             self._say_how_many(len(speaking))
             turn = min(speaking, key=lambda vehicle: self._known[vehicle].round_s)
@@ -101,29 +101,29 @@ class Publish:
         answer = known.answer.look(pipeline, session.decoder.link)
         known.since_s = min(known.since_s, now_s)
         if answer is not None and now_s - known.since_s >= SETTLE_S:
-            self._tell_change(vehicle[0], answer, known, now_s)
+            self._report_change(vehicle[0], answer, known, now_s)
         newest_us = [us for us in pipeline.channels.segmenter.newest if us is not None]
         boot_ms = max(newest_us, default=0) // 1000
         if self._publisher.send_round(vehicle[0], boot_ms, values_of(answer), now_s):
             known.round_s = now_s
 
-    def _tell_manoeuvres(self, sysid: int, session: LiveSession, known: Published) -> None:
+    def _report_manoeuvres(self, sysid: int, session: LiveSession, known: Published) -> None:
         """Queue a text on each manoeuvre answered since the last call."""
         answered = session.pipeline.manoeuvres or []
         news, known.manoeuvres = answered[known.manoeuvres :], len(answered)
         for found in news:
             self._publisher.say(sysid, INFO, manoeuvre_text(found))
 
-    def _tell_change(self, sysid: int, answer: Answer, known: Published, now_s: float) -> None:
+    def _report_change(self, sysid: int, answer: Answer, known: Published, now_s: float) -> None:
         """Queue a text where the verdict differs from the one that was sent last.
 
         While a session is not usable, its first reason may change with every call: such changes are
         sent less often.
         """
         turns = "usable" in (answer.state, known.state) or known.state is None
-        if answer.state == known.state or not (turns or now_s - known.told_s >= REASON_S):
+        if answer.state == known.state or not (turns or now_s - known.said_s >= REASON_S):
             return
-        known.state, known.told_s = answer.state, now_s
+        known.state, known.said_s = answer.state, now_s
         severity = NOTICE if answer.verdict.usable else INFO
         self._publisher.say(sysid, severity, verdict_text(answer), about="verdict")
 

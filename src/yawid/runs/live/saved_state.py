@@ -46,8 +46,8 @@ class StateFile(Bulkhead):
         SinkError: the file cannot be written.
     """
 
-    def __init__(self, path: Path, config: RunConfig, tell: Callable[[str], None]) -> None:
-        super().__init__("the state", "the state is no longer saved", tell)
+    def __init__(self, path: Path, config: RunConfig, say: Callable[[str], None]) -> None:
+        super().__init__("the state", "the state is no longer saved", say)
         self._path = path
         self._pace = Pace(SAVE_S)
         self._keep_old = False
@@ -72,7 +72,7 @@ class StateFile(Bulkhead):
             reason = "the estimators are set up differently"
         if reason:
             self._keep_old = True
-            self._tell(
+            self._say(
                 f"the state in {self._path} does not fit this session, so estimation starts again: "
                 f"{reason}"
             )
@@ -83,7 +83,7 @@ class StateFile(Bulkhead):
             bank.estimators[method] = estimator
         minutes = (time.time() - head["saved_s"]) / 60.0
         updates = bank.estimators[bank.methods[0]].updates
-        self._tell(f"resumed from {self._path}: {updates} updates, saved {minutes:.0f} min ago")
+        self._say(f"resumed from {self._path}: {updates} updates, saved {minutes:.0f} min ago")
 
     def tick(self, pipeline: Pipeline, worker: Executor) -> None:
         """Have the worker save every ``SAVE_S``; a failure to write is reported once."""
@@ -196,7 +196,7 @@ def _read(path: Path) -> tuple[dict[str, Any] | None, dict[str, RecursiveArmax]]
     return head, saved
 
 
-def _key(bank: Bank, pipeline: Pipeline) -> dict[str, Any]:
+def _key(bank: Bank, pipeline: Pipeline) -> dict[str, object]:
     """Return all that must agree for a state to be resumed, in JSON's types."""
     channels, vehicle = pipeline.channels, pipeline.channels.lock.vehicle
     assert vehicle is not None
@@ -209,12 +209,12 @@ def _key(bank: Bank, pipeline: Pipeline) -> dict[str, Any]:
     return dict(json.loads(json.dumps(key)))
 
 
-def _settings(config: RunConfig) -> dict[str, Any]:
+def _settings(config: RunConfig) -> dict[str, object]:
     settings = {k: v for k, v in asdict(config).items() if k not in (*_NOT_THE_MODEL, *_OF_RECORDS)}
     return dict(json.loads(json.dumps(settings)))
 
 
-def _difference(ours: dict[str, Any], theirs: dict[str, Any]) -> str:
+def _difference(ours: dict[str, object], theirs: dict[str, object]) -> str:
     """Return a text on the first difference, "" if there is none."""
     for name, value in ours.items():
         other = theirs.get(name)

@@ -23,7 +23,7 @@ from yawid.runs.live.saved_state import StateFile, of_vehicle
 from yawid.runs.live.screen_facts import Gatherer
 from yawid.runs.live.standing import Latency, Standing
 from yawid.runs.live.viewer_thread import Viewer
-from yawid.runs.live.worker import DiskBeside, Worker
+from yawid.runs.live.worker import SharedDisk, Worker
 from yawid.runs.outputs import (
     Outputs,
     finish,
@@ -69,7 +69,7 @@ class Setting(NamedTuple):
     now_us: Callable[[], int]
     reached_us: Callable[[], int]
     fits: Worker
-    disk: DiskBeside
+    disk: SharedDisk
     viewers: Worker | None
     lateral: Worker | None
 
@@ -94,7 +94,7 @@ class LiveSession:
         self._label = label
         self._state: StateFile | None = None
         if setting.state is not None:
-            self._state = StateFile(setting.state, setting.config, self.tell)
+            self._state = StateFile(setting.state, setting.config, self.say)
         self._viewer = self._open_viewer()
         self._sinks: list[Sink] = [] if self._viewer is None else [self._viewer]
         self.decoder = setting.read_options.decoder(Pipeline.reads)
@@ -115,11 +115,11 @@ class LiveSession:
         self._estimating = Bulkhead(
             "the estimation",
             "it is no longer estimated, but recorded as before",
-            self.tell,
+            self.say,
             self._misfit,
         )
-        self._showing = Bulkhead("the status", "it is no longer shown", self.tell)
-        self.publishing = Bulkhead("publishing", "nothing more is published for it", self.tell)
+        self._showing = Bulkhead("the status", "it is no longer shown", self.say)
+        self.publishing = Bulkhead("publishing", "nothing more is published for it", self.say)
 
     @property
     def vehicle(self) -> tuple[int, int] | None:
@@ -132,7 +132,7 @@ class LiveSession:
         """Whether the estimation has not failed."""
         return self._estimating.failure is None
 
-    def tell(self, text: str) -> None:
+    def say(self, text: str) -> None:
         """Print a line, and keep it for the summary."""
         if len(self.events) < MOST_EVENTS:
             self.events.append(text)
@@ -176,8 +176,8 @@ class LiveSession:
 
     def _look(self) -> None:
         """Report new manoeuvres, further vehicles, and signatures that are not checked."""
-        self._tell_of(self.pipeline.collect())
-        self._tell_of_lateral(self.pipeline.collect_lateral())
+        self._report(self.pipeline.collect())
+        self._report_lateral(self.pipeline.collect_lateral())
         if self._setting.config.sysid is None:
             self._look_for_others()
         if not self._signing_said:
@@ -189,8 +189,8 @@ class LiveSession:
 
     def _settle(self) -> None:
         self.pipeline.feed(self.decoder.finish())
-        self._tell_of(self.pipeline.finish())
-        self._tell_of_lateral(self.pipeline.collect_lateral(wait=True))
+        self._report(self.pipeline.finish())
+        self._report_lateral(self.pipeline.collect_lateral(wait=True))
         if not self._signing_said:
             self._look_for_signatures()
 
@@ -283,16 +283,16 @@ class LiveSession:
         self.abort()
         return None if tlog is None else tlog.finish()
 
-    def _tell_of(self, answered: list[Manoeuvre]) -> None:
+    def _report(self, answered: list[Manoeuvre]) -> None:
         """Report each answered manoeuvre in a line."""
         for found in answered:
             again = f" ({tried(found)})" if found.tries else ""
-            self.tell(f"manoeuvre {found.n} ({flown(found)}): {says(found)}{again}")
+            self.say(f"manoeuvre {found.n} ({flown(found)}): {says(found)}{again}")
 
-    def _tell_of_lateral(self, found: list[tuple[int, Bare]]) -> None:
+    def _report_lateral(self, found: list[tuple[int, Bare]]) -> None:
         """Report the bare airframe of each manoeuvre in a line."""
         for n, bare in found:
-            self.tell(f"manoeuvre {n}, {lateral_says(bare)}")
+            self.say(f"manoeuvre {n}, {lateral_says(bare)}")
 
     def _open(self) -> None:
         self._opened = True
@@ -302,7 +302,7 @@ class LiveSession:
             self._guard("rrd", lambda: open_rerun(outputs)[0])
         if outputs.record:
             try:
-                self._tlog = TlogRecorder(outputs.path(".tlog"), self.tell, force=outputs.force)
+                self._tlog = TlogRecorder(outputs.path(".tlog"), self.say, force=outputs.force)
             except Exception as error:
                 self._go_on_without("tlog", error)
 
@@ -317,7 +317,7 @@ class LiveSession:
         }
         for sysid in sorted(flying - self._others - {lock.vehicle.sysid}):
             self._others.add(sysid)
-            self.tell(
+            self.say(
                 f"system {sysid} is received too, but system {lock.vehicle.sysid} is estimated: "
                 "choose another by --sysid N, or each by --sysid all"
             )
@@ -327,12 +327,12 @@ class LiveSession:
         said = self._setting.read_options.unchecked(self.decoder.link)
         if said is not None:
             self._signing_said = True
-            self.tell(said)
+            self.say(said)
 
     def _guard(self, name: str, make: Callable[[], Sink]) -> None:
         part = self._setting.outputs.path(f".{name}.part")
         try:
-            guarded = Guarded(make(), part, self.tell)
+            guarded = Guarded(make(), part, self.say)
         except Exception as error:
             self._go_on_without(name, error)
             return
@@ -341,14 +341,14 @@ class LiveSession:
 
     def _go_on_without(self, name: str, error: Exception) -> None:
         self.failures[name] = cause_of(error)
-        self.tell(f"{self.failures[name]}: the session goes on without it")
+        self.say(f"{self.failures[name]}: the session goes on without it")
 
     def _open_viewer(self) -> Viewer | None:
         outputs, viewers = self._setting.outputs, self._setting.viewers
         if viewers is None or not outputs.has_viewer:
             return None
         return Viewer(
-            lambda warn: RerunSink(outputs.rerun, name=outputs.name, warn=warn), self.tell, viewers
+            lambda warn: RerunSink(outputs.rerun, name=outputs.name, warn=warn), self.say, viewers
         )
 
     def _make_bank(self, config: RunConfig, sample_time_s: float) -> Bank:

@@ -194,7 +194,7 @@ class Fleet:
         except Exception as error:
             session = for_vehicle(self._setting._replace(state=None), sysid)
             session.failures["state"] = cause_of(error)
-            session.tell(f"{cause_of(error)}: estimated from the start; the state is not saved")
+            session.say(f"{cause_of(error)}: estimated from the start; the state is not saved")
             self._sessions[sysid] = session
 
     def _guard(self, sysid: int, act: Callable[[LiveSession], None]) -> None:
@@ -207,7 +207,7 @@ class Fleet:
             self._refused.add(sysid)
             tlog = self._sessions[sysid].give_up()
             recorded = f"; what was recorded is in {tlog}" if tlog else ""
-            self._sessions[sysid].tell(f"{error}: no longer estimated{recorded}")
+            self._sessions[sysid].say(f"{error}: no longer estimated{recorded}")
 
 
 def records(data: bytes) -> Iterator[bytes]:

@@ -27,7 +27,7 @@ class Viewer(Relay):
     def __init__(
         self,
         connect: Callable[[Callable[[str], None]], Sink],
-        tell: Callable[[str], None],
+        say: Callable[[str], None],
         worker: Executor,
     ) -> None:
         # Of each pair the first is counted by the caller's thread, the second by the viewer's.
@@ -35,10 +35,10 @@ class Viewer(Relay):
         self._handed = self._done = 0
         self._worker = worker
         self._connect = connect
-        self._tell = tell
+        self._say = say
         self._lost = self._was_lost = False
         self._begin: Call | None = None
-        self.working = Bulkhead("the viewer", "the session goes on without it", tell)
+        self.working = Bulkhead("the viewer", "the session goes on without it", say)
         self._again = Pace(AGAIN_S)
         self._again.due()
         self._sink = connect(self._gone)
@@ -100,7 +100,7 @@ class Viewer(Relay):
         if self._lost:
             return
         self._was_lost = False
-        self._tell("the Rerun viewer is back")
+        self._say("the Rerun viewer is back")
         if self._begin is not None:
             self._begin(self._sink)
 
@@ -109,4 +109,4 @@ class Viewer(Relay):
         self._lost = True
         if not self._was_lost:
             self._was_lost = True
-            self._tell(text)
+            self._say(text)

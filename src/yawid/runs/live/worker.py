@@ -52,7 +52,7 @@ def _do(future: "Future[_T]", act: Callable[[], _T]) -> None:
         future.set_exception(error)
 
 
-class DiskBeside(Disk):
+class SharedDisk(Disk):
     """A disk whose files a thread synchronises, which takes milliseconds: the loop does not wait.
 
     Each file waits once at most; what is written after that is for the next call. Others may use

@@ -180,8 +180,8 @@ def write_junit(path: Path, outcomes: Sequence[Outcome]) -> None:
         case = ET.SubElement(suite, "testcase", named, time=_seconds([outcome]))
         if not outcome.ok:
             kind = "failure" if outcome.code == 1 else "error"
-            told = ET.SubElement(case, kind, message=_clean(outcome.wrong[0]))
-            told.text = _clean("\n".join(outcome.wrong))
+            problem = ET.SubElement(case, kind, message=_clean(outcome.wrong[0]))
+            problem.text = _clean("\n".join(outcome.wrong))
     ET.indent(suites)
     with os_errors_as_sink_error(path):
         path.write_bytes(ET.tostring(suites, encoding="utf-8", xml_declaration=True) + b"\n")

@@ -8,7 +8,6 @@ relative to the larger of the value and the column's root mean square; NaN equal
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -102,7 +101,7 @@ def _compare_column(
 
 
 def split_tolerances(
-    tolerances: Mapping[str, float], columns: Sequence[str], reference: Any
+    tolerances: Mapping[str, float], columns: Sequence[str], reference: object
 ) -> tuple[dict[str, float], dict[str, float]]:
     """Return the tolerances of columns, and those of the summary's keys and all keys below them.
 
@@ -120,7 +119,9 @@ def split_tolerances(
     return by_column, by_key
 
 
-def _side_by_side(expected: Any, actual: Any, where: str = "") -> Iterator[tuple[str, Any, Any]]:
+def _side_by_side(
+    expected: object, actual: object, where: str = ""
+) -> Iterator[tuple[str, object, object]]:
     """Yield (dotted name, expected value, actual value) for all keys of two summaries.
 
     None stands for a missing key. What both summaries have is followed down to its last key; what
@@ -138,7 +139,7 @@ def _side_by_side(expected: Any, actual: Any, where: str = "") -> Iterator[tuple
 
 
 def compare_summaries(
-    expected: Any, actual: Any, tolerances: Mapping[str, float] | None = None
+    expected: object, actual: object, tolerances: Mapping[str, float] | None = None
 ) -> Iterator[str]:
     """Yield a message for each key that differs; a tolerance holds for all keys below its own."""
     for name, a, b in _side_by_side(expected, actual):
@@ -148,7 +149,7 @@ def compare_summaries(
             yield f"summary.{name}: expected {_short(a)}, got {_short(b)}"
 
 
-def _short(value: Any) -> str:
+def _short(value: object) -> str:
     """Return the value in a line; a long one is cut, and a list is preceded by its length."""
     said = repr(value)
     if len(said) <= MOST_SAID:
@@ -157,7 +158,9 @@ def _short(value: Any) -> str:
     return f"{count}{said[:MOST_SAID]}…"
 
 
-def _same_value(expected: Any, actual: Any, where: str, tolerances: Mapping[str, float]) -> bool:
+def _same_value(
+    expected: object, actual: object, where: str, tolerances: Mapping[str, float]
+) -> bool:
     if not isinstance(expected, float) or not isinstance(actual, int | float):
         return type(expected) is type(actual) and bool(expected == actual)
     named = max((name for name in tolerances if _below(where, name)), key=len, default="")

@@ -89,7 +89,7 @@ def _on_board(log: Path) -> bytes:
 
 def _written(place: Path, name: str, log: bytes, origin: str, options: Mapping[str, Any]) -> Case:
     """Write the case and replay it once to set its floor; remove everything where that fails."""
-    told = {
+    content = {
         "origin": origin,
         "licence": "not stated: whose log is it, and who may have it?",
         "sha256": hashlib.sha256(log).hexdigest(),
@@ -100,9 +100,9 @@ def _written(place: Path, name: str, log: bytes, origin: str, options: Mapping[s
         place.mkdir(parents=True)
     try:
         (place / name).write_bytes(log)
-        (place / "case.toml").write_text(tomli_w.dumps(told), encoding="utf-8")
-        told["floor"] = int(FLOOR_SHARE * Case.read(place).replay().updates)
-        (place / "case.toml").write_text(tomli_w.dumps(told), encoding="utf-8")
+        (place / "case.toml").write_text(tomli_w.dumps(content), encoding="utf-8")
+        content["floor"] = int(FLOOR_SHARE * Case.read(place).replay().updates)
+        (place / "case.toml").write_text(tomli_w.dumps(content), encoding="utf-8")
     except BaseException as error:
         shutil.rmtree(place, ignore_errors=True)  # this function made the folder itself
         if isinstance(error, OSError):

@@ -34,7 +34,7 @@ def update(folder: Path, names: Sequence[str], why: str, say: Callable[[str], No
         raise ConfigError("--why must give a reason")
     cases = find_cases(folder, names)
     # This comes before any replay, so that a reason that cannot be recorded is refused early.
-    told = {case.folder: _recorded(case, why) for case in cases}
+    recorded = {case.folder: _recorded(case, why) for case in cases}
     refused, done = [], 0
     try:
         for case in cases:
@@ -42,7 +42,7 @@ def update(folder: Path, names: Sequence[str], why: str, say: Callable[[str], No
             if wrong := case.unsound(replayed):
                 refused.append(f"{case.folder}: {wrong[0]}")
             else:
-                _write(case, replayed, told[case.folder])
+                _write(case, replayed, recorded[case.folder])
                 say(f"updated  {case.name}")
             done += 1
     except Interrupted:

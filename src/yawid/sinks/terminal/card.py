@@ -80,9 +80,9 @@ def _known(report: Inspection, card: FlightTestCard) -> Iterator[Row]:
 def _before(card: FlightTestCard) -> Iterator[Row]:
     named = (("yaw", card.yaw_hz), ("rudder", card.rudder_hz))
     has = {name: hz for name, hz in named if hz is not None}
-    told = ", ".join(f"{name} {hz:.2g} Hz" for name, hz in has.items()) or "none"
+    rates = ", ".join(f"{name} {hz:.2g} Hz" for name, hz in has.items()) or "none"
     enough = card.rates_suffice
-    yield "[ ] rates", f"{'as they were' if enough else f'{card.ask_hz:g} Hz'} (this log: {told})"
+    yield "[ ] rates", f"{'as they were' if enough else f'{card.ask_hz:g} Hz'} (this log: {rates})"
     if not enough:
         yield from _rates(card)
     for each in card.parameters:

@@ -24,10 +24,10 @@ def print_damper(report: DamperReport, stream: TextIO) -> None:
         _print_mix(console, report)
         return
     found = report.recommended
-    told = "none is recommended" if found is None else (
+    text = "none is recommended" if found is None else (
         f"aim at {found.low:g} to {found.high:g}, fly {found.next:g} next"
     )  # fmt: skip
-    console.print(Text(f"{report.parameter}  {told}", style="bold"))
+    console.print(Text(f"{report.parameter}  {text}", style="bold"))
     for sentence in report.says:
         console.print(Text(f"  {sentence}"))
     for reason in report.verdict.reasons:

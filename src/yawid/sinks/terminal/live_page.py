@@ -250,11 +250,11 @@ def _answer(vehicle: VehicleFacts, width: int) -> Iterator[Text]:
     """Yield the rows of the flight's answers, and of the present verdict."""
     for flight in vehicle.flights:
         count, roll = counted(flight, vehicle.manoeuvres), flight.dutch_roll
-        told, where = "no answer", ""
+        answer, where = "no answer", ""
         if roll is not None:
-            told, where = dutch_roll(roll), conditions(flight)
+            answer, where = dutch_roll(roll), conditions(flight)
         is_first = flight is vehicle.flights[0]
-        line = Text().append(told, "bold" if is_first else "")
+        line = Text().append(answer, "bold" if is_first else "")
         line.append("  (± is one sigma)" if is_first else "")
         yield _row("FLIGHT" if is_first else "ALSO", line)
         of = f"of {whose(flight)}" if len(vehicle.flights) > 1 else ""

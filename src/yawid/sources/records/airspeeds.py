@@ -38,7 +38,7 @@ class Airspeed(NamedTuple):
 
 
 def airspeed_of(
-    table: Table, found: Mapping[str, Found], have: Mapping[str, Floats], *, told: bool
+    table: Table, found: Mapping[str, Found], have: Mapping[str, Floats], *, has_held: bool
 ) -> Airspeed:
     """Return the airspeed, and where the ground speed is used instead of it.
 
@@ -60,10 +60,10 @@ def airspeed_of(
         kind = same(float(given), table.rows)
     if air is nothing and ground is nothing and "airspeed_kind" not in found:
         return Airspeed(nothing, same(0.0, table.rows), nothing, nothing)
-    stands_in = np.isnan(air) & np.isfinite(ground) & (told or not has_airspeed)
+    stands_in = np.isnan(air) & np.isfinite(ground) & (has_held or not has_airspeed)
     if "airspeed_kind" in found:
         kind, by_ground = _named(table, found["airspeed_kind"])
-        stands_in &= by_ground | ~np.full(table.rows, told)
+        stands_in &= by_ground | ~np.full(table.rows, has_held)
     kind = np.where(stands_in, np.nan, kind)
     return Airspeed(np.where(stands_in, ground, air), stands_in.astype(float), ground, kind)
 

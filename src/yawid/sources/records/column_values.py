@@ -167,8 +167,10 @@ def rudder_of(
     values = values if unit.factor == 1.0 else values * unit.factor
     stroke = None
     if unit.symbol == "rad" and max_deg is None:
-        told = own.get("rudder_stroke_rad")
-        stroke = float(told) if told else max(largest_stroke(t_us, values), LEAST_STROKE_RAD)
+        own_stroke = own.get("rudder_stroke_rad")
+        stroke = (
+            float(own_stroke) if own_stroke else max(largest_stroke(t_us, values), LEAST_STROKE_RAD)
+        )
     rudder_is = asked.rudder_is or kind_of(found, unit, own)
     return values, Settled(name, sign or "nose-right", max_deg, stroke, rudder_is)
 

@@ -17,7 +17,7 @@ from yawid.quantities.vehicles import (
 )
 
 _NUMBER: Final = re.compile("[0-9]{1,10}")
-FIRST_OF_NOBODY: Final = 1000
+FIRST_UNNAMED: Final = 1000
 """The first number for modes with unknown names: the name is lost, but changes of mode are not."""
 _NUMBERS: Final = {ARDUPILOT: range(64), PX4: sorted({*px4_custom_modes(np.arange(64)).tolist()})}
 
@@ -36,7 +36,7 @@ def modes_of(texts: Sequence[str], autopilot: str | None) -> tuple[Floats, tuple
         who = who if any(name in known[who] for name in names) else 0
     numbers = dict(known.get(who, {}))
     for name in names:
-        numbers.setdefault(name, FIRST_OF_NOBODY + len(numbers))
+        numbers.setdefault(name, FIRST_UNNAMED + len(numbers))
     found = {text: float(text) if _NUMBER.fullmatch(text) else numbers.get(text, np.nan)
              for text in set(texts)}  # fmt: skip
     return np.array([found[text] for text in texts], float), (who, FIXED_WING if who else 0)

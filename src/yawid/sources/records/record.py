@@ -100,7 +100,7 @@ class Record:
             with gathered(lacking):
                 have[name] = in_its_unit(table, name, found[name])
         raise_all(self.path, lacking, asked.columns)
-        airspeed = airspeed_of(table, found, have, told="held" in found)
+        airspeed = airspeed_of(table, found, have, has_held="held" in found)
         mode, whose = _modes(table, found, own.get("autopilot"))
         measured = MEASURED.union(LATERAL) & {*RecordBlock.__slots__} - airspeed._asdict().keys()
         self._rows = Rows(
