@@ -1,0 +1,61 @@
+"""The frequency response of the plant from measured data, by cross spectra."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import signal
+
+from yawid.blocks import Floats
+from yawid.errors import ConfigError, NotIdentifiable
+from yawid.estimation.checks import checked_record
+
+
+@dataclass(frozen=True, slots=True)
+class FrequencyResponse:
+    """G (n,) of the sampled plant in y per u, at ``frequency_hz`` (n,).
+
+    ``coherence`` (n,) is the squared coherence; ``magnitude_std`` (n,) in y per u and
+    ``phase_std_rad`` (n,) are the sigma of |G| and of its angle.
+    """
+
+    frequency_hz: Floats
+    G: NDArray[np.complex128]
+    coherence: Floats
+    magnitude_std: Floats
+    phase_std_rad: Floats
+
+
+def frequency_response(
+    u: ArrayLike, y: ArrayLike, sample_time_s: float, segment_s: float
+) -> FrequencyResponse:
+    """Return G = S_uy / S_uu of u (n,) and y (n,) from averaged cross spectra (passive).
+
+    Hann windows of ``segment_s`` s overlap by half, each with its mean removed; the frequency 0 is
+    left out. Sigma follows Bendat and Piersol (2010, table 9.6), with 0.95 independent averages for
+    each of the overlapping segments.
+
+    Raises:
+        ConfigError: a shape is wrong, or a segment is below 8 samples or above half the record.
+        NotIdentifiable: the input does not move.
+    """
+    u, y = checked_record(u, y)
+    length = round(segment_s / sample_time_s)
+    if not 8 <= length <= len(y) // 2:
+        raise ConfigError(
+            f"a segment must hold at least 8 samples and at most half the record, got {segment_s} s"
+        )
+    if not np.ptp(u) > 0.0:
+        raise NotIdentifiable("the input does not move")
+    options = {"fs": 1.0 / sample_time_s, "window": "hann", "nperseg": length}
+    frequency, s_uu = signal.welch(u, **options)
+    _, s_yy = signal.welch(y, **options)
+    _, s_uy = signal.csd(u, y, **options)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        G = s_uy / s_uu
+        coherence = np.clip(np.abs(s_uy) ** 2 / (s_uu * s_yy), 0.0, 1.0)
+        averages = 0.95 * (2 * len(y) // length - 1)
+        relative = np.sqrt((1.0 - coherence) / (2.0 * averages * coherence))
+    return FrequencyResponse(
+        frequency[1:], G[1:], coherence[1:], np.abs(G[1:]) * relative[1:], relative[1:]
+    )
