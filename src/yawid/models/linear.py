@@ -15,8 +15,8 @@ from scipy import signal
 from yawid.blocks import Floats
 from yawid.errors import ConfigError
 from yawid.models.fitted import Judged
-from yawid.physics.modes import Complexes
 from yawid.physics.frequency_response import frequency_response as measured_response
+from yawid.physics.modes import Complexes
 
 Matrices = tuple[Floats, Floats, Floats, Floats]
 """A (n, n), B (n, inputs), C (outputs, n), D (outputs, inputs)."""

@@ -19,9 +19,9 @@ from yawid.answers.run_summary import DutchRoll
 from yawid.blocks import Floats, Ints
 from yawid.errors import YawidError
 from yawid.models.fitted import Judged, Model
+from yawid.physics.frequency_response import FrequencyResponse, frequency_response
 from yawid.physics.model_response import step_response
 from yawid.physics.modes import Complexes, damping_lines, discrete_poles
-from yawid.physics.frequency_response import FrequencyResponse, frequency_response
 from yawid.report.picture import Picture, band, log_axis
 from yawid.sinks.base import Grid
 from yawid.sinks.palette import BAD, BARE, DATA, MODEL, NEUTRAL
