@@ -53,7 +53,8 @@ def run_limited(
     command = [sys.executable, "-c", limited, str(ROOT / "src"), *map(str, arguments)]
     done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=within_s)
     assert done.returncode == 0, done.stderr
-    assert int(done.stdout.split()[-1]) < megabytes
+    peak = int(done.stdout.split()[-1])
+    assert peak < megabytes, f"{peak} MB"
     return done
 
 
