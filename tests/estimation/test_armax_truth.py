@@ -9,6 +9,7 @@ from scipy.signal import lfilter
 
 from yawid import ArmaxOrders, RecursiveArmax, Status
 from yawid.estimation.polynomials import c_of, spr_margin
+from yawid.plant.yaw import YawPlant
 
 
 def information(plant):
@@ -78,6 +79,35 @@ def test_95_percent_intervals_cover(method, forgetting_factor):
         rows = slice(1499, None, 1500)
         inside.append(np.abs(block.theta[rows] - truth(plant)) <= 1.96 * block.theta_std[rows])
     assert 0.92 <= np.mean(inside) <= 0.98
+
+
+def test_intervals_cover_where_an_order_is_too_low_because_sigma_knows_of_coloured_residuals():
+    """The truth of the orders 1,2,2 is their estimate from 10^6 samples."""
+    a1, a2, b1, b2 = YawPlant(K=1.0, T_theta_s=0.8, omega_beta=2.5, xi_beta=0.2).theta(0.02)
+
+    def flown(n, seed):
+        white, e = np.random.default_rng(seed).standard_normal((2, n))
+        u = lfilter([np.sqrt(1.0 - 0.95**2)], [1.0, -0.95], white)
+        coloured = lfilter((1.0, -1.3, 0.42), (1.0, a1, a2), e)
+        return u, lfilter((0.0, b1, b2), (1.0, a1, a2), u) + 0.02 * coloured
+
+    def runs(lags, n, seed, factor, keep):
+        made = config(
+            ArmaxOrders(1, 2, 2, 1), method="rml", bias=False, forgetting_factor=factor,
+            residual_lags=lags,
+        )  # fmt: skip
+        return RecursiveArmax(made).run(*flown(n, seed), keep=keep)
+
+    limit, covered = runs(0, 10**6, 999, 1.0, "last").theta[-1], {}
+    for lags in (20, 0):
+        blocks = [runs(lags, 20_000, seed, 0.998, "all") for seed in range(10)]
+        inside = [
+            abs(b.theta - limit)[1999::2000] <= 1.96 * b.theta_std[1999::2000] for b in blocks
+        ]
+        covered[lags] = np.mean([miss[1999::2000] <= 1.96 for miss in misses])
+
+    assert covered[20] > 0.87
+    assert covered[0] < 0.75
 
 
 def test_noise_and_innovation_have_their_true_spread():

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -62,16 +61,6 @@ def test_a_ratio_is_the_median_of_pairs_in_turn_and_the_first_runs_are_not_count
     assert told == ("a log, 60 min (10%)", "1.00, 1.20: 1.20")
 
 
-@pytest.mark.long  # runs the bench itself
-def test_memory_is_told_without_and_with_manoeuvres_and_a_replay_that_fails_ends_the_bench(
-    tmp_path: Path,
-) -> None:
-    _, told = bench.grown(tmp_path, 0.05)
-
-    grown, most = (float(word) for word in re.findall(r"[+-][\d.]+", told))
-    # On a busy machine the peak of a process depends on how its threads run.
-    assert -200.0 < grown < 200.0
-    assert -200.0 < most < 200.0
-    assert most != 0.0
+def test_a_replay_that_fails_ends_the_bench(tmp_path: Path) -> None:
     with pytest.raises(SystemExit, match="missing"):
         bench.user_s(tmp_path / "missing.tlog", tmp_path / "out", "off")

@@ -14,8 +14,7 @@ from collections.abc import Iterator
 import numpy as np
 from scipy.signal import cont2discrete, lfilter
 
-from bench.plants import Floats
-from yawid.blocks import Held, SampleBlock
+from yawid.blocks import Floats, Held, SampleBlock
 from yawid.channels.align import Aligner
 from yawid.channels.conditioning import Conditioner, finer_by
 from yawid.channels.series import Piece, Readings, Series

@@ -12,10 +12,11 @@ from collections.abc import Callable, Iterator
 from functools import partial
 
 import numpy as np
+from scipy.signal import lfilter
 
 from bench.peers import FORGETTING, PEERS
-from bench.plants import PLANTS, Floats
 from yawid import ArmaxOrders, EstimatorConfig, RecursiveArmax
+from yawid.blocks import Floats
 
 SAMPLES = 4_000
 CHUNK = 50
@@ -99,7 +100,9 @@ def main(arguments: list[str]) -> Iterator[str]:
     parser = argparse.ArgumentParser(prog="bench.py estimator", description=__doc__)
     parser.add_argument("--rounds", type=int, default=60)
     rounds = parser.parse_args(arguments).rounds
-    u, y = PLANTS[0].simulate(SAMPLES, 0)
+    u, e = np.random.default_rng(0).standard_normal((2, SAMPLES))
+    a = (1.0, -1.5, 0.7)
+    y = lfilter((0.0, 1.0, 0.5), a, u) + lfilter((1.0, -1.0, 0.2), a, e)
     best = [measure(ours(u, y, order) | peers(u, y, order), rounds) for order in (2, 3)]
     yield "| | ns per update, 6 parameters | x NumPy | 9 parameters | x NumPy |"
     yield "|---|---|---|---|---|"

@@ -1,21 +1,15 @@
-"""The cost of finding manoeuvres: CPU of whole replays with and without it, and memory over hours.
+"""The cost of finding manoeuvres: CPU of whole replays with and without it.
 
 ``made`` is made-up telemetry as a plane sends it (long_log.py), ``jsbsim`` a flight of the c172p.
 Manoeuvres are a tenth of each log, or the rudder never rests, and every 120 s make one manoeuvre.
 Each replay is a process of its own, with auto and off in turn. The seconds are medians of user CPU,
-the ratio is the median over the pairs. Memory is what Python's allocators hold while a stream runs
-through a pipeline.
+the ratio is the median over the pairs.
 """
 
 from __future__ import annotations
 
 import argparse
-import gc
-import json
-import subprocess
-import sys
 import tempfile
-import tracemalloc
 from collections.abc import Callable, Iterator
 from itertools import cycle
 from pathlib import Path
@@ -31,9 +25,6 @@ from flights.surgery import join
 from flights.telemetry import Link, telemetry
 
 from bench.replay import ANSWERED
-from yawid.config.run import RunConfig
-from yawid.pipeline import Pipeline
-from yawid.runs.job import open_log
 
 SETTINGS = ("off", "auto")
 MOVED_S, EVERY_S = 30.0, 360.0
@@ -112,74 +103,19 @@ def compared(log: Path, name: str, pairs: int) -> tuple[str, str]:
     return head, f"{off:.2f}, {auto:.2f}: {ratio:.2f}"
 
 
-_IN_A_PROCESS = """
-import json, sys
-from pathlib import Path
-from bench.manoeuvres import held_mb
-print(json.dumps(held_mb(Path(sys.argv[1]), sys.argv[2])))
-"""
-
-
-def held_mb(log: Path, setting: str) -> list[float]:
-    """Return Python's memory in MB: after a tenth of a log, at its end, and its peak between."""
-    source, pipeline = open_log(log), Pipeline(RunConfig(manoeuvres=setting))
-    tracemalloc.start()
-    read = 0
-    held: list[float] = []
-    for size, block in source.read():
-        pipeline.feed(block)
-        read += size
-        if not held and read >= source.size / 10:
-            del block
-            gc.collect()
-            held.append(tracemalloc.get_traced_memory()[0] / 1e6)
-            tracemalloc.reset_peak()
-    peak = tracemalloc.get_traced_memory()[1] / 1e6
-    pipeline.finish()
-    gc.collect()
-    return [*held, tracemalloc.get_traced_memory()[0] / 1e6, peak]
-
-
-def grown(folder: Path, hours: float) -> tuple[str, str]:
-    """Return a heading, and how much more memory a long stream needs with manoeuvres.
-
-    The stream runs in one process without them and in another with them.
-    """
-    log = folder / "long.tlog"
-    write_log(log, hours, "raised", moved_s=MOVED_S, every_s=EVERY_S)
-    growths, peaks = [], []
-    for setting in SETTINGS:
-        command = [sys.executable, "-c", _IN_A_PROCESS, str(log), setting]
-        done = subprocess.run(
-            command, capture_output=True, text=True, cwd=Path(__file__).resolve().parents[1]
-        )
-        if done.returncode:
-            raise SystemExit(done.stderr.strip())
-        first, last, peak = json.loads(done.stdout)
-        growths.append(last - first)
-        peaks.append(peak)
-    more = [auto - off for off, auto in (growths, peaks)]
-    head = f"memory over {hours:g} h"
-    return head, f"{more[0]:+.2f} MB, peak {more[1]:+.2f}"
-
-
 def main(arguments: list[str]) -> Iterator[str]:
     """Yield the table."""
     parser = argparse.ArgumentParser(prog="bench.py manoeuvres", description=__doc__)
     parser.add_argument("--pairs", type=int, default=5)
     parser.add_argument("--share", type=float, default=1.0, help="of the logs' lengths")
-    parser.add_argument("--hours", type=float, default=10.0, help="of the stream for memory")
-    parser.add_argument("--only", choices=("time", "memory"))
     options = parser.parse_args(arguments)
     columns = []
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        for number, (what, write, minutes) in enumerate(LOGS if options.only != "memory" else ()):
+        for number, (what, write, minutes) in enumerate(LOGS):
             log = folder / f"{number}.tlog"
             write(log, options.share * minutes)
             columns.append(compared(log, what, options.pairs))
-        if options.only != "time":
-            columns.append(grown(folder, options.hours))
     yield "| | " + " | ".join(head for head, _ in columns) + " |"
     yield "|---" * (1 + len(columns)) + "|"
     yield "| user CPU s, off, auto: ratio | " + " | ".join(cell for _, cell in columns) + " |"

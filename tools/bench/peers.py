@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from bench.plants import Floats
+from yawid.blocks import Floats
 
 FORGETTING = 0.998
 

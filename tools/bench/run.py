@@ -16,7 +16,6 @@ from checks.readme_tables import put
 
 BENCHES = (
     "estimator",
-    "confidence",
     "link",
     "live",
     "vehicles",
