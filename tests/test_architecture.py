@@ -196,7 +196,7 @@ def test_a_library_is_imported_only_where_its_job_is() -> None:
 
 def test_files_and_functions_stay_small() -> None:
     for path in MODULES:
-        assert path.read_text().count("\n") <= MOST_LINES, path
+        assert path.read_text(encoding="utf-8").count("\n") <= MOST_LINES, path
         for node in ast.walk(tree(path)):
             if isinstance(node, ast.FunctionDef):
                 assert node.end_lineno is not None

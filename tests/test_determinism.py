@@ -140,8 +140,8 @@ def test_the_number_of_workers_changes_nothing(tmp_path: Path):
         folder = tmp_path / str(workers)
         for name in NAMES:
             shutil.copytree(CASES / name, folder / name)
-            (folder / name / "expected.csv").write_text("k,t\n0,0\n")
-            (folder / name / "expected.json").write_text("{}")
+            (folder / name / "expected.csv").write_text("k,t\n0,0\n", encoding="utf-8")
+            (folder / name / "expected.json").write_text("{}", encoding="utf-8")
         outcomes = list(regress(find_cases(folder, []), workers=workers))
         rows = [Path(o.files["actual"]).read_bytes() for o in outcomes]
         found.append(([(o.name, o.wrong) for o in outcomes], rows))
@@ -171,8 +171,8 @@ def test_references_of_this_machine_hold_on_instructions_of_another(tmp_path: Pa
     folder = tmp_path / "cases"
     for path in CASES.glob("*/case.toml"):
         shutil.copytree(path.parent, folder / path.parent.name)
-        lowered = path.read_text().replace("floor = ", "floor = 0 # ", 1)
-        (folder / path.parent.name / "case.toml").write_text(lowered)
+        lowered = path.read_text(encoding="utf-8").replace("floor = ", "floor = 0 # ", 1)
+        (folder / path.parent.name / "case.toml").write_text(lowered, encoding="utf-8")
     assert main(["regress", "--update", "--why", "here and now", "--folder", str(folder)]) == 0
 
     environment = other_instructions(tmp_path / "cache")

@@ -323,13 +323,13 @@ def test_a_newcomer_touches_few_files(change: Change, most: int, tmp_path: Path)
     shutil.copytree(SRC, house)
     for name, text in change.new.items():
         assert not (house / name).exists()
-        (house / name).write_text(text.lstrip())
+        (house / name).write_text(text.lstrip(), encoding="utf-8")
     for name, pairs in change.edited.items():
-        text = (house / name).read_text()
+        text = (house / name).read_text(encoding="utf-8")
         for before, after in pairs:
             assert text.count(before) == 1, f"{name}: {before}"
             text = text.replace(before, after)
-        (house / name).write_text(text)
+        (house / name).write_text(text, encoding="utf-8")
 
     proof = f"LOG = {str(C172P)!r}\n{change.proof}"
     environment = os.environ | {"PYTHONPATH": str(house.parent)}

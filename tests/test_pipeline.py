@@ -66,7 +66,7 @@ def test_the_dutch_roll_of_the_flown_c172p_is_found(method: str):
     import json
 
     folder = CASES / "c172p_3211"
-    truth = json.loads((folder / "truth.json").read_text())["dutch_roll"]
+    truth = json.loads((folder / "truth.json").read_text(encoding="utf-8"))["dutch_roll"]
     data = (folder / "log.tlog").read_bytes()
     _, summary = run(data, 1 << 20, rate=10.0, forgetting=1.0, method=method)
 

@@ -74,7 +74,7 @@ def test_every_wait_has_a_limit(folder: Path) -> None:
     found = {
         (path.relative_to(ROOT).as_posix(), call)
         for path in folder.rglob("*.py")
-        for call in endless(path.read_text(), of_tests=folder == TESTS)
+        for call in endless(path.read_text(encoding="utf-8"), of_tests=folder == TESTS)
     }
 
     assert found - HAS_A_LIMIT == set()
@@ -104,7 +104,8 @@ def test_a_test_that_stands_is_ended_and_named_and_the_others_run(tmp_path: Path
     (tmp_path / "test_one.py").write_text(
         "import threading\n"
         "def test_that_stands(): threading.Event().wait()\n"
-        "def test_that_is_next(): pass\n"
+        "def test_that_is_next(): pass\n",
+        encoding="utf-8",
     )
     own = ["-c", ROOT / "pyproject.toml", "-n", "1", "-o", "faulthandler_timeout=1"]
     done = subprocess.run(

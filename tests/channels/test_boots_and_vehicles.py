@@ -136,11 +136,14 @@ def test_a_log_of_one_boot_says_what_it_covers(tmp_path: Path):
 
 def test_the_boot_can_stand_in_a_file(tmp_path: Path):
     path = tmp_path / "options.toml"
-    path.write_text("boot = 2\n")
-    config = RunConfig(**check_settings(tomllib.loads(path.read_text()), str(path)))
+    path.write_text("boot = 2\n", encoding="utf-8")
+    config = RunConfig(**check_settings(tomllib.loads(path.read_text(encoding="utf-8")), str(path)))
     assert config.boot == 2
-    path.write_text(config.to_toml())
-    assert RunConfig(**check_settings(tomllib.loads(path.read_text()), str(path))) == config
+    path.write_text(config.to_toml(), encoding="utf-8")
+    assert (
+        RunConfig(**check_settings(tomllib.loads(path.read_text(encoding="utf-8")), str(path)))
+        == config
+    )
 
 
 @pytest.mark.parametrize(("sysid", "answered"), [([], "2/1"), (["--sysid", "1"], "1/1")])

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import argparse
+import re
 import shutil
 import subprocess
 from pathlib import Path
 
 import pytest
+from shell import Shell
 
 from yawid.cli import main as command_line
 
@@ -29,7 +31,7 @@ printf '%s\\n' "${COMPREPLY[@]}"
 def script(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Path:
     assert command_line.main(["completion", "bash"]) == 0
     path = tmp_path / "yawid.bash"
-    path.write_text(capsys.readouterr().out)
+    path.write_text(capsys.readouterr().out, encoding="utf-8")
     return path
 
 
@@ -40,6 +42,14 @@ def offered(script: Path, *words: str) -> set[str]:
         cwd=script.parent, capture_output=True, text=True, check=True, timeout=60,
     )  # fmt: skip
     return set(done.stdout.split())
+
+
+def files_of(folder: Path) -> None:
+    """Write files of all kinds, and a case, to a folder."""
+    for name in ("a.tlog", "b.BIN", "c.mcap", "d.mcap.part", "e.toml", "f.html"):
+        (folder / name).touch()
+    (folder / "replay_logs" / "climb").mkdir(parents=True)
+    (folder / "replay_logs" / "climb" / "case.toml").touch()
 
 
 def test_bash_takes_the_script_and_offers_every_command(script: Path):
@@ -56,20 +66,53 @@ def test_bash_offers_options_choices_and_files(script: Path):
     assert offered(script, "replay", "--signing-key-file", "yawid.b") == {"yawid.bash"}
 
 
-def test_zsh_takes_its_script_with_every_command(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-):
+@pytest.fixture
+def zsh_script(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Path:
     assert command_line.main(["completion", "zsh"]) == 0
-    text = capsys.readouterr().out
+    path = tmp_path / "_yawid"
+    path.write_text(capsys.readouterr().out, encoding="utf-8")
+    return path
+
+
+def test_zsh_s_script_has_every_command(zsh_script: Path):
+    text = zsh_script.read_text(encoding="utf-8")
 
     assert text.startswith("#compdef yawid\n")
     assert all(f"    {command}:" in text for command in COMMANDS)
     assert "]:els|rml:(els rml)" in text
     assert "]:FILE:_files -g '*.(#i)(toml)(-.)'" in text
-    if shutil.which("zsh"):
-        (tmp_path / "_yawid").write_text(text)
-        done = subprocess.run(["zsh", "-n", tmp_path / "_yawid"], check=False, timeout=60)
-        assert done.returncode == 0
+
+
+@pytest.mark.skipif(shutil.which("zsh") is None, reason="needs zsh")
+def test_zsh_offers_commands_options_values_files_and_cases(zsh_script: Path):
+    """In a terminal of its own, with the Tab key; Ctrl-X shows the line and empties it."""
+    files_of(zsh_script.parent)
+    begin = (
+        f"cd {zsh_script.parent}; fpath=($PWD $fpath); autoload -Uz compinit; compinit -u -D;"
+        " unsetopt zle_bracketed_paste; LISTMAX=999;"
+        ' show() { print -r "[$BUFFER]"; BUFFER=; zle redisplay }; zle -N show; bindkey "^X" show;'
+        " print ready$((1 + 1))\r"
+    )
+    with Shell("zsh", "-f", "-i") as shell:
+        shell.type(begin, r"ready2\r\n(?s:.)*> ")
+
+        def offers(line: str) -> set[str]:
+            """Return the words that are listed, or put in, after Tab at the end of a line."""
+            seen = shell.type(f"yawid {line}\t\x18", r"\[yawid .*\]")
+            return set(re.split(r"\x1b\[[\d;?]*[A-Za-z]|[]\s]", seen))
+
+        assert offers("") >= COMMANDS
+        assert offers("replay --rudder-") >= RUDDER
+        assert offers("replay --method ") >= {"els", "rml"}
+        assert offers("replay --rerun s") >= {"save", "spawn"}
+        logs = {"a.tlog", "b.BIN", "c.mcap", "replay_logs/"}
+        assert (of_replay := offers("replay ")) >= logs
+        assert not of_replay & {"d.mcap.part", "e.toml", "f.html"}
+        assert not (of_view := offers("view ")) & {"a.tlog", "b.BIN"}
+        assert of_view >= {"c.mcap", "replay_logs/"}
+        assert offers("recover d") >= {"d.mcap.part"}
+        assert offers("replay --config ") >= {"e.toml", "replay_logs/"}
+        assert offers("regress cl") >= {"climb"}
 
 
 def test_another_shell_is_refused_by_name(capsys: pytest.CaptureFixture[str]):
@@ -85,10 +128,7 @@ def test_bash_offers_values_files_by_their_suffix_and_cases(script: Path):
     assert offered(script, "replay", "--also", "") == {"els", "rml", "none"}
     assert offered(script, "replay", "--rerun", "s") == {"save", "spawn"}
     assert offered(script, "inspect", "--inputs", "") == {"rudder", "rudder,aileron"}
-    for name in ("a.tlog", "b.BIN", "c.mcap", "d.mcap.part", "e.toml", "f.html"):
-        (script.parent / name).touch()
-    (script.parent / "replay_logs" / "climb").mkdir(parents=True)
-    (script.parent / "replay_logs" / "climb" / "case.toml").touch()
+    files_of(script.parent)
     assert offered(script, "replay", "") == {"a.tlog", "b.BIN", "c.mcap", "replay_logs"}
     assert offered(script, "fleet", "") == offered(script, "replay", "")
     assert offered(script, "view", "") == {"c.mcap", "replay_logs"}

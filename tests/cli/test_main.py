@@ -103,10 +103,10 @@ def test_a_recording_in_the_way_leaves_no_half_written_mcap(tmp_path: Path):
 
 
 def test_an_existing_file_is_kept_unless_force_is_given(tmp_path: Path):
-    (tmp_path / "log.mcap").write_text("mine")
+    (tmp_path / "log.mcap").write_text("mine", encoding="utf-8")
 
     refused = inside("replay", C172P, "--out", tmp_path)
-    kept = (tmp_path / "log.mcap").read_text()
+    kept = (tmp_path / "log.mcap").read_text(encoding="utf-8")
     forced = inside("replay", C172P, "--out", tmp_path, "--force")
 
     assert refused.returncode == 6
@@ -117,7 +117,7 @@ def test_an_existing_file_is_kept_unless_force_is_given(tmp_path: Path):
 
 def bad_inputs(tmp_path: Path) -> dict[str, Path]:
     (tmp_path / "empty.tlog").touch()
-    (tmp_path / "text.tlog").write_text("Build started.\nBuild succeeded.\n" * 40)
+    (tmp_path / "text.tlog").write_text("Build started.\nBuild succeeded.\n" * 40, encoding="utf-8")
     (tmp_path / "folder").mkdir()
     return {
         "empty": tmp_path / "empty.tlog",
@@ -209,7 +209,9 @@ def test_a_setting_outside_its_limits_is_named_with_the_limit(
 
 def test_every_option_can_stand_in_a_toml_file_and_the_command_line_wins(tmp_path: Path):
     settings = tmp_path / "run.toml"
-    settings.write_text('orders = [2, 2, 2, 1]\nrate = 10\nforgetting = 1.0\nalso = "none"\n')
+    settings.write_text(
+        'orders = [2, 2, 2, 1]\nrate = 10\nforgetting = 1.0\nalso = "none"\n', encoding="utf-8"
+    )
 
     done = inside("replay", C172P, "--config", settings, "--rate", 5, "--out", tmp_path, "--json")
 
@@ -222,7 +224,7 @@ def test_every_option_can_stand_in_a_toml_file_and_the_command_line_wins(tmp_pat
 @pytest.mark.parametrize("text", ["rates = 10", 'rate = "fast"', "rate = [", "orders = [1.5]"])
 def test_a_toml_file_with_a_mistake_is_refused(text: str, tmp_path: Path):
     settings = tmp_path / "run.toml"
-    settings.write_text(text)
+    settings.write_text(text, encoding="utf-8")
 
     assert main(["replay", str(C172P), "--config", str(settings), "--out", str(tmp_path)]) == 2
 

@@ -93,7 +93,7 @@ def test_a_value_that_cannot_be_is_named_as_it_was_written(arguments, said, tmp_
 )
 def test_a_toml_file_s_mistake_is_named_with_what_was_needed(text, said, tmp_path: Path, capsys):
     settings = tmp_path / "run.toml"
-    settings.write_text(text)
+    settings.write_text(text, encoding="utf-8")
 
     assert main(["replay", C172P, "--config", str(settings), "--out", str(tmp_path / "o")]) == 2
     assert said in capsys.readouterr().err
@@ -104,7 +104,8 @@ def test_a_toml_file_holds_what_is_written_where_and_auto_orders_too(tmp_path: P
     out = tmp_path / "there"
     settings.write_text(
         f"orders = 'auto'\nrate = 10\nmanoeuvres = 'off'\nout = '{out}'\njson = true\n"
-        "rerun = 'off'\nforce = true\nseconds = 5.5\n"
+        "rerun = 'off'\nforce = true\nseconds = 5.5\n",
+        encoding="utf-8",
     )
     arguments = ["replay", C172P, "--config", str(settings)]
 
@@ -118,7 +119,7 @@ def test_a_toml_file_holds_what_is_written_where_and_auto_orders_too(tmp_path: P
 
 def test_a_live_session_says_who_finds_its_orders(tmp_path: Path, capsys):
     settings = tmp_path / "run.toml"
-    settings.write_text("orders = 'auto'\nsysid = 'all'\n")
+    settings.write_text("orders = 'auto'\nsysid = 'all'\n", encoding="utf-8")
 
     assert main(["live", "udpin:127.0.0.1:0", "--config", str(settings)]) == 2
     assert "yawid orders" in capsys.readouterr().err
@@ -126,7 +127,7 @@ def test_a_live_session_says_who_finds_its_orders(tmp_path: Path, capsys):
 
 def test_an_unknown_setting_is_answered_with_the_options_as_they_are_written(tmp_path, capsys):
     settings = tmp_path / "run.toml"
-    settings.write_text("start = 3")
+    settings.write_text("start = 3", encoding="utf-8")
 
     assert main(["replay", C172P, "--config", str(settings)]) == 2
     said = capsys.readouterr().err
@@ -137,7 +138,7 @@ def test_an_unknown_setting_is_answered_with_the_options_as_they_are_written(tmp
 
 def test_forgetting_on_the_command_line_overrules_the_memory_of_the_file(tmp_path: Path, capsys):
     settings = tmp_path / "run.toml"
-    settings.write_text("memory = 30\nrate = 10\n")
+    settings.write_text("memory = 30\nrate = 10\n", encoding="utf-8")
     arguments = ["--config", str(settings), "--forgetting", "1", "--out", str(tmp_path), "--json"]
 
     assert main(["replay", C172P, *arguments]) == 0
@@ -258,10 +259,10 @@ def test_the_endpoints_to_publish_to_are_a_list_and_the_command_line_overrules_t
     settings = tmp_path / "live.toml"
     live = ["live", "udpin:127.0.0.1:14560", "--config", str(settings)]
     for text, found in (('"tap"', ["tap"]), ('["udpout:a:1", "tap"]', ["udpout:a:1", "tap"])):
-        settings.write_text(f"publish = {text}")
+        settings.write_text(f"publish = {text}", encoding="utf-8")
         assert parsed(_parser(), live).publish == found
     given = ["--publish", "udpout:b:2", "--publish", "udpout:c:3"]
     assert parsed(_parser(), [*live, *given]).publish == ["udpout:b:2", "udpout:c:3"]
-    settings.write_text("publish = [3]")
+    settings.write_text("publish = [3]", encoding="utf-8")
     with pytest.raises(ConfigError, match="publish must be a text or a list of texts, got"):
         parsed(_parser(), live)

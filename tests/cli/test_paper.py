@@ -58,7 +58,7 @@ def test_a_form_that_does_not_hold_is_refused_with_exit_5(tmp_path: Path, capsys
 
 @pytest.mark.parametrize("text", ["", "a,b\n1,2\n", "t,y\n1,x\n"])
 def test_a_file_without_t_and_y_is_a_usage_error(text: str, tmp_path: Path):
-    (tmp_path / "h.csv").write_text(text)
+    (tmp_path / "h.csv").write_text(text, encoding="utf-8")
 
     assert main(["step", str(tmp_path / "h.csv")]) in (2, 5)
     assert main(["step", str(tmp_path / "nosuch.csv")]) == 6

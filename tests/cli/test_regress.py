@@ -41,11 +41,13 @@ def case(folder: Path) -> Path:
 
 def bend(case: Path, column: str = "wn") -> None:
     """Change one value of the reference."""
-    header, *rows = (case / "expected.csv").read_text().splitlines()
+    header, *rows = (case / "expected.csv").read_text(encoding="utf-8").splitlines()
     i = header.split(",").index(column)
     last = rows[-1].split(",")
     last[i] = f"{float(last[i]) + 0.5:.9g}"
-    (case / "expected.csv").write_text("\n".join([header, *rows[:-1], ",".join(last)]) + "\n")
+    (case / "expected.csv").write_text(
+        "\n".join([header, *rows[:-1], ",".join(last)]) + "\n", encoding="utf-8"
+    )
 
 
 def test_what_was_just_updated_matches(folder: Path, capsys):
@@ -74,7 +76,9 @@ def test_a_mismatch_is_exit_1_and_leaves_rows_and_picture_and_the_way_to_update(
     assert len(rows) == len(read_csv(case / "expected.csv")[1])
     picture = ET.parse(case / "actual.svg").getroot()
     assert picture.tag.endswith("svg")
-    assert "c172p_gcs_rates: expected and actual" in (case / "actual.svg").read_text()
+    assert "c172p_gcs_rates: expected and actual" in (case / "actual.svg").read_text(
+        encoding="utf-8"
+    )
 
 
 def test_the_picture_of_the_same_difference_is_the_same(case: Path):
@@ -108,8 +112,8 @@ def test_another_log_than_the_cases_own_is_noticed_and_never_becomes_a_reference
 
 
 def test_too_few_updates_are_a_failure_and_never_become_a_reference(case: Path):
-    text = (case / "case.toml").read_text()
-    (case / "case.toml").write_text(text.replace("floor = 500", "floor = 50000"))
+    text = (case / "case.toml").read_text(encoding="utf-8")
+    (case / "case.toml").write_text(text.replace("floor = 500", "floor = 50000"), encoding="utf-8")
 
     assert any("floor" in line for line in check_case(Case.read(case)).wrong)
     assert main(["regress", "--update", "--why", "hm", str(case)]) == 2
@@ -123,7 +127,7 @@ def test_an_update_wants_a_reason_and_records_it_with_date_and_versions(case: Pa
 
     code = main(["regress", "--update", "--why", 'said "so"', "--folder", str(case.parent)])
 
-    told = (case / "case.toml").read_text().rpartition("[[updates]]")[2]
+    told = (case / "case.toml").read_text(encoding="utf-8").rpartition("[[updates]]")[2]
     assert code == 0
     assert 'why = "said \\"so\\""' in told
     assert "date = 20" in told
@@ -176,16 +180,16 @@ def test_junit_overwrites_an_earlier_result_and_no_other_file(
 ):
     write_junit(tmp_path / "j.xml", [Outcome("a", tmp_path, 0, ())])
     notes = tmp_path / "notes.txt"
-    notes.write_text("<mine/>")
+    notes.write_text("<mine/>", encoding="utf-8")
     command = ["regress", "--folder", str(folder), "no_rudder", "--junit"]
 
     assert main([*command, str(notes)]) == 6
     assert capsys.readouterr().err == (
         f"yawid: {notes} exists and does not hold test results: choose another --junit\n"
     )
-    assert notes.read_text() == "<mine/>"
+    assert notes.read_text(encoding="utf-8") == "<mine/>"
     assert main([*command, str(tmp_path / "j.xml")]) == 0
-    assert 'name="no_rudder"' in (tmp_path / "j.xml").read_text()
+    assert 'name="no_rudder"' in (tmp_path / "j.xml").read_text(encoding="utf-8")
 
 
 def test_junit_holds_whatever_a_log_puts_into_a_text(tmp_path: Path):
@@ -199,9 +203,9 @@ def test_junit_holds_whatever_a_log_puts_into_a_text(tmp_path: Path):
 
 
 def test_one_broken_case_does_not_keep_the_others_from_being_told(folder: Path):
-    text = (folder / "c172p_gcs_rates" / "case.toml").read_text()
+    text = (folder / "c172p_gcs_rates" / "case.toml").read_text(encoding="utf-8")
     changed = text.replace("[options]", "[options]\nrate = 90", 1)
-    (folder / "c172p_gcs_rates" / "case.toml").write_text(changed)
+    (folder / "c172p_gcs_rates" / "case.toml").write_text(changed, encoding="utf-8")
 
     outcomes = list(regress(find_cases(folder, [])))
 
@@ -221,9 +225,9 @@ def test_one_broken_case_does_not_keep_the_others_from_being_told(folder: Path):
     ],
 )
 def test_a_case_that_says_what_is_no_case_is_refused(case: Path, line: str):
-    text = (case / "case.toml").read_text()
+    text = (case / "case.toml").read_text(encoding="utf-8")
     head = text.partition("\n[options]")[0]
-    (case / "case.toml").write_text(f"{head}\n{line}\n")
+    (case / "case.toml").write_text(f"{head}\n{line}\n", encoding="utf-8")
 
     assert main(["regress", "--folder", str(case.parent)]) == 2
 

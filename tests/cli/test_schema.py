@@ -23,7 +23,7 @@ def test_nothing_is_said_of_a_key_that_there_is_not():
     }
     keys = {key for properties in defs.values() for key in properties}
     keys |= {f"{name}.{key}" for name, properties in defs.items() for key in properties}
-    own = tomllib.loads((SRC / "cli" / "json_keys.toml").read_text())
+    own = tomllib.loads((SRC / "cli" / "json_keys.toml").read_text(encoding="utf-8"))
     keys |= {key for inner in own["within"].values() for key in inner} | {"record"}
     said = {key for name, table in own.items() if name != "commands" for key in table}
 
@@ -53,13 +53,13 @@ def test_the_schema_of_a_command_is_a_json_schema(command: str):
 
 @pytest.mark.parametrize("case", CASES, ids=lambda p: p.parent.name)
 def test_the_summary_of_every_case_is_of_the_schema(case):
-    summary = json.loads(case.read_text())
+    summary = json.loads(case.read_text(encoding="utf-8"))
 
     assert why_invalid("replay", {"log": str(case)} | summary) == ""
 
 
 def test_a_key_that_nobody_described_and_a_null_are_refused():
-    summary = {"log": ""} | json.loads((C172P.parent / "expected.json").read_text())
+    summary = {"log": ""} | json.loads((C172P.parent / "expected.json").read_text(encoding="utf-8"))
     for change in ({"new": 1}, {"vehicle": None}, {"estimates": {"arx": {}}}):
         assert why_invalid("replay", summary | change) != ""
     deep = copy.deepcopy(summary)

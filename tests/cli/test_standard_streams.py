@@ -30,7 +30,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     replayed(folder / "a.tlog", folder, "--rate", 10)
     shutil.copytree(REPLAY_LOGS / "no_rudder", folder / "no_rudder")
     rows = [f"{t},{1.0 - math.exp(-t / 5.0)}" for t in range(40)]
-    (folder / "step.csv").write_text("\n".join(["t,y", *rows]) + "\n")
+    (folder / "step.csv").write_text("\n".join(["t,y", *rows]) + "\n", encoding="utf-8")
     return folder
 
 

@@ -90,10 +90,14 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     record(folder / "a.parquet", moves | {"mode": [f"AUTO{BAD}"] * len(t), BAD: t})
     record(folder / "held.parquet", moves | {"held": [BAD] * len(t)})
     rows = "".join(f"{k / 20},{np.sin(k)},{np.cos(k)},AUTO{BAD[:-14]}\n" for k in range(9000))
-    (folder / "a.csv").write_text(f"t,rud\x9b\u202e,r\x9b\u202e,mode\n{rows}")
-    (folder / "cell.csv").write_text(f"t,rudder_deg,r_deg_s\n0,1,\x9b31m\u202e\n{rows[:500]}")
-    (folder / "bad.toml").write_text(json.dumps(BAD) + " = 3\n")
-    (folder / "bad2.toml").write_text("rudder = " + json.dumps(BAD.replace("\x7f", "")) + "\n")
+    (folder / "a.csv").write_text(f"t,rud\x9b\u202e,r\x9b\u202e,mode\n{rows}", encoding="utf-8")
+    (folder / "cell.csv").write_text(
+        f"t,rudder_deg,r_deg_s\n0,1,\x9b31m\u202e\n{rows[:500]}", encoding="utf-8"
+    )
+    (folder / "bad.toml").write_text(json.dumps(BAD) + " = 3\n", encoding="utf-8")
+    (folder / "bad2.toml").write_text(
+        "rudder = " + json.dumps(BAD.replace("\x7f", "")) + "\n", encoding="utf-8"
+    )
     (folder / "noise.tlog").write_bytes(BAD.encode())
     run = replayed(folder / f"{NAME}.tlog", folder, "--rate", 10)
     run.rename(folder / f"{NAME}.mcap")
@@ -103,8 +107,10 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     write_fleet(folder / f"set{BAD}", [each | {"vehicle": f"sn:{BAD}"} for each in vehicle])
     case = folder / "cases" / f"case{BAD}"
     shutil.copytree(REPLAY_LOGS / "no_rudder", case)
-    expected = json.loads((case / "expected.json").read_text())
-    (case / "expected.json").write_text(json.dumps(poisoned(expected) | {BAD: BAD}))
+    expected = json.loads((case / "expected.json").read_text(encoding="utf-8"))
+    (case / "expected.json").write_text(
+        json.dumps(poisoned(expected) | {BAD: BAD}), encoding="utf-8"
+    )
     return folder
 
 

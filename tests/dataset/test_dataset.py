@@ -143,7 +143,7 @@ def test_full_files_are_left_alone_and_big_months_are_cut(
 def test_what_is_no_data_set_or_of_another_format_is_refused_in_one_line(tmp_path: Path) -> None:
     with pytest.raises(SourceError, match=r"is not a data set: it has no manifest\.json"):
         read_table(tmp_path, "logs")
-    (tmp_path / MANIFEST).write_text(json.dumps({"format": 99}))
+    (tmp_path / MANIFEST).write_text(json.dumps({"format": 99}), encoding="utf-8")
     with pytest.raises(SourceError, match="has format 99, this version reads 1"):
         read_table(tmp_path, "logs")
 

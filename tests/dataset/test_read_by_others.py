@@ -69,7 +69,9 @@ def test_an_undated_month_of_an_older_version_gets_the_new_name_by_the_next_merg
     old = tmp_path / "flights" / "month=__HIVE_DEFAULT_PARTITION__"
     (tmp_path / "flights" / "month=unknown").rename(old)
     manifest = tmp_path / "manifest.json"
-    manifest.write_text(manifest.read_text().replace("month=unknown", old.name))
+    manifest.write_text(
+        manifest.read_text(encoding="utf-8").replace("month=unknown", old.name), encoding="utf-8"
+    )
     assert read_table(tmp_path, "flights")["log_sha256"].to_pylist() == ["A"]
 
     merge(tmp_path, [entry("/b", "B", MAY)])

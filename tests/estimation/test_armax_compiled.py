@@ -153,7 +153,8 @@ def test_a_process_whose_numba_is_broken_says_why_in_one_line(tmp_path, is_behin
     broken.mkdir()
     count = tmp_path / "imports"
     (broken / "__init__.py").write_text(
-        f"open({str(count)!r}, 'a').write('x')\nraise ImportError('Numba needs an older NumPy')\n"
+        f"open({str(count)!r}, 'a').write('x')\nraise ImportError('Numba needs an older NumPy')\n",
+        encoding="utf-8",
     )
     program = (
         "import time, numpy as np\n"
@@ -177,7 +178,7 @@ def test_a_process_whose_numba_is_broken_says_why_in_one_line(tmp_path, is_behin
     [line] = done.stderr.splitlines()
     assert "cannot be compiled (ImportError: Numba needs an older NumPy)" in line
     assert "50 times slower" in line
-    assert count.read_text() == "x"
+    assert count.read_text(encoding="utf-8") == "x"
 
 
 def test_a_folder_that_cannot_be_written_to_harms_nothing_and_warm_says_what_to_do(
@@ -185,7 +186,7 @@ def test_a_folder_that_cannot_be_written_to_harms_nothing_and_warm_says_what_to_
 ):
     expected, compiled_code = run(CONFIGS[0], 100), code()
     blocked = tmp_path / "file"
-    blocked.write_text("a file where a folder is wanted")
+    blocked.write_text("a file where a folder is wanted", encoding="utf-8")
     interpreting(monkeypatch, blocked)
     without_patience(monkeypatch, lambda: compiled_code)
     assert run(CONFIGS[0], 100) == expected

@@ -147,15 +147,15 @@ def test_a_lock_truncates_nothing_and_follows_no_link(code: Path, tmp_path: Path
     with kept.alone(NAME) as is_alone:
         assert is_alone
     [lock] = (tmp_path / "named").glob("*.lock")
-    lock.write_text("what somebody keeps")
+    lock.write_text("what somebody keeps", encoding="utf-8")
     with kept.alone(NAME) as is_alone:
         assert is_alone
-    assert lock.read_text() == "what somebody keeps"
+    assert lock.read_text(encoding="utf-8") == "what somebody keeps"
     precious = lock.rename(tmp_path / "precious")
     lock.symlink_to(precious)
     with kept.alone(NAME) as is_alone:
         assert not is_alone
-    assert precious.read_text() == "what somebody keeps"
+    assert precious.read_text(encoding="utf-8") == "what somebody keeps"
 
 
 def test_a_relative_cache_home_does_not_count(

@@ -12,7 +12,7 @@ NAMED = {SRC / "config/names.py"}
 
 def test_no_other_file_compares_the_names_of_methods():
     for path in set(SRC.rglob("*.py")) - NAMED:
-        assert not re.search(r"""["'](els|rml)["']""", path.read_text()), path
+        assert not re.search(r"""["'](els|rml)["']""", path.read_text(encoding="utf-8")), path
 
 
 def test_every_row_is_named_and_checked_by_methods_that_there_are():

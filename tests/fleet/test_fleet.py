@@ -47,7 +47,7 @@ def logs(place: Path) -> Path:
     for name in ("two_vehicles", "no_rudder"):
         shutil.copy(REPLAY_LOGS / name / "log.tlog", folder / f"{name}.tlog")
     shutil.copy(folder / "03.tlog", folder / "copy.tlog")
-    (folder / "text.tlog").write_text("no log\n")
+    (folder / "text.tlog").write_text("no log\n", encoding="utf-8")
     return folder
 
 
@@ -282,7 +282,7 @@ def test_another_folder_or_another_fleet_is_not_written_to(
 
     command = ["fleet", str(REPLAY_LOGS / "no_rudder"), "--out"]
     (tmp_path / "theirs").mkdir()
-    (tmp_path / "theirs" / "notes.txt").write_text("mine")
+    (tmp_path / "theirs" / "notes.txt").write_text("mine", encoding="utf-8")
     assert main([*command, str(tmp_path / "theirs")]) == 6
     assert "is not empty and is not a data set" in capsys.readouterr().err
     journal = Journal(tmp_path / "data")

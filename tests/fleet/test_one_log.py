@@ -78,7 +78,7 @@ def test_whatever_is_wrong_with_a_log_is_an_outcome_with_its_text(
         return row["outcome"], row["reasons"], row["text"]
 
     text = tmp_path / "text.tlog"
-    text.write_text("no log\n")
+    text.write_text("no log\n", encoding="utf-8")
     outcome, reasons, said = told(text, Spec())
     assert (outcome, reasons) == ("unreadable", ["unreadable"])
     assert said.startswith("text.tlog is a text file")
@@ -101,7 +101,7 @@ def test_what_a_machine_or_a_store_lacks_is_failed_and_says_nothing_of_the_log(
     (tmp_path / "broken.tlog").symlink_to("/proc/self/mem")  # its first byte: EIO
     (tmp_path / "full.tlog").symlink_to("/dev/full")
     key = tmp_path / "key"
-    key.write_text("one\n")
+    key.write_text("one\n", encoding="utf-8")
     spec = Spec(key_file=str(key))
 
     outcome, said = told(rows_of(tmp_path / "broken.tlog", Spec()))
@@ -110,7 +110,7 @@ def test_what_a_machine_or_a_store_lacks_is_failed_and_says_nothing_of_the_log(
     assert (outcome, said) == ("failed", "OSError: [Errno 28] No space left on device")
     outcome, said = told(rows_here("memory://absent.tlog", Spec(), tmp_path, None))
     assert (outcome, said.partition(":")[0]) == ("failed", "FileNotFoundError")
-    key.write_text("other\n")
+    key.write_text("other\n", encoding="utf-8")
     assert told(rows_of(log_of("no_rudder"), spec)) == (
         "failed",
         f"signing key file {key}: it holds another key than when the fleet was started",
@@ -125,14 +125,14 @@ def test_what_a_machine_or_a_store_lacks_is_failed_and_says_nothing_of_the_log(
 def test_of_a_key_its_content_is_in_the_hash_and_not_its_path_or_spelling(tmp_path: Path) -> None:
     paths = [tmp_path / name for name in ("a", "b", "c")]
     for path, text in zip(paths, ("one\n", "one", sha256(b"one").hexdigest()), strict=True):
-        path.write_text(text)
+        path.write_text(text, encoding="utf-8")
 
     def hashes() -> list[str]:
         return [Spec(key_file=str(path)).config_hash for path in paths]
 
     one = hashes()
     assert len({*one, Spec().config_hash}) == 2
-    paths[0].write_text("two\n")
+    paths[0].write_text("two\n", encoding="utf-8")
     assert hashes()[0] not in (one[0], Spec().config_hash)
     assert hashes()[1:] == one[1:]
 

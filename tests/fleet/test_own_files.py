@@ -38,7 +38,7 @@ def place(tmp_path: Path) -> Path:
     (tmp_path / "logs" / "flights").mkdir(parents=True)
     shutil.copy(REPLAY_LOGS / "no_rudder" / "log.tlog", tmp_path / "logs" / "a.tlog")
     for name in ("my_flight.parquet", "live.tlog.part", "flights/part-000001-0.parquet"):
-        (tmp_path / "logs" / name).write_text("mine")
+        (tmp_path / "logs" / name).write_text("mine", encoding="utf-8")
     return tmp_path
 
 
@@ -93,7 +93,7 @@ def test_a_folder_without_our_manifest_is_no_data_set_whatever_its_files_are_cal
     out = place / "theirs"
     for name in names:
         (out / name).parent.mkdir(parents=True, exist_ok=True)
-        (out / name).write_text('{"format": 1, "files": ["a.js"]}\n')
+        (out / name).write_text('{"format": 1, "files": ["a.js"]}\n', encoding="utf-8")
     before = contents(out)
 
     assert main(["fleet", str(place / "logs"), "--out", str(out), *dry]) == 6
@@ -106,7 +106,7 @@ def test_a_manifest_that_names_files_elsewhere_is_refused(tmp_path: Path) -> Non
     path = tmp_path / "data" / "manifest.json"
     manifest = json.loads(path.read_bytes())
     manifest["tables"]["flights"]["files"][0]["path"] = "flights/../../mine.parquet"
-    path.write_text(json.dumps(manifest))
+    path.write_text(json.dumps(manifest), encoding="utf-8")
 
     with pytest.raises(YawidError, match="is not a data set's manifest: it names flights/"):
         read_table(tmp_path / "data", "flights")
@@ -125,14 +125,14 @@ def test_what_lies_in_a_data_set_and_is_not_its_own_stays_when_it_is_swept(tmp_p
     )
     for path in others:
         path.parent.mkdir(exist_ok=True)
-        path.write_text("mine")
+        path.write_text("mine", encoding="utf-8")
     left = month / "part-000009-0.parquet"
-    left.write_text("left by a run that was killed")
+    left.write_text("left by a run that was killed", encoding="utf-8")
 
     merge(tmp_path, [entry("/b", "B")])
     Journal(tmp_path).close()
 
-    assert {path.read_text() for path in others} == {"mine"}
+    assert {path.read_text(encoding="utf-8") for path in others} == {"mine"}
     assert not left.exists()
     assert read_table(tmp_path, "flights")["log_sha256"].to_pylist() == ["A", "B"]
     assert not (tmp_path / FINISHED).exists()

@@ -259,7 +259,7 @@ def test_the_files_are_read_back(
         str(tmp_path / n) for n in ("model.json", "model.mat")
     ]
 
-    told = json.loads((tmp_path / "model.json").read_text())
+    told = json.loads((tmp_path / "model.json").read_text(encoding="utf-8"))
     assert why_invalid("export", told) == ""
     form, space = told["continuous"], model(1).ss()
     assert form["A"] == space.A.tolist()

@@ -70,7 +70,7 @@ def test_the_dutch_roll_comes_back(
     page = tmp_path / "aircraft" / aircraft / f"{aircraft}.xml"
     text = page.read_text(encoding="latin-1")
     others = re.sub(r'<axis name="(SIDE|ROLL|YAW)".*?</axis>', "", text, flags=re.DOTALL)
-    page.write_text(others.replace("</aerodynamics>", f"{axes}</aerodynamics>"), "latin-1")
+    page.write_text(others.replace("</aerodynamics>", f"{axes}</aerodynamics>"), encoding="latin-1")
     monkeypatch.setattr(jsbsim, "get_default_root_dir", lambda: str(tmp_path))
 
     B, _, _ = lateral(jsbsim.FGLinearization(trimmed(plan)))

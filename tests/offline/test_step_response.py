@@ -186,11 +186,11 @@ def test_eq_23_s_own_form_gives_the_plant_back(noise):
 
 def test_a_step_in_column_u_says_its_height_and_time(tmp_path):
     file = tmp_path / "step.csv"
-    file.write_text("t,u,y\n0,0,0\n1,0,0\n2,0.1,0\n3,0.1,1\n")
+    file.write_text("t,u,y\n0,0,0\n1,0,0\n2,0.1,0\n3,0.1,1\n", encoding="utf-8")
 
     assert read_step(file)[2:] == (0.1, 2.0)
     assert read_step(file, u0=2.0)[2:] == (2.0, 2.0)
-    file.write_text("t,u,y\n0,0,0\n1,0.1,0\n2,0,0\n")
+    file.write_text("t,u,y\n0,0,0\n1,0.1,0\n2,0,0\n", encoding="utf-8")
     with pytest.raises(ConfigError, match="changes 2 times"):
         read_step(file)
     assert read_step(file, 1.0, 0.5)[2:] == (1.0, 0.5)
@@ -255,7 +255,7 @@ def test_t_and_y_are_read_by_name(tmp_path):
 )
 def test_a_file_that_is_no_step_response_is_refused_with_its_line(tmp_path, text, message):
     path = tmp_path / "step.csv"
-    path.write_text(text)
+    path.write_text(text, encoding="utf-8")
     with pytest.raises(ConfigError, match=message):
         read_step(path)
 

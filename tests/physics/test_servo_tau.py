@@ -45,7 +45,7 @@ def test_the_file_holds_the_yaw_channel_with_sigma_at_every_sample(capsys, tmp_p
 
 def test_a_servo_is_named_on_the_command_line_or_in_toml(capsys, tmp_path):
     settings = tmp_path / "run.toml"
-    settings.write_text("servo-tau = 0.14\n")
+    settings.write_text("servo-tau = 0.14\n", encoding="utf-8")
 
     by_option = replayed(capsys, tmp_path, "--servo-tau", 0.14)
     by_file = replayed(capsys, tmp_path, "--config", settings)

@@ -387,7 +387,7 @@ def test_a_browser_shows_it_within_its_width_and_no_legend_on_a_line(
     name: str, drawn: Drawn, tmp_path: Path
 ) -> None:
     path = tmp_path / "page.html"
-    path.write_text(drawn(EVERY[name]()))
+    path.write_text(drawn(EVERY[name]()), encoding="utf-8")
     with Browser() as browser:
         for width, phone in ((1280, False), (360, True)):
             browser.open(path.as_uri(), width, 800, phone=phone)
@@ -404,7 +404,7 @@ def test_a_browser_shows_it_within_its_width_and_no_legend_on_a_line(
 def test_printed_every_number_is_on_the_paper(drawn: Drawn, tmp_path: Path) -> None:
     html = drawn(four_of_a_flight())
     path, printed = tmp_path / "page.html", tmp_path / "page.pdf"
-    path.write_text(html)
+    path.write_text(html, encoding="utf-8")
     with Browser() as browser:
         browser.call("Emulation.setEmulatedMedia", media="print")
         browser.open(path.as_uri(), PAPER_PX, 1000)

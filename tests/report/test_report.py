@@ -244,7 +244,7 @@ def test_a_real_browser_has_nothing_to_complain_of_and_nothing_to_fetch(
 @pytest.mark.skipif(find_chromium() is None, reason="no chromium is installed")
 def test_the_browser_would_notice_a_script_error_and_a_request(tmp_path: Path) -> None:
     path = tmp_path / "bad.html"
-    path.write_text("<img src='http://127.0.0.1:9/x.png'><script>boom()</script>")
+    path.write_text("<img src='http://127.0.0.1:9/x.png'><script>boom()</script>", encoding="utf-8")
     with Browser() as browser:
         browser.open(path.as_uri())
         browser.listen(0.5)

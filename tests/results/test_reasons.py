@@ -50,7 +50,7 @@ def test_every_reason_given_in_the_code_is_in_the_table():
     given = {
         node.args[0].value
         for path in SRC.rglob("*.py")
-        for node in ast.walk(ast.parse(path.read_text()))
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
         if isinstance(node, ast.Call)
         and isinstance(node.func, ast.Name)
         and node.func.id == "Reason"

@@ -277,7 +277,7 @@ def test_frames_without_stamps_are_inspected_where_the_format_is_given(tmp_path:
 
 def test_with_a_key_only_the_signed_vehicle_is_inspected(tmp_path: Path, capsys):
     key, log, link = tmp_path / "key", FlightLog(), signer()
-    key.write_text(PASSPHRASE)
+    key.write_text(PASSPHRASE, encoding="utf-8")
     for t in np.arange(10.0, 20.0, 0.05).tolist():
         log.heartbeat(t)
         log.attitude(t, 0.1)

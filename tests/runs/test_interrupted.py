@@ -172,7 +172,7 @@ def test_a_regression_tells_the_cases_it_compared_and_names_the_others(tmp_path:
         ("a", True), ("b", False), ("c", False)
     ]  # fmt: skip
     assert done.stderr == "yawid: not reached: b, c\n"
-    assert 'errors="2"' in (tmp_path / "r.xml").read_text()
+    assert 'errors="2"' in (tmp_path / "r.xml").read_text(encoding="utf-8")
 
 
 def test_an_update_that_was_stopped_names_the_cases_that_keep_their_references(

@@ -104,7 +104,7 @@ def test_no_sample_depends_on_how_a_record_was_cut(
         u, r = (None, None) if told and held else (u, r)
         cells = ("" if each is None else repr(each) for each in (u, r))
         lines.append(f"{t:.3f},{','.join(cells)},{0.01 * (i % 7)},{held}")
-    path.write_text("\n".join(lines) + "\n")
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
     record = Record(path)
     record.settle(Asked(rudder_is=rudder_is))
     assert record._rows is not None

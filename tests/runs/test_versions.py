@@ -26,7 +26,9 @@ def test_what_stands_first_on_the_path_counts_and_an_egg_tells_its_version_too(
         folder.mkdir(parents=True)
     egg = first / "numpy-8.1.egg-info"
     egg.mkdir()
-    (egg / "PKG-INFO").write_text("Metadata-Version: 2.1\nName: numpy\nVersion: 8.1\n")
+    (egg / "PKG-INFO").write_text(
+        "Metadata-Version: 2.1\nName: numpy\nVersion: 8.1\n", encoding="utf-8"
+    )
     monkeypatch.setattr(sys, "path", [str(first), str(second), *sys.path])
     monkeypatch.setattr("yawid.runs.versions.LIBRARIES", ("rerun-sdk", "scipy"))
 

@@ -133,7 +133,7 @@ def test_a_file_that_is_no_finished_run_is_one_line(
     if damage == "torn":
         path.write_bytes(run.read_bytes()[:50_000])
     elif damage == "text":
-        path.write_text("hello")
+        path.write_text("hello", encoding="utf-8")
     elif damage == "foreign":
         from mcap.writer import Writer
 
@@ -185,7 +185,7 @@ def test_every_curve_of_the_plotjuggler_layout_is_in_a_run_and_every_topic_is_dr
 
 
 def test_every_field_of_the_foxglove_layout_is_in_a_run_and_every_topic_is_drawn(run: Path):
-    layout = json.loads(FOXGLOVE.read_text())
+    layout = json.loads(FOXGLOVE.read_text(encoding="utf-8"))
     paths = re.findall(r'"/yawid/[^"]+"', json.dumps(layout["configById"]))
     told = read_as_others_do(run)
     drawn = [path.strip('"').partition(".") for path in paths]
@@ -197,7 +197,9 @@ def test_every_field_of_the_foxglove_layout_is_in_a_run_and_every_topic_is_drawn
 
 
 def test_both_layouts_have_the_colours_of_all_pictures():
-    foxglove = json.loads(FOXGLOVE.read_text())["configById"]["Plot!yaw_rate"]["paths"]
+    foxglove = json.loads(FOXGLOVE.read_text(encoding="utf-8"))["configById"]["Plot!yaw_rate"][
+        "paths"
+    ]
     assert [path["color"] for path in foxglove] == [DATA, MODEL]
     curves = {each.get("name"): each.get("color") for each in ET.parse(PLOTJUGGLER).iter("curve")}
     assert curves["/yawid/sample/yaw_rate"] == DATA
@@ -238,13 +240,13 @@ def test_a_program_that_is_not_here_is_named_with_its_layout_and_one_that_is_is_
     assert "get it from" in line
     assert "/layouts/" in line
     program = tmp_path / {"foxglove": "foxglove-studio"}.get(viewer, viewer)
-    program.write_text(f'#!/bin/sh\necho "$@" > {tmp_path}/told\n')
+    program.write_text(f'#!/bin/sh\necho "$@" > {tmp_path}/told\n', encoding="utf-8")
     program.chmod(0o755)
     assert main(["view", str(run), "--in", viewer]) == 0
     assert str(run) in capsys.readouterr().out
-    *options, file = (tmp_path / "told").read_text().split()
+    *options, file = (tmp_path / "told").read_text(encoding="utf-8").split()
     assert options == (["--nosplash", "--layout"] if viewer == "plotjuggler" else [])
     assert str(run) in (Path(file).read_text(encoding="utf-8") if options else file)
-    program.write_text("#!/bin/sh\nexit 3\n")
+    program.write_text("#!/bin/sh\nexit 3\n", encoding="utf-8")
     assert main(["view", str(run), "--in", viewer]) == 6
     assert main(["view", str(run), "--in", viewer, "--save", "x.rrd"]) == 2

@@ -76,7 +76,7 @@ def tables(folder: Path) -> dict[str, list[dict[str, object]]]:
 def environment(folder: Path) -> dict[str, str]:
     """Return the environment of processes in which bad logs take effect."""
     folder.mkdir(exist_ok=True)
-    (folder / "sitecustomize.py").write_text(HOOK)
+    (folder / "sitecustomize.py").write_text(HOOK, encoding="utf-8")
     paths = [str(folder), *filter(None, [os.environ.get("PYTHONPATH")])]
     return os.environ | {"PYTHONPATH": os.pathsep.join(paths)}
 

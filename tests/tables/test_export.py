@@ -101,7 +101,7 @@ def test_what_cannot_be_written_is_one_line_and_leaves_nothing(
     mcap: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out, torn = tmp_path / "run.csv", tmp_path / "torn.mcap"
-    out.write_text("mine")
+    out.write_text("mine", encoding="utf-8")
     data = bytearray(mcap.read_bytes())
     with mcap.open("rb") as stream:
         summary = make_reader(stream).get_summary()
@@ -124,7 +124,7 @@ def test_what_cannot_be_written_is_one_line_and_leaves_nothing(
         strict=True,
     ):
         assert words in line
-    assert out.read_text() == "mine"
+    assert out.read_text(encoding="utf-8") == "mine"
     assert {path.name for path in tmp_path.iterdir()} == {"run.csv", "torn.mcap"}
 
 

@@ -166,7 +166,7 @@ def test_the_manoeuvres_have_every_derivative_with_its_sigma(run: Run) -> None:
 def test_a_replay_gives_a_report(run: Run, tmp_path: Path) -> None:
     page = run.report(tmp_path / "flight.html")
 
-    assert f"{run.flight.dutch_roll.wn_rad_s:.2f}" in page.read_text()
+    assert f"{run.flight.dutch_roll.wn_rad_s:.2f}" in page.read_text(encoding="utf-8")
 
 
 def test_a_replay_gives_a_file_to_compare(run: Run, tmp_path: Path) -> None:

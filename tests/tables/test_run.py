@@ -52,7 +52,7 @@ def test_a_replay_in_python_is_the_run_that_the_command_line_writes_to_the_bit_a
     monkeypatch.chdir(tmp_path)
 
     options = tmp_path / "options.toml"
-    options.write_text('rate = 5\nout = "elsewhere"\nformat = "tlog"\n')
+    options.write_text('rate = 5\nout = "elsewhere"\nformat = "tlog"\n', encoding="utf-8")
 
     direct = yawid.replay(C172P, rate=10, config=options)
 

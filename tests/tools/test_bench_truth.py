@@ -141,7 +141,7 @@ def test_a_flight_is_flown_once_and_has_a_row_for_every_estimate(tmp_path: Path)
     assert flight["usable"]
     assert abs(flight["wn_error_pct"]) < 5.0
     assert 0.0 < flight["wn_true_sigma"] < 0.02 * flight["wn_true"]
-    with (tmp_path / "rows.csv").open() as file:
+    with (tmp_path / "rows.csv").open(encoding="utf-8") as file:
         assert [float(row["wn_true"]) for row in csv.DictReader(file)] == pytest.approx(
             [row["wn_true"] for row in rows], rel=1e-5
         )

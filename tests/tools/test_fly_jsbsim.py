@@ -257,7 +257,7 @@ def test_the_command_writes_a_tlog_and_its_truth(
     frames = list(fly(replace(SHORT, aircraft="T37", speed_kt=200.0), Link()))
     assert code == 0
     assert log.read_bytes() == b"".join(struct.pack(">Q", stamp) + f for stamp, f in frames)
-    found = json.loads(truth.read_text())
+    found = json.loads(truth.read_text(encoding="utf-8"))
     assert found["command"].startswith("python tools/fly_jsbsim.py --aircraft T37 --speed-kt 200")
     assert found["mean_flown"]["speed_kt"] < found["speed_kt"] == 200.0
     assert found["dutch_roll"]["wn_rad_s"] < found["dutch_roll_at_trim"]["wn_rad_s"]
@@ -306,7 +306,7 @@ def test_a_malformed_command_line_is_refused(
 
 @pytest.mark.parametrize("case", ["c172p_3211", "c172p_gcs_rates", "sitl_fbwa_50hz"])
 def test_a_replay_log_stays_below_a_megabyte_and_names_its_dutch_roll(case: str) -> None:
-    truth = json.loads((REPLAY_LOGS / case / "truth.json").read_text())
+    truth = json.loads((REPLAY_LOGS / case / "truth.json").read_text(encoding="utf-8"))
 
     assert (REPLAY_LOGS / case / "log.tlog").stat().st_size < 1_000_000
     assert truth["dutch_roll"]["wn_rad_s"] > 2.0

@@ -54,11 +54,11 @@ SEARCHED_S = (1.0, 4.0)
 
 def fly(folder: Path, toml: str, *options: str) -> tuple[Path, dict[str, Any]]:
     """Fly a plan by the command; return the log and its truth."""
-    (folder / "plan.toml").write_text(toml)
+    (folder / "plan.toml").write_text(toml, encoding="utf-8")
     log = folder / "log.tlog"
     argv = ["--plan", str(folder / "plan.toml"), "-o", str(log), *options]
     assert fly_jsbsim.main([*argv, "--attitude-hz", "25", "--servo-hz", "25"]) == 0
-    return log, json.loads((folder / "log.truth.json").read_text())
+    return log, json.loads((folder / "log.truth.json").read_text(encoding="utf-8"))
 
 
 @pytest.fixture(scope="module")
@@ -332,7 +332,7 @@ def test_a_plan_that_is_none_is_one_line_and_code_2(
     toml: str, reason: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     path = tmp_path / "plan.toml"
-    path.write_text(toml)
+    path.write_text(toml, encoding="utf-8")
 
     code = fly_jsbsim.main(["--plan", str(path), "-o", str(tmp_path / "log.tlog")])
 

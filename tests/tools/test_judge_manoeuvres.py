@@ -116,7 +116,7 @@ def test_an_upset_is_flown_once_and_what_is_usable_in_it_is_told_with_its_leg(
 
     assert (row["usable"], row["leg"], row["wn"]) == (True, "gust", 2.6)
     assert stamp == (tmp_path / "upset_002.tlog").stat().st_mtime_ns
-    truth = json.loads((tmp_path / "upset_002.json").read_text())
+    truth = json.loads((tmp_path / "upset_002.json").read_text(encoding="utf-8"))
     assert truth["manoeuvres"] == []
 
 

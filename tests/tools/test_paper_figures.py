@@ -18,7 +18,7 @@ def test_every_transient_of_the_paper_is_drawn(tmp_path: Path):
     )
 
     assert done.returncode == 0, done.stderr
-    drawn = (tmp_path / "paper_figures.svg").read_text()
+    drawn = (tmp_path / "paper_figures.svg").read_text(encoding="utf-8")
     for figure in ("1", "2", "2.3", "2.4"):
         assert f"<!-- Figure {figure}: " in drawn
     assert "(fits its own record 100 %)" in drawn

@@ -15,7 +15,7 @@ from places import ROOT, TOOLS
 from yawid.cli import main as command_line
 from yawid.sources.link.endpoints import parse_endpoint
 
-UNIT = (TOOLS / "yawid.service").read_text()
+UNIT = (TOOLS / "yawid.service").read_text(encoding="utf-8")
 
 
 def test_the_service_starts_a_live_tap_and_so_do_the_options_that_it_names():
@@ -35,7 +35,7 @@ def test_the_service_starts_a_live_tap_and_so_do_the_options_that_it_names():
 @pytest.mark.skipif(not shutil.which("systemd-analyze"), reason="needs systemd-analyze")
 def test_systemd_knows_every_line_of_the_unit(tmp_path: Path):
     unit = tmp_path / "yawid.service"
-    unit.write_text(UNIT.replace("/opt/yawid/bin/yawid", "/bin/true"))
+    unit.write_text(UNIT.replace("/opt/yawid/bin/yawid", "/bin/true"), encoding="utf-8")
 
     done = subprocess.run(
         ["systemd-analyze", "verify", unit],
@@ -46,14 +46,16 @@ def test_systemd_knows_every_line_of_the_unit(tmp_path: Path):
 
 
 def test_the_image_copies_files_that_there_are():
-    copied = re.findall(r"^COPY (?!--)(.*) \S+$", (TOOLS / "Dockerfile").read_text(), re.MULTILINE)
+    copied = re.findall(
+        r"^COPY (?!--)(.*) \S+$", (TOOLS / "Dockerfile").read_text(encoding="utf-8"), re.MULTILINE
+    )
 
     assert [name for name in " ".join(copied).split() if not (ROOT / name).exists()] == []
     assert "src" in copied
 
 
 def test_image_and_service_install_the_wheel():
-    image = (TOOLS / "Dockerfile").read_text()
+    image = (TOOLS / "Dockerfile").read_text(encoding="utf-8")
     assert "pip wheel" in image
     assert "--only-binary=:all: /dist/*.whl" in image
     assert "bin/pip install yawid-*.whl" in UNIT

@@ -108,7 +108,7 @@ def test_the_page_stands_alone_and_shows_the_vehicle_that_changed_first(
     assert main(argv) == 6, "it must not be overwritten"
     assert "--force" in capsys.readouterr().err
 
-    text = page.read_text()
+    text = page.read_text(encoding="utf-8")
     assert "1 of 3 histories changed." in text
     assert f"<b>{FALLS} ζ</b>fell by " in text
     assert text.count("<svg") == 1
@@ -221,7 +221,7 @@ def test_a_vehicles_name_is_shown_and_never_obeyed(
     write_fleet(tmp_path, rows)
 
     assert main(["trend", str(tmp_path), "-o", str(tmp_path / "r.html")]) == 0
-    out, page = capsys.readouterr().out, (tmp_path / "r.html").read_text()
+    out, page = capsys.readouterr().out, (tmp_path / "r.html").read_text(encoding="utf-8")
     assert "[red]:x:<b>" in out
     assert "[red]:x:&lt;b&gt;" in page
     assert "\x1b" not in out + page
@@ -279,7 +279,7 @@ def test_what_a_season_may_do_is_no_alarm_before_two_years_are_there(
     assert (code, said["changed"], "change" in zeta, "season" in zeta) == (0, False, False, False)
     assert zeta["may_be_season"]["p"] < 0.01
     assert main(["trend", str(tmp_path), "-o", str(tmp_path / "r.html")]) == 0
-    for words in (capsys.readouterr().out, (tmp_path / "r.html").read_text()):
+    for words in (capsys.readouterr().out, (tmp_path / "r.html").read_text(encoding="utf-8")):
         assert "a season may do the same: two years of" in " ".join(words.split())
 
 
@@ -316,7 +316,7 @@ def test_two_years_show_the_season_and_what_changes_next_to_it(
 
 def test_the_page_says_what_trend_cannot_do(fallen: Path, tmp_path: Path) -> None:
     main(["trend", str(fallen), "--vehicle", "sysid:2", "-o", str(tmp_path / "r.html")])
-    page = (tmp_path / "r.html").read_text()
+    page = (tmp_path / "r.html").read_text(encoding="utf-8")
 
     assert "What this cannot do" in page
     for words in ("12 days flown", "count as one", "4 % either way", "a campaign, a pilot"):

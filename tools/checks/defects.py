@@ -20,5 +20,7 @@ class Defect:
 
 DEFECTS: tuple[Defect, ...] = tuple(
     Defect(**each)
-    for each in tomllib.loads(Path(__file__).with_suffix(".toml").read_text("utf-8"))["defect"]
+    for each in tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8"))[
+        "defect"
+    ]
 )

@@ -53,7 +53,7 @@ def run(flight: FuzzFlight, arguments: list[str], folder: Path) -> int:
     files["OUT"] = folder / "out"
     files["LOG"].write_bytes(flight.tlog())
     files["KEY"].write_bytes(bytes(range(32)))
-    files["TOML"].write_text(_TOML)
+    files["TOML"].write_text(_TOML, encoding="utf-8")
     pattern = re.compile(r"(^|=)(LOG|KEY|TOML|OUT)$")
     given = [pattern.sub(lambda m: m[1] + str(files[m[2]]), word) for word in arguments]
     out, err = io.StringIO(), io.StringIO()

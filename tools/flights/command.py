@@ -141,7 +141,7 @@ def main(argv: Sequence[str]) -> int:
             found |= names
         if path:
             found["command"] = shlex.join(["python", "tools/fly_jsbsim.py", *argv])
-            path.write_text(json.dumps(found, indent=1) + "\n")
+            path.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
     except (FlightError, ValueError, OSError) as error:
         print(f"fly_jsbsim: {error}", file=sys.stderr)
         return 2

@@ -216,7 +216,7 @@ def test_a_rate_that_the_link_does_not_deliver_ends_the_session_and_keeps_the_re
 
 
 def test_a_folder_that_cannot_be_made_is_refused_before_the_socket_opens(tmp_path: Path):
-    (tmp_path / "file").write_text("")
+    (tmp_path / "file").write_text("", encoding="utf-8")
     options = LiveOptions(f"udpin:127.0.0.1:{free_udp_port()}", seconds=5.0)
     with pytest.raises(Exception, match="cannot write"):
         live(options, CONFIG, Outputs(tmp_path / "file", "x"), StopFlag(), Console(Screen()))

@@ -195,7 +195,7 @@ def test_a_state_of_another_version_is_refused_before_anything_is_received(
 def test_a_state_that_cannot_be_written_is_refused_before_anything_is_received(
     place: str, every_vehicle: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ):
-    (tmp_path / "file").write_text("")
+    (tmp_path / "file").write_text("", encoding="utf-8")
     sysid = ["--sysid", "all"] if every_vehicle else []
     endpoint = f"udpin:127.0.0.1:{free_udp_port()}"
     arguments = ["--state", str(tmp_path / place), "--out", str(tmp_path / "out"), *sysid]

@@ -279,7 +279,7 @@ def test_a_vehicle_too_slow_for_the_rate_asked_for_does_not_stop_the_others(tmp_
 def test_a_state_that_goes_bad_while_a_session_runs_costs_no_vehicle_its_record(tmp_path: Path):
     sent = {sysid: frames(20.0, sysid=sysid) for sysid in (1, 2)}
     with listening(tmp_path, every_vehicle=True, state=tmp_path / "state") as session:
-        (tmp_path / "state-2").write_text("hello")
+        (tmp_path / "state-2").write_text("hello", encoding="utf-8")
         send(mixed(*sent.values()), session.port)
         for sysid in sent:
             wait_for_size(session.part("tlog", f"live-{sysid}"), tlog_size(sent[sysid]))
@@ -289,7 +289,7 @@ def test_a_state_that_goes_bad_while_a_session_runs_costs_no_vehicle_its_record(
     assert all(e.summary.estimates["els"].updates > 100 for e in ended.values())
     assert session.screen.getvalue().count("is not a saved state") == 1
     assert "not a saved state" in ended[2].summary.live.failed[0]
-    assert (tmp_path / "state-2").read_text() == "hello"
+    assert (tmp_path / "state-2").read_text(encoding="utf-8") == "hello"
     assert (tmp_path / "state-1").exists()
 
 

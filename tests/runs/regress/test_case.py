@@ -63,7 +63,7 @@ def test_bending_any_column_by_ten_tolerances_is_noticed(name: str):
 
 @pytest.mark.parametrize("name", one_in(3, NAMES))
 def test_bending_any_value_of_the_summary_by_ten_tolerances_is_noticed(name: str):
-    reference = json.loads((CASES / name / "expected.json").read_text())
+    reference = json.loads((CASES / name / "expected.json").read_text(encoding="utf-8"))
     assert list(compare_summaries(reference, reference)) == []
 
     count = 0
@@ -198,7 +198,9 @@ def test_counts_and_texts_of_the_summary_are_compared_exactly():
 
 
 def test_another_number_of_manoeuvres_is_told_in_a_line():
-    reference = json.loads((CASES / "c172p_three_speeds" / "expected.json").read_text())
+    reference = json.loads(
+        (CASES / "c172p_three_speeds" / "expected.json").read_text(encoding="utf-8")
+    )
     fewer = reference | {"manoeuvres": reference["manoeuvres"][:-1]}
 
     (text,) = compare_summaries(reference, fewer)
@@ -208,7 +210,9 @@ def test_another_number_of_manoeuvres_is_told_in_a_line():
 
 
 def test_a_flight_that_is_no_longer_there_is_told():
-    reference = json.loads((CASES / "sitl_fbwa_manoeuvres" / "expected.json").read_text())
+    reference = json.loads(
+        (CASES / "sitl_fbwa_manoeuvres" / "expected.json").read_text(encoding="utf-8")
+    )
     without = {key: value for key, value in reference.items() if key != "flight"}
 
     assert list(compare_summaries(reference, without)) == ["summary.flight: only in the reference"]

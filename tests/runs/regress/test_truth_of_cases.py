@@ -39,13 +39,13 @@ REFUSED = {"no_rudder": "no_rudder", "sitl_auto": "turn_dominated"}
 
 def summary(name: str) -> dict[str, Any]:
     """Return the reference of a case, with which test_case.py compares its replay."""
-    found: dict[str, Any] = json.loads((CASES / name / "expected.json").read_text())
+    found: dict[str, Any] = json.loads((CASES / name / "expected.json").read_text(encoding="utf-8"))
     return found
 
 
 @pytest.mark.parametrize("name", [name for name in WITH_TRUTH if name not in WHOLE])
 def test_the_dutch_roll_of_the_case_lies_as_near_the_truth_as_stated(name: str):
-    truth = json.loads((CASES / name / "truth.json").read_text())["dutch_roll"]
+    truth = json.loads((CASES / name / "truth.json").read_text(encoding="utf-8"))["dutch_roll"]
     found = summary(name)
 
     assert found["verdict"]["usable"]
@@ -57,7 +57,7 @@ def test_the_dutch_roll_of_the_case_lies_as_near_the_truth_as_stated(name: str):
 
 def test_each_manoeuvre_of_the_three_speeds_lies_as_near_its_truth_as_stated():
     """At the airspeed flown; at 10 Hz and with half a degree a second of noise within 3 %"""
-    truth = json.loads((CASES / "c172p_three_speeds" / "truth.json").read_text())
+    truth = json.loads((CASES / "c172p_three_speeds" / "truth.json").read_text(encoding="utf-8"))
     found = summary("c172p_three_speeds")
 
     assert len(found["manoeuvres"]) == len(truth["manoeuvres"]) == 12
@@ -81,7 +81,9 @@ def test_each_manoeuvre_of_the_three_speeds_lies_as_near_its_truth_as_stated():
 
 
 def test_the_flight_in_fbwa_lies_as_near_its_truth_as_stated():
-    truth = json.loads((CASES / "sitl_fbwa_manoeuvres" / "truth.json").read_text())["dutch_roll"]
+    truth = json.loads((CASES / "sitl_fbwa_manoeuvres" / "truth.json").read_text(encoding="utf-8"))[
+        "dutch_roll"
+    ]
     found = summary("sitl_fbwa_manoeuvres")
 
     roll = found["flight"]["dutch_roll"]
@@ -97,7 +99,10 @@ def test_the_recipes_make_the_cases_as_they_stand():
     pytest.importorskip("jsbsim")
     from cases.recipes import RECIPES
 
-    told = {name: tomllib.loads((CASES / name / "case.toml").read_text()) for name in RECIPES}
+    told = {
+        name: tomllib.loads((CASES / name / "case.toml").read_text(encoding="utf-8"))
+        for name in RECIPES
+    }
     assert told.keys() == {path.parent.name for path in CASES.glob("*/case.toml")}
     for name, recipe in RECIPES.items():
         assert told[name]["options"] == recipe.pinned, name
@@ -152,7 +157,7 @@ def test_the_servo_time_of_the_wrap_case_does_wrap():
 def test_the_tool_makes_every_log_again_byte_for_byte(tmp_path: Path):
     """Flown with the very JSBSim that flew the case; another version may fly otherwise."""
     jsbsim = pytest.importorskip("jsbsim")
-    truth = json.loads((CASES / "c172p_reversed" / "truth.json").read_text())
+    truth = json.loads((CASES / "c172p_reversed" / "truth.json").read_text(encoding="utf-8"))
     if jsbsim.__version__ != truth["jsbsim"]:
         pytest.skip(f"the cases were flown with JSBSim {truth['jsbsim']}")
     from cases import make as make_cases

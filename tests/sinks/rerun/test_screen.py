@@ -46,7 +46,7 @@ def screen() -> Iterator[str]:
     command = ["Xvfb", "-displayfd", str(write), "-screen", "0", "1024x768x24"]
     quiet = subprocess.DEVNULL
     with (
-        os.fdopen(read) as numbers,
+        os.fdopen(read, encoding="ascii") as numbers,
         child([*command, "-nolisten", "tcp"], pass_fds=[write], stderr=quiet),
     ):
         os.close(write)
@@ -66,7 +66,7 @@ def test_a_viewer_opens_where_there_is_a_screen(screen: str, tmp_path: Path, com
             [sys.executable, "-m", "yawid", *arguments],
             env=environment, stdout=said, stderr=subprocess.STDOUT, check=False, timeout=120,
         )  # fmt: skip
-    text = (tmp_path / "said").read_text()
+    text = (tmp_path / "said").read_text(encoding="utf-8")
 
     assert done.returncode == 0, text
     assert "no Rerun viewer" not in text

@@ -93,7 +93,9 @@ def written_by_others(folder: Path) -> dict[str, str]:
         book.writestr("xl/workbook.xml", "<workbook/>")
     (folder / "a.csv.bz2").write_bytes(bz2.compress(b"t,rudder,r"))
     (folder / "page.tlog").write_bytes(b"\xef\xbb\xbf\r\n<!DOCTYPE html><title>Sign in</title>")
-    (folder / "7.log").write_text("FMT, 128, 89, FMT, BBnNZ, Type,Length,Name,Format,Columns\n")
+    (folder / "7.log").write_text(
+        "FMT, 128, 89, FMT, BBnNZ, Type,Length,Name,Format,Columns\n", encoding="utf-8"
+    )
     return {
         "a.mat": "MATLAB file.*writetable", "a.npy": "NumPy array.*savetxt", "a.db3": "SQLite",
         "a.xlsx": "Excel.*CSV", "a.csv.bz2": "bunzip2", "page.tlog": "web page", "7.log": r"\.BIN",

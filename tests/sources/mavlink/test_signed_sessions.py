@@ -70,7 +70,7 @@ def signed_records(records: list[bytes]) -> list[bytes]:
 @pytest.fixture
 def key_file(tmp_path: Path) -> Path:
     path = tmp_path / "key.txt"
-    path.write_text(PASSPHRASE + "\n")
+    path.write_text(PASSPHRASE + "\n", encoding="utf-8")
     return path
 
 
@@ -188,7 +188,7 @@ def test_the_wrong_key_leaves_no_vehicle_and_counts_every_frame(
 def test_a_key_file_that_cannot_be_used_is_one_line_and_exit_code_2(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    (tmp_path / "key").write_text("two\nlines\n")
+    (tmp_path / "key").write_text("two\nlines\n", encoding="utf-8")
     for command in (["replay", "x.tlog"], ["live", "udpin:127.0.0.1:14999"]):
         for path in (tmp_path / "key", tmp_path / "none"):
             assert main([*command, "--signing-key-file", str(path)]) == 2

@@ -118,7 +118,7 @@ def test_full_rudder_on_the_ground_is_no_scale_of_a_flight(tmp_path: Path, colum
     text = f"t,rudder_deg,r_deg_s,{column}\n" + "".join(
         f"{a:.2f},{b:.3f},{c:.4f},{float(d):g}\n" for a, b, c, d in rows
     )
-    (tmp_path / "a.csv").write_text(text)
+    (tmp_path / "a.csv").write_text(text, encoding="utf-8")
     record = Log(tmp_path / "a.csv", ()).record
     assert record is not None
 
@@ -325,7 +325,7 @@ def test_texts_that_are_no_table_are_no_records(tmp_path: Path) -> None:
         "# notes\n1 2 3\n",
         "",
     ):
-        (tmp_path / "notes.txt").write_text(text)
+        (tmp_path / "notes.txt").write_text(text, encoding="utf-8")
         with pytest.raises(SourceError):
             _ = Log(tmp_path / "notes.txt", ()).record
 

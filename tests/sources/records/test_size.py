@@ -72,7 +72,7 @@ def test_a_csv_of_too_many_lines_is_refused_before_they_are_read(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = written(tmp_path / "a.csv", 1000)
-    with path.open("a") as file:
+    with path.open("a", encoding="utf-8") as file:
         file.write("this line would be refused\n")
     monkeypatch.setattr(records, "MOST_NUMBERS", 3000)
     with pytest.raises(SourceError, match=r"100[0-9] rows of 3 columns are more .*split it into"):
@@ -111,7 +111,9 @@ def test_a_number_is_the_same_wherever_a_piece_ends(rows: int, tmp_path: Path) -
 def test_modes_and_dates_are_understood_from_whichever_piece_they_begin_in(tmp_path: Path) -> None:
     rows = [f"{k / 50},1,1,{'' if k < 9000 else 'AUTO' if k % 2 else 7},," for k in range(20_000)]
     rows = [row + ("" if k < 9000 else "2024-05-01T00:00:01Z") for k, row in enumerate(rows)]
-    (tmp_path / "a.csv").write_text("t,rudder_deg,r_deg_s,mode,x,time\n" + "\n".join(rows) + "\n")
+    (tmp_path / "a.csv").write_text(
+        "t,rudder_deg,r_deg_s,mode,x,time\n" + "\n".join(rows) + "\n", encoding="utf-8"
+    )
     table = Record(tmp_path / "a.csv")._table
     table.load([3, 5])
     assert table.texts(3) == [r.split(",")[3] for r in rows]
