@@ -103,6 +103,43 @@ def test_sigmas_are_those_of_parameters_that_are_drawn() -> None:
     np.testing.assert_allclose(10.0 * np.std(np.angle(G), 0), response.phase_std_rad, rtol=0.05)
 
 
+@cache
+def moving(lag_s: float) -> tuple[Run, np.ndarray, np.ndarray]:
+    """Return the run of a rudder that switches between samples, without noise, and num and den."""
+    num, den, rng = np.array([8.0, 4.8]), np.array([1.0, 3.6, 36.0]), np.random.default_rng(3)
+    num, den = (num / lag_s, np.polymul(den, [1.0, 1.0 / lag_s])) if lag_s else (num, den)
+    u = np.zeros(6400)  # every 5 ms
+    for start in range(600, 5400, 800):
+        first, second = start + rng.integers(0, 70, 2)
+        u[first : second + 90], u[second + 90 : second + 170] = 0.3, -0.3
+    b, a, _ = signal.cont2discrete((num, den), 0.005)
+    t = 10.0 + 0.005 * np.arange(len(u))
+    data = {"t": t, "rudder": u, "r [rad/s]": signal.lfilter(b.ravel(), a, u),
+            "airspeed [m/s EAS]": np.full(len(t), 20.0)}  # fmt: skip
+    return yawid.replay(data, rudder_unit="half-travel", rudder_is="commanded"), num, den
+
+
+@pytest.mark.parametrize("lag_s", [0.0, 1.0 / 12.0])
+@pytest.mark.parametrize("which", [1, "flight"])
+def test_a_rudder_known_by_its_means_gives_the_plant_that_was_flown(
+    which: int | str, lag_s: float
+) -> None:
+    flown, num, den = moving(lag_s)
+    found = flown.model(which)  # type: ignore[arg-type]  # a test's text
+    w = np.array([2.0, 6.0, 9.0, 12.0])
+    _, true = signal.freqs(num, den, w)
+
+    assert flown.summary.manoeuvres[0].answer.orders.nb == 3  # type: ignore[index,union-attr]  # it has one
+    assert np.abs(found.frequency_response(w).G / true) == pytest.approx(1.0, abs=0.005)
+    u = np.zeros(200)
+    u[10:20], u[20:30] = 0.3, -0.3
+    b, a, _ = signal.cont2discrete((num, den), 0.05)
+    y = signal.lfilter(b.ravel(), a, u)
+    assert np.linalg.norm(found.simulate(u) - y) < 0.005 * np.linalg.norm(y)
+    assert found.input_is == "mean"
+    assert model(which).input_is == "held"
+
+
 def test_a_dead_time_is_in_the_samples_and_not_forgotten_in_continuous_time() -> None:
     data = record()
     data["rudder"] = np.roll(data["rudder"], -1)
@@ -269,6 +306,7 @@ def test_the_files_are_read_back(
     }  # fmt: skip
     assert told["inputs"] == [{"name": "rudder", "unit": "half-travel"}]
     assert told["sigma_is"] == "of noise alone"
+    assert told["input_is"] == "held"
     kept = loadmat(tmp_path / "model.mat", simplify_cells=True)
     discrete = model(1).ss(discrete=True)
     for name in "ABCD":

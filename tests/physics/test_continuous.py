@@ -19,7 +19,7 @@ def model(nk: int = 1, *, sample_time_s: float = 0.05):
     b, a, _ = cont2discrete((NUM, den), sample_time_s)
     theta = np.r_[a[1:], b.ravel()[1:], 0.3, 0.1, 0.0]
     orders = ArmaxOrders(na=3, nb=(3,), nc=2, nk=(nk,))
-    return transfer(theta[None], orders, sample_time_s)
+    return transfer(theta[None], orders, sample_time_s, held=True)
 
 
 def true(s, speed: float = 1.0, yaw=YAW):
@@ -56,4 +56,18 @@ def test_a_moved_pair_leaves_zeros_and_lags() -> None:
 
 def test_more_coefficients_of_b_than_of_a_are_refused() -> None:
     with pytest.raises(ValueError, match="nb must be 1 to na"):
-        transfer(np.zeros((1, 6)), ArmaxOrders(na=2, nb=(3,), nc=0, nk=(1,)), 0.05)
+        transfer(np.zeros((1, 6)), ArmaxOrders(na=2, nb=(3,), nc=0, nk=(1,)), 0.05, held=True)
+
+
+def test_a_pole_that_alternates_leaves_its_response_to_the_others() -> None:
+    # Times (z + 0.2) 1.3 / (z + 0.3) / 1.2, which is 1 at DC and no motion of an aircraft.
+    b, a, _ = cont2discrete((NUM, YAW), 0.05)
+    theta = np.r_[np.polymul(a, [1.0, 0.3])[1:], np.polymul(b.ravel()[1:], [1.3 / 1.2, 0.26 / 1.2])]
+    orders = ArmaxOrders(na=3, nb=(3,), nc=0, nk=(1,))
+    G = transfer(theta[None], orders, 0.05, held=True)
+
+    s = 1j * np.array([1.0, 5.0, 10.0])
+    z = np.exp(0.05 * s)
+    true = np.polyval(NUM, s) / np.polyval(YAW, s) * (z + 0.2) * 1.3 / (z + 0.3) / 1.2
+    assert G.at(s)[0] == pytest.approx(true, rel=0.04)
+    assert np.count_nonzero(G.residues) == 2

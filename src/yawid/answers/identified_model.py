@@ -66,6 +66,7 @@ class ModelFile(Part, frozen=True, kw_only=True):
     usable: bool
     reasons: list[str]
     sigma_is: str
+    input_is: str
     airspeed_m_s: Number | None = None
     servo_lag_s: Number | None = None
     from_prior: list[str]

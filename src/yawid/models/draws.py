@@ -72,11 +72,13 @@ def drawn_aircraft(
     own: Sequence[tuple[Model, float]],
     richer: Sequence[tuple[Model, float]],
     *,
+    held: bool,
     mean_output: bool = False,
 ) -> Aircraft | None:
     """Return the flight's aircraft from models, each with its airspeed in m/s; None without one.
 
     ``own`` are the manoeuvres' models by the flight's own structure, ``richer`` by another.
+    ``held`` and ``mean_output`` are those of :func:`transfer`.
     """
     roll, speed = flight.dutch_roll, flight.airspeed_m_s
     if roll is None or speed is None or not own:
@@ -89,8 +91,10 @@ def drawn_aircraft(
         for i, (model, at) in enumerate(models):
             share = count // len(models) + (i < count % len(models))
             if share:
-                drawn = _drawn(model, share, rng, mean_output=mean_output)
-                kept = drawn.faster(speed / at)
+                theta = _drawn(model, share, rng)
+                kept = transfer(
+                    theta, model.orders, model.sample_time_s, held=held, mean_output=mean_output
+                ).faster(speed / at)
                 near = np.abs(np.abs(kept.dutch_roll) / wn - 1.0) < ALIKE
                 parts.append((kept.select(near), is_own))
     width = max(each.poles.shape[1] for each, _ in parts)
@@ -101,7 +105,6 @@ def drawn_aircraft(
         direct=np.concatenate([each.direct for each in wide]),
         delay_s=wide[0].delay_s,
         pair=np.concatenate([each.pair for each in wide]),
-        mean_s=wide[0].mean_s,
     )
     own_rows = np.concatenate([np.full(len(each), is_own) for each, is_own in parts])
     if np.count_nonzero(own_rows) < DRAWS // 4:
@@ -121,14 +124,12 @@ def central(aircraft: Aircraft, flight: Flight) -> Transfer:
     return aircraft.G.select(slice(nearest, nearest + 1)).with_pair(pole_of(wn, np.array([zeta])))
 
 
-def _drawn(model: Model, count: int, rng: np.random.Generator, *, mean_output: bool) -> Transfer:
-    """Return ``count`` draws of a model."""
+def _drawn(model: Model, count: int, rng: np.random.Generator) -> Floats:
+    """Return ``count`` draws of a model's theta."""
     root = np.linalg.eigh(0.5 * (model.covariance + model.covariance.T))
     spread = root.eigenvectors * np.sqrt(np.maximum(root.eigenvalues, 0.0))
-    theta = model.theta + rng.normal(size=(count, len(model.theta))) @ spread.T
-    found = transfer(theta, model.orders, model.sample_time_s, mean_output=mean_output)
-    # Two coefficients of B cannot follow what the mean over a sample does above wn.
-    return replace(found, mean_s=model.sample_time_s if model.orders.nb[0] > 2 else 0.0)
+    found: Floats = model.theta + rng.normal(size=(count, len(model.theta))) @ spread.T
+    return found
 
 
 def _as_answered(

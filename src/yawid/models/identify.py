@@ -21,12 +21,13 @@ from yawid.errors import ConfigError, NotIdentifiable
 from yawid.models.draws import drawn_aircraft, few, fits, pole_of
 from yawid.models.fitted import Model
 from yawid.models.linear import Form, LinearModel, Matrices, Signal, slopes_of
-from yawid.models.refit import rows_of
+from yawid.models.refit import rows_of, rudder_held
 from yawid.physics.continuous import Transfer, transfer
 from yawid.physics.derivatives import numerator_polynomial
 from yawid.quantities.units import HALF_TRAVEL
 
 GRAVITY_M_S2 = 9.80665
+HELD, MEAN = "held", "mean"
 OF_NOISE, TOTAL = "of noise alone", "total"
 _OUTPUT = Signal("r", "rad/s")
 _STATES = (Signal("beta", "rad"), Signal("p", "rad/s"), _OUTPUT, Signal("roll", "rad"))
@@ -41,6 +42,16 @@ class Recorded:
     sample_time_s: float
     samples: Iterable[SampleBlock]
     rudder_unit: str
+
+    @property
+    def held(self) -> bool:
+        """Whether the rudder was held from sample to sample; else each sample has its mean."""
+        return rudder_held(self.config, self.summary, self.sample_time_s)
+
+    @property
+    def input_is(self) -> str:
+        """How the record has the rudder, see :class:`LinearModel`."""
+        return HELD if self.held else MEAN
 
     def inputs(self, names: Sequence[str]) -> tuple[Signal, ...]:
         """Return inputs with their units."""
@@ -75,14 +86,16 @@ def _manoeuvre(run: Recorded, found: Manoeuvre) -> LinearModel:
     model, inputs = drawn.model, run.inputs(found.inputs)
     discrete = _of_theta(model, inputs)
     delay_s = (model.orders.nk[0] - 1) * model.sample_time_s
-    to_s = partial(_continuous_of, orders=model.orders, sample_time_s=model.sample_time_s)
-    theta = model.theta[: model.orders.na + sum(model.orders.nb)]
-    values = to_s(theta)
-    slopes = slopes_of(to_s, theta, discrete.std)
-    covariance = slopes @ discrete.covariance @ slopes.T
-    continuous = _observer(values, covariance, inputs)
+    to_s = partial(
+        _continuous_of, orders=model.orders, sample_time_s=model.sample_time_s, held=run.held
+    )
+    values, slopes = to_s(discrete.values), slopes_of(to_s, discrete.values, discrete.std)
+    continuous = _observer(values, slopes @ discrete.covariance @ slopes.T, inputs)
+    if not run.held:  # theta's own input is the mean, and not held
+        discrete = _sampled(continuous, model.sample_time_s, model.orders.nk[0] - 1)
     return LinearModel(
         of=f"manoeuvre {found.n}", **_judged(found.verdict), sigma_is=OF_NOISE,
+        input_is=run.input_is,
         continuous=continuous, discrete=discrete, inputs=inputs,
         outputs=(_OUTPUT,), states=_chain(continuous),
         delay_s=delay_s, measured=drawn.judged, facts=_airspeed(found.airspeed_m_s),
@@ -104,15 +117,16 @@ def _flight(run: Recorded) -> LinearModel:
     orders = list(flight.orders.to_json().values())
     own = fits(run.config, run.sample_time_s, rows_of(few(used), run.samples), orders)
     pairs = [(each.model, speed) for each, speed in own]
-    aircraft = drawn_aircraft(flight, pairs, ())
+    aircraft = drawn_aircraft(flight, pairs, (), held=run.held)
     if aircraft is None:
         raise NotIdentifiable("the manoeuvres, fitted again, do not give the flight's answer")
     draws = [_polynomials(aircraft.G, i) for i in range(len(aircraft.G))]
     wn, zeta = flight.dutch_roll.wn_rad_s, flight.dutch_roll.zeta
     pole = pole_of(wn, np.array([zeta]))
-    scaled = [
-        _polynomials(_at_speed(m, flight.airspeed_m_s / at).with_pair(pole), 0) for m, at in pairs
-    ]
+    to_s = partial(transfer, held=run.held)
+    there = [to_s(m.theta[None], m.orders, m.sample_time_s).faster(flight.airspeed_m_s / at)
+             for m, at in pairs]  # fmt: skip
+    scaled = [_polynomials(each.with_pair(pole), 0) for each in there]
     n = max(len(each) for each in scaled)
     values = np.mean([each for each in scaled if len(each) == n], axis=0)
     some = np.array([each for each in draws if len(each) == n])
@@ -120,17 +134,13 @@ def _flight(run: Recorded) -> LinearModel:
     continuous = _observer(values, np.cov(some.T), inputs)
     delay = pairs[0][0].orders.nk[0] - 1
     return LinearModel(
-        of="flight", **_judged(flight.verdict), sigma_is=TOTAL,
+        of="flight", **_judged(flight.verdict), sigma_is=TOTAL, input_is=run.input_is,
         continuous=continuous, inputs=inputs,
         discrete=_sampled(continuous, run.sample_time_s, delay),
         outputs=(_OUTPUT,), states=_chain(continuous),
         delay_s=delay * run.sample_time_s,
         facts=_airspeed(flight.airspeed_m_s),
     )  # fmt: skip
-
-
-def _at_speed(model: Model, factor: float) -> Transfer:
-    return transfer(model.theta[None], model.orders, model.sample_time_s).faster(factor)
 
 
 def _polynomials(G: Transfer, row: int) -> Floats:
@@ -159,7 +169,8 @@ def _bare(run: Recorded) -> LinearModel:
     continuous = Form(names, units, values, covariance, matrices)
     lag = {} if bare.servo_lag_s is None else {"servo_lag_s": bare.servo_lag_s.value or 0.0}
     return LinearModel(
-        of="bare airframe", **_judged(bare.verdict), sigma_is=TOTAL, continuous=continuous,
+        of="bare airframe", **_judged(bare.verdict), sigma_is=TOTAL, input_is=MEAN,
+        continuous=continuous,
         discrete=_sampled(continuous, run.sample_time_s), inputs=inputs, outputs=_STATES,
         states=_STATES, facts=_airspeed(bare.airspeed_m_s) | lag,
         from_prior=tuple(bare.from_prior or ()),
@@ -231,17 +242,20 @@ def _discrete(theta: Floats, orders: ArmaxOrders) -> Matrices:
     return A, B, np.eye(1, n), np.zeros((1, len(orders.nb)))
 
 
-def _continuous_of(theta: Floats, orders: ArmaxOrders, sample_time_s: float) -> Floats:
+def _continuous_of(
+    theta: Floats, orders: ArmaxOrders, sample_time_s: float, *, held: bool
+) -> Floats:
     """Return the coefficients of den, then of each input's num, without leading zeros (m,)."""
     found: list[Floats] = []
-    first = orders.na
+    lags, first = None, orders.na
     for nb, nk in zip(orders.nb, orders.nk, strict=True):
         one = ArmaxOrders(na=orders.na, nb=(nb,), nc=0, nk=(nk,))
         both = np.concatenate([theta[: orders.na], theta[first : first + nb]])
         try:
-            coefficients = _polynomials(transfer(both[None], one, sample_time_s), 0)
+            G = transfer(both[None], one, sample_time_s, held=held, lags=lags)
         except ValueError as error:
             raise NotIdentifiable(f"there is no continuous model: {error}") from error
+        lags, coefficients = G.poles, _polynomials(G, 0)
         found.append(coefficients if not found else coefficients[len(coefficients) // 2 :])
         first += nb
     return np.concatenate(found)

@@ -123,8 +123,10 @@ class LinearModel:
     """An identified model: of a manoeuvre, of the flight, or of the bare airframe.
 
     ``of`` says which, ``usable`` and ``reasons`` whether its answer may be used, and ``sigma_is``
-    whether sigmas are total or of noise alone, as a manoeuvre's are. Inputs move from their trim; a
-    unit of them is that of their channel. ``measured`` has the samples of a
+    whether sigmas are total or of noise alone, as a manoeuvre's are. ``input_is`` says how the
+    record has the rudder: "mean" of each sample, or "held" from one to the next. The model answers
+    the rudder itself, in discrete time one that is held. Inputs move from their trim; a unit of
+    them is that of their channel. ``measured`` has the samples of a
     manoeuvre, as measured and as modelled, else None. ``facts`` are further numbers.
     """
 
@@ -132,6 +134,7 @@ class LinearModel:
     usable: bool
     reasons: tuple[str, ...]
     sigma_is: str
+    input_is: str
     continuous: Form
     discrete: Form
     inputs: tuple[Signal, ...]
@@ -244,7 +247,8 @@ class LinearModel:
         """Return the outputs of the model at rest for inputs on its grid: (n,), or (n, outputs).
 
         ``u`` (n,) is the first input, or (n, inputs) all of them, about their trim. The value
-        of sample k is held until sample k + 1.
+        of sample k is held until sample k + 1. A run's own samples are means, to which
+        ``measured.simulated`` has the answer: held, they lose (w Ts)^2 / 12 of what moves at w.
 
         Raises:
             ConfigError: u has another number of inputs.

@@ -1,16 +1,11 @@
 """The continuous transfer function from rudder to yaw rate, as poles and residues.
 
-The zero-order hold is undone exactly (:func:`yawid.physics.modes.residues_of`), so that::
-
-    G(s) = (sum of R_i / (s - p_i) + D) exp(-s delay) (sinh(s mean / 2) / (s mean / 2))^2
+    G(s) = (sum of R_i / (s - p_i) + D) exp(-s delay)
 
 with p_i in rad/s and R_i in rad/s^2 per unit of rudder; D is 0 for every identified model. This
-form can be evaluated anywhere in the s plane, for many models at once.
-
-The last factor is 1 where the rudder was held from one sample to the next. A rudder that moves at
-any time is known by its mean over each sample and taken as held: both weaken it by a sinc, and a G
-identified with three or more coefficients of B is too large by 1 / sinc^2(w mean / 2), 2 % at half
-a radian a sample, 8 % at one.
+form can be evaluated anywhere in the s plane, for many models at once. A zero-order hold is undone
+exactly (:func:`yawid.physics.modes.residues_of`), the mean of a rudder that moved between the
+samples, and a pole that alternates, as far as :mod:`yawid.physics.moving_rudder` says.
 """
 
 from dataclasses import dataclass, replace
@@ -19,14 +14,11 @@ import numpy as np
 
 from yawid.blocks import Bools, Floats
 from yawid.config.estimator import ArmaxOrders
-from yawid.physics.derivatives import CANCELLED, without_alternating
-from yawid.physics.modes import (
-    Complexes,
-    dutch_roll_index,
-    numerator_terms,
-    poles_of,
-    residues_of,
-)
+from yawid.physics.modes import Complexes, dutch_roll_index, poles_of, residues_of
+from yawid.physics.moving_rudder import followed, frequencies, of_pair, response
+
+FAR = 1e9
+"""Size in rad/s of a pole that has no effect."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,7 +26,6 @@ class Transfer:
     """Transfer functions of n models: poles and residues (n, m), direct terms (n,), a delay in s.
 
     ``pair`` (n,) is the column of the Dutch roll's pole in the upper half plane, -1 without one.
-    ``mean_s`` is the time in s over which the rudder is a mean, 0 where it was held.
     """
 
     poles: Complexes
@@ -42,7 +33,6 @@ class Transfer:
     direct: Floats
     delay_s: float
     pair: Floats
-    mean_s: float = 0.0
 
     def __len__(self) -> int:
         return len(self.poles)
@@ -57,20 +47,14 @@ class Transfer:
     def effect(self) -> Floats:
         """The size of the Dutch roll's residue (n,): at wn, G is about that over zeta wn."""
         residues = self.residues[np.arange(len(self)), self.pair.astype(int)]
-        return np.asarray(np.abs(residues * self._of_mean(self.dutch_roll)))
+        return np.asarray(np.abs(residues))
 
     def at(self, s: Complexes) -> Complexes:
         """Return G(s) (n, k) at points ``s`` (k,) of all models, or (n, k) of each."""
         s = np.broadcast_to(s, (len(self), np.shape(s)[-1]))
         terms = self.residues[:, None, :] / (s[:, :, None] - self.poles[:, None, :])
         found: Complexes = terms.sum(axis=2) + self.direct[:, None]
-        return found * np.exp(-s * self.delay_s) * self._of_mean(s)
-
-    def _of_mean(self, s: Complexes) -> Complexes:
-        x = 0.5 * self.mean_s * s
-        small = np.abs(x) < 1e-6
-        found: Complexes = np.where(small, 1.0, np.sinh(x) / np.where(small, 1.0, x)) ** 2
-        return found
+        return found * np.exp(-s * self.delay_s)
 
     def select(self, rows: slice | Bools) -> "Transfer":
         """Return the transfer functions of these rows."""
@@ -86,7 +70,6 @@ class Transfer:
         """
         if factor == 1.0:
             return self
-        mean_s = self.mean_s / factor
         rows = np.arange(len(self))
         has = np.zeros(len(self), bool) if lag is None else lag >= 0
         column = np.where(has, 0 if lag is None else lag, 0).astype(int)
@@ -111,7 +94,6 @@ class Transfer:
             poles=np.where(has[:, None], poles, scaled.poles),
             residues=np.where(has[:, None], again, scaled.residues),
             direct=np.where(has, 0.0, scaled.direct),
-            mean_s=mean_s,
         )
 
     def with_pair(self, pole: Complexes) -> "Transfer":
@@ -131,8 +113,9 @@ class Transfer:
             return np.asarray(found + near * far * (others.sum(axis=1) + self.direct))
 
         shift = (self.poles - old[:, None]) * (self.poles - np.conj(old)[:, None])
-        shift = shift / ((self.poles - pole[:, None]) * (self.poles - np.conj(pole)[:, None]))
-        residues, poles = self.residues * shift, self.poles.copy()
+        rest = (self.poles - pole[:, None]) * (self.poles - np.conj(pole)[:, None])
+        rest[rows, column] = rest[rows, twin] = 1.0  # these residues come below
+        residues, poles = self.residues * shift / rest, self.poles.copy()
         poles[rows, column], poles[rows, twin] = pole, np.conj(pole)
         residues[rows, column] = without(pole) / (pole - np.conj(pole))
         residues[rows, twin] = np.conj(residues[rows, column])
@@ -140,13 +123,16 @@ class Transfer:
 
 
 def transfer(
-    theta: Floats, orders: ArmaxOrders, sample_time_s: float, *, mean_output: bool = False
-) -> Transfer:
+    theta: Floats, orders: ArmaxOrders, sample_time_s: float,
+    *, held: bool, mean_output: bool = False, lags: Complexes | None = None,
+) -> Transfer:  # fmt: skip
     """Return the transfer functions from the first input of models ``theta`` (n, p).
 
-    A dead time beyond one sample (nk > 1) is the delay. Poles that alternate from sample to sample
-    have no continuous counterpart and are divided out at DC, as
-    in :mod:`yawid.physics.derivatives`. ``mean_output`` is that of :func:`residues_of`.
+    ``held``: the rudder was held from sample to sample; else it moved at any time. A dead time
+    beyond one sample (nk > 1) is the delay. Poles that alternate from sample to sample have no
+    continuous counterpart: the others have the response. ``mean_output`` is that of
+    :func:`residues_of`. ``lags`` (n, na) are the poles of a model with the same A that this one
+    must have as well.
 
     Raises:
         ValueError: the model has no B, or more coefficients of B than of A.
@@ -155,11 +141,16 @@ def transfer(
         raise ValueError(f"nb must be 1 to na = {orders.na} for a continuous model: {orders.nb}")
     prompt = ArmaxOrders(na=orders.na, nb=orders.nb, nc=orders.nc, nk=(1,) * len(orders.nk))
     poles = poles_of(theta[:, : orders.na], prompt, sample_time_s)
-    found = residues_of(theta, poles, prompt, sample_time_s, mean_output=mean_output)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        terms = numerator_terms(theta, prompt, poles.z)
-        cancelled = np.abs(terms.sum(axis=2)) <= CANCELLED * np.abs(terms).sum(axis=2)
-        p, residues = without_alternating(poles.z, poles.s, found, cancelled)
+    residues = residues_of(theta, poles, prompt, sample_time_s, mean_output=mean_output)
+    alternating = np.isnan(poles.s) & np.isfinite(poles.z)
+    p, residues = (np.where(alternating, x, y) for x, y in ((-FAR, poles.s), (0.0, residues)))
     pair = dutch_roll_index(p, residues, sample_time_s)
+    again = np.isfinite(p).all(axis=1) & (alternating.any(axis=1) if held else True)
+    if again.any():
+        w = frequencies(p[again], pair[again], sample_time_s)
+        G = response(theta[again], prompt, sample_time_s, w, held=held, mean_output=mean_output)
+        some = (p if lags is None else lags)[again]
+        stays = of_pair(some, pair[again]) if lags is None else ~alternating[again]
+        p[again], residues[again] = followed(some, stays, ~alternating[again], w, G)
     delay_s = (orders.nk[0] - 1) * sample_time_s
     return Transfer(p, residues, np.zeros(len(p)), delay_s, pair.astype(float))

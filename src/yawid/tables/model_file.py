@@ -72,6 +72,7 @@ def model_file(model: LinearModel, log: str) -> ModelFile:
         usable=model.usable,
         reasons=list(model.reasons),
         sigma_is=model.sigma_is,
+        input_is=model.input_is,
         airspeed_m_s=model.facts.get("airspeed_m_s"),
         servo_lag_s=model.facts.get("servo_lag_s"),
         from_prior=list(model.from_prior),
@@ -144,6 +145,7 @@ def _matlab(model: LinearModel) -> bytes:
         names = ("w", f"G_{o}_{i}", f"magnitude_std_{o}_{i}", f"phase_std_{o}_{i}")
         kept |= dict(zip((*names, f"coherence_{o}_{i}"), each, strict=True))
     kept |= {"of": model.of, "usable": model.usable, "sigma_is": model.sigma_is}
+    kept |= {"input_is": model.input_is}
     stream = io.BytesIO()
     savemat(stream, kept | model.facts, oned_as="column")
     return stream.getvalue()
