@@ -4,7 +4,7 @@ Each vehicle sends ATTITUDE and SERVO_OUTPUT_RAW at 50 Hz, and all fly a doublet
 The sender and ``yawid live --sysid all`` are processes of their own on loopback. With up to
 ``--same`` vehicles, every vehicle's tlog is also replayed: estimates, manoeuvres and flight must
 equal the session's, bit for bit. The delay of a manoeuvre is the time from its end to the line that
-reports it; up to 1.3 s of it pass until the end is known.
+reports it; up to 1.3 s of it pass until the end is known. CPU time includes the session's children.
 """
 
 from __future__ import annotations
@@ -12,7 +12,6 @@ from __future__ import annotations
 import argparse
 import json
 import math
-import os
 import re
 import socket
 import subprocess
@@ -28,6 +27,7 @@ from statistics import median
 from typing import IO, Any
 
 import numpy as np
+import psutil
 from flights.drawn import Drawn
 from flights.hands import count
 from flights.plan import STEP_S, FlightPlan
@@ -103,10 +103,11 @@ class Reports(threading.Thread):
                 self.at_s[int(found[1])] = time.time()
 
 
-def cpu_s(process: int) -> float:
-    """Return the CPU time in s that a process has used so far."""
-    fields = Path(f"/proc/{process}/stat").read_text(encoding="utf-8").rpartition(")")[2].split()
-    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+def cpu_s(process: int) -> tuple[float, float]:
+    """Return the CPU time in s that a process and its children have used: in all, and as user."""
+    main = psutil.Process(process)
+    times = [each.cpu_times() for each in (main, *main.children())]
+    return sum(each.user + each.system for each in times), sum(each.user for each in times)
 
 
 def flown(log: Path, folder: Path) -> dict[str, Any]:
@@ -117,16 +118,17 @@ def flown(log: Path, folder: Path) -> dict[str, Any]:
         reports = Reports(process.stderr)
         reports.start()
         time.sleep(WARM_S)
-        before_s = cpu_s(process.pid)
+        before_s, before_user_s = cpu_s(process.pid)
         command = [sys.executable, "-m", "bench.vehicles", "send", str(log), str(port)]
         done = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=True, cwd=TOOLS)
-        used_s = cpu_s(process.pid) - before_s
+        used_s = cpu_s(process.pid)[0] - before_s
         time.sleep(SETTLED_S)
+        user_s = cpu_s(process.pid)[1] - before_user_s
         process.terminate()
         summaries = [json.loads(line) for line in process.stdout]
         reports.join(ENDING_S)
     sent: dict[str, Any] = json.loads(done.stdout)
-    return sent | {"cpu_s": used_s, "reports": reports, "summaries": summaries}
+    return sent | {"cpu_s": used_s, "user_s": user_s, "reports": reports, "summaries": summaries}
 
 
 def lost(summaries: list[dict[str, Any]], log: Path) -> int:
@@ -170,7 +172,7 @@ def row(vehicles: list[list[Record]], options: argparse.Namespace) -> str:
         f"{missing} of {got['sent']}, {dropped}" + (", behind" if behind else ""),
         f"{percent:.0f}, {percent / count:.2f}",
         " / ".join(f"{ms:.0f}" for ms in worst),
-        f"{len(waits)}: {median(waits):.1f}, {max(waits):.1f} s",
+        f"{len(waits)}: {median(waits):.1f}, {max(waits):.1f} s; {got['user_s']:.1f} s",
         f"{sum(same)} of {len(same)}" if same else "",
     ]
     return f"| {' | '.join(cells)} |"
@@ -186,7 +188,7 @@ def main(arguments: list[str]) -> Iterator[str]:
     logs = [list(vehicle(sysid)) for sysid in range(1, 1 + max(options.vehicles))]
     yield (
         "| | frames lost, dropped | CPU %, each | worst latency, ms: p50 / p99 / max "
-        "| delay: median, last | as replayed |"
+        "| delay: median, last; user CPU | as replayed |"
     )
     yield "|---" * 6 + "|"
     for vehicles in options.vehicles:

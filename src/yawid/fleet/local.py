@@ -13,7 +13,7 @@ from itertools import islice
 from typing import Any, Final
 
 from yawid.errors import SinkError
-from yawid.fleet.worker import POLL_S, QUEUED, Child, Task, warm
+from yawid.fleet.worker import POLL_S, QUEUED, Replayer, Task, warm
 from yawid.runs.stop import SIGNALS, StopFlag
 from yawid.system.processes import block, cores
 
@@ -28,9 +28,9 @@ class LocalWorkers:
 
     address = HERE
 
-    def __init__(self, pool: ThreadPoolExecutor, children: list[Child]) -> None:
+    def __init__(self, pool: ThreadPoolExecutor, children: list[Replayer]) -> None:
         self._pool = pool
-        self._idle: queue.SimpleQueue[Child] = queue.SimpleQueue()
+        self._idle: queue.SimpleQueue[Replayer] = queue.SimpleQueue()
         for child in children:
             self._idle.put(child)
         self.threads = len(children)
@@ -84,7 +84,7 @@ def local_workers(count: int | None) -> Iterator[LocalWorkers]:
     """
     ready = threading.Thread(target=warm)
     ready.start()
-    children = [Child() for _ in range(count or cores())]
+    children = [Replayer() for _ in range(count or cores())]
     pool = ThreadPoolExecutor(len(children), "yawid-fleet", block, (SIGNALS,))
     ready.join()
     try:

@@ -12,6 +12,7 @@ from itertools import chain
 from operator import itemgetter
 from pathlib import Path
 
+import psutil
 import pytest
 from finished_runs import messages
 from live_link import CONFIG, frames, listening, send, tlog_size, wait_for_size
@@ -31,6 +32,7 @@ from yawid.sources.link.udp import UdpTap
 from yawid.sources.mavlink.decoder import Decoder
 from yawid.sources.mavlink.signing import SigningKey
 from yawid.sources.open_log import ReadOptions
+from yawid.system.processes import cores
 
 
 def mixed(*vehicles: list[bytes]) -> list[bytes]:
@@ -85,10 +87,12 @@ def test_vehicles_that_fly_a_doublet_at_once_give_what_their_replays_give_to_the
             time.sleep(0.02)
         session.screen.wait_for("6 vehicles, ")
         session.screen.wait_for(": 6 tracking")
+        children = [each.cmdline() for each in psutil.Process().children()]
         wait_for_size(session.part("tlog", "live-6"), tlog_size(sent[6]))
         own = {each.name for each in set(threading.enumerate()) - before}
         in_the_loop = set(syncing) - {"yawid-disk"}
 
+    assert sum("yawid.system.child" in each for each in children) == min(cores(), 4)
     threads = {name for name in own if name.startswith("yawid-")}
     assert threads == {"yawid-tap", "yawid-manoeuvres", "yawid-disk", "yawid-console"}
     assert (in_the_loop, "yawid-disk" in syncing) == (set(), True)

@@ -18,7 +18,7 @@ from yawid.runs.live.overload import Overload
 from yawid.runs.live.publish import Publish
 from yawid.runs.live.vehicle_session import MOST_EVENTS, Ended, Setting
 from yawid.runs.live.vehicles import MOST_VEHICLES, Fleet, Single
-from yawid.runs.live.worker import SharedDisk, Worker
+from yawid.runs.live.worker import FitWorker, SharedDisk, Worker
 from yawid.runs.outputs import Outputs
 from yawid.runs.stop import StopFlag
 from yawid.sinks.terminal.live_facts import LiveFacts as ScreenFacts
@@ -134,7 +134,7 @@ def live(
     with os_errors_as_sink_error(outputs.folder):
         outputs.folder.mkdir(parents=True, exist_ok=True)
     read_options = read_options or ReadOptions()
-    fits, disk = Worker("yawid-manoeuvres"), Worker("yawid-disk")
+    fits, disk = FitWorker("yawid-manoeuvres", console.say), Worker("yawid-disk")
     lateral = Worker("yawid-lateral") if config.lateral == "auto" else None
     viewers = Worker("yawid-viewers") if outputs.has_viewer else None
     switch_s = sys.getswitchinterval()
@@ -195,10 +195,13 @@ def _publishing(tap: Tap, setting: Setting, options: LiveOptions) -> Iterator[Pu
     key = setting.read_options.key
     publisher = open_publisher(options.publish, tap, options.publish_compid, key)
     setting.say(f"publishing to {publisher.names} as component {publisher.compid} of the vehicle")
+    # A stream is judged in this process, never in one that fits manoeuvres.
+    judging = Worker("yawid-verdicts") if options.every_vehicle else setting.fits
     try:
-        yield Publish(publisher, setting.fits, setting.reached_us)
+        yield Publish(publisher, judging, setting.reached_us)
     finally:
         publisher.close()
+        judging.shutdown()
 
 
 def open_tap(

@@ -23,7 +23,7 @@ from yawid.runs.live.saved_state import StateFile, of_vehicle
 from yawid.runs.live.screen_facts import Gatherer
 from yawid.runs.live.standing import Latency, Standing
 from yawid.runs.live.viewer_thread import Viewer
-from yawid.runs.live.worker import SharedDisk, Worker
+from yawid.runs.live.worker import FitWorker, SharedDisk, Worker
 from yawid.runs.outputs import (
     Outputs,
     finish,
@@ -68,7 +68,7 @@ class Setting(NamedTuple):
     say: Callable[[str], None]
     now_us: Callable[[], int]
     reached_us: Callable[[], int]
-    fits: Worker
+    fits: FitWorker
     disk: SharedDisk
     viewers: Worker | None
     lateral: Worker | None

@@ -22,7 +22,7 @@ KEPT = 8192
 MOST_VEHICLES = 64
 """The default for how many sessions may be opened: one sender can claim to be 255 vehicles."""
 FEW = 4
-"""Up to this many vehicles each have their own part of the line."""
+"""Up to this many vehicles each have their own part of the line, and one thread fits for all."""
 CLOSELY = 20
 """For how many vehicles a screen shows the rudder's movement: a usual screen has as many rows."""
 _HEARTBEAT = 0
@@ -189,6 +189,8 @@ class Fleet:
 
     def _open(self, sysid: int) -> None:
         """Open a session; a state that has become unusable since the start is left out."""
+        if len(self._sessions) >= FEW:  # their manoeuvres may end at once
+            self._setting.fits.spread()
         try:
             self._sessions[sysid] = for_vehicle(self._setting, sysid)
         except Exception as error:

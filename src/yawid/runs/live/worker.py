@@ -1,4 +1,7 @@
-"""Threads for slow work of all sessions: one for fits, one for the disk, one for viewers."""
+"""Threads for slow work of all sessions: one for the disk, one for viewers, one for fits.
+
+The fits of many vehicles are made by processes, each with a thread here.
+"""
 
 import os
 import queue
@@ -6,12 +9,19 @@ import threading
 from collections.abc import Callable
 from concurrent.futures import Executor, Future
 from functools import partial
-from typing import BinaryIO, ParamSpec, TypeVar
+from typing import Any, BinaryIO, ParamSpec, TypeAlias, TypeVar
 
+from yawid.runs.stop import SIGNALS
+from yawid.system.child import DIED, Child
 from yawid.system.part_file import Disk, sync
+from yawid.system.processes import block, cores
 
+MOST_CHILDREN = 4
+"""The most processes that make fits: each needs up to 95 MB of memory."""
+HERE = "this process answers instead, which takes longer"
 _P = ParamSpec("_P")
 _T = TypeVar("_T")
+_Calls: TypeAlias = "queue.SimpleQueue[tuple[Future[Any], Callable[[], Any]] | None]"
 
 
 class Worker(Executor):
@@ -22,27 +32,81 @@ class Worker(Executor):
     """
 
     def __init__(self, name: str) -> None:
-        self._calls: queue.SimpleQueue[Callable[[], None] | None] = queue.SimpleQueue()
-        threading.Thread(target=self._run, name=name, daemon=True).start()
+        self._name = name
+        self._calls: _Calls = queue.SimpleQueue()
+        self._start(_run)
 
     @property
     def waiting(self) -> int:
-        """The number of calls that wait for the present one to end."""
+        """The number of calls that wait for the present ones to end."""
         return self._calls.qsize()
 
     def submit(self, fn: Callable[_P, _T], /, *args: _P.args, **kwargs: _P.kwargs) -> "Future[_T]":
         """See :class:`concurrent.futures.Executor`."""
         future: Future[_T] = Future()
-        self._calls.put(partial(_do, future, partial(fn, *args, **kwargs)))
+        self._calls.put((future, partial(fn, *args, **kwargs)))
         return future
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """End the thread after the calls it was given; this returns at once."""
+        """End the threads after the calls they were given; this returns at once."""
         self._calls.put(None)
 
-    def _run(self) -> None:
-        while (call := self._calls.get()) is not None:
-            call()
+    def _start(self, run: Callable[[_Calls], None]) -> None:
+        threading.Thread(target=run, args=(self._calls,), name=self._name, daemon=True).start()
+
+
+class FitWorker(Worker):
+    """A worker whose calls are made by child processes once :meth:`spread` was called.
+
+    A fit holds Python's lock nearly all the time, so that threads would share one core. Children
+    begin the calls in the order given, and return what this process would. Where one ends without
+    a result, this process makes the call, and ``say`` is given a line.
+    """
+
+    def __init__(self, name: str, say: Callable[[str], None]) -> None:
+        super().__init__(name)
+        self._say = say
+        self._is_spread = False
+
+    def spread(self) -> None:
+        """Start a child for each core; only the first call of this does anything."""
+        if self._is_spread:
+            return
+        self._is_spread = True
+        self._calls.put(None)  # the thread ends after the calls that it has
+        self._calls = queue.SimpleQueue()
+        for _ in range(min(cores(), MOST_CHILDREN)):
+            self._start(self._run_by_child)
+
+    def _run_by_child(self, calls: _Calls) -> None:
+        block(SIGNALS)  # the child inherits that: no Ctrl-C in the terminal reaches it
+        child = self._begun()
+        while (call := calls.get()) is not None:
+            future, act = call
+            result = DIED if child is None else child.answer(act)
+            if child is not None and result is DIED:
+                child = self._lost(child)
+            _do(future, act if result is DIED else partial(_itself, result))
+        calls.put(None)  # for the other threads
+        if child is not None:
+            child.close()
+
+    def _begun(self) -> Child | None:
+        try:
+            child = Child("yawid.system.child", "yawid.pipeline")
+        except OSError as error:
+            self._say(f"no process can be started for manoeuvres ({error}): {HERE}")
+            return None
+        return child if child.is_ready() else self._lost(child)
+
+    def _lost(self, child: Child) -> Child | None:
+        self._say(f"a process that answers manoeuvres {child.close()}: {HERE}")
+        return None
+
+
+def _run(calls: _Calls) -> None:
+    while (call := calls.get()) is not None:
+        _do(*call)
 
 
 def _do(future: "Future[_T]", act: Callable[[], _T]) -> None:
@@ -50,6 +114,10 @@ def _do(future: "Future[_T]", act: Callable[[], _T]) -> None:
         future.set_result(act())
     except BaseException as error:
         future.set_exception(error)
+
+
+def _itself(result: _T) -> _T:
+    return result
 
 
 class SharedDisk(Disk):
