@@ -96,9 +96,12 @@ class Columns:
         ):
             return self  # a live block is usually taken as a whole: copies would cost too much
         values = [getattr(self, name) for name in self.__slots__]
-        return type(self)(
-            *[v[rows] if isinstance(v, np.ndarray) else _select(v, rows) for v in values]
-        )
+        for i, v in enumerate(values):
+            if isinstance(v, np.ndarray):
+                values[i] = v[rows]
+            elif isinstance(v, Columns):
+                values[i] = v.select(rows)
+        return type(self)(*values)
 
     @classmethod
     def joined(cls, blocks: Sequence[Self]) -> Self:
@@ -108,10 +111,6 @@ class Columns:
             return first
         columns = [[getattr(block, name) for block in blocks] for name in cls.__slots__]
         return cls(*[np.concatenate(c) if isinstance(c[0], np.ndarray) else c[0] for c in columns])
-
-
-def _select(value: Any, rows: Array | slice) -> Any:
-    return value.select(rows) if isinstance(value, Columns) else value
 
 
 class Status(IntEnum):

@@ -6,7 +6,7 @@ from pathlib import Path
 from yawid.cli.options import Commands, add_command
 from yawid.cli.standard_streams import hush
 from yawid.errors import ConfigError
-from yawid.sinks.door import print_json, print_page, say
+from yawid.sinks.door import print_answer, say
 
 
 def add_damper(commands: Commands) -> None:
@@ -72,10 +72,7 @@ def _damper(arguments: argparse.Namespace) -> int:
         dict(arguments.param),
     )  # fmt: skip
     found = study(run_of(arguments.log).facts, asked)
-    if arguments.json:
-        print_json(found.report.to_json())
-    else:
-        print_page(print_damper, found.report)
+    print_answer(found.report, print_damper, as_json=arguments.json)
     if arguments.out is not None and found.predicted is None:
         say(f"{arguments.out} was not written, as there is nothing to draw")
     elif arguments.out is not None:

@@ -14,7 +14,7 @@ from yawid.cli.options import (
     settings_of,
 )
 from yawid.errors import ConfigError
-from yawid.sinks.door import print_json, print_page
+from yawid.sinks.door import print_answer
 
 ASKED_HZ = 50.0
 COMPID = 194
@@ -116,8 +116,6 @@ def _live(arguments: argparse.Namespace) -> int:
             options, config, outputs, stop, console_for(sys.stderr), read_options_of(arguments)
         )
     for session in ended:
-        if arguments.json:
-            print_json(session.summary.to_json())
-        else:
-            print_page(partial(print_summary, verbose=arguments.verbose), session.summary)
+        page = partial(print_summary, verbose=arguments.verbose)
+        print_answer(session.summary, page, as_json=arguments.json)
     return max(session.exit_code for session in ended)

@@ -14,7 +14,7 @@ import webbrowser
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TextIO, TypeVar
+from typing import TYPE_CHECKING, TextIO, TypeVar
 
 from yawid.cli.config_file import parsed
 from yawid.cli.damper import add_damper
@@ -44,7 +44,7 @@ from yawid.cli.standard_streams import bring_out, make_ready
 from yawid.cli.trend import add_trend
 from yawid.errors import UNFORESEEN, SinkError, YawidError, without_viewer
 from yawid.runs.stop import Interrupted, StopFlag
-from yawid.sinks.door import DEBUG, mute, print_json, print_line, print_page, say, show_traceback
+from yawid.sinks.door import DEBUG, mute, print_answer, print_line, print_page, say, show_traceback
 from yawid.sources.formats import RUN, recorded
 from yawid.system.part_file import check_free
 from yawid.system.stores import Place, place_of
@@ -52,6 +52,7 @@ from yawid.version import __version__
 
 if TYPE_CHECKING:
     from yawid.answers.run_summary import Origin, RunSummary
+    from yawid.results.reasons import Verdict
 
 _Page = TypeVar("_Page", bound="Origin")
 INTERRUPTED = 130
@@ -210,8 +211,7 @@ def _fly(whole: argparse.ArgumentParser, arguments: argparse.Namespace) -> int:
     print_line(f"report: {page}")
     if not arguments.no_open and sys.stdout.isatty() and has_desktop():
         webbrowser.open(page.as_uri())
-    code: int = verdict.exit_code
-    return code
+    return verdict.exit_code
 
 
 def _replay(arguments: argparse.Namespace) -> int:
@@ -262,10 +262,7 @@ def _orders(arguments: argparse.Namespace) -> int:
 
     settings, read_options = settings_of(arguments), read_options_of(arguments)
     report, verdict = orders_report(arguments.log, settings, read_options)
-    if arguments.json:
-        print_json(report.to_json())
-    else:
-        print_page(print_orders, report)
+    print_answer(report, print_orders, as_json=arguments.json)
     return verdict.exit_code
 
 
@@ -280,7 +277,7 @@ def _inspect(arguments: argparse.Namespace) -> int:
 
 
 def _run_and_print(
-    run: Callable[[], tuple[_Page, Any]],
+    run: Callable[[], tuple[_Page, "Verdict"]],
     as_json: bool,
     page: Callable[[_Page, TextIO], None],
 ) -> int:
@@ -293,12 +290,8 @@ def _run_and_print(
         raise
     except Exception as error:  # the logs that follow are still run
         return _unforeseen(error)
-    if as_json:
-        print_json(summary.to_json())
-    else:
-        print_page(page, summary)
-    code: int = verdict.exit_code
-    return code
+    print_answer(summary, page, as_json=as_json)
+    return verdict.exit_code
 
 
 def _explained(error: YawidError) -> int:

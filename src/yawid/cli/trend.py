@@ -5,7 +5,7 @@ from pathlib import Path
 
 from yawid.cli.options import Commands, add_command
 from yawid.cli.standard_streams import hush
-from yawid.sinks.door import print_json, print_page
+from yawid.sinks.door import print_answer
 from yawid.system.stores import place_of
 
 CHANGED = 7
@@ -47,10 +47,7 @@ def _trend(arguments: argparse.Namespace) -> int:
         from yawid.trend.page import write_page
 
         write_page(report, studied, arguments.out, force=arguments.force)
-    if arguments.json:
-        print_json(report.to_json())
-    else:
-        print_page(print_trend, report)
+    print_answer(report, print_trend, as_json=arguments.json)
     return CHANGED if report.changed else 0
 
 
@@ -59,10 +56,7 @@ def _diff(arguments: argparse.Namespace) -> int:
     from yawid.trend.table import print_diff
 
     report = diff(arguments.a, arguments.b)
-    if arguments.json:
-        print_json(report.to_json())
-    else:
-        print_page(print_diff, report)
+    print_answer(report, print_diff, as_json=arguments.json)
     if report.changed:
         return CHANGED
     return 0 if report.judged else NOTHING_COMPARED

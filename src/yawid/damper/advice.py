@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 
 from yawid.answers.damper_report import DamperAt, DamperGain, Recommended
-from yawid.blocks import Bools, Floats
+from yawid.blocks import Bools, Floats, finite
 from yawid.damper.autopilots import Law
 from yawid.damper.loop import closed_dutch_roll, known_frequencies, margins
 from yawid.models.draws import Aircraft
@@ -207,7 +207,7 @@ def table(closed: Closed) -> list[DamperGain]:
             at=[
                 DamperAt(
                     airspeed_m_s=float(speed),
-                    **_known({
+                    **finite({
                         name: float(values[v, m])
                         for name, values in zip(_NAMES, [*shown, *bounds], strict=True)
                     }),
@@ -220,7 +220,3 @@ def table(closed: Closed) -> list[DamperGain]:
 
 
 _NAMES = ("wn_rad_s", "wn_std", "zeta", "zeta_std", "gain_margin_db", "phase_margin_deg")
-
-
-def _known(values: dict[str, float]) -> dict[str, float]:
-    return {name: value for name, value in values.items() if np.isfinite(value)}

@@ -12,7 +12,7 @@ import numpy as np
 
 from yawid.answers.damper_report import Decay, FlownGain
 from yawid.answers.run_summary import Manoeuvre, Value
-from yawid.blocks import Floats
+from yawid.blocks import Floats, finite
 from yawid.damper.advice import closed_with
 from yawid.damper.autopilots import Autopilot, Law
 from yawid.damper.decay import Sine, damped_sine, decays_in, pilots_rudder
@@ -204,8 +204,7 @@ def _decays(
 
 
 def _decay(sine: Sine, count: int) -> Decay:
-    stds = {"wn_std": sine.wn_std, "zeta_std": sine.zeta_std}
-    known = {name: value for name, value in stds.items() if np.isfinite(value)}
+    known = finite({"wn_std": sine.wn_std, "zeta_std": sine.zeta_std})
     return Decay(wn_rad_s=sine.wn_rad_s, zeta=sine.zeta, decays=count, **known)
 
 

@@ -290,7 +290,7 @@ def schema_page() -> str:
         lines = [f"## {table.name}", f"One row is {table.row}; {sorted_by}.", ""]
         lines += ["| column | type | what it holds |", "|---|---|---|"]
         lines += [
-            f"| {name} | {_type_name(kind)} | {says.replace('|', 'or')} |"
+            f"| {name} | {_NAMES[kind]} | {says.replace('|', 'or')} |"
             for name, kind, says in table.columns
         ]
         parts.append("\n".join(lines) + "\n")
@@ -306,10 +306,6 @@ _JSON: Final = {
     ID: "string", TEXT: "string", FLAG: "boolean", NUMBER: "number", COUNT: "integer",
     NUMBERS: "number", COUNTS: "integer", IDS: "string",
 }  # fmt: skip
-
-
-def _type_name(kind: Any) -> str:
-    return _NAMES[kind]
 
 
 def _json_type(kind: Any) -> dict[str, Any]:

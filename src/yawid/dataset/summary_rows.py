@@ -179,10 +179,8 @@ def _judged(verdict: VerdictSummary) -> Row:
 def _us(date: str | None) -> int | None:
     """Return an ISO date in us since 1970; None if it is unknown or not a date."""
     try:
-        return None if date is None else known_date(_unix_us(date))
+        if date is None:
+            return None
+        return known_date(round(datetime.fromisoformat(date).timestamp() * 1e6))
     except (ValueError, OverflowError):  # a forged summary may contain anything
         return None
-
-
-def _unix_us(date: str) -> int:
-    return round(datetime.fromisoformat(date).timestamp() * 1e6)

@@ -9,7 +9,7 @@ the structure leaves out is common to all of them: that part of sigma is added a
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -202,7 +202,8 @@ def _together(
     if apart:
         text = _disagreement(apart, wn.mean * unit, wn.std * unit, speed, len(used))
         reasons.append(Reason("manoeuvres_disagree", text, warns=share >= LEAST_AGREEING))
-    verdict = Verdict.of(reasons, _most_common(each.verdict.method for each in used))
+    methods = Counter(each.verdict.method for each in used)
+    verdict = Verdict.of(reasons, methods.most_common(1)[0][0])  # of several the first one
     loop = used[0].found.loop
     flight = Flight(
         method=verdict.method,
@@ -260,11 +261,6 @@ def _averages(
     x = pooled(wn, wn_std, TAU_WN_SHARE * float(np.median(wn)), wn_beyond)
     rest = pooled(zeta, zeta_std, TAU_ZETA, zeta_beyond)
     return replace(x, least=float(moves[0]) * x.mean), replace(rest, least=float(moves[1]))
-
-
-def _most_common(methods: Iterable[str | None]) -> str | None:
-    """Return the method that answered the most manoeuvres, of several the first one."""
-    return Counter(methods).most_common(1)[0][0]
 
 
 def _common(values: set[str | None]) -> str | None:

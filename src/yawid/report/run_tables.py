@@ -81,17 +81,13 @@ def yaw_channel(columns: Mapping[str, Mapping[str, Value]], rudder_unit: str) ->
     return f"{grid(f'Yaw channel, {sigma}', ('', *columns), rows)}\n{cited}"
 
 
-def _number(value: float | None) -> str:
-    return NONE if value is None else f"{value:.4g}"
-
-
 def _fit(fit: Fit, name: str) -> str:
     value: float | None = getattr(fit, name)
     if value is not None and name == "whiteness_p" and value < LEAST_P:
         return f"< {LEAST_P}"
     if value is not None and name.endswith("_pct"):
         return percent(value, ".4g")
-    return _number(value)
+    return NONE if value is None else f"{value:.4g}"
 
 
 def channel_tables(summary: RunSummary, data: ReportData | None) -> Iterator[str]:

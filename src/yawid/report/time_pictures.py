@@ -182,7 +182,8 @@ def parameters_picture(data: ReportData, run_grid: Grid) -> Picture:
     names = run_grid.parameters
     unit = " or ".join(dict.fromkeys(run_grid.unit_of(name) for name in run_grid.inputs))
     groups = [("A", "a"), (f"B [rad/s per {unit}]", "b"), ("C", "c"), ("bias [rad/s]", "bias")]
-    panels = [(title, [i for i, n in enumerate(names) if _group(n) == g]) for title, g in groups]
+    of = [name if name == "bias" else name[0] for name in names]
+    panels = [(title, [i for i, n in enumerate(of) if n == group]) for title, group in groups]
     panels = [(title, columns) for title, columns in panels if columns]
 
     def draw(figure: Figure) -> None:
@@ -251,10 +252,6 @@ def _names_at_end(ax: Axes, data: ReportData, columns: dict[str, int]) -> None:
 def _methods_legend(figure: Figure, data: ReportData) -> None:
     handles = [Line2D([], [], color=METHODS.get(m, MODEL), label=m.upper()) for m in data.tracks]
     figure.legend(handles=handles, loc="outside upper right", ncols=len(handles))
-
-
-def _group(name: str) -> str:
-    return "bias" if name == "bias" else name[:1]
 
 
 def modes_picture(data: ReportData) -> Picture:

@@ -20,7 +20,10 @@ from typing import TYPE_CHECKING, Any, Final, TextIO, TypeVar
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from yawid.answers.part import Part
+
 _T = TypeVar("_T")
+_Answer = TypeVar("_Answer", bound="Part")
 WIDTH: Final = 80
 """The width in columns of pages that are not printed to a terminal."""
 DEBUG: Final = "YAWID_DEBUG"
@@ -113,6 +116,20 @@ def print_page(page: Callable[[_T, TextIO], None], content: _T) -> None:
     text = _Page()
     page(cleaned(content), text)
     print_text(text.getvalue())
+
+
+def print_answer(
+    answer: _Answer, page: Callable[[_Answer, TextIO], None], *, as_json: bool
+) -> None:
+    """Print an answer to stdout, as one line of JSON or as a page.
+
+    Raises:
+        OSError: stdout takes no more.
+    """
+    if as_json:
+        print_json(answer.to_json())
+    else:
+        print_page(page, answer)
 
 
 def page_console(stream: TextIO) -> "Console":

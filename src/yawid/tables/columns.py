@@ -77,7 +77,11 @@ def further_columns(samples: SampleBlock, known: Units) -> Iterator[Column]:
     """Yield the remaining columns of a record, and the notes of each sample."""
     for name in (each for each in CHANNELS if CHANNELS[each].kept and each not in _FIRST):
         yield _channel(name, samples, known.grid)
-    yield Column("noted", texts(samples.noted, _noted), says="further notes on the sample")
+    yield Column(
+        "noted",
+        texts(samples.noted, lambda bits: flag_names(Noted(bits))),
+        says="further notes on the sample",
+    )
 
 
 def _channel(name: str, samples: SampleBlock, grid: Grid) -> Column:
@@ -111,7 +115,7 @@ _MADE: Final[Mapping[str, Callable[[SampleBlock, Grid], Array]]] = {
     "ground_speed": lambda s, _: np.where(_is_ground(s), s.airspeed, s.ground_speed),
     "airspeed_kind": lambda s, _: _kinds(s),
     "mode": lambda s, grid: texts(s.mode, lambda mode: _mode_name(grid, mode)),
-    "held": lambda s, _: texts(s.held, _held),
+    "held": lambda s, _: texts(s.held, lambda bits: flag_names(Held(bits))),
     "time": lambda s, _: _dates(s),
 }
 """The functions that make the channels which a record holds in another form than the samples."""
@@ -253,14 +257,6 @@ def _mode_name(grid: Grid, mode: float) -> str | None:
 
 def _kind(code: float) -> str | None:
     return BY_GROUND if code == _GROUND else name_of(code or np.nan)
-
-
-def _noted(bits: int) -> str:
-    return flag_names(Noted(bits))
-
-
-def _held(bits: int) -> str:
-    return flag_names(Held(bits))
 
 
 def _one(value: Any) -> Any:

@@ -7,7 +7,6 @@ from typing import TextIO
 import numpy as np
 from rich.text import Text
 
-from yawid.answers.heard import VehicleSeen
 from yawid.answers.inspection import FlightPhase, Inspection, MessageRate, Span
 from yawid.answers.run_summary import Flight, Manoeuvre
 from yawid.sinks.door import page_console
@@ -43,7 +42,9 @@ def print_inspection(report: Inspection, stream: TextIO) -> None:
 
 def _rows(report: Inspection) -> Iterator[tuple[str, str]]:
     if report.vehicle is not None:
-        yield "vehicle", _vehicle(report.vehicle, report.duration_s)
+        seen = report.vehicle
+        address = f"{seen.sysid}/{seen.compid}"
+        yield "vehicle", f"{seen.kind}, {address}, log of {report.duration_s:.0f} s"
     senders = sorted(report.by_sender.items(), key=lambda each: -each[1]["frames"])
     yield "senders", _first([_sender(*each) for each in senders], MOST_SENDERS)
     if report.unchecked is not None:
@@ -53,7 +54,7 @@ def _rows(report: Inspection) -> Iterator[tuple[str, str]]:
         yield "interval", rates.replace("(", "(5-95 %: ", 1)
     if report.phases:
         yield "phases", _phases(report.phases)
-    windows = [_window(each) for each in report.excited]
+    windows = [f"{_boot(s)}{s.from_s:g} to {s.to_s:g} s" for s in report.excited]
     yield "excited", _first(windows, MOST_WINDOWS) if windows else "nowhere"
     if report.flight is not None:
         yield from _flight(report.flights or [report.flight], report.manoeuvres or [])
@@ -65,10 +66,6 @@ def _rows(report: Inspection) -> Iterator[tuple[str, str]]:
         )
     for line in report.recommend.get("record", ()):
         yield "record", line
-
-
-def _vehicle(vehicle: VehicleSeen, seconds: float) -> str:
-    return f"{vehicle.kind}, {vehicle.sysid}/{vehicle.compid}, log of {seconds:.0f} s"
 
 
 def _sender(name: str, counts: Mapping[str, int]) -> str:
@@ -95,10 +92,6 @@ def _phases(phases: Sequence[FlightPhase]) -> str:
 def _phase(phase: FlightPhase) -> str:
     words = [word for word in (phase.mode, phase.state) if word is not None]
     return " ".join((f"{_boot(phase)}{phase.from_s:.0f} to {phase.to_s:.0f} s", *words))
-
-
-def _window(stretch: Span) -> str:
-    return f"{_boot(stretch)}{stretch.from_s:g} to {stretch.to_s:g} s"
 
 
 def _flight(

@@ -202,7 +202,8 @@ def _counts(facts: LiveFacts, rate: float, lost: int) -> Text:
     text.append(f"lost {lost}", "yellow" if lost else "").append(", ")
     text.append(f"dropped {facts.dropped}", "" if facts.dropped == "0" else "red")
     if facts.age_s is not None:
-        text.append(", ").append(f"last message {_age(facts.age_s)} ago")
+        age = f"{facts.age_s:.1f} s" if facts.age_s < 10.0 else _span(facts.age_s)
+        text.append(f", last message {age} ago")
     return text
 
 
@@ -299,10 +300,6 @@ def _wrapped(name: str, text: str, width: int) -> Iterator[Text]:
 
 def _hz(rate: float) -> str:
     return f"{rate:.1f} Hz" if 0.0 < rate < 10.0 else f"{rate:.0f} Hz"
-
-
-def _age(seconds: float) -> str:
-    return f"{seconds:.1f} s" if seconds < 10.0 else _span(seconds)
 
 
 def _span(seconds: float) -> str:

@@ -123,16 +123,14 @@ def find_columns(table: Table, asked: Asked) -> dict[str, Found]:
                 f"{header.name}; name one by --columns {own}=COLUMN"
             )
         found[own] = _with_unit(table, own, place, header, None, asked)
-    if "t" not in found and "time" in found and _has_dates(table, found["time"].place):
-        found["t"] = found["time"]
+    if "t" not in found and "time" in found:
+        place = found["time"].place
+        if table.dates_ns(place) is not None or table.texts(place) is not None:
+            found["t"] = found["time"]
     missing = [name for name in ("t", "rudder", "r", *asked.needs) if name not in found]
     if missing:
         raise ChannelError(_missing(table, missing, headers, found, asked))
     return found
-
-
-def _has_dates(table: Table, place: int) -> bool:
-    return table.dates_ns(place) is not None or table.texts(place) is not None
 
 
 def _mapped(table: Table, headers: list[Header], said: str) -> tuple[str, int, str | None]:
