@@ -96,14 +96,12 @@ def _add_export(commands: Commands) -> None:
 
 
 def _on_run(commands: Commands, name: str, what: str, examples: str) -> argparse.ArgumentParser:
-    """Add a command that takes the file of a finished run."""
     command = add_command(commands, name, "RUN.mcap", what, examples)
     command.add_argument("mcap", metavar="RUN.mcap", type=Path, help="the file of a finished run")
     return command
 
 
 def _add_force(command: argparse.ArgumentParser, run: Run, what: str) -> None:
-    """Add the option ``--force``, and set the function that runs the command."""
     command.add_argument("--force", action="store_true", help=f"overwrite {what}")
     command.set_defaults(run=run)
 

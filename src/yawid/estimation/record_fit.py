@@ -127,7 +127,6 @@ def _made_ready(config: EstimatorConfig, u: Floats, y: Floats) -> _Record | None
 
 
 def _fitted_model(method: Method, record: _Record, settled: float) -> FittedModel:
-    """Return the model that the method fits to a prepared record."""
     config, fit, good, factors = record.config, record.fit, record.good, record.factors
     n = len(fit.y)
     theta = _theta(method, fit, settled)

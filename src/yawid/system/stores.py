@@ -30,7 +30,6 @@ class StoredPath:
 
     @cached_property
     def _found(self) -> tuple[Any, str]:
-        """The store, and the name within it."""
         with _os_errors(self._url):
             store, name = fsspec().core.url_to_fs(self._url)
         return store, str(name).rstrip("/")

@@ -85,7 +85,6 @@ def further_columns(samples: SampleBlock, known: Units) -> Iterator[Column]:
 
 
 def _channel(name: str, samples: SampleBlock, grid: Grid) -> Column:
-    """Return a channel as the column of a record."""
     row, made = quantity(name), _MADE.get(name)
     values = getattr(samples, name) if made is None else made(samples, grid)
     return Column(name, values, row.unit, row.words)

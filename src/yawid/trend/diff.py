@@ -8,7 +8,7 @@ difference is judged by Student's t with the degrees of freedom of the days and 
 also scatters by tau, and the flights of its own log are left out of the data set.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from typing import Final
@@ -382,28 +382,24 @@ def _of_runs(a: _Side, b: _Side) -> Iterator[Fact]:
     """
     assert a.run is not None
     assert b.run is not None
-    one, other = a.run.summary, b.run.summary
-    if one.deciding.usable != other.deciding.usable:
-        words = [each.deciding.word for each in (one, other)]
-        yield Fact(what="verdict", a=words[0], b=words[1], changed=True)
-    ids = [", ".join(reason.id for reason in each.deciding.reasons) or "none"
-           for each in (one, other)]  # fmt: skip
-    if ids[0] != ids[1]:
-        yield Fact(what="reasons", a=ids[0], b=ids[1], changed=False)
-    loops = [" and ".join(each.rows) for each in (a, b)]
-    if loops[0] != loops[1]:
-        yield Fact(what="loop", a=loops[0], b=loops[1], changed=False)
-    for name in sorted({*one.channels, *other.channels}):
-        found = [each.channels[name].source if name in each.channels else "none"
-                 for each in (one, other)]  # fmt: skip
-        if found[0] != found[1]:
-            yield Fact(what=f"channel {name}", a=found[0], b=found[1], changed=True)
+    runs = (a.run, b.run)
+    verdicts = [run.summary.deciding for run in runs]
+    found = [
+        ("verdict", [each.word for each in verdicts], True),
+        ("reasons", [", ".join(r.id for r in each.reasons) or "none" for each in verdicts], False),
+        ("loop", [" and ".join(each.rows) for each in (a, b)], False),
+    ]
+    channels = [{n: each.source for n, each in run.summary.channels.items()} for run in runs]
+    found += [(f"channel {name}", pair, True) for name, pair in _by_name(channels)]
     for part, what in (("configuration", "configuration"), ("versions", "version")):
-        yield from _settings(what, a.run.metadata.get(part, {}), b.run.metadata.get(part, {}))
-
-
-def _settings(what: str, a: Mapping[str, str], b: Mapping[str, str]) -> Iterator[Fact]:
-    for name in sorted({*a, *b}):
-        one, other = a.get(name, "none"), b.get(name, "none")
+        settings = _by_name([run.metadata.get(part, {}) for run in runs])
+        found += [(f"{what} {name}", pair, False) for name, pair in settings]
+    for what, (one, other), changed in found:
         if one != other:
-            yield Fact(what=f"{what} {name}", a=one, b=other, changed=False)
+            yield Fact(what=what, a=one, b=other, changed=changed)
+
+
+def _by_name(sides: Sequence[Mapping[str, str]]) -> Iterator[tuple[str, list[str]]]:
+    """Yield each name with its text on both sides, "none" where a side does not have it."""
+    for name in sorted({*sides[0], *sides[1]}):
+        yield name, [side.get(name, "none") for side in sides]

@@ -124,7 +124,6 @@ def print_diff(report: Diff, stream: TextIO) -> None:
 
 
 def _print_damper(console: Console, report: DamperDiff) -> None:
-    """Print what two flights say of their yaw damper."""
     if report.unchanged is None:
         said, style = "not judged whether it changed", "yellow"
     elif report.unchanged:

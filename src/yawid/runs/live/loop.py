@@ -290,7 +290,6 @@ class _Loop:
             self._console.close()
 
     def _draw(self, line: str, begun_s: float) -> bool:
-        """Draw the screen; return True, since it was drawn."""
         now_us, last_us = self._tap.stamps.now(), self._tap.inbox.last_us
         facts = ScreenFacts(
             endpoint=str(self._tap.endpoint),

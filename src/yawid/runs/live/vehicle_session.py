@@ -284,13 +284,11 @@ class LiveSession:
         return None if tlog is None else tlog.finish()
 
     def _report(self, answered: list[Manoeuvre]) -> None:
-        """Report each answered manoeuvre in a line."""
         for found in answered:
             again = f" ({tried(found)})" if found.tries else ""
             self.say(f"manoeuvre {found.n} ({flown(found)}): {says(found)}{again}")
 
     def _report_lateral(self, found: list[tuple[int, Bare]]) -> None:
-        """Report the bare airframe of each manoeuvre in a line."""
         for n, bare in found:
             self.say(f"manoeuvre {n}, {lateral_says(bare)}")
 

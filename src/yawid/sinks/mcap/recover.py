@@ -131,7 +131,6 @@ class _Copy:
         return self._result
 
     def _write_attachments(self) -> None:
-        """Write the configuration and the summary."""
         lost = bool(self._result.missing[CHUNK] or self._result.missing[MESSAGE])
         found = self._remains.attached(self._path_in, self._result.left_out, lost=lost)
         for name, data in found.items():

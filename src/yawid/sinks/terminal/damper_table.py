@@ -65,7 +65,6 @@ def _print_mix(console: Console, report: DamperReport) -> None:
 
 
 def _named(report: DamperReport) -> list[tuple[str, float | None]]:
-    """Return the gains that have a name."""
     found = report.recommended
     named: list[tuple[str, float | None]] = [("flown", report.flown)]
     if found is not None:

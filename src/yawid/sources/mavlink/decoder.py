@@ -185,7 +185,6 @@ def _payloads(data: Bytes, at: Ints, length: Ints, dtype: np.dtype[Any]) -> Arra
 
 
 def _merge(blocks: list[FrameBlock | None]) -> FrameBlock | None:
-    """Return the blocks as one."""
     parts: dict[str, list[MessageBlock]] = {}
     for block in blocks:
         for name, message in (block.messages if block else {}).items():

@@ -173,7 +173,6 @@ class Chain:
 
 
 def _rows(runs: list[tuple[int, int]], count: int) -> Ints | slice:
-    """Return the rows of all runs."""
     if runs == [(0, count)]:
         return slice(None)
     keep: NDArray[np.bool_] = np.zeros(count, np.bool_)

@@ -163,7 +163,6 @@ class SenderCount:
         return is_taken, is_twice
 
     def _remember(self, data: bytes, own: Records, place: Ints, *, goes_on: bool) -> None:
-        """Keep the last frame of each sequence number."""
         rows = _last_rows(own.sequence)
         begin, end = own.frames.begin[rows].tolist(), own.frames.end[rows].tolist()
         when = place[rows].tolist(), own.stamps[rows].tolist()

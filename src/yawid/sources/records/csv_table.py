@@ -76,7 +76,6 @@ class CsvTable:
         self._columns: dict[int, CsvColumn] = {}
 
     def _lines(self) -> Iterator[tuple[int, str]]:
-        """Yield every line with its number from 0."""
         with self.path.open(encoding=self._encoding) as file:
             for i, line in enumerate(file):
                 said = _EXCEL.fullmatch(line) if i == 0 else None
