@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from plant.oracles import angle_rates, attitude_from, response
+from plant.oracles import angle_rates, attitude_from, response, yaw_motion
 from scipy.signal import lfilter
 
 from yawid.blocks import Floats
@@ -19,7 +19,6 @@ from yawid.plant.lateral import (
     OUTPUTS,
     LateralCoefficients,
     lateral_motion,
-    yaw_motion,
 )
 from yawid.plant.linear import LinearPlant, sampled_theta
 from yawid.plant.rigid_body import (

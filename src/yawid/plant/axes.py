@@ -18,19 +18,7 @@ aileron                 -delta_b rolls right    aileron > 0 rolls right: -delta_
 So yaw rate over rudder is psi'/(-delta_H) of the paper's eq. 23, with its sign.
 """
 
-import numpy as np
-
 from yawid.blocks import Floats
-
-
-def frd_from_paper(vector: Floats) -> Floats:
-    """Return (..., 3) in forward-right-down axes (or north-east-down) from the paper's."""
-    return np.stack([vector[..., 0], vector[..., 2], -vector[..., 1]], axis=-1)
-
-
-def paper_from_frd(vector: Floats) -> Floats:
-    """Return (..., 3) in the paper's axes from forward-right-down ones (or north-east-down)."""
-    return np.stack([vector[..., 0], -vector[..., 2], vector[..., 1]], axis=-1)
 
 
 def rudder_from_paper(minus_delta_h: Floats) -> Floats:

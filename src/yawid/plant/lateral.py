@@ -69,13 +69,3 @@ def lateral_motion(c: LateralCoefficients) -> LinearPlant:
     D = np.zeros((4, 3))
     D[3, 2] = 1.0
     return LinearPlant(A, B, C, D, INPUTS, OUTPUTS)
-
-
-def yaw_motion(c: LateralCoefficients) -> LinearPlant:
-    """Return eq. 22, which is eq. 21 with gamma = 0 and no wind; states theta_G, psi, psi'."""
-    beta = np.array([-1.0, 1.0, 0.0])
-    A = np.stack([c.a_z_beta * beta, np.eye(3)[2], -c.a_my_beta * beta])
-    A[2, 2] -= c.a_my_omega_y
-    B = np.array([[0.0], [0.0], [c.a_my_delta_h]])
-    C = np.stack([np.eye(3)[1], np.eye(3)[2], beta])
-    return LinearPlant(A, B, C, np.zeros((3, 1)), ("-delta_h",), ("psi", "psi_rate", "beta"))

@@ -84,20 +84,6 @@ def rotation(body: RigidBody, omega: Floats, moments: Floats) -> Floats:
     return np.asarray((moments - gyroscopic) / J)
 
 
-def longitudinal(
-    body: RigidBody, W: Floats, omega: Floats, forces: Floats, moments: Floats
-) -> Floats:
-    """Return W_x', W_y', omega_z' (3,) of eq. 19, the longitudinal rows of eq. 17-18; (3,) each."""
-    linear, angular = translation(body, W, omega, forces), rotation(body, omega, moments)
-    return np.array([linear[0], linear[1], angular[2]])
-
-
-def lateral(body: RigidBody, W: Floats, omega: Floats, forces: Floats, moments: Floats) -> Floats:
-    """Return W_z', omega_x', omega_y' (3,) of eq. 20, the lateral rows of eq. 17-18; (3,) each."""
-    linear, angular = translation(body, W, omega, forces), rotation(body, omega, moments)
-    return np.array([linear[2], angular[0], angular[1]])
-
-
 def weight(body: RigidBody, attitude: Floats) -> Floats:
     """Return the force of gravity (3,) in N in body axes, at an attitude (4,)."""
     down = np.array([0.0, -body.mass * GRAVITY_M_S2, 0.0])
