@@ -202,8 +202,7 @@ def _together(
     if apart:
         text = _disagreement(apart, wn.mean * unit, wn.std * unit, speed, len(used))
         reasons.append(Reason("manoeuvres_disagree", text, warns=share >= LEAST_AGREEING))
-    methods = Counter(each.verdict.method for each in used)
-    verdict = Verdict.of(reasons, methods.most_common(1)[0][0])  # of several the first one
+    verdict = Verdict.of(reasons, Counter(m.verdict.method for m in used).most_common(1)[0][0])
     loop = used[0].found.loop
     flight = Flight(
         method=verdict.method,
