@@ -122,11 +122,8 @@ def sha256_of(log: FoundLog) -> str:
         SourceError: the log cannot be read.
     """
     try:
-        if "://" not in log.path:
-            with Path(log.path).open("rb") as stream:
-                return hashlib.file_digest(stream, "sha256").hexdigest()
-        digest = hashlib.sha256()
-        with StoredPath(log.path).open() as stream:
+        is_url, digest = "://" in log.path, hashlib.sha256()
+        with StoredPath(log.path).open() if is_url else Path(log.path).open("rb") as stream:
             while chunk := stream.read(CHUNK):
                 digest.update(chunk)
         return digest.hexdigest()

@@ -4,14 +4,12 @@ import hashlib
 import re
 import shutil
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import tomli_w
 
-from yawid.blocks import FrameBlock, Ints
 from yawid.channels.clock import boot_us
 from yawid.channels.stage import WANTED
 from yawid.channels.yaw_reader import SOURCES, UNTIMED
@@ -112,35 +110,23 @@ def _written(place: Path, name: str, log: bytes, origin: str, options: Mapping[s
 
 
 def _trimmed(data: bytes, config: RunConfig) -> bytes:
-    """Return the records that yawid reads from the stretch asked for, and all of ``FACTS``."""
-    found = TlogBytes([data], WANTED).read()
-    heard = _Heard.of([block for _, block in found if block is not None])
+    """Return the records that yawid reads from the stretch asked for, and all of ``FACTS``.
+
+    A record without a time has that of the one before it, the first ones that of the first time.
+    """
+    heard = []
+    for _, found in TlogBytes([data], WANTED).read():
+        for name, block in () if found is None else found.messages.items():
+            times = np.full(len(block), np.nan)
+            if name in SOURCES and name != UNTIMED:
+                times = boot_us(block.fields) / 1e6
+            heard.append(np.column_stack([block.order, times, np.full(len(block), name in FACTS)]))
+    rows = np.concatenate([np.zeros((0, 3)), *heard])
+    order, times, is_fact = rows[np.argsort(rows[:, 0])].T
+    last = np.maximum.accumulate(np.where(np.isnan(times), -1, np.arange(len(times))))
+    first = times[np.isfinite(times)][:1]
+    boot_s = np.where(last >= 0, times[last], first[0] if len(first) else 0.0)
     low = -np.inf if config.from_s is None else config.from_s - LEAD_S
     high = np.inf if config.to_s is None else config.to_s + LEAD_S
-    inside = (heard.boot_s >= low) & (heard.boot_s <= high)
-    return b"".join(record_at(data, at) for at in heard.order[inside | heard.is_fact].tolist())
-
-
-@dataclass(frozen=True, slots=True)
-class _Heard:
-    """All records read, in the order received (n,): offset in the log, time since boot, kind."""
-
-    order: Ints
-    boot_s: np.ndarray[tuple[int], np.dtype[np.float64]]
-    is_fact: np.ndarray[tuple[int], np.dtype[np.bool_]]
-
-    @staticmethod
-    def of(blocks: list[FrameBlock]) -> "_Heard":
-        """Join the blocks of a decoder; a record without a time gets the time of the one before."""
-        order, boot, fact = [np.zeros(0, np.int64)], [np.zeros(0)], [np.zeros(0, bool)]
-        for name, block in ((n, b) for found in blocks for n, b in found.messages.items()):
-            timed = name in SOURCES and name != UNTIMED
-            order.append(block.order)
-            boot.append(boot_us(block.fields) / 1e6 if timed else np.full(len(block), np.nan))
-            fact.append(np.full(len(block), name in FACTS))
-        by_order = np.argsort(np.concatenate(order))
-        times = np.concatenate(boot)[by_order]
-        last = np.maximum.accumulate(np.where(np.isnan(times), -1, np.arange(len(times))))
-        first = times[np.isfinite(times)][:1]
-        known = np.where(last >= 0, times[last], first[0] if len(first) else 0.0)
-        return _Heard(np.concatenate(order)[by_order], known, np.concatenate(fact)[by_order])
+    kept = (boot_s >= low) & (boot_s <= high) | (is_fact > 0.0)
+    return b"".join(record_at(data, at) for at in order[kept].astype(np.int64).tolist())
