@@ -10,7 +10,6 @@ import pytest
 from bench import truth as bench
 from checks.judge import Row, compared, write_csv
 from hand_flights import estimate, manoeuvre, plain_summary, roll_of, verdict
-from places import ROOT
 
 from yawid.answers.run_summary import (
     DutchRoll,
@@ -147,18 +146,3 @@ def test_a_flight_is_flown_once_and_has_a_row_for_every_estimate(tmp_path: Path)
         )
     with pytest.raises(SystemExit, match="is flight 2 of seed 161"):
         bench.flight_rows(tmp_path, 162, 2)
-
-
-def test_a_record_has_its_truth_and_one_that_cannot_be_read_its_error(tmp_path: Path) -> None:
-    (tmp_path / "empty.tlog").touch()
-
-    *_, flight = bench.record_rows(ROOT / "replay_logs" / "c172p_3211" / "log.tlog")
-    (broken,) = bench.record_rows(tmp_path / "empty.tlog")
-    lines = list(bench.record_lines([flight, broken]))
-
-    assert lines[2].startswith("| c172p_3211 (replay_logs) | 2.4")
-    assert abs(flight["wn_error_pct"]) < 3.0
-    # The truth of this one says in words what was flown, and no airspeeds.
-    *_, sitl = bench.record_rows(ROOT / "replay_logs" / "sitl_fbwa_manoeuvres" / "log.tlog")
-    assert sitl["wn_true"] is not None
-    assert lines[3] == "| empty (records) | unknown |  |  |  | refused: SourceError |"

@@ -1,12 +1,11 @@
 """Flies JSBSim's aircraft in all conditions, and compares estimate and sigma with the truth.
 
     python tools/bench.py truth [--seed 162] [--flights N] [--logs DIR] [--jobs 2]
-                                [--records DIR] [--csv FILE] [--readme]
+                                [--csv FILE] [--readme]
 
 The flights are the grid of flights/moved.py, replayed with the default options; with --logs they
-stay in DIR and are not flown again. Below the tables of the READMEs come the criteria, the results
-of the logs in replay_logs/ and of the recorded flights in the DIR of --records, if any, and the
-worst answer of each aircraft.
+stay in DIR and are not flown again. Below the tables of the READMEs come the criteria and the worst
+answer of each aircraft. (Recorded flights: the bench ``real``.)
 The exit code is 1 if a criterion is not met. --csv has a row for each flight and estimate.
 
 z is (estimate - truth) / sqrt(sigma^2 + sigma of the truth^2). The figures of the answer, of RML
@@ -17,9 +16,7 @@ was flown. The answer is output error's in calm air, else RML's.
 from __future__ import annotations
 
 import argparse
-import json
 import math
-import tomllib
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
@@ -28,17 +25,6 @@ import numpy as np
 from checks.judge import METHODS, Row, folder_of, in_processes, judged, kept, options_of, write_csv
 from flights.moved import COUNT, GYROS, PLACES, RATES_HZ, SEVERITIES, SHAPES, TABLE, of_grid
 
-from yawid.config.run import RunConfig
-
-ROOT = Path(__file__).resolve().parents[2]
-CASES = ROOT / "replay_logs"
-SUFFIXES = (".tlog", ".ulg", ".bin")
-SAME_AIRCRAFT = {
-    "sitl_fbwa_50hz": "sitl_fbwa_50hz",
-    "sitl_fbwa_stock_33hz": "sitl_fbwa_stock_33hz",
-    "sitl_fbwa_gcs_4hz": "sitl_fbwa_50hz",
-}
-"""The case whose truth.json holds for a recorded flight."""
 CONDITIONS = (
     "number", "aircraft", "speed_kt", "manoeuvre", "severity", "gyro", "rate_hz", "amplitude",
     "seconds",
@@ -280,31 +266,6 @@ def criteria_lines(found: Sequence[Criterion]) -> Iterator[str]:
         yield _line(what, (needed, said, ("yes" if met else "NO") if needed else ""))
 
 
-def record_lines(rows: Sequence[Row]) -> Iterator[str]:
-    """Yield a table of the logs in replay_logs and of the recorded flights, with their truth."""
-    yield "| log | wn and zeta, true | flight's answer | wn off, % | z of wn, zeta | verdict |"
-    yield "|---|---|---|---|---|---|"
-    for row in of_kind(rows, "flight"):
-        true = "unknown" if row.get("wn_true") is None else _pair(row, "_true")
-        answer, off, z = "", "", ""
-        if row.get("wn") is not None:
-            answer = _pair(row, "")
-        if row.get("wn_error_pct") is not None:
-            off = f"{row['wn_error_pct']:+.2f}"
-            z = ", ".join("-" if x is None else f"{x:+.1f}" for x in (row["wn_z"], row["zeta_z"]))
-        said = f"usable {row['warnings']}" if row["usable"] else f"refused: {row['fatal']}"
-        yield _line(f"{row['record']} ({row['from']})", (true, answer, off, z, said.strip()))
-
-
-def _pair(row: Row, what: str) -> str:
-    """Return wn and zeta with their sigmas, of the columns that end in ``what``."""
-    said = []
-    for name in ("wn", "zeta"):
-        value, sigma = row[name + what], row[f"{name}{what}_sigma"]
-        said.append(f"{value:.3f}" + ("" if sigma is None else f" ± {sigma:.3f}"))
-    return ", ".join(said)
-
-
 def flight_rows(folder: Path, seed: int, number: int) -> list[Row]:
     """Return the rows of one flight of the grid; fly it if the folder does not have it yet.
 
@@ -318,35 +279,6 @@ def flight_rows(folder: Path, seed: int, number: int) -> list[Row]:
     return [conditions | row for row in judged(log, truth)]
 
 
-def record_rows(log: Path) -> list[Row]:
-    """Return the rows of a recorded flight or of a case's log, with its name."""
-    of_case = log.name == "log.tlog"
-    name = log.parent.name if of_case else log.stem
-    path = CASES / (name if of_case else SAME_AIRCRAFT.get(name, name)) / "truth.json"
-    known = path.exists() and (of_case or name in SAME_AIRCRAFT)
-    truth = json.loads(path.read_text(encoding="utf-8")) if known else {}
-    head = {"record": name, "from": "replay_logs" if of_case else "records"}
-    # The default options, with the vehicle that the case chooses.
-    case = log.with_name("case.toml")
-    options = tomllib.loads(case.read_text(encoding="utf-8"))["options"] if case.exists() else {}
-    return [head | row for row in judged(log, truth, RunConfig(sysid=options.get("sysid")))]
-
-
-def records(folder: Path) -> list[Path]:
-    """Return the logs with a truth in replay_logs, then those of a folder, which need not exist."""
-    cases = sorted(path.with_name("log.tlog") for path in CASES.glob("*/truth.json"))
-    flown = sorted(path for path in folder.glob("*") if path.suffix in SUFFIXES)
-    return cases + flown
-
-
-def measured(options: argparse.Namespace) -> tuple[list[Row], list[Row]]:
-    """Return the rows of the flights, and those of cases and recorded flights."""
-    numbers = sorted(i * STRIDE % COUNT for i in range(options.flights))
-    with folder_of(options.logs) as folder:
-        rows = in_processes(partial(flight_rows, folder, options.seed), numbers, options.jobs)
-    return rows, in_processes(record_rows, records(options.records), options.jobs)
-
-
 def parse(arguments: list[str]) -> argparse.Namespace:
     """Return the options."""
     parser = argparse.ArgumentParser(
@@ -357,8 +289,6 @@ def parse(arguments: list[str]) -> argparse.Namespace:
     parser.add_argument("--seed", type=int, default=TABLE)
     parser.add_argument("--flights", type=int, default=COUNT, help=f"1 to {COUNT}: fewer, mixed")
     options_of(parser)
-    parser.add_argument("--records", type=Path, metavar="DIR", help="recorded flights",
-                        default=ROOT.parent / "shared" / "flights")  # fmt: skip
     parser.add_argument("--csv", type=Path, metavar="FILE", help="every row")
     options = parser.parse_args(arguments)
     if not 1 <= options.flights <= COUNT or options.jobs < 1:
@@ -372,9 +302,11 @@ def main(arguments: list[str]) -> Generator[str, None, str | None]:
     Return which criteria are not met, None if all are.
     """
     options = parse(arguments)
-    rows, recorded = measured(options)
+    numbers = sorted(i * STRIDE % COUNT for i in range(options.flights))
+    with folder_of(options.logs) as folder:
+        rows = in_processes(partial(flight_rows, folder, options.seed), numbers, options.jobs)
     if options.csv:
-        write_csv(options.csv, [*rows, *recorded])
+        write_csv(options.csv, rows)
     found = list(criteria(rows))
     air = ("all", *ANSWERED_PCT)
     yield from condition_lines(" ", rows, air)
@@ -385,8 +317,6 @@ def main(arguments: list[str]) -> Generator[str, None, str | None]:
     yield from condition_lines(" JSBSim, answer / RML ", rows, air)
     yield ""
     yield from criteria_lines(found)
-    yield ""
-    yield from record_lines(recorded)
     yield ""
     yield from worst_lines(rows)
     failed = [what for what, _, _, met in found if not met]
