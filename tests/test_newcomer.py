@@ -172,12 +172,17 @@ CHANNEL = Change(
             ),
         ),
         "channels/flight_state.py": (
-            ("Latest(4)", "Latest(5)"),
+            ("Latest(5)", "Latest(6)"),
             (
                 '            "airspeed_kind": hud[:, 3],\n',
-                '            "airspeed_kind": hud[:, 4],\n            "climb": hud[:, 3],\n',
+                '            "airspeed_kind": hud[:, 3],\n            "climb": hud[:, 5],\n',
             ),
-            ('"airspeed", "groundspeed", "alt"', '"airspeed", "groundspeed", "alt", "climb"'),
+            (
+                "        air, ground, altitude = _columns(*names)(fields).T\n",
+                "        air, ground, altitude, climb = _columns(*names, 'climb')(fields).T\n",
+            ),
+            ("(fields), flies])", "(fields), flies, climb])"),
+            ("float(kind)), flies])", "float(kind)), flies, climb])"),
         ),
         "sinks/mcap/schemas.py": (
             (
@@ -252,8 +257,8 @@ REASON = Change(
         ),
         "results/judge_samples.py": (
             (
-                '    needed = f"at least {100 * LEAST_STROKE:.0f} % is needed"\n',
-                '    needed = f"at least {100 * LEAST_STROKE:.0f} % is needed"\n'
+                '    needed, held = f"at least {100 * LEAST_STROKE:.0f} % is needed", ""\n',
+                '    needed, held = f"at least {100 * LEAST_STROKE:.0f} % is needed", ""\n'
                 '    yield Reason("too_calm", "no gust was found")\n',
             ),
         ),
