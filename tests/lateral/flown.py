@@ -24,13 +24,13 @@ GYRO, ANGLE = 0.003, 0.001
 SHAPE = ((1.0, 0), (1.2, 1), (0.8, -1), (0.4, 1), (0.4, -1), (8.2, 0))
 
 
-def airframe(of: dict[str, float]) -> tuple[Floats, Floats]:
-    """Return A (4, 4) of beta, p, r, roll and B (4, 2) of aileron and rudder."""
+def airframe(of: dict[str, float], pitch: float = 0.0) -> tuple[Floats, Floats]:
+    """Return A (4, 4) of beta, p, r, roll and B (4, 2) of aileron and rudder; alpha is 0."""
     A = np.array([
-        [of["Y_beta"], 0.0, -1.0, GRAVITY_M_S2 / AIRSPEED_M_S],
+        [of["Y_beta"], 0.0, -1.0, GRAVITY_M_S2 / AIRSPEED_M_S * np.cos(pitch)],
         [of["L_beta"], of["L_p"], of["L_r"], 0.0],
         [of["N_beta"], of["N_p"], of["N_r"], 0.0],
-        [0.0, 1.0, 0.0, 0.0],
+        [0.0, 1.0, np.tan(pitch), 0.0],
     ])  # fmt: skip
     controls = np.array([
         [0.0, of["Y_delta_r"]], [of["L_delta_a"], of["L_delta_r"]],
@@ -69,18 +69,19 @@ def flown(
     hold: tuple[float, float] = (0.0, 0.0),
     aileron: float = 0.1,
     damper: float = 0.0,
+    pitch: float = 0.0,
     **changed: Any,
 ) -> Motion:
     """Return a motion; without a seed it has no noise. ``hold`` are the roll hold's two gains.
 
     The state is exact for commands on lines between the points of their grid. Gusts have the
     sideslip ``gust`` in rad. The roll hold hears what is measured, and so does a yaw damper with
-    the gain ``damper``.
+    the gain ``damper``. With a ``pitch`` it climbs as steeply.
     """
     lead, every = round(1.0 / COMMAND_STEP_S), round(1.0 / rate_hz / COMMAND_STEP_S)
     n = lead + round(seconds / COMMAND_STEP_S) + 1
     rudder, own = moves(n, 1.52, amplitude), moves(n, 4.52, aileron)
-    A, controls = airframe(derivatives)
+    A, controls = airframe(derivatives, pitch)
     whole = np.zeros((8, 10))  # beta, p, r, roll, gusts, aileron, rudder; then the commands
     whole[:4, :4], whole[:4, 6:8] = A, controls
     whole[:3, B], whole[P, W] = A[:3, BETA], 1.0
@@ -114,7 +115,8 @@ def flown(
     p, r, roll = np.array(seen).T
     given: dict[str, Any] = {
         "sample_time_s": 1.0 / rate_hz, "p": p, "r": r, "roll": roll,
-        "pitch": np.zeros(len(p)), "q": np.zeros(len(p)), "commands_start_s": -1.0,
+        "pitch": np.full(len(p), pitch), "climb": pitch, "q": np.zeros(len(p)),
+        "commands_start_s": -1.0,
         "rudder": commands[1], "aileron": commands[0], "airspeed_m_s": AIRSPEED_M_S,
     }  # fmt: skip
     return Motion(**(given | changed))

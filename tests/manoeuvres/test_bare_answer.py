@@ -114,22 +114,25 @@ def test_a_rudder_that_feeds_the_yaw_rate_back_is_refused_without_any_parameter(
 
 
 @pytest.mark.parametrize(
-    ("wn", "loop", "usable", "known"),
-    [(2.5, "airframe", True, True), (2.6, "airframe", True, False),
-     (2.6, "with_roll_loop", True, True), (2.6, "airframe", False, True)],
+    ("wn", "zeta", "loop", "usable", "known"),
+    [(2.46, 0.2, "airframe", True, True), (2.48, 0.2, "airframe", True, False),
+     (2.46, 0.3, "airframe", True, False), (2.48, 0.2, "airframe", False, True),
+     (2.66, 0.4, "with_roll_loop", True, True), (2.68, 0.4, "with_roll_loop", True, False),
+     (2.66, 0.3, "with_roll_loop", True, False), (2.4, 0.2, "with_roll_loop", True, False)],
 )  # fmt: skip
-def test_where_the_sticks_alone_flew_both_answers_must_agree(
-    wn: float, loop: str, usable: bool, known: bool
+def test_as_it_was_flown_the_airframe_must_be_within_both_sigmas_of_the_answer(
+    wn: float, zeta: float, loop: str, usable: bool, known: bool
 ):
-    """2.4 +- .03 and wn +- .04 are 2 sigma apart at 2.5 and 4 at 2.6."""
-    flown = hand_flights.manoeuvre(1, wn, loop=loop)
+    """2.4 +- .03 / .2 by itself and 2.6 / .4 with its roll law, against +- .04 / .01."""
+    flown = hand_flights.manoeuvre(1, wn, loop=loop, inputs=["rudder"])
     [name] = [each for each in flown.estimates if each == flown.verdict.method]
-    roll = DutchRoll(wn_rad_s=wn, wn_std=0.04, zeta=0.2, zeta_std=0.01)
+    roll = DutchRoll(wn_rad_s=wn, wn_std=0.04, zeta=zeta, zeta_std=0.01)
     estimates = flown.estimates | {name: msgspec_replace(flown.estimates[name], dutch_roll=roll)}
     verdict = msgspec_replace(flown.verdict, usable=usable)
     flown = msgspec_replace(flown, estimates=estimates, verdict=verdict)
+    own = airframe(std=0.03, as_flown=(Known(2.6, 0.03), Known(0.4, 0.01)))
 
-    told = lateral_of(against_flown(found(1, airframe(std=0.03)), flown))
+    told = lateral_of(against_flown(found(1, own), flown))
 
     assert told.verdict.usable == known
 

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
 import pytest
+from manoeuvres.streams import stream
 
 from yawid.blocks import StampedRows
 from yawid.lateral.motion import COMMAND_STEP_S, Motion
-from yawid.manoeuvres.motion_store import motion_of
+from yawid.manoeuvres.motion_store import angle_of_climb, motion_of
 
 W = 2.0
 """The frequency of every sine here in rad/s."""
@@ -127,3 +129,12 @@ def test_an_aileron_that_nothing_reports_is_not_known():
     assert known.aileron_known
     assert np.allclose(known.aileron, 0.3)
     assert len(known.rudder) * COMMAND_STEP_S > 8.0
+
+
+def test_the_angle_of_climb_is_that_of_altitude_and_airspeed():
+    """2 m/s at 20 m/s; without an altitude, level flight is assumed."""
+    t_s = np.arange(200) * 0.05
+    climbing = stream(0.0 * t_s, altitude=100.0 + 2.0 * t_s)
+
+    assert angle_of_climb(climbing, 20.0) == pytest.approx(math.asin(0.1), rel=1e-6)
+    assert angle_of_climb(stream(0.0 * t_s, altitude=np.nan), 20.0) == 0.0

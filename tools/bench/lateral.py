@@ -1,6 +1,6 @@
 """Judges the bare airframe of JSBSim's flights under a roll hold against their linearisation.
 
-    python tools/bench.py lateral [--seed 812] [--flights 120] [--manoeuvres 2] [--logs DIR]
+    python tools/bench.py lateral [--seed 913] [--flights 240] [--manoeuvres 3] [--logs DIR]
                                   [--jobs 2] [--csv FILE] [--readme]
 
 The flights are those of flights/lateral.py: the roll hold hears the noisy signals. Of each flight
@@ -23,11 +23,12 @@ from typing import Any
 import numpy as np
 from checks.judge import Row, folder_of, in_processes, options_of, write_csv
 from flights.lateral import AILERONS, COUNT, LOGGED_S, MANOEUVRES_S, SEVERITIES, kept
+from flights.telemetry import FOOT
 
 from yawid.lateral.fit_airframe import START_LAGS_S, fit_airframe
 from yawid.lateral.motion import COMMAND_STEP_S, LEAD_S, Motion
 
-SEED = 812
+SEED = 913
 STRIDE = 7
 """Step between the numbers of the flights flown; coprime to COUNT, so that a few mix all
 conditions."""
@@ -57,6 +58,7 @@ def motion(flight: dict[str, Any], number: int) -> Motion:
         rudder=np.interp(at + its[0, 0], stamps, rudder),
         aileron=np.interp(at + its[0, 0], stamps, aileron),
         airspeed_m_s=float(its[:, 6].mean()),
+        climb=math.asin(np.polyfit(its[:, 0], its[:, 8] * FOOT, 1)[0] / its[:, 6].mean()),
     )  # fmt: skip
 
 
@@ -168,11 +170,11 @@ def main(arguments: list[str]) -> Generator[str, None, str | None]:
     parser = argparse.ArgumentParser(prog="bench.py lateral", description=__doc__)
     options_of(parser)
     parser.add_argument("--seed", type=int, default=SEED)
-    parser.add_argument("--flights", type=int, default=COUNT)
-    parser.add_argument("--manoeuvres", type=int, default=2, choices=(1, 2, 3))
+    parser.add_argument("--flights", type=int, default=2 * COUNT)
+    parser.add_argument("--manoeuvres", type=int, default=3, choices=(1, 2, 3))
     parser.add_argument("--csv", type=Path, metavar="FILE", help="a row for each manoeuvre")
     options = parser.parse_args(arguments)
-    numbers = [i * STRIDE % COUNT for i in range(min(options.flights, COUNT))]
+    numbers = [i * STRIDE % COUNT + i // COUNT * COUNT for i in range(options.flights)]
     with folder_of(options.logs) as folder:
         one = partial(rows_of, folder, options.seed, options.manoeuvres)
         rows = in_processes(one, numbers, options.jobs)

@@ -25,7 +25,7 @@ from flights.truth import LATERAL, lateral, linear_dutch_rolls
 AILERONS = ("moved", "feedback")
 SEVERITIES = (0, 1, 2)
 COUNT = len(PLACES) * len(SEVERITIES) * len(AILERONS)
-"""Number of flights of a seed."""
+"""Number of conditions: from this number of a flight on they come again, with other noise."""
 MANOEUVRES_S = 30.0
 DT_S, SENSED_S, LOGGED_S = 0.004, 0.02, 0.04
 AMPLITUDES = {"J3Cub": 0.08, "t6texan2": 0.12}
@@ -37,8 +37,8 @@ SAME_SPEED = 0.003
 
 
 def of_number(seed: int, number: int) -> dict[str, Any]:
-    """Return flight ``number`` (0 to COUNT - 1) of a seed as arrays, ``truth`` as JSON."""
-    rest, place = divmod(number, len(PLACES))
+    """Return flight ``number`` (from 0) of a seed as arrays, ``truth`` as JSON."""
+    rest, place = divmod(number % COUNT, len(PLACES))
     aileron, severity = divmod(rest, len(SEVERITIES))
     name, feet, knots = PLACES[place]
     plan = FlightPlan(aircraft=name, altitude_ft=feet, speed_kt=knots)

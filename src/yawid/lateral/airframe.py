@@ -61,6 +61,8 @@ class Airframe:
     covariance: Floats
     criterion: float
     """Twice the negative logarithm of the likelihood, up to a constant."""
+    as_flown: tuple[Known, Known] | None = None
+    """wn in rad/s and zeta of the Dutch roll closed with the roll law found; None without one."""
     failed: tuple[FailedGate, ...] = ()
 
     @property

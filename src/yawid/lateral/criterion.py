@@ -129,7 +129,7 @@ def _part(record: Record, theta: Floats) -> Part:
     """Return one manoeuvre at the parameters ``theta`` (1, len(PARAMETERS))."""
     pair = _pair(theta[0])
     inputs = record.inputs(*pair)
-    model = system(theta, record.airspeed_m_s, record.law)
+    model = system(theta, record.airspeed_m_s, record.law, record.pitch)
     predictor = Predictor.of(model, record.sample_time_s)
     y, u = (np.zeros((9, *x.shape)) for x in (record.y, inputs))
     y[0], u[0] = record.y, inputs
@@ -154,7 +154,7 @@ def _slopes(record: Record, theta: Floats, part: Part) -> Floats:
     others = [record.inputs(*pair) for pair in pairs if pair != part.pair]
     found = np.empty((len(theta), len(part.e)))
     for its, u in ((same, [part.inputs]), (~same, others)):
-        model = system(theta[its], record.airspeed_m_s, record.law)
+        model = system(theta[its], record.airspeed_m_s, record.law, record.pitch)
         predictor = Predictor.of(model, record.sample_time_s, part.predictor)
         own = np.repeat(part.own[None], np.count_nonzero(its), axis=0)
         runs = whitened(

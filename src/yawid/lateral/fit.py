@@ -59,7 +59,7 @@ def guess_from(records: Sequence[Record], lag_s: float, w: Floats) -> Guess:
     values = start | {
         "log_Y_beta": math.log(max(-start["Y_beta"], 0.02 * wn)),
         "Y_delta_r": 0.0, "servo_lag": lag_s, "delay": 0.0, "roll_delay": 0.0,
-        "alpha": float(np.mean([each.pitch for each in records])),
+        "alpha": float(np.mean([each.alpha for each in records])),
         "log_sigma_p": math.log(noise[0]), "log_sigma_r": math.log(noise[1]),
         "log_sigma_roll": math.log(noise[2]),
         "log_roll_gust": math.log(0.9 * p * math.sqrt(Ts) + tiny),

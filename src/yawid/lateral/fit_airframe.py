@@ -1,7 +1,7 @@
 """The entry of the room: manoeuvres of one speed to the bare airframe, its sigma and verdict."""
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -15,6 +15,7 @@ from yawid.lateral.mix import rudder_mixes
 from yawid.lateral.model import AT, DERIVATIVES, NAMES, modes
 from yawid.lateral.motion import Motion
 from yawid.lateral.record import Record
+from yawid.lateral.roll_law import dutch_roll_closed, roll_law
 from yawid.lateral.start import band
 
 START_LAGS_S = (0.04, 0.1, 0.16)
@@ -116,17 +117,36 @@ def _airframe(fits: Sequence[Fit], records: Sequence[Record], airspeed_m_s: floa
         names=best.of.names, theta=best.x * best.of.scale,
         covariance=best.covariance * np.outer(best.of.scale, best.of.scale),
         criterion=best.criterion,
+        as_flown=_as_flown(best, records[0]) if len(records) == 1 else None,
     )  # fmt: skip
 
 
 def _mix(found: Fit, airspeed_m_s: float) -> Known:
     """Return the rudder mix; its sigma also has the scatter between rolls of different lengths."""
+    rolls, covariance = _of_theta(found, lambda theta: rudder_mixes(theta, airspeed_m_s))
+    variance = covariance.mean() + np.var(rolls, ddof=1)
+    return Known(float(rolls.mean()), math.sqrt(max(float(variance), 0.0)))
+
+
+def _as_flown(found: Fit, record: Record) -> tuple[Known, Known] | None:
+    """Return wn and zeta closed with the roll law of the manoeuvre; None where none is found."""
+    law = roll_law(record)
+    if law is None:
+        return None
+    pair, covariance = _of_theta(
+        found, lambda theta: dutch_roll_closed(theta, record.airspeed_m_s, law)
+    )
+    least = np.array([FLOORS[0] * pair[0], math.hypot(FLOORS[1] * pair[1], ZETA_FLOOR)])
+    stds = np.sqrt(np.diag(covariance) + least**2)
+    return Known(float(pair[0]), float(stds[0])), Known(float(pair[1]), float(stds[1]))
+
+
+def _of_theta(found: Fit, function: Callable[[Floats], Floats]) -> tuple[Floats, Floats]:
+    """Return a function (v, n) -> (v, m) of the parameters (m,), and its covariance (m, m)."""
     points = np.vstack([found.x, found.x + _STEP * np.eye(len(found.x))])
-    rolls = rudder_mixes(found.of.theta(points), airspeed_m_s)
-    mixes = rolls.mean(axis=1)
-    slopes = (mixes[1:] - mixes[0]) / _STEP
-    variance = IN_GUSTS**2 * slopes @ found.covariance @ slopes + np.var(rolls[0], ddof=1)
-    return Known(float(mixes[0]), math.sqrt(max(float(variance), 0.0)))
+    values = function(found.of.theta(points))
+    slopes = (values[1:] - values[0]).T / _STEP
+    return values[0], IN_GUSTS**2 * slopes @ found.covariance @ slopes.T
 
 
 def _correlations(covariance: Floats) -> Floats:

@@ -2,17 +2,18 @@
 
 Eq. 17-21 linearised, in the field's symbols, with two gusts; primed derivatives (Ixz folded in)::
 
-    beta' = Y_beta (beta + b) + alpha p - r + (g/V) cos(alpha) roll + Y_delta_r dr + c1 + (g/V) f1
+    beta' = Y_beta (beta + b) + alpha p - r + (g/V) cos(pitch) roll + Y_delta_r dr + c1 + (g/V) f1
     p'    = L_beta (beta + b) + L_p p + L_r r + L_delta_a da + L_delta_r dr + w + c2
     r'    = N_beta (beta + b) + N_p p + N_r r + N_delta_a da + N_delta_r dr + n + c3
-    roll' = p + tan(alpha) r + c4 + f2
+    roll' = p + tan(pitch) r + c4 + f2
     b'    = -gust_rate b + sqrt(2 gust_rate) gust n_b       lateral gust, as sideslip
     w'    = -roll_gust_rate w + roll_gust_rate roll_gust n_w      rolling gust
 
 Measured are p, r and roll. c1 to c4 are trims, f1 and f2 what a bank adds to the linear motion,
-known from roll, pitch rate and yaw rate. da and dr are commands after delay and servo lag. Roll may
-come later than the rates, which may have filters of their own. The paper's coefficients have the
-opposite sign of Y_beta, L_beta, L_p, L_delta and N_r.
+known from roll, pitch rate and yaw rate. The pitch is measured, alpha is sought: in level flight,
+of which the answer is, they are equal, in a turn that descends several degrees apart. da and dr are
+commands after delay and servo lag. Roll may come later than the rates, which may have filters of
+their own. The paper's coefficients have the opposite sign of Y_beta, L_beta, L_p, L_delta and N_r.
 """
 
 import math
@@ -31,13 +32,15 @@ AILERON, RUDDER, TURN_FORCE, TURN_ROLL = range(4)
 
 @dataclass(frozen=True, slots=True)
 class Guess:
-    """What scales and priors are made from: start values by name, wn, the mean pitch."""
+    """What scales and priors are made from: start values, wn, the flight path's mean alpha."""
 
     start: dict[str, float]
     wn: float
-    pitch: float
+    alpha: float
 
 
+ALPHA_STD = 0.015
+"""Sigma in rad of the angle of attack that pitch, climb and bank imply."""
 CALMEST = 5.0
 """The logarithm of the guess of a gust over its least size."""
 SMOOTHEST = 2.0
@@ -117,7 +120,7 @@ PARAMETERS = (
     Parameter("servo_lag", _fixed(0.02), lambda guess: (0.08, 0.08), least=_fixed(0.0)),
     Parameter("delay", _fixed(0.02), lambda guess: (0.01, 0.01), least=_fixed(0.0)),
     Parameter("roll_delay", _fixed(0.02), lambda guess: (0.0, 0.015)),
-    Parameter("alpha", _fixed(0.02), lambda guess: (guess.pitch, 0.04)),
+    Parameter("alpha", _fixed(0.02), lambda guess: (guess.alpha, ALPHA_STD)),
     _noise("log_sigma_r"),
     _noise("log_sigma_roll"),
     _gust("log_roll_gust"),
@@ -172,9 +175,11 @@ class System:
     R: Floats
 
 
-def system(theta: Floats, airspeed_m_s: float, law: Law) -> System:
+def system(theta: Floats, airspeed_m_s: float, law: Law, pitch: float) -> System:
     """Return the state space of parameters ``theta`` (v, n), with the roll law closed in it."""
     A, B = airframe(theta, airspeed_m_s)
+    A[:, BETA, ROLL] = GRAVITY_M_S2 / airspeed_m_s * math.cos(pitch)
+    A[:, ROLL, R] = math.tan(pitch)
     A[:, :, ROLL] -= law.roll_gain * B[:, :, AILERON]
     A[:, :, P] -= law.rate_gain * B[:, :, AILERON]
 
@@ -197,7 +202,7 @@ def system(theta: Floats, airspeed_m_s: float, law: Law) -> System:
 
 
 def airframe(theta: Floats, airspeed_m_s: float) -> tuple[Floats, Floats]:
-    """Return A (v, 6, 6) without the gusts' own rates, and B (v, 6, 4), of the bare airframe.
+    """Return A (v, 6, 6) without the gusts' own rates, and B (v, 6, 4), of level flight.
 
     The states are STATES; the inputs are aileron, rudder, f1 and f2 of the equations above.
     """

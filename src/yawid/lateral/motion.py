@@ -28,10 +28,10 @@ class Motion:
     and rad, NaN where a sample is missing. ``rudder`` and ``aileron`` (m,) are the commands at
     ``commands_start_s`` + k COMMAND_STEP_S, in the unit of their channel, linear between the
     stamps of the messages and never NaN; they begin LEAD_S before the first measurement where the
-    log has them. ``airspeed_m_s`` is the mean true airspeed. With ``commands_exact`` False the
-    commands are known on the grid of the measurements only. ``aileron_known`` is False where no
-    aileron was found; ``aileron`` is 0 then. ``ay_m_s2`` (l,) is the lateral acceleration at
-    ``ay_t_s`` (l,), if there is one.
+    log has them. ``airspeed_m_s`` is the mean true airspeed, ``climb`` the mean angle of climb in
+    rad. With ``commands_exact`` False the commands are known on the grid of the measurements only.
+    ``aileron_known`` is False where no aileron was found; ``aileron`` is 0 then. ``ay_m_s2`` (l,)
+    is the lateral acceleration at ``ay_t_s`` (l,), if there is one.
 
     Raises:
         ConfigError: lengths differ, the commands have gaps or do not cover the measurements, or
@@ -48,6 +48,7 @@ class Motion:
     rudder: Floats
     aileron: Floats
     airspeed_m_s: float
+    climb: float = 0.0
     commands_exact: bool = True
     aileron_known: bool = True
     ay_t_s: Floats | None = None

@@ -14,6 +14,7 @@ FED_BACK = 0.95
 AT_REST = 2e-3
 """Standard deviation of an aileron that does not move, in the unit of its channel."""
 _NO_LAG_S = 1e-9
+_LEAST_LIFT = 0.25
 
 
 class Record:
@@ -32,6 +33,7 @@ class Record:
         self._filled = np.stack([self._fill(x) for x in (*columns.T, motion.pitch, motion.q)])
         self.mean = self._filled[:3].mean(axis=1)
         self.pitch = float(self._filled[3].mean())
+        self.alpha = self._alpha()
         self.y = np.where(self.missing[:, None], 0.0, self._filled[:3].T - self.mean)
         self.turn = self._turn()
         times = motion.command_times_s()
@@ -48,6 +50,12 @@ class Record:
         if not known.any():
             return np.zeros_like(x)
         return np.asarray(np.interp(self.times_s, self.times_s[known], x[known]), np.float64)
+
+    def _alpha(self) -> float:
+        """Return the mean angle of attack in rad that the flight path implies."""
+        roll, pitch = self._filled[2:4]
+        lift = np.maximum(np.cos(pitch) * np.cos(roll), _LEAST_LIFT)
+        return float(np.mean(np.arctan((np.sin(pitch) - math.sin(self.motion.climb)) / lift)))
 
     def _turn(self) -> tuple[Floats, Floats]:
         _, r, roll, pitch, q = self._filled

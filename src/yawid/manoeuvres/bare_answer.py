@@ -46,8 +46,9 @@ LAWS: Final[Mapping[str, int]] = {
 FED_BACK: Final = 0.1
 """The most of the rudder near the mode that may feed back the yaw rate: with .21 to .29 flights
 of SITL in turbulence had zeta .46 to .57 for .63. Without a damper none is seen at all."""
-APART_SIGMAS: Final = 3.0
-"""Where nothing but the sticks moves the surfaces, both answers are of one aircraft."""
+MOST_APART: Final = 1.0
+"""The most by which the airframe, flown as it was, may differ from the answer as flown, in sums of
+both sigmas."""
 MOST_TOGETHER: Final = 6
 """The most manoeuvres of one airspeed in one fit, which takes longer with each."""
 
@@ -98,18 +99,24 @@ def fitted(n: int, motion: Motion | str, servo_lag_s: float | None) -> Fitted:
 
 
 def against_flown(found: Fitted, flown: Manoeuvre) -> Fitted:
-    """Return a fit, refused where only the sticks flew and the usable answer as flown differs."""
+    """Return a fit, refused where it is not the aircraft of a usable answer as flown.
+
+    That is the airframe itself where only the sticks flew, else the airframe closed with the roll
+    law found. Without a law, or where the aileron is an input as well, nothing is compared.
+    """
     airframe, roll = found.airframe, flown.dutch_roll
-    if airframe is None or roll is None or flown.loop != AIRFRAME or not flown.verdict.usable:
+    if airframe is None or roll is None or not flown.verdict.usable:
         return found
-    pairs = (
-        (airframe.wn_rad_s, roll.wn_rad_s, roll.wn_std),
-        (airframe.zeta, roll.zeta, roll.zeta_std),
+    own = (airframe.wn_rad_s, airframe.zeta) if flown.loop == AIRFRAME else airframe.as_flown
+    if own is None or (flown.loop != AIRFRAME and flown.inputs != ["rudder"]):
+        return found
+    away = max(
+        abs(own[0].value - roll.wn_rad_s) / (own[0].std + (roll.wn_std or 0.0)),
+        abs(own[1].value - roll.zeta) / (own[1].std + (roll.zeta_std or 0.0)),
     )
-    away = max(abs(own.value - x) / math.hypot(own.std, std or 0.0) for own, x, std in pairs)
-    if not away > APART_SIGMAS:
+    if away <= MOST_APART:
         return found
-    gate = FailedGate("differs_from_flown", away, APART_SIGMAS)
+    gate = FailedGate("differs_from_flown", away, MOST_APART)
     return replace(found, airframe=replace(airframe, failed=(*airframe.failed, gate)))
 
 

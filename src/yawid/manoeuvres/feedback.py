@@ -11,11 +11,13 @@ lacks: answers were right up to a share of 0.9, and 9 to 12 % too high from 1.3 
 
 import math
 from collections.abc import Iterator
+from operator import itemgetter
 from typing import NamedTuple
 
 import numpy as np
 
 from yawid.blocks import Floats, shifted
+from yawid.lateral.roll_law import trimmed_regression
 from yawid.results.reasons import Reason
 
 KEPT = 0.7
@@ -25,8 +27,6 @@ LEAST_EXPLAINED = 0.8
 with a damper of YAW2SRV_DAMP 0.5 or more, and 0.2 at most for a negative gain without one."""
 PERIOD_SHARE = 0.1
 """The time over which changes are taken, in periods of the mode."""
-MOST_STEPS = 20
-"""The most steps of a regression; each begins with the samples that fitted best before."""
 SOME_SHARE, MOST_SHARE = 0.5, 1.0
 """The feedback near the mode, over the whole rudder there, above which there is a warning, and
 above which there is no answer: there it is larger than the rudder that it is a part of."""
@@ -62,30 +62,14 @@ def rate_feedback(
     moved = changes[np.argsort(np.abs(changes[:, 0]), kind="stable")]
     if kept < 10 * changes.shape[1] or not moved[:kept, 0].any():
         return None  # a rudder that rests most of the time
-    _, gain, explained = min(_trimmed(rows, changes, kept) for rows in (moved[:kept], changes))
+    starts = (moved[:kept], changes)
+    found = min((trimmed_regression(rows, changes, kept) for rows in starts), key=itemgetter(0))
+    gain, explained = float(found[1][0]), found[2]
     if not (gain < 0.0 and explained >= LEAST_EXPLAINED):
         return None
     known = np.isfinite(rudder) & np.isfinite(rate)
     near = [near_mode(x[known], wn_rad_s, sample_time_s) for x in (rate, rudder)]
     return Feedback(gain, -gain * math.sqrt(near[0] / near[1])) if near[1] > 0.0 else None
-
-
-def _trimmed(first: Floats, changes: Floats, kept: int) -> tuple[float, float, float]:
-    """Return the least sum of squares over ``kept`` rows, the gain, and R^2 there.
-
-    The rows with which it begins are the ``first``.
-    """
-    rows = first
-    for _ in range(MOST_STEPS):
-        columns = np.column_stack([rows[:, 1:], np.ones(len(rows))])
-        found = np.linalg.lstsq(columns, rows[:, 0], rcond=None)[0]
-        left = (changes[:, 0] - changes[:, 1:] @ found[:-1] - found[-1]) ** 2
-        order = np.argsort(left, kind="stable")[:kept]
-        before, rows = rows, changes[order]
-        if np.array_equal(before, rows):
-            break
-    loss, power = float(left[order].sum()), float(np.var(rows[:, 0])) * kept
-    return loss, float(found[0]), 1.0 - loss / power if power > 0.0 else 0.0
 
 
 def near_mode(x: Floats, wn_rad_s: float, sample_time_s: float) -> float:

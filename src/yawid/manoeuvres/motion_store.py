@@ -7,6 +7,7 @@ time may come again after a reboot, and the Unix time says which of them is mean
 
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -30,6 +31,8 @@ BRIDGED = 1.7
 """The longest interval between attitudes that is interpolated, in steps."""
 NEAR = 0.25
 """An instant that is nearer to an attitude than this part of a step has it also next to a gap."""
+STEEPEST = 0.5
+"""The largest sine of the angle of climb: what is beyond it is no altitude."""
 LONGEST_COMMAND_S = 0.5
 """The longest interval between two servo messages in which the commands count as known."""
 
@@ -80,7 +83,9 @@ class MotionStore:
         next_us = attitude.t_us[-1]
         ay = ay.select(ay.values[:, 1] <= next_us)
         try:
-            return motion_of(attitude, commands, ay, airspeed_m_s)
+            found = motion_of(attitude, commands, ay, airspeed_m_s)
+            climb = angle_of_climb(samples, airspeed_m_s)
+            return found if isinstance(found, str) else replace(found, climb=climb)
         except ConfigError as error:  # the answer as flown must not fail with it
             return str(error)
 
@@ -135,6 +140,17 @@ def true_airspeed(samples: SampleBlock) -> float:
     speeds = np.where(is_true, used.airspeed, used.airspeed / np.sqrt(ratio))
     speeds = speeds[np.isfinite(speeds)]
     return float(speeds.mean()) if len(speeds) else math.nan
+
+
+def angle_of_climb(samples: SampleBlock, airspeed_m_s: float) -> float:
+    """Return the mean angle of climb in rad, 0 where the altitude is not known."""
+    known = np.isfinite(samples.altitude)
+    t_s, altitude = samples.boot_us[known] / 1e6, samples.altitude[known]
+    if len(t_s) < LEAST_ROWS:
+        return 0.0
+    t_s = t_s - t_s.mean()
+    rate = float(t_s @ altitude / (t_s @ t_s))
+    return math.asin(min(max(rate / airspeed_m_s, -STEEPEST), STEEPEST))
 
 
 def _newest_ns(block: MotionBlock) -> int:

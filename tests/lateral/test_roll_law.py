@@ -1,0 +1,66 @@
+"""The roll law in the aileron, and the airframe closed with it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from lateral.flown import DERIVATIVES, ROLL, P, R, airframe, flown
+
+from yawid.lateral.fit_airframe import fit_airframe
+from yawid.lateral.record import Record
+from yawid.lateral.roll_law import roll_law
+
+HOLD = (0.6, 0.2)
+
+
+def closed(lag_s: float) -> tuple[float, float]:
+    """Return wn and zeta under HOLD behind a lag: the aileron is the fifth state."""
+    A, controls = airframe(DERIVATIVES)
+    whole = np.zeros((5, 5))
+    whole[:4, :4], whole[:4, 4], whole[4, 4] = A, controls[:, 0], -1.0 / lag_s
+    whole[4, ROLL], whole[4, P] = -HOLD[0] / lag_s, -HOLD[1] / lag_s
+    poles, vectors = np.linalg.eig(whole)
+    response = vectors[R] * np.linalg.solve(vectors, np.append(controls[:, 1], 0.0))
+    energy = np.where(poles.imag > 0.0, np.abs(response) ** 2 / np.abs(poles.real), 0.0)
+    pair = poles[np.argmax(energy)]
+    return float(abs(pair)), float(-pair.real / abs(pair))
+
+
+def test_the_law_is_found_although_the_aileron_is_moved_as_well():
+    motion = flown(3, seconds=30.0, amplitude=0.3, aileron=0.2, hold=HOLD, lag_s=0.1)
+
+    law = roll_law(Record(motion))
+
+    assert law is not None
+    assert (law.roll_gain, law.rate_gain) == pytest.approx(HOLD, rel=0.05)
+
+
+def test_an_aileron_that_rests_has_a_law_without_gains_and_one_that_moves_by_itself_has_none():
+    resting = roll_law(Record(flown(3, aileron=0.0)))
+
+    assert resting is not None
+    assert (resting.roll_gain, resting.rate_gain) == (0.0, 0.0)
+    assert roll_law(Record(flown(3, aileron=0.2))) is None
+
+
+def test_closed_with_the_law_the_airframe_is_the_aircraft_as_flown():
+    """Without its roll hold its damping is another."""
+    motion = flown(3, seconds=30.0, amplitude=0.3, aileron=0.2, hold=HOLD, lag_s=0.1)
+
+    found = fit_airframe([motion], servo_lag_s=0.1)
+
+    assert found.as_flown is not None
+    (wn, zeta), (own_wn, own_zeta) = closed(0.1), found.as_flown
+    assert abs(own_wn.value - wn) < min(2.0 * own_wn.std, 0.02 * wn)
+    assert abs(own_zeta.value - zeta) < min(2.0 * own_zeta.std, 0.02)
+    assert abs(found.zeta.value - zeta) > 0.03
+
+
+def test_pitch_and_angle_of_attack_are_two_things():
+    """In a climb of 0.3 rad along its own axis p still makes no sideslip."""
+    found = fit_airframe([flown(seconds=15.0, pitch=0.3)], servo_lag_s=0.0)
+
+    poles = np.linalg.eigvals(airframe(DERIVATIVES)[0])
+    wn = float(np.abs(poles[poles.imag > 0.0][0]))
+    assert found.alpha_rad.value == pytest.approx(0.0, abs=0.02)
+    assert found.wn_rad_s.value == pytest.approx(wn, rel=0.01)
