@@ -13,7 +13,7 @@ from scipy.signal import lfilter, lfiltic
 from scipy.special import gammaincc
 
 import yawid.estimation.all_pole as module
-from yawid.estimation.all_pole import all_pole
+from yawid.estimation.all_pole import all_pole, free_decays
 from yawid.estimation.machine.products import cross
 from yawid.estimation.machine.runner import RUNNER
 from yawid.estimation.whiteness import chi_square_tail
@@ -34,6 +34,18 @@ def test_all_pole_is_scipys_recursion(poles, n, seed):
     # Poles that lie together, all near 1, make of a rounding 1e16 times as much.
     scale = 1.0 + np.abs(expected).max(initial=0.0)
     assert np.abs(all_pole(a, drive, past) - expected).max(initial=0.0) < 1e-9 * scale
+
+
+@settings(deadline=None)
+@given(poles=poles, n=lengths, width=st.integers(1, 4), seed=st.integers(0, 2**32 - 1))
+def test_free_decays_and_a_filter_at_rest_have_the_bits_of_the_filter_with_that_past(
+    poles, n, width, seed
+):
+    a = np.poly(poles)[1:] if poles else np.zeros(0)
+    decays = all_pole(a, np.zeros((n, len(a))), np.eye(len(a)))
+    assert np.array_equal(free_decays(a, n), decays)
+    drive = np.random.default_rng(seed).normal(size=(n, width))
+    assert np.array_equal(all_pole(a, drive), all_pole(a, drive, np.zeros((len(a), width))))
 
 
 def test_what_is_not_stable_overflows_without_a_warning():

@@ -9,22 +9,37 @@ import numpy as np
 
 from yawid.blocks import Floats
 
+_ONE = np.ones(1)
 
-def all_pole(a: Floats, drive: Floats, past: Floats) -> Floats:
+
+def all_pole(a: Floats, drive: Floats, past: Floats | None = None) -> Floats:
     """Return x(k) of x(k) + a1 x(k-1) + ... = drive(k), for each column of the drive.
 
     ``a`` (na,) without its leading 1, ``drive`` (n,) or (n, m), ``past`` (na,) or (na, m) the
-    values of x before, newest first; x has the shape of the drive. An unstable filter may overflow
-    to values that are not finite.
+    values of x before, newest first, all 0 if None; x has the shape of the drive. An unstable
+    filter may overflow to values that are not finite.
     """
     x = np.asarray(drive, dtype=np.float64)
     if not (len(a) and x.size):
         return x.copy()
-    delays = np.zeros(past.shape)
+    delays = np.zeros((len(a), *x.shape[1:]))
+    if past is not None:
+        for i in range(len(a)):
+            for j in range(i, len(a)):
+                delays[i] -= a[j] * past[j - i]
+    return _filtered(a, x, delays)
+
+
+def free_decays(a: Floats, n: int) -> Floats:
+    """Return the responses (n, na) of 1/A, ``a`` (na,), to a past value of 1, each lag in turn."""
+    delays = np.zeros((len(a), len(a)))
     for i in range(len(a)):
-        for j in range(i, len(a)):
-            delays[i] -= a[j] * past[j - i]
-    found: Floats = _lfilter()(np.ones(1), np.concatenate([[1.0], a]), x, 0, delays)[0]
+        delays[i, : len(a) - i] -= a[i:]
+    return _filtered(a, np.zeros((n, len(a))), delays) if n and len(a) else np.zeros((n, len(a)))
+
+
+def _filtered(a: Floats, x: Floats, delays: Floats) -> Floats:
+    found: Floats = _lfilter()(_ONE, np.concatenate([[1.0], a]), x, 0, delays)[0]
     return found
 
 

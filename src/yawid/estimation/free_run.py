@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from yawid.blocks import Floats
-from yawid.estimation.all_pole import all_pole
+from yawid.estimation.all_pole import all_pole, free_decays
 from yawid.estimation.fit import fit_percent
 from yawid.estimation.machine.products import along, cross
 from yawid.estimation.polynomials import c_of, is_stable
@@ -39,6 +39,8 @@ DAMPING, HARDER = 1e-3, 8.0
 """Of the steps: a part of the information's diagonal, and the factor by which it changes. It holds
 a pole that all but cancels a zero, along which nothing changes the loss."""
 
+TINY = float(np.finfo(float).tiny)
+
 
 class RudderEffect(NamedTuple):
     """What the rudder adds to a model; NaN is what is not known.
@@ -58,14 +60,39 @@ class RudderEffect(NamedTuple):
     excess: float = math.nan
 
 
+class _Basis:
+    """Columns (n, l) made ready for finding the combinations of them that explain signals."""
+
+    def __init__(self, columns: Floats) -> None:
+        self._rows = np.ascontiguousarray(columns.T)
+        self._size = np.sqrt(np.maximum(cross(columns, columns).diagonal(), TINY))
+        self._scaled = columns / self._size
+        self._power = cross(self._scaled, self._scaled)
+        self._power.flat[:: len(self._size) + 1] += RIDGE
+
+    def coefficients(self, x: Floats) -> Floats:
+        """Return the combination (l, m) of the columns that is nearest to x (n, m)."""
+        found: Floats = np.linalg.solve(self._power, cross(self._scaled, x)) / self._size[:, None]
+        return found
+
+    def combined(self, coefficients: Floats) -> Floats:
+        """Return the combinations (n, m) of the columns with these coefficients (l, m)."""
+        return cross(self._rows, coefficients)
+
+    def without(self, x: Floats) -> Floats:
+        """Return x (n, m) less what a combination of the columns explains of it."""
+        return x - self.combined(self.coefficients(x))
+
+
 def rudder_fits(record: RecordFit, theta: Floats) -> tuple[float, float, float]:
     """Return the free-run fits in percent, with the rudder and without it, and the loss with it.
 
     A is that of ``theta`` (n_theta,). B, bias and initial states are the best ones in both cases,
     so that without the rudder the free decay explains as much as it can.
     """
-    rest, of_rudder = _driven(record, theta, 0), record.orders.nb[0]
-    left = [without(rest[:, first:], rest[:, :1])[:, 0] for first in (1, 1 + of_rudder)]
+    rest = _driven(record, theta, _decays(record, theta), 0)
+    ends = (1, 1 + record.orders.nb[0])
+    left = [_Basis(rest[:, first:]).without(rest[:, :1])[:, 0] for first in ends]
     with_it, alone = (
         fit_percent(record.y, record.y - eps) if np.isfinite(eps).all() else math.nan
         for eps in left
@@ -80,57 +107,42 @@ def best_shift(record: RecordFit, theta: Floats, least: int, most: int) -> tuple
     of ``theta`` (n_theta,), all else is fitted again. A rudder that did not move the
     aircraft has no reason to fit best at the time at which it was measured.
     """
-    losses = {}
+    losses, decays = {}, _decays(record, theta)
     later = range(least, most + 1, max(1, least // 2))
     for shift in (*later, *(-each for each in later)):
-        rest = _driven(record, theta, shift)
-        losses[shift] = float(np.sum(without(rest[:, 1:], rest[:, :1]) ** 2))
+        rest = _driven(record, theta, decays, shift)
+        losses[shift] = float(np.sum(_Basis(rest[:, 1:]).without(rest[:, :1]) ** 2))
     found = min(losses, key=lambda shift: losses[shift])
     return found, losses[found]
 
 
-def _driven(record: RecordFit, theta: Floats, shift: int) -> Floats:
+def _driven(record: RecordFit, theta: Floats, decays: list[_Basis], shift: int) -> Floats:
     """Return y and the responses of 1/A to each column of B and to the bias, without free decays.
 
     The rudder comes ``shift`` samples later; what lies beyond a stretch is as at its end.
     """
     na, known, parts = record.orders.na, record.orders.na + sum(record.orders.nb), []
     rudder = slice(na, na + record.orders.nb[0])
-    for y, phi in record.stretches:
+    for (y, phi), decay in zip(record.stretches, decays, strict=True):
         inputs = np.column_stack([phi[:, na:known], np.ones(len(y))])
         rows = np.clip(np.arange(len(y)) - shift, 0, len(y) - 1)
         inputs[:, : record.orders.nb[0]] = phi[rows, rudder]
-        responses = all_pole(theta[:na], inputs, np.zeros((na, inputs.shape[1])))
-        decays = free_decays(theta[:na], len(y))
-        parts.append(without(decays, np.column_stack([y, responses])))
+        responses = all_pole(theta[:na], inputs)
+        parts.append(decay.without(np.column_stack([y, responses])))
     return np.concatenate(parts)
 
 
-def free_decays(a: Floats, n: int) -> Floats:
-    """Return the responses (n, na) of 1/A, ``a`` (na,), to a past value of 1, each lag in turn."""
-    return all_pole(a, np.zeros((n, len(a))), np.eye(len(a)))
-
-
-def without(columns: Floats, x: Floats) -> Floats:
-    """Return x (n, m) less what a combination of the columns (n, l) explains of it."""
-    return x - cross(columns.T, coefficients(columns, x))
-
-
-def coefficients(columns: Floats, x: Floats) -> Floats:
-    """Return the combination (l, m) of the columns (n, l) that is nearest to x (n, m)."""
-    size = np.sqrt(np.maximum(np.diag(cross(columns, columns)), np.finfo(float).tiny))
-    scaled = columns / size
-    power = cross(scaled, scaled) + RIDGE * np.eye(len(size))
-    found: Floats = np.linalg.solve(power, cross(scaled, x)) / size[:, None]
-    return found
+def _decays(record: RecordFit, theta: Floats) -> list[_Basis]:
+    """Return the free decays of A over each stretch."""
+    return [_Basis(free_decays(theta[: record.orders.na], len(y))) for y, _ in record.stretches]
 
 
 class _Run(NamedTuple):
-    """The free run of one stretch: what it leaves (n,), its past (na,), the decays (n, na)."""
+    """The free run of one stretch: what it leaves (n,), its past (na,), the free decays."""
 
     left: Floats
     past: Floats
-    decays: Floats
+    decays: _Basis
 
 
 def output_error(record: RecordFit, settled: float) -> Floats:
@@ -185,7 +197,7 @@ def _descended(record: RecordFit, theta: Floats, settled: float) -> tuple[Floats
         if not np.isfinite(information).all():
             break
         score = cross(psi, np.concatenate([each.left for each in runs]))
-        scale, better = np.diag(np.diag(information) + np.finfo(float).tiny), loss
+        scale, better = np.diag(np.diag(information) + TINY), loss
         for _ in range(HALVINGS):
             trial = theta.copy()
             trial[is_free] += np.linalg.solve(information + damping * scale, score)
@@ -221,12 +233,11 @@ def output_error_scores(record: RecordFit, theta: Floats, residuals: list[Floats
 
 def _runs(record: RecordFit, theta: Floats) -> list[_Run]:
     na, runs = record.orders.na, []
-    for y, phi in record.stretches:
+    for (y, phi), decays in zip(record.stretches, _decays(record, theta), strict=True):
         drive = along(phi[:, na:], theta[na:])  # the columns of C are 0
-        rest = (y - all_pole(theta[:na], drive, np.zeros(na)))[:, None]
-        decays = free_decays(theta[:na], len(y))
-        past = coefficients(decays, rest)
-        runs.append(_Run((rest - cross(decays.T, past))[:, 0], past[:, 0], decays))
+        rest = (y - all_pole(theta[:na], drive))[:, None]
+        past = decays.coefficients(rest)
+        runs.append(_Run((rest - decays.combined(past))[:, 0], past[:, 0], decays))
     return runs
 
 
@@ -238,8 +249,7 @@ def _slopes(record: RecordFit, theta: Floats, runs: list[_Run]) -> Floats:
         drive = phi.copy()
         for i in range(na):
             drive[:, i] = -simulated[na - 1 - i : len(simulated) - 1 - i]
-        slopes = all_pole(theta[:na], drive, np.zeros((na, len(theta))))
-        rows.append(without(run.decays, slopes))
+        rows.append(run.decays.without(all_pole(theta[:na], drive)))
     return np.concatenate(rows)
 
 

@@ -60,8 +60,8 @@ class RecordFit:
 
     def residuals(self, theta: Floats) -> list[Floats]:
         """Return eps = (A y - B u - bias) / C (n,) of each stretch; eps = 0 before it (eq. 33)."""
-        c, rest = c_of(theta, self.orders), np.zeros(self.orders.nc)
-        return [all_pole(c, y - along(phi, theta), rest) for y, phi in self.stretches]
+        c = c_of(theta, self.orders)
+        return [all_pole(c, y - along(phi, theta)) for y, phi in self.stretches]
 
     def loss(self, theta: Floats, residuals: list[Floats] | None = None) -> float:
         """Return the weighted sum of squared residuals plus the ridge's part; inf if not finite.
@@ -82,8 +82,8 @@ class RecordFit:
         residuals = self.residuals(theta) if residuals is None else residuals
         rows = self.regressors(residuals)
         if filtered:
-            c, rest = c_of(theta, self.orders), np.zeros((self.orders.nc, len(theta)))
-            rows = [all_pole(c, phi, rest) for phi in rows]
+            c = c_of(theta, self.orders)
+            rows = [all_pole(c, phi) for phi in rows]
         return np.concatenate(rows), np.concatenate(residuals)
 
     def scores(self, theta: Floats, residuals: list[Floats]) -> Scores:

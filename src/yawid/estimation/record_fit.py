@@ -129,11 +129,11 @@ def _made_ready(config: EstimatorConfig, u: Floats, y: Floats) -> _Record | None
 def _fitted_model(method: Method, record: _Record, settled: float) -> FittedModel:
     config, fit, good, factors = record.config, record.fit, record.good, record.factors
     n = len(fit.y)
-    theta = _theta(method, fit, settled)
-    residuals = [] if theta is None else method.residuals(fit, theta)
-    found = None if theta is None else _covariances(method, record, theta, residuals)
-    if theta is None or found is None:
+    least = _least(method, fit, settled)
+    found = None if least is None else _covariances(method, record, *least)
+    if least is None or found is None:
         return _nothing(config, len(good), Status.DIVERGED)
+    theta, residuals = least
     units = _units(config, factors)
     covariance, scatter = (each * np.outer(units, units) for each in found)
     eps, y_hat = np.concatenate(residuals), np.full(len(good), np.nan)
@@ -201,28 +201,31 @@ def held_back_pct(
     row = int(used[first])
     record = _made_ready(config, u[:row], y[:row])
     row_of = METHODS[method or config.method]
-    theta = None if record is None else _theta(row_of, record.fit, settled)
-    if record is None or theta is None:
+    least = None if record is None else _least(row_of, record.fit, settled)
+    if record is None or least is None:
         return float("nan")
-    theta, u, y = theta * _units(config, record.factors), u[row:], y[row:]
+    theta, u, y = least[0] * _units(config, record.factors), u[row:], y[row:]
     if row_of.runs_free and (rest := _made_ready(config, u, y)) is not None:
         residuals = row_of.residuals(rest.fit, theta / _units(config, rest.factors))
         return fit_percent(rest.fit.y, rest.fit.y - np.concatenate(residuals))
     return fit_percent(y, simulate(theta, config.orders, config.bias, u, y))
 
 
-def _theta(method: Method, fit: RecordFit, settled: float) -> Floats | None:
-    """Return theta (n,) of the scaled signals; None where theta = 0 has no larger loss."""
+def _least(method: Method, fit: RecordFit, settled: float) -> tuple[Floats, list[Floats]] | None:
+    """Return theta (n,) of the scaled signals and the residuals of each stretch there.
+
+    None where theta = 0 has no larger loss.
+    """
     try:
         theta = method.fit(fit, settled)
     except np.linalg.LinAlgError:  # signals that are linearly dependent
         return None
     if theta is None:
         return None
-    nothing = np.zeros_like(theta)
-    if not fit.loss(theta, method.residuals(fit, theta)) < fit.loss(nothing):
-        return None
-    return theta
+    residuals = method.residuals(fit, theta)
+    return (
+        (theta, residuals) if fit.loss(theta, residuals) < fit.loss(np.zeros_like(theta)) else None
+    )
 
 
 def _factors(signals: Floats) -> Floats:

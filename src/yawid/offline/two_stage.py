@@ -119,5 +119,5 @@ def _residuals(
     c = c_of(theta, orders)
     eps = y - known @ np.delete(theta, slice(first, first + orders.nc))
     for start, stop in runs_of(rows):
-        eps[start:stop] = all_pole(c, eps[start:stop], np.zeros(orders.nc))
+        eps[start:stop] = all_pole(c, eps[start:stop])
     return eps

@@ -13,7 +13,7 @@ def step_response(theta: Floats, orders: ArmaxOrders, steps: int) -> Floats:
     """Return the response (steps,) of theta (p,) to a unit step of the first input at row 0."""
     b = np.concatenate([np.zeros(orders.nk[0]), theta[orders.na : orders.na + orders.nb[0]]])
     drive = np.cumsum(b)[np.minimum(np.arange(steps), len(b) - 1)]
-    return all_pole(theta[: orders.na], drive, np.zeros(orders.na))
+    return all_pole(theta[: orders.na], drive)
 
 
 def early_response(
