@@ -32,15 +32,12 @@ def diff(a: Side, b: Side) -> Diff:
     Raises:
         SourceError: one of them is neither a finished run nor a data set.
     """
+    sides = [place_of(fspath(e)) if isinstance(e, str | PathLike) else e for e in (a, b)]
     with TemporaryDirectory() as folder:
         files = [
-            place_of(fspath(each))
-            if isinstance(each, str | PathLike)
-            else each.mcap(Path(folder) / name)
-            for name, each in (("a", a), ("b", b))
+            each if isinstance(each, Place) else each.mcap(Path(folder) / name)
+            for name, each in zip("ab", sides, strict=True)
         ]
         found = what_changed(*files)
-    paths = [
-        place_of(fspath(each)) if isinstance(each, str | PathLike) else each.path for each in (a, b)
-    ]
-    return msgspec.structs.replace(found, a=str(paths[0].absolute()), b=str(paths[1].absolute()))
+    one, other = (each if isinstance(each, Place) else each.path for each in sides)
+    return msgspec.structs.replace(found, a=str(one.absolute()), b=str(other.absolute()))
