@@ -192,7 +192,7 @@ def bench_latency(options: argparse.Namespace) -> Iterator[str]:
 
 def bench_fits(options: argparse.Namespace) -> Iterator[str]:
     """Measure the latency without manoeuvres, with them, and while a fit runs all the time."""
-    with_fits = (TOOLS / "bench" / "live_beside_fits.py",)
+    with_fits = (TOOLS / "bench" / "live_with_fits.py",)
     for what, program, manoeuvres in (
         ("without manoeuvres", LIVE, "off"),
         ("with manoeuvres", LIVE, "auto"),

@@ -109,7 +109,7 @@ def main() -> int:
         with contextlib.redirect_stdout(io.StringIO()):
             yawid([*run, *(replay_options or ["--rate", "10", "--forgetting", "1"])])
             mcap = Path(folder) / f"{options.log.stem}.mcap"
-            made = Path(folder) / "told"
+            made = Path(folder) / "run"
             yawid(["replay", str(MANY), "--out", str(made), "--json"])
             yawid(["report", str(made / "log.mcap")])
         out: Path = options.out

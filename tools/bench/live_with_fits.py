@@ -1,6 +1,6 @@
 """Runs ``yawid live`` in a process that also fits a manoeuvre all the time, on another thread.
 
-    python -m bench.live_beside_fits udpin:127.0.0.1:14560 [options of yawid live]
+    python -m bench.live_with_fits udpin:127.0.0.1:14560 [options of yawid live]
 
 A usual session fits a manoeuvre for some 0.1 s when it ends; here a fit always runs at the same
 time as the stream.
