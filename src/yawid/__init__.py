@@ -1,4 +1,9 @@
-"""Yawid identifies how an aircraft's yaw answers its rudder, sample by sample."""
+"""Yawid identifies how an aircraft's yaw answers its rudder, sample by sample.
+
+``replay`` makes a run of a log or of a table in memory, ``load`` reads that of an MCAP, and
+``diff`` compares two. A :class:`Run` has the answer (``usable``, ``flight``), its tables and its
+models. :class:`RecursiveArmax` is the estimator by itself. Errors are :class:`YawidError`.
+"""
 
 import importlib
 from typing import TYPE_CHECKING, Any

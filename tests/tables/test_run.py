@@ -59,6 +59,9 @@ def test_a_replay_in_python_is_the_run_that_the_command_line_writes_to_the_bit_a
     assert_same(direct, run)
     assert direct.summary.files is None
     assert [*tmp_path.iterdir()] == [options]
+    assert yawid.load(direct.mcap(str(tmp_path / "runs"))).usable is run.usable
+    with pytest.raises(ConfigError, match="must be a run or a path, got int"):
+        yawid.diff(run, 3)  # type: ignore[arg-type]  # the mistake
 
 
 def test_of_an_mcap_too_even_where_its_own_name_would_be_written(

@@ -96,7 +96,12 @@ def test_wn_goes_with_the_airspeed_and_another_loop_is_not_judged(
     made: Made, capsys: pytest.CaptureFixture[str]
 ) -> None:
     _, said = told(capsys, made("a.mcap"), made("b.mcap"))
-    assert numbers(said)["wn_rad_s"]["not_judged"] == "varies with the airspeed: see ωn/V"
+    assert numbers(said)["wn_rad_s"]["not_judged"] == "varies with the airspeed: see wn/V"
+    assert main(["diff", str(made("a.mcap")), str(made("b.mcap"))]) == 0
+    printed = capsys.readouterr().out
+    assert {"wn", "wn/V", "zeta"} <= set(printed.split())
+    assert "wn/V in rad/m" in " ".join(printed.split())
+    assert "wn_rad_s" not in printed
 
     c, d = made("c.mcap"), made("d.mcap", zeta=0.5, loop="with_roll_loop")
     code, said = told(capsys, c, d)

@@ -238,10 +238,15 @@ class Run:
         with TemporaryDirectory() as folder:
             return write_report(self.mcap(Path(folder)), Path(path), force=force)
 
-    def mcap(self, folder: Path) -> Path:
-        """Return the run's MCAP; that of a replay is written into ``folder``."""
+    def mcap(self, folder: str | PathLike[str]) -> Path:
+        """Return the run's MCAP; that of a replay is written into ``folder``.
+
+        Raises:
+            SinkError: the file exists, or it cannot be written.
+        """
         from yawid.runs.outputs import Outputs, open_mcap
 
+        folder = Path(folder)
         if not self._calls:
             if isinstance(self.path, Path):
                 return self.path

@@ -345,7 +345,7 @@ def _not_judged(
         return "another loop"
     if quantity == "wn_rad_s":
         if (vehicle, loop, "kappa_rad_m") in both:
-            return "varies with the airspeed: see ωn/V"
+            return "varies with the airspeed: see wn/V"
         one, other = (_airspeed(row) for row in rows if row is not None)
         if one is None or other is None:
             return "varies with the airspeed, which is unknown"

@@ -7,6 +7,7 @@ from typing import Protocol
 
 import msgspec
 
+from yawid.errors import ConfigError
 from yawid.system.stores import Place, place_of
 from yawid.trend.diff import Diff
 from yawid.trend.diff import diff as what_changed
@@ -17,7 +18,7 @@ class HasFile(Protocol):
 
     path: Place
 
-    def mcap(self, folder: Path) -> Path:
+    def mcap(self, folder: str | PathLike[str]) -> Path:
         """Return the path of the run's MCAP, which may be written into ``folder``."""
 
 
@@ -30,8 +31,12 @@ def diff(a: Side, b: Side) -> Diff:
     ``.changed`` says whether something did, ``.numbers`` has each number with its difference.
 
     Raises:
+        ConfigError: one of them is neither a run nor a path.
         SourceError: one of them is neither a finished run nor a data set.
     """
+    for each in (a, b):
+        if not isinstance(each, str | PathLike) and not hasattr(each, "mcap"):
+            raise ConfigError(f"a side must be a run or a path, got {type(each).__name__}")
     sides = [place_of(fspath(e)) if isinstance(e, str | PathLike) else e for e in (a, b)]
     with TemporaryDirectory() as folder:
         files = [

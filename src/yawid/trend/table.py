@@ -1,5 +1,6 @@
 """Prints the results of ``yawid trend`` and ``yawid diff`` for people."""
 
+from collections.abc import Iterable
 from textwrap import fill
 from typing import Final, TextIO
 
@@ -8,8 +9,10 @@ from rich.table import Table
 from rich.text import Text
 
 from yawid.answers.damper_report import Decay, FlownGain
+from yawid.quantities.table import QUANTITIES
 from yawid.quantities.vehicles import AIRFRAME, WITH_ROLL_LOOP
 from yawid.sinks.door import page_console
+from yawid.sinks.words import LATIN
 from yawid.trend import words
 from yawid.trend.diff import DamperDiff, Diff
 from yawid.trend.history import shown
@@ -30,13 +33,13 @@ def print_trend(report: Trend, stream: TextIO) -> None:
     console.print(Text("verdict  ") + word)
     for each in changed:
         assert each.change is not None
-        _say(console, f"{each.vehicle} ({each.loop}) {words.name_of(each.quantity)} "
+        _say(console, f"{each.vehicle} ({each.loop}) {_name(each.quantity)} "
              f"{words.change_line(each.change)}", "red")  # fmt: skip
         for line in each.change.measured_otherwise:
             _say(console, f"the measurement changed there too: {line}", "yellow")
     for each in report.followed:
         if each.may_be_season is not None:
-            _say(console, f"{each.vehicle} ({each.loop}) {words.name_of(each.quantity)} "
+            _say(console, f"{each.vehicle} ({each.loop}) {_name(each.quantity)} "
                  f"{words.season_line(each.may_be_season)}", "yellow")  # fmt: skip
     _say(console, words.flights_line(report))
     steady = {id(each) for each in [e for e in report.followed if e.change is None][:MOST_ROWS]}
@@ -47,11 +50,11 @@ def print_trend(report: Trend, stream: TextIO) -> None:
     for each, one in outliers[:MOST_OUTLIERS]:
         _say(
             console,
-            f"outlier: {each.vehicle} {words.name_of(each.quantity)} {words.outlier_line(one)}",
+            f"outlier: {each.vehicle} {_name(each.quantity)} {words.outlier_line(one)}",
         )
     notes = [
         "± is one sigma; now: after the last change; a year: slope of a straight line; "
-        "between: scatter of flights beyond their own sigmas",
+        "between: scatter of flights beyond their own sigmas" + _units(e.quantity for e in rows),
         words.rate_line(report),
     ]
     left = len(report.followed) - len(rows), len(outliers) - MOST_OUTLIERS
@@ -68,7 +71,7 @@ def _histories(rows: list[Followed]) -> Table:
         whose = (each.vehicle, each.loop)
         table.add_row(
             "" if whose == last else _named(*whose),
-            words.name_of(each.quantity),
+            _name(each.quantity),
             str(each.flights),
             words.spread(each.now),
             words.spread(each.slope_per_year),
@@ -78,6 +81,17 @@ def _histories(rows: list[Followed]) -> Table:
         )
         last = whose
     return table
+
+
+def _name(quantity: str) -> str:
+    """Return a quantity's name for the terminal."""
+    return words.name_of(quantity, LATIN)
+
+
+def _units(quantities: Iterable[str]) -> str:
+    """Return the units of the numbers in a table, as a note under it."""
+    units = {_name(each): QUANTITIES[each].unit_for() for each in quantities}
+    return "".join(f"; {name} in {unit}" for name, unit in units.items() if unit)
 
 
 def _named(vehicle: str, loop: str) -> str:
@@ -101,7 +115,7 @@ def print_diff(report: Diff, stream: TextIO) -> None:
         result = f"not judged: {each.not_judged}" if each.not_judged else "agrees"
         result = "CHANGED" if each.changed else result
         table.add_row(
-            _named(each.vehicle, each.loop).strip(), words.name_of(each.quantity),
+            _named(each.vehicle, each.loop).strip(), _name(each.quantity),
             words.spread(each.a), words.spread(each.b),
             f"{each.difference:+.3g}", "-" if each.sigmas is None else f"{each.sigmas:+.1f}",
             result, style="red" if each.changed else "",
@@ -119,6 +133,7 @@ def print_diff(report: Diff, stream: TextIO) -> None:
     notes = (
         f"± is one total sigma; changed: beyond what both sigmas explain, at {rate:g} % false "
         f"alarms over all {report.judged} numbers judged"
+        + _units(each.quantity for each in report.numbers)
     )
     console.print(Text(fill(notes, console.width, break_on_hyphens=False), "dim"))
 
@@ -129,7 +144,7 @@ def _print_damper(console: Console, report: DamperDiff) -> None:
     elif report.unchanged:
         said, style = "unchanged", "green"
     else:
-        said, style = f"CHANGED in {', '.join(map(words.name_of, report.differ))}", "red"
+        said, style = f"CHANGED in {', '.join(map(_name, report.differ))}", "red"
     console.print(Text("the aircraft without its yaw damper  ") + Text(said, style))
     table = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0))
     heads = ("", report.parameter, "pair predicted", "decay predicted", "decay flown", "")

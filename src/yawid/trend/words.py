@@ -4,7 +4,7 @@ from typing import Final
 
 from yawid.answers.run_summary import Value
 from yawid.quantities.table import QUANTITIES
-from yawid.sinks.words import plus_minus
+from yawid.sinks.words import GREEK, plus_minus
 from yawid.trend.best_profile import LEAST_DAYS, LEAST_SIDE
 from yawid.trend.changes import SEASON
 from yawid.trend.diff import EFFECT
@@ -12,10 +12,13 @@ from yawid.trend.history import FOLLOWED
 from yawid.trend.trend import Changed, Followed, Outlier, Trend
 
 
-def name_of(quantity: str) -> str:
-    """Return the name of a quantity for people."""
-    has_symbol = quantity in FOLLOWED or quantity == EFFECT
-    return QUANTITIES[quantity].symbol if has_symbol else quantity
+def name_of(quantity: str, names: tuple[str, str] = GREEK) -> str:
+    """Return the name of a quantity for people: of a page, or for a terminal that of LATIN."""
+    has_symbol = quantity in FOLLOWED or quantity in (EFFECT, "wn_rad_s")
+    found = QUANTITIES[quantity].symbol if has_symbol else quantity
+    for greek, name in zip(GREEK, names, strict=True):
+        found = found.replace(greek, name)
+    return found
 
 
 def spread(value: Value | None, unit: str = "") -> str:

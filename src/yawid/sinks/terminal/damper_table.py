@@ -1,5 +1,7 @@
 """The gains of a yaw damper as a table, and what to fly next."""
 
+from collections.abc import Iterable
+from textwrap import fill, indent
 from typing import TextIO
 
 from rich.console import Console
@@ -17,10 +19,9 @@ def print_damper(report: DamperReport, stream: TextIO) -> None:
     console.print(Text(report.log, style="bold"))
     if not report.verdict.usable:
         console.print(Text("no gain can be given", style="bold red"))
-        for reason in report.verdict.reasons:
-            console.print(Text(f"  {reason}"))
+        _indented(console, map(str, report.verdict.reasons))
         if report.verdict.next:
-            console.print(Text(f"  {NEXT} {report.verdict.next}"))
+            _indented(console, [f"{NEXT} {report.verdict.next}"])
         _print_mix(console, report)
         return
     found = report.recommended
@@ -28,10 +29,7 @@ def print_damper(report: DamperReport, stream: TextIO) -> None:
         f"aim at {found.low:g} to {found.high:g}, fly {found.next:g} next"
     )  # fmt: skip
     console.print(Text(f"{report.parameter}  {text}", style="bold"))
-    for sentence in report.says:
-        console.print(Text(f"  {sentence}"))
-    for reason in report.verdict.reasons:
-        console.print(Text(f"  {reason}"))
+    _indented(console, [*report.says, *map(str, report.verdict.reasons)])
     table = Table(box=None, pad_edge=False)
     heads = (
         report.parameter,
@@ -57,6 +55,13 @@ def print_damper(report: DamperReport, stream: TextIO) -> None:
         "crosses or the model is not known"
     )
     console.print(Text(means))
+
+
+def _indented(console: Console, texts: Iterable[str]) -> None:
+    """Print texts of one or more lines, each line two columns from the left."""
+    for text in texts:
+        lines = fill(text, console.width - 2, break_on_hyphens=False, break_long_words=False)
+        console.print(Text(indent(lines, "  ")), soft_wrap=True)
 
 
 def _print_mix(console: Console, report: DamperReport) -> None:

@@ -127,6 +127,10 @@ def _percent(value: float | None) -> str:
     return "-" if value is None else percent(value)
 
 
+_PLURAL = ("frames", "skipped_bytes", "reboots", "clock_steps", "gaps")
+"""Counts of a link whose name is a plural."""
+
+
 def origin(summary: Origin) -> Iterator[str]:
     """Yield a line for each channel with its source, then one each for link, vehicles, boots."""
     for name, channel in summary.channels.items():
@@ -135,7 +139,7 @@ def origin(summary: Origin) -> Iterator[str]:
         yield f"{name:>8}  {channel.source}{rate}{how}"
     link, leap_s = replace(summary.link, clock_leap_s=None), summary.link.clock_leap_s
     counts = ", ".join(
-        f"{count} {name.replace('_', ' ')}"
+        f"{count} {(name[:-1] if count == 1 and name in _PLURAL else name).replace('_', ' ')}"
         for name, count in link.to_json().items()
         if count or name == "frames"
     )
