@@ -328,6 +328,18 @@ def test_manoeuvres_are_shaded_where_they_were_flown_and_numbered(paged: Paged) 
     assert axes.get_xlim() == (100.0, 230.0)
 
 
+@pytest.mark.parametrize("rows", [400, 40_000])
+def test_no_line_is_drawn_over_a_gap_of_the_log(rows: int) -> None:
+    t = 0.05 * np.arange(rows)
+    t = t[(t < 0.4 * t[-1]) | (t > 0.6 * t[-1])]
+    axes = Figure().subplots()
+    traced(axes, t, np.sin(t), "#000000")
+    ends = [line.get_xdata() for line in axes.lines]
+    ends += [path.vertices[:, 0] for each in axes.collections for path in each.get_paths()]
+    assert len(ends) == 2
+    assert all(np.ptp(each) < 0.41 * t[-1] for each in ends)
+
+
 def test_no_line_is_drawn_back_through_time_after_a_reboot() -> None:
     t = np.concatenate([np.arange(400.0, 450.0, 0.01), np.arange(10.0, 60.0, 0.01)])
     axes = Figure().subplots()

@@ -56,7 +56,7 @@ def flight_section(summary: RunSummary, rudder_unit: str) -> Iterator[str]:
         "",
         f"± is one sigma{means}{in_brackets}. Seconds are those since boot, as on the pictures' "
         "axes. Fit: one step ahead / simulated / simulated on held-back data."
-        f"{refits and f' {_begun(refits)}; the fits in this table are of its own orders.'}",
+        f"{refits and f' {_begun(refits)}; the column fit has the orders next to it.'}",
     )
     reasons = {
         f"{each.n}: {reason.name}": reason.text

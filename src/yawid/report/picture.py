@@ -104,13 +104,18 @@ def _styled(picture: Picture) -> Iterator[Figure]:
         yield figure
 
 
+GAP = 3.0
+"""Rows that are further apart than so many of the usual distance are not joined by a line."""
+
+
 def traced(ax: Axes, t: Floats, x: Floats, shade: str) -> None:
     """Draw a long line; where a column holds many samples, shade from their least to greatest.
 
-    Where time goes back, after a reboot, another line begins.
+    Where time goes back, after a reboot, or rows are missing, another line begins.
     """
-    step = -(-len(t) // COLUMNS)
-    for rows in np.split(np.arange(len(t)), np.flatnonzero(np.diff(t) < 0.0) + 1):
+    step, apart = -(-len(t) // COLUMNS), np.diff(t)
+    breaks = (apart < 0.0) | (apart > GAP * np.median(apart)) if len(t) > 1 else []
+    for rows in np.split(np.arange(len(t)), np.flatnonzero(breaks) + 1):
         if step <= 2:
             ax.plot(t[rows], x[rows], color=shade, linewidth=0.9)
             continue
