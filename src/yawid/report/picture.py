@@ -114,8 +114,9 @@ def traced(ax: Axes, t: Floats, x: Floats, shade: str) -> None:
     Where time goes back, after a reboot, or rows are missing, another line begins.
     """
     step, apart = -(-len(t) // COLUMNS), np.diff(t)
-    breaks = (apart < 0.0) | (apart > GAP * np.median(apart)) if len(t) > 1 else []
-    for rows in np.split(np.arange(len(t)), np.flatnonzero(breaks) + 1):
+    usual = np.median(apart) if len(apart) else 0.0
+    breaks = np.flatnonzero((apart < 0.0) | (apart > GAP * usual)) + 1
+    for rows in np.split(np.arange(len(t)), breaks):
         if step <= 2:
             ax.plot(t[rows], x[rows], color=shade, linewidth=0.9)
             continue
