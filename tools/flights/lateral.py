@@ -34,6 +34,7 @@ RUDDER, AILERON = 0.15, 0.08
 GYRO_RAD_S, ANGLE_RAD = 0.003, 0.001
 """Standard deviation of the noise of rates and angles, which the roll hold hears."""
 SAME_SPEED = 0.003
+TURN_IN_S = 3.0
 
 
 def of_number(seed: int, number: int) -> dict[str, Any]:
@@ -53,6 +54,18 @@ def of_number(seed: int, number: int) -> dict[str, Any]:
         "aileron": AILERONS[aileron], "seed": seed, "number": number,
     }  # fmt: skip
     return flown | {"truth": json.dumps(conditions | {"manoeuvres": truths})}
+
+
+def in_turn(place: int, bank: float, seed: int) -> dict[str, Any]:
+    """Return the first manoeuvre of a calm flight at PLACES[place] in a steady bank in rad."""
+    name, feet, knots = PLACES[place]
+    plan = FlightPlan(aircraft=name, altitude_ft=feet, speed_kt=knots)
+    mode = linear_dutch_rolls(replace(plan, roll_gain=0.0, roll_rate_gain=0.0))["dutch_roll"]
+    assert mode is not None, plan
+    n = round((LEAD_IN_S + MANOEUVRES_S) / DT_S)
+    rudder, moved = (x[:n] for x in _moves(plan, 0.3 * math.tau / mode["wn_rad_s"], True))
+    flown = _fly(plan, rudder, moved, 0, np.random.default_rng(seed), bank)
+    return flown | {"truth": json.dumps({"manoeuvres": [{"start_s": LEAD_IN_S}]})}
 
 
 def kept(folder: Path, seed: int, number: int) -> dict[str, Any]:
@@ -95,8 +108,14 @@ def _steps(n: int, pieces: list[tuple[float, float]]) -> Floats:
 
 
 def _fly(
-    plan: FlightPlan, rudder: Floats, moved: Floats, severity: int, rng: np.random.Generator
+    plan: FlightPlan,
+    rudder: Floats,
+    moved: Floats,
+    severity: int,
+    rng: np.random.Generator,
+    bank: float = 0.0,
 ) -> dict[str, Any]:
+    """Fly; the hold banks by ``bank`` rad within the first TURN_IN_S and stays there."""
     fdm = trimmed(plan)
     fdm.set_dt(DT_S)
     if severity:
@@ -114,7 +133,8 @@ def _fly(
         p, q, r = (fdm[f"velocities/{axis}-rad_sec"] for axis in "pqr")
         if k % sensed == 0:
             noise = rng.normal(size=5) * ([GYRO_RAD_S] * 3 + [ANGLE_RAD] * 2)
-        hold = plan.roll_gain * (roll + noise[3] - level) + plan.roll_rate_gain * (p + noise[0])
+        held = level + bank * min(k * DT_S / TURN_IN_S, 1.0)
+        hold = plan.roll_gain * (roll + noise[3] - held) + plan.roll_rate_gain * (p + noise[0])
         to_left = servo.unit(servo.pulse(aileron - hold + moved[k]))
         to_right = servo.unit(servo.pulse(right + rudder[k]))
         if k % logged == 0:

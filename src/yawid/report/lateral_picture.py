@@ -116,16 +116,17 @@ def free_run(bare: Bare, attitude: StampedRows, commands: StampedRows) -> Floats
     return np.asarray(runs[:, :, 0] + runs[:, :, 1:] @ start, np.float64)
 
 
-def airframe(bare: Bare, alpha: float) -> tuple[Floats, Floats]:
+def airframe(bare: Bare, pitch: float) -> tuple[Floats, Floats]:
     """Return A (4, 4) of sideslip, p, r, roll, and B (4, 2) of rudder and aileron (eq. 21)."""
+    alpha = pitch if bare.alpha_rad is None else bare.alpha_rad.value or 0.0
     of = dict.fromkeys(Bare.NAMES, 0.0)
     of |= {name: each.value or 0.0 for name, each in (bare.derivatives or {}).items()}
-    turn = GRAVITY / (bare.airspeed_m_s or math.inf) * math.cos(alpha)
+    turn = GRAVITY / (bare.airspeed_m_s or math.inf) * math.cos(pitch)
     A = np.array([
         [of["Y_beta"], alpha, -1.0, turn],
         [of["L_beta"], of["L_p"], of["L_r"], 0.0],
         [of["N_beta"], of["N_p"], of["N_r"], 0.0],
-        [0.0, 1.0, math.tan(alpha), 0.0],
+        [0.0, 1.0, math.tan(pitch), 0.0],
     ])  # fmt: skip
     B = np.array([
         [of["Y_delta_r"], 0.0], [of["L_delta_r"], of["L_delta_a"]],
