@@ -4,6 +4,8 @@ The words and the unit of a key come from the table of quantities. Keys that are
 mean more in one type, have theirs in ``json_keys.toml``.
 """
 
+import json
+import re
 import tomllib
 from collections.abc import Iterator
 from contextlib import suppress
@@ -224,15 +226,7 @@ def of_command(schema: Schema, command: str) -> Schema:
 
 def _collect(defs: Schema, name: str, needed: set[str]) -> None:
     """Add the names of a definition and of all definitions it refers to."""
-    if name in needed:
-        return
-    needed.add(name)
-    waiting: list[Any] = [defs[name]]
-    while waiting:
-        each = waiting.pop()
-        if isinstance(each, dict):
-            if isinstance(ref := each.get("$ref"), str):
-                _collect(defs, ref.removeprefix("#/$defs/"), needed)
-            waiting += each.values()
-        elif isinstance(each, list):
-            waiting += each
+    if name not in needed:
+        needed.add(name)
+        for other in re.findall(r'"#/\$defs/(.+?)"', json.dumps(defs[name])):
+            _collect(defs, other, needed)
