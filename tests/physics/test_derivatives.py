@@ -263,3 +263,16 @@ def test_rows_of_a_block_are_those_of_single_calls_to_the_bit(na):
 def _poles_and_residues(thetas, orders):
     poles = poles_of(thetas[:, : orders.na], orders, 0.1)
     return poles.z, poles.s, residues_of(thetas, poles, orders, 0.1)
+
+
+def test_a_pole_that_alternates_takes_nothing_from_the_gain():
+    # Next to a yaw channel with K 0.31 and T 0.85 s: (z + 0.2) / (z + 0.3), 1 at DC.
+    K, T, omega, xi = 0.31, 0.85, 5.0, 0.3
+    num, den = [K * T * omega**2, K * omega**2], [1.0, 2 * xi * omega, omega**2]
+    b, a, _ = cont2discrete((num, den), 0.05)
+    b, a = np.polymul(b.ravel()[1:], [1.3, 0.26]) / 1.2, np.polymul(a, [1.0, 0.3])[1:]
+    orders = ArmaxOrders(na=3, nb=(3,), nc=0, nk=(1,))
+    values, error = yaw_channel(np.r_[a, b][None], orders, 0.05)
+
+    assert values[0, :4] == pytest.approx([K, T, omega, xi], rel=0.05)
+    assert 1e-4 < error[0] < 0.05

@@ -39,6 +39,7 @@ from yawid.physics.modes import (
     residues_of,
     rows_at_once,
 )
+from yawid.physics.moving_rudder import response
 from yawid.quantities.table import REDUCTION_ERROR, YAW_CHANNEL
 
 SERVO = list(YAW_CHANNEL).index("servo_tau_s")
@@ -48,6 +49,10 @@ _BAND = np.geomspace(0.3, 3.0, 15)
 """Frequencies of the reduction, over omega."""
 _STEP = 1e-6
 """Smallest step of the central differences, in units of theta."""
+_OF_NYQUIST = 0.8
+"""Where a pole alternates, the frequencies of the reduction end at this part of Nyquist's."""
+_AT_ZERO = 1e-6
+"""A pole nearer than this to z = 0 is a delay, which a zero there cancels."""
 _FAR = 1e9
 """Size in rad/s of a pole that has no effect."""
 CANCELLED = 0.01
@@ -90,15 +95,26 @@ def yaw_channel(
     residues = residues_of(theta, poles, orders, sample_time_s, mean_output=mean_output)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         yaw, servo = np.arange(2) + np.zeros((n, 1), int), np.full(n, np.nan)
+        alternating = np.zeros(n, np.bool_)
         if orders.na > 2:
             terms = numerator_terms(theta, orders, z)
             cancelled = np.abs(terms.sum(axis=2)) <= CANCELLED * np.abs(terms).sum(axis=2)
-            p, residues = without_alternating(z, p, residues, cancelled)
+            b = np.abs(theta[:, orders.na : orders.na + orders.nb[0]])
+            short = (orders.nb[0] < orders.na) | (b[:, -1] <= CANCELLED * b.sum(axis=1))
+            cancelled |= (np.abs(z) < _AT_ZERO) & short[:, None]
+            moved = np.isnan(p) & np.isfinite(z)
+            alternating = (moved & ~cancelled).any(axis=1)
+            p, residues = np.where(moved, -_FAR, p), np.where(moved, 0.0, residues)
             yaw, servo = _yaw_and_servo(p, residues, sample_time_s, servo_tau_s)
         mode = np.take_along_axis(p, yaw, axis=1)
         omega = np.sqrt(mode.prod(axis=1).real)
         xi = -mode.sum(axis=1).real / (2.0 * omega)
         n1, n0, error = _numerator(p, residues, yaw, omega)
+        if alternating.any() and orders.nk[0] == 1:
+            n1[alternating], n0[alternating], error[alternating] = _of_response(
+                theta[alternating], orders, sample_time_s, p[alternating], yaw[alternating],
+                mean_output=mean_output,
+            )  # fmt: skip
         K, T = n0 / omega**2, n1 / n0
         a_z = 1.0 / T
         a_omega = 2.0 * xi * omega - a_z
@@ -107,25 +123,6 @@ def yaw_channel(
         if servo_tau_s is not None and orders.na > 2:
             values[np.isnan(servo)] = np.nan
     return values, error
-
-
-def without_alternating(
-    z: Complexes, p: Complexes, residues: Complexes, cancelled: NDArray[np.bool_]
-) -> tuple[Complexes, Complexes]:
-    """Return s-plane poles and residues in which poles with z <= 0 are moved to z = 0.
-
-    Such a pole has no continuous counterpart: its response alternates from sample to sample, which
-    no motion of an aircraft does, so that it models delay or noise. The DC gain is kept. A pole
-    that a zero has ``cancelled`` (n, na) models nothing and is left out: the zero would remain as a
-    delay of up to half a sample, to which K and T are sensitive.
-    """
-    residues = residues.copy()
-    alternating = np.isnan(p) & np.isfinite(z)
-    for q in range(p.shape[1]):
-        factor = (z - z[:, q, None]) / (z * (1.0 - z[:, q, None]))
-        moved = alternating[:, q, None] & ~cancelled[:, q, None]
-        residues = np.where(moved, residues * factor, residues)
-    return np.where(alternating, -_FAR, p), np.where(alternating, 0.0, residues)
 
 
 def _yaw_and_servo(
@@ -173,6 +170,30 @@ def _numerator(
     w = omega[:, None] * _BAND
     # At s = jw the even powers are the real part; the odd ones times w are the imaginary part.
     even, odd = (polyval(-(w**2), wanted.T[i::2, :, None], tensor=False) for i in (0, 1))
+    return _line(w, even, odd)
+
+
+def _of_response(
+    theta: Floats, orders: ArmaxOrders, sample_time_s: float, p: Complexes, yaw: Ints,
+    *, mean_output: bool,
+) -> tuple[Floats, Floats, Floats]:  # fmt: skip
+    """Return what :func:`_numerator` does, of the response on the unit circle.
+
+    A pole with z <= 0 has no continuous counterpart: its response alternates from sample to sample,
+    which no motion of an aircraft does, so that it models delay or noise. It stays in the response.
+    """
+    omega = np.sqrt(np.take_along_axis(p, yaw, axis=1).prod(axis=1).real)
+    w = np.minimum(omega[:, None] * _BAND, _OF_NYQUIST * np.pi / sample_time_s)
+    wanted = response(theta, orders, sample_time_s, w, held=True, mean_output=mean_output)
+    s = 1j * w
+    for i in range(p.shape[1]):
+        pole = p[:, i, None]
+        wanted = wanted * np.where((yaw == i).any(axis=1)[:, None], s - pole, 1.0 - s / pole)
+    return _line(w, wanted.real, wanted.imag / w)
+
+
+def _line(w: Floats, even: Floats, odd: Floats) -> tuple[Floats, Floats, Floats]:
+    """Return n1 and n0 (n,) that fit ``even`` + j w ``odd`` (n, k), and the relative misfit."""
     # Weights for the relative misfit; n0 fits the real part and n1 the imaginary part alone.
     weight = 1.0 / (even**2 + (odd * w) ** 2)
     n0 = (weight * even).sum(axis=1) / weight.sum(axis=1)
