@@ -97,20 +97,14 @@ def yaw_channel(
         yaw, servo = np.arange(2) + np.zeros((n, 1), int), np.full(n, np.nan)
         alternating = np.zeros(n, np.bool_)
         if orders.na > 2:
-            terms = numerator_terms(theta, orders, z)
-            cancelled = np.abs(terms.sum(axis=2)) <= CANCELLED * np.abs(terms).sum(axis=2)
-            b = np.abs(theta[:, orders.na : orders.na + orders.nb[0]])
-            short = (orders.nb[0] < orders.na) | (b[:, -1] <= CANCELLED * b.sum(axis=1))
-            cancelled |= (np.abs(z) < _AT_ZERO) & short[:, None]
-            moved = np.isnan(p) & np.isfinite(z)
-            alternating = (moved & ~cancelled).any(axis=1)
+            moved, alternating = _alternating(theta, orders, z, p)
             p, residues = np.where(moved, -_FAR, p), np.where(moved, 0.0, residues)
             yaw, servo = _yaw_and_servo(p, residues, sample_time_s, servo_tau_s)
         mode = np.take_along_axis(p, yaw, axis=1)
         omega = np.sqrt(mode.prod(axis=1).real)
         xi = -mode.sum(axis=1).real / (2.0 * omega)
         n1, n0, error = _numerator(p, residues, yaw, omega)
-        if alternating.any() and orders.nk[0] == 1:
+        if alternating.any():
             n1[alternating], n0[alternating], error[alternating] = _of_response(
                 theta[alternating], orders, sample_time_s, p[alternating], yaw[alternating],
                 mean_output=mean_output,
@@ -123,6 +117,22 @@ def yaw_channel(
         if servo_tau_s is not None and orders.na > 2:
             values[np.isnan(servo)] = np.nan
     return values, error
+
+
+def _alternating(
+    theta: Floats, orders: ArmaxOrders, z: Complexes, p: Complexes
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Return which poles (n, na) have z <= 0, and the rows (n,) in which such a one has an effect.
+
+    It has none where a zero lies on it, or at z = 0 a delay that a zero there cancels.
+    """
+    terms = numerator_terms(theta, orders, z)
+    cancelled = np.abs(terms.sum(axis=2)) <= CANCELLED * np.abs(terms).sum(axis=2)
+    b = np.abs(theta[:, orders.na : orders.na + orders.nb[0]])
+    short = (orders.nb[0] < orders.na) | (b[:, -1] <= CANCELLED * b.sum(axis=1))
+    cancelled |= (np.abs(z) < _AT_ZERO) & short[:, None]
+    found: NDArray[np.bool_] = np.isnan(p) & np.isfinite(z)
+    return found, np.any(found & ~cancelled, axis=1)
 
 
 def _yaw_and_servo(
