@@ -169,7 +169,9 @@ def is_as_replayed(summary: dict[str, Any], folder: Path) -> bool:
     settings = {"sysid": summary["vehicle"]["sysid"]}
     again, _ = replay(log, settings, Outputs(folder, f"{log.stem}-again"), StopFlag())
     replayed = again.to_json()
-    return all(replayed[name] == summary[name] for name in ("estimates", "manoeuvres", "flight"))
+    return all(
+        replayed.get(name) == summary.get(name) for name in ("estimates", "manoeuvres", "flight")
+    )
 
 
 def bench_latency(options: argparse.Namespace) -> Iterator[str]:

@@ -112,7 +112,7 @@ def cpu_s(process: int) -> tuple[float, float]:
 
 def flown(log: Path, folder: Path) -> dict[str, Any]:
     """Send a log to a session; return what was sent, its CPU time, its lines and summaries."""
-    with session(folder, "--sysid", "all") as (process, port):
+    with session(folder, "--sysid", "all", "--most-vehicles", 255) as (process, port):
         assert process.stdout is not None
         assert process.stderr is not None
         reports = Reports(process.stderr)
@@ -171,8 +171,8 @@ def row(vehicles: list[list[Record]], options: argparse.Namespace) -> str:
         f"{count}, {got['sent'] / SECONDS:.0f} msg/s",
         f"{missing} of {got['sent']}, {dropped}" + (", behind" if behind else ""),
         f"{percent:.0f}, {percent / count:.2f}",
-        " / ".join(f"{ms:.0f}" for ms in worst),
-        f"{len(waits)}: {median(waits):.1f}, {max(waits):.1f} s; {got['user_s']:.1f} s",
+        ", ".join(f"{ms:.0f}" for ms in worst),
+        f"{len(waits)}: {median(waits):.1f}, {max(waits):.1f} s; {got['user_s']:.1f}",
         f"{sum(same)} of {len(same)}" if same else "",
     ]
     return f"| {' | '.join(cells)} |"
@@ -187,8 +187,8 @@ def main(arguments: list[str]) -> Iterator[str]:
     options = parser.parse_args(arguments)
     logs = [list(vehicle(sysid)) for sysid in range(1, 1 + max(options.vehicles))]
     yield (
-        "| | frames lost, dropped | CPU %, each | worst latency, ms: p50 / p99 / max "
-        "| delay: median, last; user CPU | as replayed |"
+        "| | frames lost, dropped | CPU %, each | worst latency, ms: p50, p99, max "
+        "| delay: median, last; user s | replayed |"
     )
     yield "|---" * 6 + "|"
     for vehicles in options.vehicles:

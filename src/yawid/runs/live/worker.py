@@ -76,32 +76,43 @@ class FitWorker(Worker):
         self._calls.put(None)  # the thread ends after the calls that it has
         self._calls = queue.SimpleQueue()
         for _ in range(min(cores(), MOST_CHILDREN)):
-            self._start(self._run_by_child)
+            self._start(_ByChild(self._say).run)
 
-    def _run_by_child(self, calls: _Calls) -> None:
+
+class _ByChild:
+    """Makes calls by a child process, and in this process once the child has ended."""
+
+    def __init__(self, say: Callable[[str], None]) -> None:
+        self._say = say
+        self._child: Child | None = None
+
+    def run(self, calls: _Calls) -> None:
+        """Start the child, make the calls, and end it."""
         block(SIGNALS)  # the child inherits that: no Ctrl-C in the terminal reaches it
-        child = self._begun()
-        while (call := calls.get()) is not None:
-            future, act = call
-            result = DIED if child is None else child.answer(act)
-            if child is not None and result is DIED:
-                child = self._lost(child)
-            _do(future, act if result is DIED else partial(_itself, result))
-        calls.put(None)  # for the other threads
-        if child is not None:
-            child.close()
-
-    def _begun(self) -> Child | None:
         try:
-            child = Child("yawid.system.child", "yawid.pipeline")
+            self._child = Child("yawid.system.child", "yawid.pipeline")
         except OSError as error:
             self._say(f"no process can be started for manoeuvres ({error}): {HERE}")
-            return None
-        return child if child.is_ready() else self._lost(child)
+        if self._child is not None and not self._child.is_ready():
+            self._lose(self._child)
+        while (call := calls.get()) is not None:
+            future, act = call
+            _do(future, partial(self._make, act))
+        calls.put(None)  # for the other threads
+        if self._child is not None:
+            self._child.close()
 
-    def _lost(self, child: Child) -> Child | None:
+    def _make(self, act: Callable[[], _T]) -> _T:
+        if self._child is not None:
+            result: _T = self._child.answer(act)
+            if result is not DIED:
+                return result
+            self._lose(self._child)
+        return act()
+
+    def _lose(self, child: Child) -> None:
+        self._child = None
         self._say(f"a process that answers manoeuvres {child.close()}: {HERE}")
-        return None
 
 
 def _run(calls: _Calls) -> None:
@@ -114,10 +125,6 @@ def _do(future: "Future[_T]", act: Callable[[], _T]) -> None:
         future.set_result(act())
     except BaseException as error:
         future.set_exception(error)
-
-
-def _itself(result: _T) -> _T:
-    return result
 
 
 class SharedDisk(Disk):
