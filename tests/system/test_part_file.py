@@ -25,6 +25,18 @@ def test_a_replay_that_cannot_begin_leaves_another_runs_recording_alone(
     assert [(path, path.read_bytes()) for path in tmp_path.iterdir()] == [(other, b"being written")]
 
 
+def test_where_nothing_can_be_written_one_line_says_what_to_do(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "run").touch()
+
+    assert main(["replay", str(C172P), "--out", str(tmp_path / "run")]) == 6
+    assert f"{tmp_path / 'run'} is a file: give --out a folder" in capsys.readouterr().err
+    if Path("/sys/kernel").is_dir():  # where even root makes no file
+        with pytest.raises(SinkError, match=r"/sys/a.*permission denied: choose another folder"):
+            write_whole({Path("/sys/a"): b""})
+
+
 def test_a_replay_that_fails_removes_its_own_parts(tmp_path: Path) -> None:
     arguments = ["replay", str(C172P), "--out", str(tmp_path), "--rerun", "save", "--rate", "90"]
     assert main(arguments) == 2

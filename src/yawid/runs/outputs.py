@@ -144,6 +144,10 @@ def open_rerun(outputs: Outputs) -> list[Sink]:
 def _make_folder(folder: Path) -> None:
     try:
         folder.mkdir(parents=True, exist_ok=True)
+    except FileExistsError as error:
+        raise SinkError(
+            f"{folder} is a file: give --out a folder, or a name for a new one"
+        ) from error
     except OSError as error:
         raise SinkError(f"cannot make the folder {folder}: {error.strerror}") from error
 

@@ -15,6 +15,8 @@ def os_errors_as_sink_error(path: Place) -> Iterator[None]:
     """Turn an OSError about ``path`` into a SinkError of one line."""
     try:
         yield
+    except PermissionError as error:
+        raise SinkError(f"cannot write {path}: permission denied: choose another folder") from error
     except OSError as error:
         raise SinkError(f"cannot write {path}: {error.strerror or error}") from error
 

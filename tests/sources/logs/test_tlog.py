@@ -109,6 +109,14 @@ def test_a_file_in_a_known_format_is_named_with_the_way_to_convert_it(tmp_path: 
         assert_one_line(caught.value, tmp_path / name)
 
 
+def test_logs_stored_in_an_archive_are_not_read_as_one_flight(tmp_path: Path) -> None:
+    """``zip -0`` packs nothing, so that the frames of all its logs stand in the archive."""
+    with zipfile.ZipFile(tmp_path / "a.tlog", "w") as archive:
+        archive.writestr("b.tlog", b"".join(random_records(np.random.default_rng(2), 50)))
+    with pytest.raises(SourceError, match=r"zip archive.*unzip"):
+        check_readable(tmp_path / "a.tlog")
+
+
 def test_a_missing_file_and_a_directory_are_refused_in_one_line(tmp_path: Path) -> None:
     for path, verdict in ((tmp_path / "none.tlog", "does not exist"), (tmp_path, "directory")):
         with pytest.raises(SourceError, match=verdict) as caught:

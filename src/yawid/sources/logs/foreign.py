@@ -15,13 +15,15 @@ _PCAP: Final = (
     "is a capture of network packets: send it to yawid live by udpreplay, or record the link by "
     "yawid live itself"
 )
+ARCHIVE: Final = b"PK\x03\x04"
+"""The first bytes of a zip archive."""
 _BEGINNINGS: Final = {
     b"\x1f\x8b": _PACKED.format("gzip", "gunzip"),
     b"BZh": _PACKED.format("bzip2", "bunzip2"),
     b"\xfd7zXZ\0": _PACKED.format("xz", "unxz"),
     b"\x28\xb5\x2f\xfd": _PACKED.format("zstd", "unzstd"),
     b"7z\xbc\xaf\x27\x1c": "is a 7-Zip archive: unpack it first (7z x)",
-    b"PK\x03\x04": "is a zip archive: unpack it first (unzip)",
+    ARCHIVE: "is a zip archive: unpack it first (unzip)",
     b"MATLAB ": _MATLAB,
     b"\x89HDF\r\n\x1a\n": _HDF5,
     b"\xd0\xcf\x11\xe0": _EXCEL,

@@ -13,7 +13,7 @@ from yawid.blocks import FrameBlock
 from yawid.errors import SourceError
 from yawid.quantities.link import LinkStats
 from yawid.sources.logs.bare_frames import Stamper
-from yawid.sources.logs.foreign import foreign
+from yawid.sources.logs.foreign import ARCHIVE, foreign
 from yawid.sources.mavlink.decoder import Decoder
 from yawid.sources.mavlink.definitions import definitions
 from yawid.sources.mavlink.framing import SLACK, STAMP_SIZE, find_frames, frame_size
@@ -123,6 +123,10 @@ def _is_bare(path: Path, head: bytes, form: Form) -> bool:
         SourceError: it holds no intact frame of the form asked for.
     """
     is_bare = form == "raw" or (form == "auto" and path.suffix.lower() in _BARE_SUFFIXES)
+    if head.startswith(
+        ARCHIVE
+    ):  # stored, not packed: the frames of all its logs would be one flight
+        raise SourceError(f"{path} {foreign(path, head)}")
     if form != "raw" and _has_record(head):
         return False
     if is_bare and _has_bare_frames(head):
