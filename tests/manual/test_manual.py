@@ -32,8 +32,8 @@ PAGES = {path.name: path.read_text(encoding="utf-8") for path in sorted(MANUAL.g
 FIRST = "yawid replay flight.tlog --config settings.toml --force"
 QUICK = (FIRST, "yawid simulate yaw --input 3211", "yawid replay own.csv", "yawid explain")
 """Beginnings of lines that always run here, the first of them before the others."""
-ELSEWHERE = ("yawid live", "yawid view", "s3://", "tcp://")
-"""What needs a link, a viewer, a store or a cluster: such lines are parsed alone."""
+ELSEWHERE = ("yawid live", "yawid view", "s3://", "tcp://", "yawid damper", " --of ")
+"""What needs a link, a viewer, a store, a cluster or another flight: it is parsed alone."""
 
 
 def command_lines() -> list[str]:

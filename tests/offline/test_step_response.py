@@ -264,5 +264,5 @@ def test_a_file_that_cannot_be_read_is_a_source_error(tmp_path):
     with pytest.raises(SourceError, match="cannot be read"):
         read_step(tmp_path / "absent.csv")
     (tmp_path / "log.bin").write_bytes(b"\xfe\x00\xff\xfe")
-    with pytest.raises(SourceError, match="is not a text file: give a CSV"):
+    with pytest.raises(SourceError, match="it is not a text file; give a CSV"):
         read_step(tmp_path / "log.bin")

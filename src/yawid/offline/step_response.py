@@ -69,12 +69,9 @@ def read_step(
         else:
             with path.open(newline="", encoding="utf-8-sig") as file:
                 t, y, u = _columns(path.name, file)
-    except UnicodeDecodeError as error:
-        raise SourceError(
-            f"{path} is not a text file: give a CSV with the columns t and y"
-        ) from error
-    except (OSError, csv.Error) as error:
-        raise SourceError(f"{path}: cannot be read: {error}") from error
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        why = "it is not a text file" if isinstance(error, UnicodeDecodeError) else error
+        raise SourceError(f"{path}: cannot be read: {why}; give a CSV with t and y") from error
     height, time_s = 1.0, 0.0
     if u is not None and (u0 is None or step_time_s is None):
         height, time_s = _step_of(t, u, path)
