@@ -40,6 +40,8 @@ def rudder_mixes(theta: Floats, airspeed_m_s: float) -> Floats:
         for k in range(2 * samples):
             x = step[:, :4, :4] @ x + (1.0 if k < samples else -1.0) * step[:, :4, 4:]
             by_aileron, by_rudder = x[:, BETA, 0], x[:, BETA, 1]
-            sums += by_aileron * by_rudder, by_rudder**2
-        found[known, column] = -sums[0] / sums[1]
+            with np.errstate(over="ignore", invalid="ignore"):  # an airframe that diverges fast
+                sums += by_aileron * by_rudder, by_rudder**2
+        with np.errstate(invalid="ignore"):
+            found[known, column] = -sums[0] / sums[1]
     return found
