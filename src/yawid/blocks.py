@@ -212,8 +212,8 @@ class RecordBlock(Columns):
       ``held`` says why;
     - ``rudder`` in half travels or in rad, signed as in the file; ``aileron`` in half travels;
     - rates in rad/s and angles in rad, the yaw not unwrapped; ``ay`` in m/s^2;
-    - ``airspeed`` in m/s; ``by_ground``: 1 where it is the ground speed; ``airspeed_kind`` and
-      ``ground_speed`` as in :class:`SampleBlock`;
+    - ``airspeed`` in m/s; ``by_ground``: 1 where it is the ground speed; ``airspeed_kind``,
+      ``ground_speed`` and ``rudder_moves`` (only of a run's export) as in :class:`SampleBlock`;
     - ``held``: all bits of :class:`Held` that apply, or -1 where the record does not have them.
 
     Common to all rows: ``called`` has the record's names of the channels, ``modes_of`` the
@@ -246,6 +246,7 @@ class RecordBlock(Columns):
     altitude: Floats
     on_ground: Floats
     mode: Floats
+    rudder_moves: Floats
     ground_speed: Floats
     airspeed_kind: Floats
 
@@ -269,6 +270,7 @@ class SampleBlock(Columns):
     - ``epoch``: how often the meaning of ``u`` has changed; the estimators start again each time;
     - ``aileron``: mean deflection in units of half its travel, whether it is an input or not;
     - ``mode``: HEARTBEAT.custom_mode; ``on_ground``: 1 or 0; ``altitude`` in m above the sea;
+    - ``rudder_moves``: 1 where an input moved within the sample, so that ``u`` lies in between;
     - ``ground_speed`` in m/s; ``airspeed_kind``: a :class:`yawid.quantities.airspeed.Kind`.
     """
 
@@ -290,6 +292,7 @@ class SampleBlock(Columns):
     mode: Floats
     on_ground: Floats
     altitude: Floats
+    rudder_moves: Floats
     ground_speed: Floats
     airspeed_kind: Floats
 

@@ -49,6 +49,15 @@ def test_the_rudder_is_the_mean_of_the_held_value_over_the_interval_that_follows
         assert u == pytest.approx(held[first : first + 100].mean(), abs=1e-9)
 
 
+def test_a_rudder_that_steps_within_a_sample_is_marked_and_one_that_steps_at_an_instant_is_not():
+    # Servo messages come at 10 s + n * 20 ms: at 13 s, an instant, and at 15.04 s, between two.
+    log = fly(lambda t: 0.0, lambda t: 1500 + 99 * (t > 3.0) + 99 * (t > 5.03), 9.0, start_s=9.996)
+    found = samples_of(log.data, RunConfig(rate=20.0))
+
+    assert (found.boot_us[found.rudder_moves == 1.0] / 1e6).tolist() == [15.0]
+    assert set(found.rudder_moves.tolist()) == {0.0, 1.0}
+
+
 def test_a_gap_is_a_break_and_never_filled():
     log = fly(lambda t: t, lambda t: 1500, 20.0, skip=lambda t: 7.0 < t < 8.0)
     found = samples_of(log.data)

@@ -99,7 +99,7 @@ def fine_block(n: int, sample_time_s: float, first: int = 0) -> SampleBlock:
     zero, number = np.zeros(n), np.zeros(n, np.int64)
     u, y = rng.standard_normal((n, 1)), rng.standard_normal(n)
     return SampleBlock(
-        sample_time_s, k, us, us * 1000, us, u, y, *[zero] * 4, *[number] * 3, *[zero] * 6
+        sample_time_s, k, us, us * 1000, us, u, y, *[zero] * 4, *[number] * 3, *[zero] * 7
     )
 
 

@@ -44,7 +44,7 @@ def stream(
         "mode": mode,
     }
     columns |= {"yaw": yaw, "ground_speed": ground_speed, "altitude": altitude}
-    columns["airspeed_kind"] = float(Kind.EQUIVALENT)
+    columns |= {"airspeed_kind": float(Kind.EQUIVALENT), "rudder_moves": 0.0}
     rows = {name: np.broadcast_to(np.float64(value), n).copy() for name, value in columns.items()}
     output = np.where(held == 0, 0.0 if y is None else y, np.nan)
     boot_us = np.round(k * TS_S * 1e6).astype(np.int64)

@@ -275,6 +275,16 @@ def test_a_level_of_flying_qualities_is_the_airframes_alone(mode: float, has_lev
         assert (each.dutch_roll.level is not None) == has_level
 
 
+def test_a_roll_loop_makes_zeta_less_sure_where_the_aileron_is_no_input():
+    closed, bare = (told(flight(mode=mode)).found.dutch_roll for mode in (FBWA, MANUAL))
+    both = told(flight(AILERON, mode=np.nan)).found
+
+    assert closed.zeta_std == pytest.approx(math.hypot(bare.zeta_std, 0.04 * closed.zeta), rel=1e-6)
+    assert closed.wn_std == bare.wn_std
+    assert both.inputs == list(BOTH)
+    assert both.dutch_roll.zeta_std < 0.04 * both.dutch_roll.zeta
+
+
 def held_back_pct(found: Answered) -> float | None:
     return found.found.estimates[found.verdict.method].fit.simulation_held_back_pct
 

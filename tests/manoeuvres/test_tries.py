@@ -11,7 +11,7 @@ from manoeuvres.test_answer import told
 from scipy.signal import butter, lfilter
 
 from yawid.blocks import Floats, SampleBlock
-from yawid.estimation.narrow import Narrow, narrowed
+from yawid.estimation.grids import Narrow, narrowed
 from yawid.manoeuvres.answer import Answered
 from yawid.results.judge_samples import narrower
 

@@ -148,6 +148,15 @@ def test_a_structure_weighs_by_its_held_back_fit_one_for_the_best():
     np.testing.assert_array_equal(alone.weights, [1.0, 1.0])
 
 
+def test_a_closed_roll_loop_adds_four_percent_of_zeta_and_nothing_to_wn():
+    alone = spread(told(6.1, 0.33))
+    closed = replace(alone, hides_roll=True)
+
+    apart = [each.beyond("zeta", 0.5) for each in (alone, closed)]
+    assert apart[1] == pytest.approx(math.hypot(apart[0], 0.02))
+    assert closed.beyond("wn_rad_s", 6.0) == alone.beyond("wn_rad_s", 6.0)
+
+
 def test_the_structures_spread_is_the_weighted_distance_from_the_answer_not_from_their_mean():
     """Beside half a percent of wn and .005 of zeta, and nothing of what else they tell"""
     found = spread(

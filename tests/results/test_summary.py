@@ -37,7 +37,7 @@ def samples(u: np.ndarray, y: np.ndarray) -> SampleBlock:
     k, zero = np.arange(len(y)), np.zeros(len(y))
     stamp = (k * TS * 1e6).astype(np.int64)
     columns = [k, stamp, 1000 * stamp, stamp, u[:, None], y, *[zero] * 4, *[np.zeros_like(k)] * 3]
-    columns += [np.full(len(y), np.nan)] * 6
+    columns += [np.full(len(y), np.nan)] * 7
     return SampleBlock(TS, *columns)
 
 

@@ -89,6 +89,7 @@ def make_samples(n: int, n_inputs: int, rng: np.random.Generator) -> SampleBlock
         mode=np.full(n, 10.0),
         on_ground=rng.integers(0, 2, n).astype(float),
         altitude=rng.uniform(0.0, 500.0, n),
+        rudder_moves=rng.integers(0, 2, n).astype(float),
         ground_speed=rng.uniform(10.0, 30.0, n),
         airspeed_kind=rng.integers(1, 5, n).astype(float),
     )

@@ -28,7 +28,8 @@ class AlignedRows(Columns):
     """Aligned rows, not samples yet; ``order`` (n,) is the place of each one's last message.
 
     ``offset_us`` (n,) is Unix time minus boot time; ``yaw`` (n, columns of ``ROW``) and ``surface``
-    (n, inputs + 1) hold the values, NaN in a gap; ``held`` (n,) has the bits of :class:`Held`.
+    (n, inputs + 1) hold the values, NaN in a gap; ``moves`` (n,) is 1 where a command of the inputs
+    changed within the interval; ``held`` (n,) has the bits of :class:`Held`.
     """
 
     k: Ints
@@ -37,6 +38,7 @@ class AlignedRows(Columns):
     offset_us: Ints
     yaw: Floats
     surface: Floats
+    moves: Floats
     held: Ints
 
 
@@ -100,7 +102,8 @@ class Aligner:
         hole = np.full((1, len(ROW)), np.nan), np.full((1, self._surface.values.shape[1]), np.nan)
         k, order, why = np.array([[self._next_k - 1], [both], [int(self._why)]])
         offset_us = self._offset.at(order)
-        return [AlignedRows(k, order, received.received_us[:1], offset_us, *hole, why)]
+        none = np.zeros(1)
+        return [AlignedRows(k, order, received.received_us[:1], offset_us, *hole, none, why)]
 
     def _emit(self, first_k: int) -> list[AlignedRows]:
         """Return rows at the grid instants that both channels have passed, from ``first_k`` on."""
@@ -113,7 +116,7 @@ class Aligner:
             return []
         k, edges = first_k + np.arange(n), edges[: n + 1]
         yaw, yaw_row, yaw_gap = self._at_instants(edges[:-1])
-        surface, surface_row, surface_gap = self._over_intervals(edges)
+        surface, moves, surface_row, surface_gap = self._over_intervals(edges)
         gap = yaw_gap | surface_gap
         first_of_gap = gap & ~np.concatenate([[self._in_gap], gap[:-1]])
         self._next_k, self._in_gap = first_k + n, bool(gap[-1])
@@ -124,7 +127,7 @@ class Aligner:
         received = self._yaw.received_us[yaw_row], self._surface.received_us[surface_row]
         received_us = np.where(later, *received)
         held = np.where(gap, int(Held.GAP), 0)
-        rows = AlignedRows(k, order, received_us, self._offset.at(order), yaw, surface, held)
+        rows = AlignedRows(k, order, received_us, self._offset.at(order), yaw, surface, moves, held)
         keep = ~gap | first_of_gap
         return [rows.select(keep)] if keep.any() else []
 
@@ -139,8 +142,12 @@ class Aligner:
         between[:, len(LINEAR) :] = low[:, len(LINEAR) :]
         return between, b, width > self.gaps_us[0]
 
-    def _over_intervals(self, edges: Floats) -> tuple[Floats, Ints, Bools]:
-        """Return the surfaces' means over [edge, next edge), the messages that end it, the gaps."""
+    def _over_intervals(self, edges: Floats) -> tuple[Floats, Floats, Ints, Bools]:
+        """Return the surfaces' means over [edge, next edge) and more of each interval.
+
+        That is 1 where a command of the inputs changed within it, the message that ends it, and
+        whether it lies in a gap.
+        """
         times = self._surface.t_us
         inside = times[(times > edges[0]) & (times < edges[-1])].astype(float)
         cuts = np.union1d(edges, inside)
@@ -148,6 +155,9 @@ class Aligner:
         holds = np.searchsorted(times, cuts[:-1], side="right") - 1
         value = self._surface.values[holds]
         interval = (times[holds + 1] - times[holds]).astype(float)
+        inputs = value[:, :-1]
+        most, least = (each.reduceat(inputs, starts, axis=0) for each in (np.maximum, np.minimum))
+        moves = np.any(most > least, axis=1).astype(float)
         if self.lines:  # the mean of a straight line is its value in the middle
             weight = (0.5 * (cuts[:-1] + cuts[1:]) - times[holds]) / interval
             step = self._surface.values[holds + 1] - value
@@ -158,7 +168,7 @@ class Aligner:
         alone = np.diff(starts, append=len(holds)) == 1
         mean[alone] = value[starts[alone]]
         closing = np.searchsorted(times, edges[1:], side="left")
-        return mean, closing, np.maximum.reduceat(interval, starts) > self.gaps_us[1]
+        return mean, moves, closing, np.maximum.reduceat(interval, starts) > self.gaps_us[1]
 
     def _prune(self) -> None:
         """Forget the rows that no later sample needs."""
@@ -180,6 +190,7 @@ class Aligner:
         k, u, aileron = rows.k, rows.surface[:, :-1], rows.surface[:, -1]
         row = dict(zip(ROW, rows.yaw.T, strict=True))
         rate, by_ground, bars = (row.pop(name) for name in ("r", "by_ground", "barred"))
+        row["rudder_moves"] = np.fmax(rows.moves, row["rudder_moves"])
         boot_us = np.rint(k * self._ts_us).astype(np.int64)
         unix = np.append(self._last_unix_ns, (boot_us + rows.offset_us) * 1000)
         unix = np.maximum.accumulate(unix)[1:]

@@ -213,6 +213,7 @@ class Decimator:
             u=np.add.reduceat(fine.u, starts, axis=0) / self.count,
             aileron=np.add.reduceat(fine.aileron, starts) / self.count,
             noted=np.bitwise_or.reduceat(fine.noted, starts),
+            rudder_moves=np.maximum.reduceat(fine.rudder_moves, starts),
             held=held,
         )
         kept = (held != 0) | (sizes == self.count)

@@ -237,6 +237,7 @@ class FlightState:
             "by_ground": (air == hud[:, 1]).astype(float),
             "ground_speed": over_ground(hud[:, 1]),
             "airspeed_kind": hud[:, 3],
+            "rudder_moves": np.full(len(order), np.nan),
             "barred": self.wings.held(order, mode, vtol, self.vehicle),
         }
 

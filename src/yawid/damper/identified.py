@@ -12,7 +12,7 @@ from yawid.config.run import RunConfig
 from yawid.damper.autopilots import Autopilot, Law, law_at
 from yawid.damper.refusals import MOST_GAIN_STD, Refused, check_gain, turn_share
 from yawid.models.draws import Aircraft, central, drawn_aircraft, fits
-from yawid.models.refit import Drawn, Rows, rows_of, rudder_held
+from yawid.models.refit import Drawn, Rows, rows_of
 from yawid.physics.continuous import Transfer
 
 LEAST_TURN: Final = 0.05
@@ -91,7 +91,7 @@ def identified(
             own = of(structures[0], turn)
     richer = of(structures[1], turn)
     models = ([(each.model, speed) for each, speed in some] for some in (own, richer))
-    held = rudder_held(facts.config, facts.summary, facts.sample_time_s)
+    held = facts.config.rudder_is == "commanded"
     aircraft = drawn_aircraft(flight, *models, held=held, mean_output=facts.config.output == "yaw")
     if aircraft is None:
         text = "the manoeuvres, fitted again, do not give the flight's answer"

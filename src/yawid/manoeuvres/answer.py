@@ -17,8 +17,8 @@ from yawid.config.run import BOTH, RunConfig
 from yawid.estimation.bank import SampleHistory
 from yawid.estimation.fit import fit_percent, simulate
 from yawid.estimation.free_run import RudderEffect
+from yawid.estimation.grids import Narrow, as_held, narrowed
 from yawid.estimation.methods import IN_CALM_AIR, OF_STRUCTURES, of_a_record
-from yawid.estimation.narrow import Narrow, narrowed
 from yawid.estimation.record_fit import (
     FittedModel,
     fit_methods,
@@ -31,7 +31,7 @@ from yawid.manoeuvres.calm_air import apart_reasons, is_calm
 from yawid.manoeuvres.candidate import OTHER_SPEED, speed_factors, speed_rows
 from yawid.manoeuvres.conditions import conditions, without_airspeed
 from yawid.manoeuvres.feedback import fed_back_reasons, rate_feedback
-from yawid.quantities.vehicles import WITH_ROLL_LOOP
+from yawid.quantities.vehicles import AIRFRAME, WITH_ROLL_LOOP
 from yawid.results.excitation import LEAST_STROKE, excitation, own_part
 from yawid.results.judge_estimate import Evidence, bank_verdict
 from yawid.results.judge_rudder import rudder_reasons, rudder_shifts
@@ -120,8 +120,9 @@ class Fits:
     """The fits of all methods over one manoeuvre, to be judged like a bank of estimators.
 
     ``y`` (n,) is the output, without the turn rate where ``config`` says so, and ``u`` (n, inputs)
-    are the inputs; both are NaN where either is. ``estimator`` is the configuration of the fits,
-    which forget nothing. With ``narrow`` they are in its band, on its grid.
+    are the inputs as a model needs them (``as_held``); both are NaN where either is. ``estimator``
+    is the configuration of the fits, which forget nothing. With ``narrow`` they are in its
+    band, on its grid.
     """
 
     def __init__(
@@ -133,9 +134,10 @@ class Fits:
     ) -> None:
         self.config = config
         self.methods = setting.methods
-        self.sample_time_s, self._samples, self.u, self.y = fitted_samples(
+        self.sample_time_s, self._samples, self._mean_u, self.y = fitted_samples(
             setting, config, samples, narrow
         )
+        self.u = self._mean_u if narrow else as_held(self._mean_u, samples.rudder_moves == 1.0)
         forgetting_nothing = replace(config, memory=None, forgetting=1.0)
         self.estimator = forgetting_nothing.estimator(config.method, self.sample_time_s)
         models: list[FittedModel] = fit_methods(self.estimator, self.methods, self.u, self.y)
@@ -159,12 +161,12 @@ class Fits:
         return {method: model.last for method, model in self.estimators.items()}
 
     def history(self) -> SampleHistory:
-        """Return the samples as they were fitted."""
+        """Return the samples that were fitted, with the inputs' means."""
         held = ~np.isfinite(self.y)
         names = ("roll", "turn_rate", "airspeed", "aileron", "mode")
         context = {n: np.where(held, np.nan, getattr(self._samples, n)) for n in names}
         y_hat = {method: model.y_hat for method, model in self.estimators.items()}
-        return SampleHistory(u=self.u, y=self.y, y_hat=y_hat, **context)
+        return SampleHistory(u=self._mean_u, y=self.y, y_hat=y_hat, **context)
 
     def spread(self, held_back: float) -> Spread:
         """Return the spread around the answer; ``held_back`` is its held-back fit in percent."""
@@ -238,14 +240,15 @@ def answer_by(
     fits.in_calm_air()
     first, history = fits.methods[0], fits.history()
     pct = {first: held_back_pct(fits.estimator, fits.u, fits.y, method=first)}
-    spread = fits.spread(pct[first])
+    hides_roll = found.loop != AIRFRAME and fits.config.inputs != BOTH
+    spread = replace(fits.spread(pct[first]), hides_roll=hides_roll)
     estimates, evidence = {}, {}
     for method in fits.methods:
         estimates[method], evidence[method] = described(
             fits, method, history, pct.get(method, math.nan), np.full(2, np.nan), spread
         )
         evidence[method] = replace(evidence[method], tries=tries)
-    if found.loop != "airframe":
+    if found.loop != AIRFRAME:
         estimates = {method: each.without_level() for method, each in estimates.items()}
     alone = list(short_reasons(fits, history, evidence[first]))
     wn_rad_s = float(evidence[first].dutch_roll[0])

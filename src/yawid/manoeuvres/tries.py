@@ -20,8 +20,8 @@ from msgspec import structs
 from yawid.answers.run_summary import Manoeuvre, Try
 from yawid.blocks import SampleBlock
 from yawid.config.run import BOTH, RunConfig
+from yawid.estimation.grids import Narrow
 from yawid.estimation.methods import OF_STRUCTURES
-from yawid.estimation.narrow import Narrow
 from yawid.estimation.record_fit import held_back_pct
 from yawid.manoeuvres.answer import (
     Answered,

@@ -45,13 +45,14 @@ class Recorded:
 
     @property
     def held(self) -> bool:
-        """Whether the rudder was held from sample to sample; else each sample has its mean."""
-        return rudder_held(self.config, self.summary, self.sample_time_s)
+        """Whether the models' input is held: fits take off what means spread of a command."""
+        return self.config.rudder_is == "commanded"
 
     @property
     def input_is(self) -> str:
         """How the record has the rudder, see :class:`LinearModel`."""
-        return HELD if self.held else MEAN
+        is_held = rudder_held(self.config, self.summary, self.sample_time_s)
+        return HELD if is_held else MEAN
 
     def inputs(self, names: Sequence[str]) -> tuple[Signal, ...]:
         """Return inputs with their units."""
@@ -91,7 +92,7 @@ def _manoeuvre(run: Recorded, found: Manoeuvre) -> LinearModel:
     )
     values, slopes = to_s(discrete.values), slopes_of(to_s, discrete.values, discrete.std)
     continuous = _observer(values, slopes @ discrete.covariance @ slopes.T, inputs)
-    if not run.held:  # theta's own input is the mean, and not held
+    if not run.held:  # theta's own input is the mean of a measured rudder
         discrete = _sampled(continuous, model.sample_time_s, model.orders.nk[0] - 1)
     return LinearModel(
         of=f"manoeuvre {found.n}", **_judged(found.verdict), sigma_is=OF_NOISE,

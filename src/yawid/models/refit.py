@@ -18,13 +18,13 @@ from yawid.blocks import Bools, Floats, SampleBlock
 from yawid.config.run import RunConfig
 from yawid.errors import ConfigError
 from yawid.estimation.fit import fit_percent, simulate
+from yawid.estimation.grids import Narrow, as_held, narrowed
 from yawid.estimation.methods import METHODS
-from yawid.estimation.narrow import Narrow, narrowed
 from yawid.estimation.record_fit import FittedModel, fit_record
 from yawid.models.fitted import Judged, Model
 
 _AWAY_NS: Final = 2_000_000_000
-_COLUMNS: Final = ("u", "y", "turn_rate", "aileron")
+_COLUMNS: Final = ("u", "y", "turn_rate", "aileron", "rudder_moves")
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,7 +67,7 @@ class Rows:
             self._parts.append((t[rows], *(getattr(samples, name)[rows] for name in _COLUMNS)))
 
     def columns(self) -> tuple[Floats, ...] | None:
-        """Return times in s since boot (n,), u (n, inputs), y, turn rate and aileron, or None."""
+        """Return times in s since boot (n,), u (n, inputs) and the others of _COLUMNS, or None."""
         if not self._parts:
             return None
         return tuple(np.concatenate(each) for each in zip(*self._parts, strict=True))
@@ -87,7 +87,7 @@ class Rows:
         answer, columns = self.found.answer, self.columns()
         if answer is None or columns is None:
             return None
-        t, u, y, turn_rate, aileron = columns
+        t, u, y, turn_rate, aileron, moves = columns
         own = astuple(answer.orders)
         asked: dict[str, Any] = {"orders": tuple(orders or own), "inputs": tuple(self.found.inputs)}
         u = u[:, : len(self.found.inputs)]
@@ -103,7 +103,7 @@ class Rows:
             every = round(answer.sample_time_s / sample_time_s)
             u, y = narrowed(u, y, sample_time_s, Narrow((low_hz, high_hz), every))
             t, turn_rate = t[::every][: len(y)], turn_rate[::every][: len(y)]
-            sample_time_s = every * sample_time_s
+            sample_time_s, moves = every * sample_time_s, np.zeros(len(y))
         try:
             fitting = replace(config, **asked, memory=None, forgetting=1.0)
             fit = fitting.estimator(config.method, sample_time_s)
@@ -111,14 +111,15 @@ class Rows:
             return None
         good = np.isfinite(y) & np.isfinite(u).all(axis=1)
         u, y = np.where(good[:, None], u, np.nan), np.where(good, y, np.nan)
-        fitted: FittedModel = fit_record(fit, u, y, method=answer.method)
+        held = as_held(u, moves == 1.0)
+        fitted: FittedModel = fit_record(fit, held, y, method=answer.method)
         if not np.isfinite(fitted.covariance).all() or not np.isfinite(fitted.theta).all():
             return None
         theta, same = fitted.theta, fitted.theta.tolist() == list(answer.theta.values())
         if METHODS[answer.method].runs_free:
             simulated = fitted.y_hat
         else:
-            simulated = simulate(theta, fit.orders, fit.bias, u, y)
+            simulated = simulate(theta, fit.orders, fit.bias, held, y)
         model = Model(theta, fitted.covariance, fit.orders, sample_time_s, same)
         judged = Judged(t, u, y, fitted.y_hat, simulated, y - fitted.y_hat)
         how_well = answer.fit

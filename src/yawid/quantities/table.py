@@ -73,6 +73,10 @@ _CHANNELS: Final = (
         "it, or the number itself if it is indicated or calibrated",
         "held", True,
     ),
+    Quantity(
+        "rudder_moves", "1", "1 where the rudder moved within a run's sample, 0 where at its ends",
+        "held", True,
+    ),
     Quantity("time", "UTC", "date and time, ISO 8601", "", True),
     Quantity("pitch", "rad", "nose up positive", "linear"),
     Quantity("q", "rad/s", "pitch rate", "linear"),

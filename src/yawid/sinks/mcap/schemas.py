@@ -46,6 +46,7 @@ TABLE: Final[Mapping[str, tuple[tuple[str, str], ...]]] = {
         ("yaw", "double"), ("roll", "double"), ("turn_rate", "double"), ("airspeed", "double"),
         ("noted", "fixed32"), ("mode", "double"), ("on_ground", "double"), ("altitude", "double"),
         ("ground_speed", "double"), ("airspeed_kind", "double"),
+        ("rudder_moves", "double"),
     ),
     "Estimate": (
         ("boot_time", "double"), ("status", "yawid.Status"), ("held", "fixed32"),
