@@ -155,7 +155,7 @@ class Aligner:
         holds = np.searchsorted(times, cuts[:-1], side="right") - 1
         value = self._surface.values[holds]
         interval = (times[holds + 1] - times[holds]).astype(float)
-        inputs = value[:, :-1]
+        inputs = np.delete(value[:, :-1], [i for i in self.lines if i < value.shape[1] - 1], axis=1)
         most, least = (each.reduceat(inputs, starts, axis=0) for each in (np.maximum, np.minimum))
         moves = np.any(most > least, axis=1).astype(float)
         if self.lines:  # the mean of a straight line is its value in the middle
