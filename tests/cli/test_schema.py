@@ -44,6 +44,10 @@ def test_without_a_command_it_is_the_schema_of_all(capsys):
     assert json.loads(capsys.readouterr().out) == WHOLE
 
 
+def test_every_command_whose_output_has_a_schema_prints_it():
+    assert [f"#/$defs/{command}" for command in PRINTING] == [e["$ref"] for e in WHOLE["anyOf"]]
+
+
 @pytest.mark.parametrize("command", PRINTING)
 def test_the_schema_of_a_command_is_a_json_schema(command: str):
     import jsonschema

@@ -217,7 +217,7 @@ def of_command(schema: Schema, command: str) -> Schema:
     kept = {name: each for name, each in schema.items() if name not in ("anyOf", "$defs")}
     return {
         **kept,
-        "title": f"yawid {command} --json",
+        "title": f"yawid {command} {'-o MODEL.json' if command == 'export' else '--json'}",
         "description": f"{schema['$defs'][command]['description']}. {schema['description']}",
         **{k: v for k, v in schema["$defs"][command].items() if k != "description"},
         "$defs": defs,

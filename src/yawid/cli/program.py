@@ -20,7 +20,10 @@ from yawid.sinks.door import print_line, print_text
 from yawid.sources.formats import FORMATS
 from yawid.system.stores import place_of
 
-PRINTING = ("replay", "live", "inspect", "orders", "step", "regress", "trend", "diff", "fleet")
+PRINTING = (
+    "replay", "live", "inspect", "orders", "step", "regress", "damper", "export", "trend", "diff",
+    "fleet",
+)  # fmt: skip
 """The commands whose output has a schema."""
 SHELLS: Final = ("bash", "zsh")
 _LOGS: Final = ("LOG", "RUN|LOG", "PATH", "A", "B")
