@@ -3,8 +3,8 @@
     python tools/check.py [--fast | --long]
 
 ``--fast`` leaves out tests marked slow. ``--long`` adds tests marked long and check_install.py,
-which must pass before an issue is closed. All checks run even if one fails; the exit code is that
-of the first that fails.
+which must pass before an issue is closed; without ``.[dev,stores]`` the test of an S3 server is
+skipped. All checks run even if one fails; the exit code is that of the first that fails.
 """
 
 from __future__ import annotations
