@@ -99,6 +99,15 @@ def test_the_advice_aims_at_the_band_and_goes_there_in_steps(run: Run) -> None:
     assert zeta(aimed.low) == pytest.approx(0.45, abs=0.03)
 
 
+def test_the_gain_flown_and_the_same_gain_asked_for_are_one_row(run: Run) -> None:
+    """MAVLink sends parameters as float32: 0.2 arrives as 0.20000000298."""
+    values = PLANE | {"YAW2SRV_DAMP": float(np.float32(0.2))}
+    report = run.damper(autopilot="ardupilot", parameters=values, gains=[0.2]).report
+
+    assert [gain.value for gain in report.gains if 0.19 < gain.value < 0.21] == [0.2]
+    assert report.flown == 0.2
+
+
 def test_at_a_higher_airspeed_less_damping_is_added(run: Run) -> None:
     found = run.damper(autopilot="ardupilot", parameters=PLANE, gains=[0.3], airspeed=(16.0, 26.0))
 

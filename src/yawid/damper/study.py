@@ -37,6 +37,8 @@ from yawid.errors import ConfigError
 from yawid.models.draws import few
 from yawid.models.refit import Drawn
 
+DIGITS: Final = 6
+"""Decimal places of a gain."""
 FURTHEST: Final = 1.5
 """The largest factor between an airspeed asked for and those flown."""
 SAME_SPEED: Final = 0.03
@@ -110,7 +112,8 @@ def study(facts: Facts, asked: Asked) -> Study:
         if autopilot.gain not in asked.parameters:
             seen = [gain_flown(facts.summary, each, autopilot.gain, flown) for each in used]
             flown = next((each for each in reversed(seen) if each is not None), flown)
-            known[autopilot.gain] = flown
+        # A parameter is a float32, whose 0.2 is 3e-9 more than ours: one gain is one row.
+        known[autopilot.gain] = flown = round(flown, DIGITS)
         said |= {"flown": flown, "loop_rate_hz": loop_hz}
         predicted = _predicted(facts, flight, used, autopilot, known, loop_hz, asked)
     except Refused as refused:
@@ -171,8 +174,8 @@ def _airspeeds(flight: Flight, used: Sequence[Manoeuvre], asked: Asked) -> list[
 def _gains(largest: float, flown: float, asked: Sequence[float]) -> Floats:
     """Return the gains that are tried, ascending from 0: finely spaced, with those asked for."""
     step = nice(max(largest, flown) / FINE)
-    fine = np.round(np.arange(0.0, max(largest, flown) + 0.5 * step, step), 6)
-    return np.unique(np.concatenate([fine, [flown], asked]).astype(float))
+    fine = np.arange(0.0, max(largest, flown) + 0.5 * step, step)
+    return np.unique(np.round(np.concatenate([fine, [flown], asked]), DIGITS))
 
 
 def _shown(
