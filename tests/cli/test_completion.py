@@ -99,6 +99,8 @@ def test_zsh_offers_commands_options_values_files_and_cases(zsh_script: Path):
         def offers(line: str) -> set[str]:
             """Return the words that are listed, or put in, after Tab at the end of a line."""
             seen = shell.type(f"yawid {line}\t\x18", r"\[yawid .*\]")
+            # Enter ends the list, which the shell may write once more below the next line.
+            shell.type("print next$((1 + 1))\r", r"next2\r\n(?s:.)*> ")
             return set(re.split(r"\x1b\[[\d;?]*[A-Za-z]|[]\s]", seen))
 
         assert offers("") >= COMMANDS

@@ -185,7 +185,7 @@ def test_the_terminal_and_json_have_what_was_found(found) -> None:
     print_diff(told, stream)
 
     said = stream.getvalue()
-    assert "without its yaw damper  CHANGED in ζ" in said
+    assert "without its yaw damper  CHANGED in zeta" in said
     assert "one note" in said
     rows = [line.split() for line in said.splitlines() if line.endswith("agrees")]
     assert [row[:2] for row in rows] == [["A", "0"], ["B", "0.3"]]

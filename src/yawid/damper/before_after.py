@@ -180,13 +180,13 @@ def _decays(
         columns = side.rows[each.n].columns()
         if columns is None:
             continue
-        _, u, y, turn_rate, _ = columns
+        u, y = columns.u, columns.y
         good = np.isfinite(u[:, 0]) & np.isfinite(y)
         t = np.arange(len(y))
         if np.count_nonzero(good) < len(y) / 2:
             continue
         rudder, r = (np.interp(t, t[good], x[good]) for x in (u[:, 0], y))
-        error = r - factor * np.nan_to_num(turn_rate)
+        error = r - factor * np.nan_to_num(columns.turn_rate)
         v = pilots_rudder(law, gain, rudder, error, step)
         speed = each.airspeed_m_s or by.aircraft.airspeed_m_s
         G = by.central.faster(speed / by.aircraft.airspeed_m_s)  # noqa: N806

@@ -7,7 +7,7 @@ the same samples gives it, and shows that the file can be replayed.
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from msgspec.structs import astuple
@@ -24,7 +24,20 @@ from yawid.estimation.record_fit import FittedModel, fit_record
 from yawid.models.fitted import Judged, Model
 
 _AWAY_NS: Final = 2_000_000_000
-_COLUMNS: Final = ("u", "y", "turn_rate", "aileron", "rudder_moves")
+
+
+class Columns(NamedTuple):
+    """The samples (n,) of a manoeuvre: times in s since boot, u (n, inputs), and what went with it.
+
+    The names are those of SampleBlock.
+    """
+
+    t_s: Floats
+    u: Floats
+    y: Floats
+    turn_rate: Floats
+    aileron: Floats
+    rudder_moves: Floats
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +60,7 @@ class Rows:
 
     def __init__(self, found: Manoeuvre) -> None:
         self.found = found
-        self._parts: list[tuple[Floats, ...]] = []
+        self._parts: list[Columns] = []
         try:
             begin = datetime.fromisoformat(found.date or "").timestamp()
         except ValueError:  # a record without a date, or a file that somebody has changed
@@ -64,13 +77,14 @@ class Rows:
         if np.isfinite(self._from_ns):
             rows &= (samples.unix_ns >= self._from_ns) & (samples.unix_ns <= self._to_ns)
         if rows.any():
-            self._parts.append((t[rows], *(getattr(samples, name)[rows] for name in _COLUMNS)))
+            others = (getattr(samples, name)[rows] for name in Columns._fields[1:])
+            self._parts.append(Columns(t[rows], *others))
 
-    def columns(self) -> tuple[Floats, ...] | None:
-        """Return times in s since boot (n,), u (n, inputs) and the others of _COLUMNS, or None."""
+    def columns(self) -> Columns | None:
+        """Return the samples, or None where the run has none."""
         if not self._parts:
             return None
-        return tuple(np.concatenate(each) for each in zip(*self._parts, strict=True))
+        return Columns(*(np.concatenate(each) for each in zip(*self._parts, strict=True)))
 
     def drawn(
         self,

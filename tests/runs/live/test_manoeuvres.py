@@ -82,7 +82,7 @@ def test_a_line_is_said_as_a_manoeuvre_ends_and_stands_in_the_summary(tmp_path: 
     assert told(ended)[0] == (
         "manoeuvre 1 (34 to 60 s, FBWA, 50.9 m/s): "
         f"wn {roll.wn_rad_s:.3f} ± {roll.wn_std:.3f} rad/s, "
-        f"zeta {roll.zeta:.4f} ± {roll.zeta_std:.4f}"
+        f"zeta {roll.zeta:.3f} ± {roll.zeta_std:.3f}"
     )
     assert [line.split(" ")[1] for line in told(ended)] == ["1", "2", "3", "4"]
     said = session.screen.getvalue()
