@@ -209,11 +209,12 @@ def _decay(sine: Sine, count: int) -> Decay:
 
 
 def _agrees(zeta_std: float, found: Mapping[str, Decay]) -> bool | None:
-    """Return whether both decays agree, None without them."""
+    """Return whether both decays agree, None without them; ``zeta_std`` is that of the pair."""
     if not found:
         return None
     flown, predicted = found["decay"], found["decay_predicted"]
-    sigma = float(np.hypot(zeta_std, flown.zeta_std or 0.0))
+    sigmas = zeta_std, flown.zeta_std or 0.0, predicted.zeta_std or 0.0
+    sigma = float(np.linalg.norm(sigmas))
     most = max(ALIKE_ZETA, ALIKE_SHARE * abs(flown.zeta), SIGMAS * sigma)
     return abs(flown.zeta - predicted.zeta) <= most
 
