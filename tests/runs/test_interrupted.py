@@ -16,7 +16,7 @@ from typing import Any
 import pytest
 from checks.children import child
 from finished_runs import replayed
-from interrupting import repeated, yawid_with
+from interrupting import SLOW_TO_END, repeated, yawid_with
 from places import C172P, REPLAY_LOGS
 from printed import printed
 
@@ -217,19 +217,11 @@ def test_a_second_signal_ends_at_once() -> None:
 
 
 def test_a_second_signal_ends_a_live_session_that_is_finishing(tmp_path: Path) -> None:
-    script = (
-        "import sys, time\n"
-        "from yawid.cli import main as cli\n"
-        "from yawid.runs.live import loop\n"
-        "def slow(self): print('finishing', flush=True); time.sleep(60)\n"
-        "loop._Loop.finish = slow\n"
-        "sys.exit(cli.main(sys.argv[1:]))\n"
-    )
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
         free.bind(("127.0.0.1", 0))
         endpoint = f"udpin:127.0.0.1:{free.getsockname()[1]}"
     with child(
-        [sys.executable, "-c", script, "live", endpoint, "--out", str(tmp_path)],
+        [sys.executable, "-c", SLOW_TO_END, "live", endpoint, "--out", str(tmp_path)],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,

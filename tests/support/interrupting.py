@@ -22,6 +22,17 @@ def signalled(self, samples):
 pipeline.Pipeline.estimate = signalled
 sys.exit(cli.main(sys.argv[3:]))
 """
+SLOW_TO_END = """
+import sys, time
+from yawid.cli import main as cli
+from yawid.runs.live import loop
+def slow(self):
+    print('finishing', flush=True)
+    time.sleep(60)
+loop._Loop.finish = slow
+sys.exit(cli.main(sys.argv[1:]))
+"""
+"""A live session that takes a minute to finish, and says when it begins to."""
 
 
 def yawid_with(signal: str, at: int, *arguments: object) -> subprocess.CompletedProcess[str]:

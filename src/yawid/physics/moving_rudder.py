@@ -14,7 +14,7 @@ import numpy as np
 
 from yawid.blocks import Bools, Floats, Ints
 from yawid.config.estimator import ArmaxOrders
-from yawid.physics.modes import Complexes
+from yawid.physics.modes import Complexes, discrete_poles
 
 LOWEST, HIGHEST, HIGHEST_OF_RATE = 0.1, 3.0, 0.25
 """The response is fitted from this part of wn to this multiple of it, or this part of the rate."""
@@ -95,7 +95,7 @@ def _fitted(p: Complexes, stay: int, w: Floats, G: Complexes) -> Fit:
     start = den = _polynomial(p[:, stay:])
     for _ in range(STEPS if p.shape[1] > stay else 0):
         den = _step(wanted, x, start, den, p.shape[1])[1]
-    others = _roots(den)
+    others = discrete_poles(den[:, -2::-1])  # roots of any polynomial
     # A pole in the right half plane is no lag of an aircraft: then these stay as well.
     lost: Bools = np.any(np.maximum(others.real, p[:, stay:].real) >= 0.0, axis=1)
     den = np.where(lost[:, None], start, den)
@@ -144,12 +144,3 @@ def _polynomial(roots: Complexes) -> Floats:
     for each in roots.T:
         found = np.pad(found, ((0, 0), (1, 0))) - each[:, None] * np.pad(found, ((0, 0), (0, 1)))
     return found.real
-
-
-def _roots(coefficients: Floats) -> Complexes:
-    """Return the roots (n, m) of polynomials (n, m + 1), lowest power first, the last one 1."""
-    n, m = coefficients.shape[0], coefficients.shape[1] - 1
-    companion = np.zeros((n, m, m))
-    companion[:, :1, :] = -coefficients[:, None, :-1][:, :, ::-1]
-    companion[:, np.arange(1, m), np.arange(m - 1)] = 1.0
-    return np.linalg.eigvals(companion).astype(np.complex128)

@@ -192,10 +192,10 @@ class Spread:
         return max(own, apart) if math.isfinite(own) else own
 
 
-def _apart(opinions: Opinion | None, wn: float, zeta: float) -> Floats:
-    if opinions is None:
+def _apart(opinion: Opinion | None, wn: float, zeta: float) -> Floats:
+    if opinion is None:
         return np.full(2, np.nan)
-    return np.asarray(np.abs(opinions.dutch_roll[[0, 2]] - (wn, zeta)))
+    return np.asarray(np.abs(opinion.dutch_roll[[0, 2]] - (wn, zeta)))
 
 
 def _forgetting_nothing(config: RunConfig, sample_time_s: float) -> EstimatorConfig:

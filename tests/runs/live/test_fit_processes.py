@@ -13,6 +13,7 @@ from pathlib import Path
 import psutil
 import pytest
 from checks.children import child
+from interrupting import SLOW_TO_END
 from live_link import frames, send
 
 from yawid.runs.live.worker import FitWorker
@@ -65,20 +66,12 @@ def test_a_call_that_fails_in_a_child_fails_here():
 def test_no_process_outlives_a_session_that_is_ended_at_once(
     by: signal.Signals, tmp_path: Path
 ) -> None:
-    script = (
-        "import sys, time\n"
-        "from yawid.cli import main as cli\n"
-        "from yawid.runs.live import loop\n"
-        "def slow(self): print('finishing', flush=True); time.sleep(60)\n"
-        "loop._Loop.finish = slow\n"
-        "sys.exit(cli.main(sys.argv[1:]))\n"
-    )
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
     options = ["live", f"udpin:127.0.0.1:{port}", "--sysid", "all", "--out", str(tmp_path)]
     with child(
-        [sys.executable, "-c", script, *options],
+        [sys.executable, "-c", SLOW_TO_END, *options],
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True,
         env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)},
     ) as process:  # fmt: skip
