@@ -11,7 +11,6 @@ from scipy.signal import lti, step
 
 from yawid.errors import NotIdentifiable
 from yawid.offline.step_forms import (
-    extremum_time,
     first_order_response,
     first_order_settling,
     overshoot,
@@ -35,6 +34,11 @@ def test_the_closed_forms_are_the_step_responses_of_eq_4_and_7():
     before = np.array([-2.0, -1e-9])
     assert not first_order_response(before, 1.7, 1.3).any()
     np.testing.assert_allclose(second_order_response(before, 1.7, 0.3, 2.0), 0.0, atol=1e-15)
+
+
+def extremum_time(D: float, q: float, i: int = 1) -> float:
+    """Return T_i = i pi / (q sqrt(1 - D^2)) of eq. 9, the time of the i-th extremum, in s."""
+    return i * math.pi / (q * math.sqrt(1.0 - D * D))
 
 
 def second_order_weighting(t: np.ndarray, k: float, D: float, q: float) -> np.ndarray:

@@ -11,8 +11,8 @@ from places import ROOT
 
 
 def test_every_transient_of_the_paper_is_drawn(tmp_path: Path):
-    tool = [sys.executable, str(ROOT / "tools" / "pictures" / "paper_figures.py"), str(tmp_path)]
-    environment = os.environ | {"PYTHONPATH": str(ROOT / "src")}
+    tool = [sys.executable, "-m", "pictures.paper_figures", str(tmp_path)]
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join([f"{ROOT}/src", f"{ROOT}/tools"])}
     done = subprocess.run(
         tool, env=environment, capture_output=True, text=True, check=False, timeout=120
     )

@@ -1,6 +1,6 @@
 """Draws the paper's figures from yawid's own runs.
 
-    python tools/pictures/paper_figures.py FOLDER
+    python -m pictures.paper_figures FOLDER
 
 Figures 1 and 2 show the transients of first and second order (eq. 4, 7) with the values that the
 paper reads from them. Figure 2.3 shows the yaw angle and rate of the reference model (eq. 23) after
@@ -20,16 +20,15 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 
+from pictures.paper_program import paper_program
+from pictures.two_stage import two_stage
 from yawid.config.estimator import ArmaxOrders
 from yawid.estimation.fit import fit_percent, simulate
-from yawid.offline.paper_program import paper_program
 from yawid.offline.step_forms import (
-    extremum_time,
     first_order_response,
     overshoot,
     second_order_response,
 )
-from yawid.offline.two_stage import two_stage
 from yawid.plant.excitation import Excitation
 from yawid.plant.simulate import REFERENCE
 from yawid.plant.yaw import YawPlant
@@ -51,7 +50,7 @@ def second_order(axes: Axes) -> None:
     """Draw figure 2: overshoot and the time of the first peak give D and q (eq. 12-13)."""
     t, D, q = np.linspace(0.0, 12.0, 600), 0.2, 2.0
     axes.plot(t, second_order_response(t, 1.0, D, q))
-    peak, height = extremum_time(D, q), 1.0 + overshoot(D)
+    peak, height = np.pi / (q * np.sqrt(1.0 - D * D)), 1.0 + overshoot(D)  # eq. 9
     axes.axhline(1.0, ls=":", c="0.5")
     axes.plot([peak, peak], [1.0, height], c="C3")
     axes.annotate("Δh", (peak, 1.2), xytext=(peak + 0.2, 1.2), color="C3")

@@ -10,14 +10,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from yawid.blocks import (
-    Array,
-    Floats,
-    MessageBlock,
-    MotionBlock,
-    RecordBlock,
-    StampedRows,
-)
+from yawid.blocks import Array, Floats, MessageBlock, MotionBlock, RecordBlock, StampedRows
 from yawid.channels.clock import boot_us
 from yawid.channels.series import Piece, Series
 from yawid.config.run import RunConfig

@@ -277,9 +277,7 @@ def _inspect(arguments: argparse.Namespace) -> int:
 
 
 def _run_and_print(
-    run: Callable[[], tuple[_Page, "Verdict"]],
-    as_json: bool,
-    page: Callable[[_Page, TextIO], None],
+    run: Callable[[], tuple[_Page, "Verdict"]], as_json: bool, page: Callable[[_Page, TextIO], None]
 ) -> int:
     """Do one run and print its result, as JSON or as a page; return its exit code."""
     try:

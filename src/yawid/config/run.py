@@ -10,12 +10,7 @@ from typing import Annotated, Any, Literal, get_args, get_type_hints
 import tomli_w
 from msgspec import Meta, ValidationError, convert
 
-from yawid.config.estimator import (
-    ArmaxOrders,
-    Engine,
-    EstimatorConfig,
-    forgetting_factor,
-)
+from yawid.config.estimator import ArmaxOrders, Engine, EstimatorConfig, forgetting_factor
 from yawid.config.fields import Finite, NotNegative, Positive, Share, check_fields, fits, one_of
 from yawid.config.names import ELS, RECURSIVE, RML
 from yawid.errors import ConfigError, did_you_mean

@@ -51,11 +51,6 @@ def yaw_settling(T: float, xi: float, omega: float, tolerance: float) -> float:
     return max(math.log(height / tolerance), 0.0) / (xi * omega)
 
 
-def extremum_time(D: float, q: float, i: int = 1) -> float:
-    """Return the time of the i-th extremum, T_i = i pi / (q sqrt(1 - D^2)) of eq. 9, in s."""
-    return i * math.pi / (q * math.sqrt(1.0 - D * D))
-
-
 def overshoot(D: float) -> float:
     """Return the overshoot Delta h / k = exp(-pi D / sqrt(1 - D^2)) of eq. 10-11."""
     return math.exp(-math.pi * D / math.sqrt(1.0 - D * D))

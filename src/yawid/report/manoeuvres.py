@@ -3,13 +3,7 @@
 from collections.abc import Iterator, Sequence
 from typing import Final
 
-from yawid.answers.run_summary import (
-    Flight,
-    Manoeuvre,
-    MethodSummary,
-    RunSummary,
-    Value,
-)
+from yawid.answers.run_summary import Flight, Manoeuvre, MethodSummary, RunSummary, Value
 from yawid.models.refit import Drawn
 from yawid.report.html import Cell, note, sheet, table
 from yawid.report.run_tables import NO_YAW_CHANNEL, yaw_channel

@@ -293,10 +293,7 @@ def agreement_reasons(
 
 
 def _checked(
-    evidence: Mapping[str, Evidence],
-    refused: Mapping[str, list[Reason]],
-    answers: str,
-    other: str,
+    evidence: Mapping[str, Evidence], refused: Mapping[str, list[Reason]], answers: str, other: str
 ) -> Iterator[Reason]:
     """Compare the Dutch roll of the answer with that of one ``other`` method."""
     is_doubtful = other in refused or not evidence[other].spr_margin > 0.0
@@ -351,9 +348,7 @@ class JudgedMethods:
 
 
 def judge_methods(
-    bank: Estimates,
-    evidence: Mapping[str, Evidence],
-    rates_hz: tuple[float, float],
+    bank: Estimates, evidence: Mapping[str, Evidence], rates_hz: tuple[float, float]
 ) -> JudgedMethods:
     """Judge each method by itself; ``rates_hz`` are the rates of yaw and rudder messages."""
     history, travel_unit = bank.history(), bank.config.half_travel

@@ -41,13 +41,7 @@ from yawid.results.excitation import LEAST_STROKE
 from yawid.results.judge_estimate import Estimates, Evidence, bank_verdict
 from yawid.results.judge_samples import IF_IT_FLEW, changed_rates, why_believed
 from yawid.results.reasons import Reason, Verdict
-from yawid.results.structures import (
-    NEWEST,
-    NOTHING_KNOWN,
-    SPREAD_MEMORIES,
-    Spread,
-    spread_of,
-)
+from yawid.results.structures import NEWEST, NOTHING_KNOWN, SPREAD_MEMORIES, Spread, spread_of
 from yawid.results.yaw_loop import with_yaw_loop
 
 

@@ -9,12 +9,7 @@ from collections.abc import Sequence
 from msgspec.structs import replace
 
 from yawid.answers.heard import BootSpan, gains_between, words_of_gains
-from yawid.answers.run_summary import (
-    ChannelFound,
-    Flight,
-    Manoeuvre,
-    RunSummary,
-)
+from yawid.answers.run_summary import ChannelFound, Flight, Manoeuvre, RunSummary
 from yawid.quantities.vehicles import AIRFRAME
 
 

@@ -27,11 +27,7 @@ from yawid.quantities.link import SenderStats
 from yawid.quantities.vehicles import FIXED_WING, GENERIC, mode_name
 from yawid.results.advice import what_to_record
 from yawid.results.excitation import excitation
-from yawid.results.judge_samples import (
-    LEAST_RATE_HZ,
-    MOST_REACTION,
-    WORTH_PCT,
-)
+from yawid.results.judge_samples import LEAST_RATE_HZ, MOST_REACTION, WORTH_PCT
 from yawid.results.make_card import NICE_HZ, SAMPLES_PER_PERIOD, Flown, make_card, why_no_card
 from yawid.results.reasons import COPIES, Verdict
 from yawid.runs.choose_orders import with_orders

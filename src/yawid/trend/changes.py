@@ -30,14 +30,7 @@ import numpy as np
 
 from yawid.blocks import Floats
 from yawid.trend.best_profile import LEAST_DAYS, Fit, fit_best, profiles, variance
-from yawid.trend.days import (
-    MEDIAN_CHI2,
-    Days,
-    Track,
-    by_day,
-    solve_tau2,
-    within_tau2,
-)
+from yawid.trend.days import MEDIAN_CHI2, Days, Track, by_day, solve_tau2, within_tau2
 from yawid.trend.moderated import moderated, prior, two_sided
 
 SEASON: Final = 0.04

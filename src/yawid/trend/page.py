@@ -163,10 +163,7 @@ def _draw_history(ax: Axes, each: Studied) -> None:
     low, high = float(level.fitted.min()) - room, float(level.fitted.max()) + room
     if high > low:
         ax.set_ylim(low, high)
-        for rows, place, marker in (
-            (track.value > high, high, "^"),
-            (track.value < low, low, "v"),
-        ):
+        for rows, place, marker in ((track.value > high, high, "^"), (track.value < low, low, "v")):
             if rows.any():
                 at = np.full(rows.sum(), place)
                 ax.plot(when[rows], at, marker, color=NEUTRAL, markersize=4)

@@ -48,10 +48,7 @@ def print_trend(report: Trend, stream: TextIO) -> None:
         console.print(_histories(rows))
     outliers = [(each, one) for each in report.followed for one in each.outliers]
     for each, one in outliers[:MOST_OUTLIERS]:
-        _say(
-            console,
-            f"outlier: {each.vehicle} {_name(each.quantity)} {words.outlier_line(one)}",
-        )
+        _say(console, f"outlier: {each.vehicle} {_name(each.quantity)} {words.outlier_line(one)}")
     notes = [
         "± is one sigma; now: after the last change; a year: slope of a straight line; "
         "between: scatter of flights beyond their own sigmas" + _units(e.quantity for e in rows),

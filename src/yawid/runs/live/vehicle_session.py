@@ -24,14 +24,7 @@ from yawid.runs.live.screen_facts import Gatherer
 from yawid.runs.live.standing import Latency, Standing
 from yawid.runs.live.viewer_thread import Viewer
 from yawid.runs.live.worker import FitWorker, SharedDisk, Worker
-from yawid.runs.outputs import (
-    Outputs,
-    finish,
-    open_mcap,
-    open_rerun,
-    parameters_of,
-    refused,
-)
+from yawid.runs.outputs import Outputs, finish, open_mcap, open_rerun, parameters_of, refused
 from yawid.sinks.base import Sink
 from yawid.sinks.rerun.sink import RerunSink
 from yawid.sinks.terminal.live_facts import VehicleFacts

@@ -74,11 +74,7 @@ def compare_tables(
 
 
 def _compare_column(
-    column: str,
-    expected: Floats,
-    actual: Floats,
-    tolerances: Mapping[str, float],
-    k_and_t: Floats,
+    column: str, expected: Floats, actual: Floats, tolerances: Mapping[str, float], k_and_t: Floats
 ) -> Mismatch | None:
     tolerance = tolerance_of(column, tolerances)
     finite = expected[np.isfinite(expected)]

@@ -10,17 +10,7 @@ from yawid.answers.run_summary import DutchRoll
 from yawid.blocks import EstimateBlock, Floats, ModesBlock, SampleBlock, Status
 from yawid.quantities.flying_qualities import LEVELS
 from yawid.sinks.base import Grid
-from yawid.sinks.palette import (
-    BAD,
-    DATA,
-    INPUTS,
-    LINES,
-    METHODS,
-    MODEL,
-    NEUTRAL,
-    Rgba,
-    rgba,
-)
+from yawid.sinks.palette import BAD, DATA, INPUTS, LINES, METHODS, MODEL, NEUTRAL, Rgba, rgba
 
 PALE_ALPHA, UNDER_ALPHA, BAR_ALPHA = 90, 130, 190
 LINE_WIDTH, BAND_WIDTH, BAR_WIDTH, UNDER_WIDTH = 1.5, 0.7, 4.0, 4.0

@@ -157,10 +157,7 @@ def _manoeuvre(card: FlightTestCard) -> Iterator[Row]:
         yield "", f"(a 3-2-1-1, its 1 lasting {unit}, is only for a script)"
     minutes = f"{math.ceil(asked.total_s / 60.0)} min"
     length = minutes if len(card.conditions.airspeeds_m_s) > 1 else f"{minutes} an airspeed"
-    yield (
-        "repeat",
-        f"{asked.manoeuvres} manoeuvres at each airspeed, in one mode: about {length}",
-    )
+    yield ("repeat", f"{asked.manoeuvres} manoeuvres at each airspeed, in one mode: about {length}")
     swing = f"a swing of the nose lasts T = {asked.period_s:#.2g} s"
     if asked.wn_guessed:
         text = (

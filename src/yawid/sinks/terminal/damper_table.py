@@ -31,15 +31,7 @@ def print_damper(report: DamperReport, stream: TextIO) -> None:
     console.print(Text(f"{report.parameter}  {text}", style="bold"))
     _indented(console, [*report.says, *map(str, report.verdict.reasons)])
     table = Table(box=None, pad_edge=False)
-    heads = (
-        report.parameter,
-        "V m/s",
-        "wn rad/s",
-        "zeta",
-        "GM dB",
-        "PM deg",
-        "",
-    )
+    heads = (report.parameter, "V m/s", "wn rad/s", "zeta", "GM dB", "PM deg", "")
     for heading in heads:
         table.add_column(heading or "", justify="right")
     for gain in report.gains:

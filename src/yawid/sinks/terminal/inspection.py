@@ -10,12 +10,7 @@ from rich.text import Text
 from yawid.answers.inspection import FlightPhase, Inspection, MessageRate, Span
 from yawid.answers.run_summary import Flight, Manoeuvre
 from yawid.sinks.door import page_console
-from yawid.sinks.terminal.summary_table import (
-    NAME_WIDTH,
-    hanging,
-    origin,
-    print_verdict,
-)
+from yawid.sinks.terminal.summary_table import NAME_WIDTH, hanging, origin, print_verdict
 from yawid.sinks.words import count, dutch_roll, flown, of_loop, says, tried
 
 MOST_PHASES = 6

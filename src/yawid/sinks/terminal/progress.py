@@ -11,13 +11,7 @@ from typing import TYPE_CHECKING, TextIO
 from yawid.sinks.door import plain
 from yawid.sinks.terminal.live_facts import LiveFacts
 from yawid.sinks.terminal.outlet import Outlet
-from yawid.sinks.terminal.restore import (
-    CLEAR_LINE,
-    HIDE_CURSOR,
-    SHOW_CURSOR,
-    SHOWN,
-    write_now,
-)
+from yawid.sinks.terminal.restore import CLEAR_LINE, HIDE_CURSOR, SHOW_CURSOR, SHOWN, write_now
 
 if TYPE_CHECKING:
     from rich.progress import Progress, TaskID

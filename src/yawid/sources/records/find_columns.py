@@ -10,14 +10,7 @@ from yawid.blocks import Floats, Ints
 from yawid.errors import ChannelError, ConfigError, SourceError
 from yawid.quantities.table import CHANNELS, TEXTS
 from yawid.quantities.units import HALF_TRAVEL, UNITS, Unit, unit_of
-from yawid.sources.records.headers import (
-    ANGLES,
-    Header,
-    by_suffix,
-    fits,
-    header_of,
-    is_column,
-)
+from yawid.sources.records.headers import ANGLES, Header, by_suffix, fits, header_of, is_column
 from yawid.sources.records.lacking import RUDDER_UNIT, SIGN, line_of
 from yawid.sources.records.lacking import UNITS as UNITS_OPTION
 
