@@ -106,6 +106,9 @@ def test_zsh_offers_commands_options_values_files_and_cases(zsh_script: Path):
         assert offers("") >= COMMANDS
         assert offers("replay --rudder-") >= RUDDER
         assert offers("replay --method ") >= {"els", "rml"}
+        assert offers("replay --method=") >= {"els", "rml"}
+        assert offers("replay --maneuvers=") >= {"auto", "off"}
+        assert offers("replay --rudder-sign nose-right --method ") >= {"els", "rml"}
         assert offers("replay --rerun s") >= {"save", "spawn"}
         logs = {"a.tlog", "b.BIN", "c.mcap", "replay_logs/"}
         assert (of_replay := offers("replay ")) >= logs
@@ -127,6 +130,9 @@ def test_another_shell_is_refused_by_name(capsys: pytest.CaptureFixture[str]):
 
 def test_bash_offers_values_files_by_their_suffix_and_cases(script: Path):
     assert offered(script, "replay", "--method", "") == {"els", "rml"}
+    assert offered(script, "replay", "--method", "=") == {"els", "rml"}
+    assert offered(script, "replay", "--rerun", "=", "s") == {"save", "spawn"}
+    assert offered(script, "replay", "--method", "=", "els", "--rudder-") == RUDDER
     assert offered(script, "replay", "--also", "") == {"els", "rml", "none"}
     assert offered(script, "replay", "--rerun", "s") == {"save", "spawn"}
     assert offered(script, "inspect", "--inputs", "") == {"rudder", "rudder,aileron"}

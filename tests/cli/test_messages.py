@@ -31,6 +31,9 @@ NO_RUDDER = str(REPLAY_LOGS / "no_rudder" / "log.tlog")
     [
         ([], "COMMAND"),
         (["replya"], "no command 'replya'; did you mean replay? yawid --help lists the commands"),
+        (["help"], "no command 'help'; did you mean --help? yawid --help lists the commands"),
+        (["--versoin"], "no option --versoin; did you mean --version? yawid --help lists"),
+        (["--rate", "20", "replay", "x"], "--rate: it stands after the command, yawid COMMAND --"),
         (["replay", "x", "--rudder-sing", "y"], "--rudder-sing; did you mean --rudder-sign? "),
         (["inspect", "x", "--publish", "y"], "has no option --publish: it belongs to live;"),
         (["inspect", "x", "y"], "y: too many arguments, usage: yawid inspect LOG [options];"),

@@ -4,6 +4,7 @@ One file may serve several commands: options that the present command does not h
 """
 
 import argparse
+import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -23,6 +24,7 @@ def parsed(parser: argparse.ArgumentParser, argv: Sequence[str] | None) -> argpa
     Raises:
         ConfigError: the file cannot be read, is not TOML, or a setting is unknown or not allowed.
     """
+    _check_first(parser, sys.argv[1:] if argv is None else argv)
     arguments, unknown = parser.parse_known_args(argv)
     command: argparse.ArgumentParser = arguments.own_parser
     file: Path | None = getattr(arguments, "config", None)
@@ -42,6 +44,18 @@ def parsed(parser: argparse.ArgumentParser, argv: Sequence[str] | None) -> argpa
     arguments = parser.parse_args(argv)
     arguments.settings = check_settings(settings, str(file))
     return arguments
+
+
+def _check_first(whole: argparse.ArgumentParser, argv: Sequence[str]) -> None:
+    """Refuse an option before the command that yawid itself does not have, with what was meant."""
+    first = "".join(argv[:1]).partition("=")[0]
+    own = whole._option_string_actions
+    if not first.startswith("-") or any(each.startswith(first) for each in own):
+        return
+    near = did_you_mean(first, [each for each in own if each[2:]])
+    if any(first in each._option_string_actions for _, each in commands_of(whole)):
+        near = f": it stands after the command, yawid COMMAND {first}"
+    whole.error(f"there is no option {first}{near}")
 
 
 def _not_known(

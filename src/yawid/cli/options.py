@@ -76,9 +76,11 @@ class OneLineParser(argparse.ArgumentParser):
     def _check_value(self, action: argparse.Action, value: object) -> None:
         """Refuse a value that is not a choice, with the one it is most like."""
         if action.choices is not None and value not in action.choices:
-            near = did_you_mean(str(value), names := [str(each) for each in action.choices])
+            names = [str(each) for each in action.choices]
             one_of = f"must be one of {', '.join(names)}, got {value!r}"
             is_command = isinstance(action, argparse._SubParsersAction)
+            others = ("--help", "--version") if is_command else ()
+            near = did_you_mean(str(value), [*names, *others])
             said = f"there is no command {value!r}" if is_command else one_of
             raise argparse.ArgumentError(None if is_command else action, said + near)
 

@@ -44,6 +44,16 @@ _yawid_cases() {
     "zsh": "_yawid_cases() { compadd -- replay_logs/*/case.toml(N:h:t); _files -/ }\n",
 }
 """Functions that offer the names of cases, and folders."""
+_EQUALS: Final = """
+_yawid_equals() {  # bash has --method=els as three words; shtab's function knows two
+  local each words=()
+  for each in "${COMP_WORDS[@]:0:COMP_CWORD+1}"; do [[ $each == = ]] || words+=("$each"); done
+  [[ ${COMP_WORDS[COMP_CWORD]} == = ]] && words+=("")
+  local COMP_WORDS=("${words[@]}") COMP_CWORD=$((${#words[@]} - 1))
+  _shtab_yawid
+}
+complete -o bashdefault -F _yawid_equals yawid
+"""
 
 
 def add_schema(commands: Commands) -> None:
@@ -130,8 +140,12 @@ def _completion(whole: argparse.ArgumentParser, arguments: argparse.Namespace) -
                     functions.add(_of_suffixes(offered["bash"]))
             elif action.choices is None and action.metavar is not None:
                 action.choices = _values(str(action.metavar)) or None
+            if arguments.shell == "zsh" and action.nargs is None and action.option_strings:
+                # zsh's mark of an option whose value may follow "=" or stand in the next word
+                action.option_strings = [f"{each}=" for each in action.option_strings]
     preamble = "".join(sorted(functions))
-    print_text(shtab.complete(whole, arguments.shell, preamble=preamble) + "\n")
+    end = _EQUALS if arguments.shell == "bash" else "\n"
+    print_text(shtab.complete(whole, arguments.shell, preamble=preamble) + end)
     return 0
 
 
