@@ -181,6 +181,14 @@ def test_a_process_whose_numba_is_broken_says_why_in_one_line(tmp_path, is_behin
     assert count.read_text(encoding="utf-8") == "x"
 
 
+def test_without_a_further_process_this_one_goes_on_by_itself(tmp_path, monkeypatch):
+    runner = interpreting(monkeypatch, tmp_path)
+    (tmp_path / "python").touch(0o644)
+    monkeypatch.setattr(sys, "executable", str(tmp_path / "python"))
+
+    assert not runner.compile_behind()
+
+
 def test_a_folder_that_cannot_be_written_to_harms_nothing_and_warm_says_what_to_do(
     tmp_path, monkeypatch, capsys
 ):

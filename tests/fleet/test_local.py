@@ -7,13 +7,19 @@ import shutil
 import signal
 import socket
 import subprocess
+import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 import psutil
+import pytest
 from fleet_cluster import environment, make_logs, yawid_fleet
+from places import REPLAY_LOGS
+
+from yawid.cli.main import main
+from yawid.fleet.worker import warm
 
 LISTENS_TCP, ACCEPTS_UNIX = "0A", 0x10000
 """How /proc/net/tcp and /proc/net/unix mark a socket that others can connect to."""
@@ -80,3 +86,14 @@ def test_no_process_of_a_local_fleet_listens_and_ctrl_c_leaves_none_behind(tmp_p
         assert run.returncode == 130, said
         assert "Traceback" not in said[1]
         assert [each for each in below if each.is_running()] == []
+
+
+def test_a_python_that_may_not_be_executed_ends_a_fleet_with_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "python").touch(0o644)
+    monkeypatch.setattr(sys, "executable", str(tmp_path / "python"))
+    warm.cache_clear()
+
+    assert main(["fleet", str(REPLAY_LOGS / "c172p_3211"), "--out", str(tmp_path / "data")]) == 6
+    assert "Permission denied" in capsys.readouterr().err.splitlines()[-1]

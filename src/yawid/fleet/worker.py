@@ -139,9 +139,12 @@ def warm() -> None:
     If that fails, each child compiles for itself or runs slowly; a logged line gives the reason.
     """
     command = [sys.executable, "-m", "yawid", "warm"]
-    done = subprocess.run(
-        command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, errors="replace",
-        check=False,
-    )  # fmt: skip
+    try:
+        done = subprocess.run(
+            command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, errors="replace",
+            check=False,
+        )  # fmt: skip
+    except OSError:  # whoever starts the child that replays reports that
+        return
     if done.returncode == YawidError.exit_code and (said := done.stderr.strip()):
         logging.getLogger(__name__).warning("%s", said.splitlines()[-1])

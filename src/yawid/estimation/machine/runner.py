@@ -114,7 +114,7 @@ class Runner:
         return kept.keep(RUN, code)
 
     def compile_behind(self) -> bool:
-        """Start a process that compiles, if there is no code; return whether there is one.
+        """Start a process that compiles, if there is no code; return whether one runs.
 
         Another one, of an earlier run, may still be compiling: the new one notices that and ends.
         """
@@ -122,11 +122,12 @@ class Runner:
             return False
         if self._child is None and not is_plain() and sys.executable:
             nowhere = subprocess.DEVNULL
-            self._child = subprocess.Popen(
-                [sys.executable, "-W", "ignore", "-c", _BEHIND], text=True,
-                stdin=nowhere, stdout=subprocess.PIPE, stderr=nowhere, start_new_session=True,
-                creationflags=OWN_GROUP,
-            )  # fmt: skip
+            with suppress(OSError):  # no further process may be started: this one compiles later
+                self._child = subprocess.Popen(
+                    [sys.executable, "-W", "ignore", "-c", _BEHIND], text=True,
+                    stdin=nowhere, stdout=subprocess.PIPE, stderr=nowhere, start_new_session=True,
+                    creationflags=OWN_GROUP,
+                )  # fmt: skip
         return self._child is not None
 
     def _found(self) -> bool:
