@@ -6,12 +6,12 @@ free decay. Decisions are made for each second of the grid, from the samples unt
 stream is cut into blocks changes nothing.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from itertools import pairwise
 
 import numpy as np
 
-from yawid.blocks import WINDOW_S, Bools, Floats, SampleBlock, shifted
+from yawid.blocks import WINDOW_S, Bools, Floats, Ints, SampleBlock, shifted
 from yawid.manoeuvres.candidate import MOVES, Candidate, UnderWay, flown_in, moved_within
 from yawid.results.excitation import (
     CHUNK_S,
@@ -151,14 +151,11 @@ class _Section:
             self._next_stride = (int(samples.k[0]) // self._stride + 1) * self._stride
         self._undecided.append(samples)
         found: list[SampleBlock] = []
-        self._pass_rest(int(samples.k[-1]))
-        while self._next_stride + self._reach <= samples.k[-1]:
-            was_open = self._open is not None
-            found += self._step(self._next_stride - 1)
-            # In a gap there are strides without a sample.
-            self._next_stride += self._stride
-            if was_open:
-                self._pass_rest(int(samples.k[-1]))
+        newest_k = int(samples.k[-1])
+        self._pass_rest(newest_k)
+        while self._next_stride + self._reach <= newest_k:
+            found += self._step(range(self._next_stride - 1, newest_k - self._reach, self._stride))
+            self._pass_rest(newest_k)
         return found
 
     def change_mode(self, mode: float, *, is_bare: bool) -> list[SampleBlock]:
@@ -181,7 +178,7 @@ class _Section:
             self._earlier = None if lead is None else flown_in(mode, lead)
             return found
         if newest_k - self._reach > self._decided_k:
-            found += self._step(newest_k - self._reach, is_last=True)
+            found += self._step([newest_k - self._reach], is_last=True)
         # How the newest rows follow the aileron is not known yet: they count for the new mode.
         left = [flown_in(mode, rows) for rows in self._undecided]
         if self._open is not None and newest_k - self._open.began_k < self._late:
@@ -205,7 +202,7 @@ class _Section:
     def _decide_rest(self) -> list[SampleBlock]:
         if not self._undecided:
             return []
-        return self._step(int(self._undecided[-1].k[-1]), is_last=True)
+        return self._step([int(self._undecided[-1].k[-1])], is_last=True)
 
     def finish(self) -> list[SampleBlock]:
         """Return the manoeuvres that end with the section; the next sample opens a new section."""
@@ -228,52 +225,65 @@ class _Section:
         if len(moving):
             end = (self._decided_k + 1 + int(moving[0])) // self._stride * self._stride
         if end >= self._next_stride:
-            self._decide(rows, end - 1, None)
+            self._decide(rows, seen, end - 1)
             self._next_stride = end + self._stride
 
-    def _step(self, last_k: int, *, is_last: bool = False) -> list[SampleBlock]:
-        """Decide on the samples up to ``last_k``; those after it only serve to look ahead."""
-        rows = SampleBlock.joined(self._undecided)
-        stroke = self._strokes(rows, last_k)
-        # The wait is limited, because an aileron may be known only now and then.
-        if stroke is None and not is_last and last_k - self._decided_k <= self._chunk:
-            return []
-        return self._decide(rows, last_k, stroke)
+    def _step(self, ends: Sequence[int], *, is_last: bool = False) -> list[SampleBlock]:
+        """Decide on the samples up to each of ``ends`` in turn, the k of a last sample.
 
-    def _decide(self, rows: SampleBlock, last_k: int, stroke: Floats | None) -> list[SampleBlock]:
+        What comes after an end only serves to look ahead from it. After an end before which the
+        rudder rests the others are left to :meth:`_pass_rest`.
+        """
+        rows = SampleBlock.joined(self._undecided)
+        seen = np.concatenate([self._past, _measured(rows, self._unit)])
+        strokes, decided_k = [np.empty(0)], self._decided_k
+        for last_k in ends:
+            self._next_stride = last_k + 1 + self._stride
+            k = rows.k[slice(*np.searchsorted(rows.k, (decided_k, last_k), side="right"))]
+            whole = self._whole(seen, k, last_k)
+            rests = whole.max(initial=0.0) <= MOVES
+            stroke = whole if rests else self._own_stroke(seen, k, last_k, whole)
+            # The wait is limited, because an aileron may be known only now and then.
+            if stroke is not None or is_last or last_k - decided_k > self._chunk:
+                strokes.append(np.zeros(len(k)) if stroke is None else stroke)
+                decided_k = last_k
+            if rests:
+                break
+        return self._decide(rows, seen, decided_k, np.concatenate(strokes))
+
+    def _decide(
+        self, rows: SampleBlock, seen: Floats, last_k: int, stroke: Floats | None = None
+    ) -> list[SampleBlock]:
         """Mark the rows up to ``last_k`` as decided; without a stroke (n,) the rudder rests."""
         count = int(np.searchsorted(rows.k, last_k, side="right"))
         decided, rest = rows.select(slice(0, count)), rows.select(slice(count, None))
         self._undecided = [rest] if len(rest) else []
-        self._past = np.concatenate([self._past, _measured(decided, self._unit)])
         oldest = last_k - self._chunk - self._window
-        self._past = self._past[np.searchsorted(self._past[:, 0], oldest) :]
+        self._past = seen[slice(*np.searchsorted(seen[:, 0], (oldest, last_k + 1)))]
         self._decided_k = last_k
-        if not count:
-            return []
-        return self._follow(decided, np.zeros(count) if stroke is None else stroke[:count])
+        return self._follow(decided, np.zeros(count) if stroke is None else stroke)
 
-    def _strokes(self, rows: SampleBlock, last_k: int) -> Floats | None:
-        """Return the stroke (n,) of the rudder's own part within 5 s, at each row up to ``last_k``.
-
-        It is a part of half the travel. None while too little is known of how the rudder follows
-        the aileron; where the aileron is unknown, the whole rudder is its own part.
-        """
-        seen = np.concatenate([self._past, _measured(rows, self._unit)])
-        first_k = int(max(seen[0, 0], last_k - self._chunk - self._window))
-        places = rows.k[rows.k <= last_k] - first_k
-        if not len(places):
+    def _whole(self, seen: Floats, k: Ints, last_k: int) -> Floats:
+        """Return how far the rudder moved within 5 s at each row ``k`` (n,) up to ``last_k``."""
+        if not len(k):
             return np.empty(0)
-        oldest = max(int(places[0]) - self._window + 1, 0)
-        end = last_k - first_k + 1
-        newest = _on_grid(seen, first_k + oldest, last_k + 1)[:, 0]
-        whole = moved_within(newest, self._window)[places - oldest]
-        if whole.max() <= MOVES:
-            return whole
-        own = self._own(seen, first_k, slice(oldest, end))
+        oldest = int(k[0]) - self._window + 1
+        newest = _on_grid(seen, oldest, last_k + 1)[:, 0]
+        return moved_within(newest, self._window)[k - oldest]
+
+    def _own_stroke(self, seen: Floats, k: Ints, last_k: int, whole: Floats) -> Floats | None:
+        """Return the stroke (n,) of the rudder's own part within 5 s, at each row ``k`` (n,).
+
+        It is a part of half the travel, and that of the ``whole`` rudder at most. None while too
+        little is known of how the rudder follows the aileron; where the aileron is unknown, the
+        whole rudder is its own part.
+        """
+        first_k = last_k - self._chunk - self._window
+        oldest = max(int(k[0]) - self._window + 1 - first_k, 0)
+        own = self._own(seen, first_k, slice(oldest, last_k - first_k + 1))
         if own is None:
             return None
-        return np.minimum(moved_within(own, self._window)[places - oldest], whole)
+        return np.minimum(moved_within(own, self._window)[k - first_k - oldest], whole)
 
     def _own(self, seen: Floats, first_k: int, rows: slice) -> Floats | None:
         """Return the rudder's own part (rows,) at these rows of the grid from ``first_k`` on.
