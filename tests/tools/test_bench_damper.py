@@ -40,7 +40,7 @@ def test_two_gains_are_predicted_from_a_flight_without_a_damper(tmp_path: Path) 
 
 @pytest.mark.long
 def test_the_bench_flies_each_gain_with_the_damper_closed(tmp_path: Path) -> None:
-    rows = damper.place_rows(tmp_path, 2, PLACE)
+    rows = damper.place_rows(2, tmp_path, PLACE)
 
     assert len(rows) == 2
     for row in rows:

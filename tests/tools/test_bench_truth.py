@@ -8,7 +8,8 @@ from typing import Any
 
 import pytest
 from bench import truth as bench
-from checks.judge import Row, compared, write_csv
+from bench.table import write_csv
+from checks.judge import Row, compared
 from hand_flights import estimate, manoeuvre, plain_summary, roll_of, verdict
 
 from yawid.answers.run_summary import (
@@ -127,9 +128,9 @@ def test_a_wrong_flight_must_be_warned_of_or_refused_and_a_right_one_must_not() 
 
 
 def test_a_flight_is_flown_once_and_has_a_row_for_every_estimate(tmp_path: Path) -> None:
-    rows = bench.flight_rows(tmp_path, 161, 2)
+    rows = bench.flight_rows(161, tmp_path, 2)
     stamp = (tmp_path / "002.tlog").stat().st_mtime_ns
-    again = bench.flight_rows(tmp_path, 161, 2)
+    again = bench.flight_rows(161, tmp_path, 2)
     write_csv(tmp_path / "rows.csv", rows)
 
     streams = {"stream rml", "stream els"}
@@ -145,4 +146,4 @@ def test_a_flight_is_flown_once_and_has_a_row_for_every_estimate(tmp_path: Path)
             [row["wn_true"] for row in rows], rel=1e-5
         )
     with pytest.raises(SystemExit, match="is flight 2 of seed 161"):
-        bench.flight_rows(tmp_path, 162, 2)
+        bench.flight_rows(162, tmp_path, 2)

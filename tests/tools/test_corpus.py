@@ -258,7 +258,7 @@ def test_made_logs_are_judged_into_rows_beside_their_truth(
     makers = {"excited": lambda number: made, "unexcited": lambda number: flown["mixed"]}
     monkeypatch.setattr(verdict, "MAKERS", makers)
 
-    rows = [verdict.rows_of(tmp_path, ("forgetting",), (kind, 3)) for kind in makers]
+    rows = [verdict.rows_of(("forgetting",), tmp_path, (kind, 3)) for kind in makers]
 
     (flight,), (mixed,) = rows
     assert flight["usable"]

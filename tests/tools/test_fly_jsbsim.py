@@ -243,7 +243,7 @@ def test_frames_sent_over_udp_arrive_as_they_were_flown() -> None:
 
         sent = send(frames, receiver.getsockname(), speedup=1000.0)
 
-        assert [receiver.recv(300) for _ in range(sent)] == [frame for _, frame in frames]
+        assert [receiver.recv(300) for _ in range(sent.sent)] == [frame for _, frame in frames]
 
 
 def test_the_command_writes_a_tlog_and_its_truth(

@@ -8,12 +8,12 @@ cent, ELS / RML.
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Iterator
 
 import numpy as np
 from scipy.signal import cont2discrete, lfilter
 
+from bench.table import head, line, options_of
 from yawid.blocks import Floats, Held, SampleBlock
 from yawid.channels.align import Aligner
 from yawid.channels.conditioning import Conditioner, finer_by
@@ -109,16 +109,9 @@ def cell(found: Floats) -> str:
 
 def main(arguments: list[str]) -> Iterator[str]:
     """Yield the table: a column for each pair of rates and each disturbance."""
-    parser = argparse.ArgumentParser(prog="bench.py aliasing", description=__doc__)
-    parser.add_argument("--runs", type=int, default=20)
-    runs = parser.parse_args(arguments).runs
+    runs = options_of("aliasing", __doc__, arguments, runs=20).runs
     columns = [(*rates, kind) for rates in RATES for kind in DISTURBANCES]
-    heads = [f"{raw:g} to {grid:g} Hz, {kind}" for raw, grid, kind in columns]
-    yield "| | " + " | ".join(heads) + " |"
-    yield "|---" * (1 + len(columns)) + "|"
+    yield from head("", (f"{raw:g} to {grid:g} Hz, {kind}" for raw, grid, kind in columns))
     for way, name in WAYS.items():
-        cells = [
-            cell(np.array([errors(*column, way, seed) for seed in range(runs)]))
-            for column in columns
-        ]
-        yield f"| {name} | " + " | ".join(cells) + " |"
+        found = [[errors(*column, way, seed) for seed in range(runs)] for column in columns]
+        yield line(name, *(cell(np.array(each)) for each in found))

@@ -14,7 +14,6 @@ zeta is right within the larger of .05 and 15 %.
 
 from __future__ import annotations
 
-import argparse
 import math
 from collections.abc import Generator, Iterator
 from dataclasses import replace
@@ -23,7 +22,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from checks.judge import Row, folder_of, in_processes, kept, options_of, write_csv
+from checks.judge import Row, kept
 from flights.damped import GRAVITY, DampedFlight, Damper, linear
 from flights.flight import Hands
 from flights.fly import Made
@@ -33,6 +32,7 @@ from flights.surgery import join
 from flights.telemetry import Link, telemetry
 from flights.truth import after_lead_in, linear_dutch_rolls, mean_plan
 
+from bench.table import FLOWN, all_rows, head, known, line, options_of
 from yawid.damper.decay import damped_sine
 from yawid.damper.response import closed_response
 from yawid.damper.study import Study
@@ -96,11 +96,8 @@ def flown(place: int, gain: float, number: int) -> Made:
     flight = DampedFlight(plan, Hands(rudder), link, damper)
     log = join(telemetry(link, flight))
     model = linear(mean_plan(plan, after_lead_in(flight.flown)), damper.servo_lag_s)
-    poles = {
-        "closed": model.dutch_roll(damper),
-        "open": model.dutch_roll(replace(damper, gain=0.0)),
-    }
-    pairs = {name: [abs(p), _zeta(p)] for name, p in poles.items()}
+    poles = model.dutch_roll(damper), model.dutch_roll(replace(damper, gain=0.0))
+    pairs = {name: [abs(p), _zeta(p)] for name, p in zip(("closed", "open"), poles, strict=True)}
     ends = [plan.seconds - REST_S + link.boot_s, plan.seconds + link.boot_s]
     return Made(log, pairs | {
         "aircraft": plan.aircraft, "speed_kt": plan.speed_kt, "place": place, "gain": gain,
@@ -108,7 +105,7 @@ def flown(place: int, gain: float, number: int) -> Made:
     })  # fmt: skip
 
 
-def place_rows(folder: Path, gains: int, place: int) -> list[Row]:
+def place_rows(gains: int, folder: Path, place: int) -> list[Row]:
     """Return a row for each gain of a place."""
     log, truth = kept(folder, f"{place:03d}_0", partial(flown, place, 0.0, 0))
     before = replay(log)
@@ -116,23 +113,16 @@ def place_rows(folder: Path, gains: int, place: int) -> list[Row]:
     rows: list[Row] = []
     for number, added in enumerate(ADDED[:gains], 1):
         gain = gain_for(plan, damper, added)
-        after_log, after = kept(
-            folder, f"{place:03d}_{number}", partial(flown, place, gain, number)
-        )
+        make = partial(flown, place, gain, number)
+        after_log, after = kept(folder, f"{place:03d}_{number}", make)
         conditions = ("aircraft", "speed_kt", "place", "servo_lag_s", "loop_hz")
-        row = {name: truth[name] for name in conditions} | {
-            "gain": gain,
-            "added": added,
-            "closed": after["closed"],
-            "open": truth["open"],
-        }
+        row = {name: truth[name] for name in conditions}
+        row |= {"gain": gain, "added": added, "closed": after["closed"], "open": truth["open"]}
         found = before.damper(gains=[gain])
-        fatal = found.report.verdict.fatal
-        rows.append(
-            row | {"refused": fatal[0].id}
-            if fatal
-            else row | _compared(found, before, after_log, after)
-        )
+        if fatal := found.report.verdict.fatal:
+            rows.append(row | {"refused": fatal[0].id})
+        else:
+            rows.append(row | _compared(found, before, after_log, after))
     return rows
 
 
@@ -215,11 +205,10 @@ def is_within(row: Row) -> bool:
 
 def table(rows: list[Row]) -> Iterator[str]:
     """Yield the table of the results by aircraft, and of all."""
-    yield "| | " + " | ".join(COLUMNS) + " |"
-    yield "|---" * (1 + len(COLUMNS)) + "|"
+    yield from head("", COLUMNS)
     for name in [*dict.fromkeys(row["aircraft"] for row in rows), "all"]:
         some = [row for row in rows if name in (row["aircraft"], "all")]
-        yield f"| {name} | " + " | ".join(_cells(some)) + " |"
+        yield line(name, *_cells(some))
 
 
 def _cells(rows: list[Row]) -> list[str]:
@@ -227,12 +216,12 @@ def _cells(rows: list[Row]) -> list[str]:
     right = [row for row in predicted if is_right(row["zeta"], row["closed"][1])]
     within = [row for row in predicted if is_within(row)]
     # A predicted pair that became two real poles has no wn; its zeta counts as wrong.
-    off = [abs(row["wn"] / row["closed"][0] - 1.0) for row in predicted if math.isfinite(row["wn"])]
+    off = known(np.median, np.array([abs(row["wn"] / row["closed"][0] - 1.0) for row in predicted]))
     decays = [row for row in predicted if row["decay"] and row["decay_predicted"]]
     alike = [row for row in decays if is_right(row["decay_predicted"][1], row["decay"][1])]
     answered = [row for row in predicted if row["z"]]
     same = [row for row in answered if max(row["z"]) <= 2.0]
-    median = f"{100 * float(np.median(off)):.1f} %" if off else "-"
+    median = f"{100.0 * off:.1f} %".replace("nan %", "-")
     shares = (right, predicted), (within, predicted), (alike, decays), (same, answered)
     said = [f"{len(some)} of {len(of)}" for some, of in shares]
     return [str(len(rows)), str(len(rows) - len(predicted)), *said[:2], median, *said[2:]]
@@ -248,27 +237,17 @@ def harmful(row: Row) -> bool:
 
 def main(arguments: list[str]) -> Generator[str, None, str | None]:
     """Yield the table; return which aims were missed."""
-    parser = argparse.ArgumentParser(prog="bench.py damper", description=__doc__)
-    parser.add_argument("--cases", type=int, default=100)
-    parser.add_argument("--csv", type=Path, metavar="FILE", help="every row")
-    options_of(parser)
-    options = parser.parse_args(arguments)
+    options = options_of("damper", __doc__, arguments, cases=100, **FLOWN)
     gains = min(options.cases, len(ADDED))
-    places = list(range(-(-options.cases // gains)))
-    with folder_of(options.logs) as folder:
-        rows = in_processes(partial(place_rows, folder, gains), places, options.jobs)
-    del rows[options.cases :]
-    if options.csv:
-        write_csv(options.csv, rows)
+    places = range(-(-options.cases // gains))
+    rows = all_rows(options, partial(place_rows, gains), places)[: options.cases]
     yield from table(rows)
     predicted = [row for row in rows if not row["refused"]]
-    right = sum(is_right(row["zeta"], row["closed"][1]) for row in predicted)
-    within = sum(is_within(row) for row in predicted)
-    counts = (("right", right), ("within", within))
+    right = [is_right(row["zeta"], row["closed"][1]) for row in predicted]
     missed = [
-        f"{count} of {len(predicted)} {what}"
-        for what, count in counts
-        if 100.0 * count < NEEDED[what] * len(predicted)
+        f"{sum(hits)} of {len(hits)} {what}"
+        for what, hits in (("right", right), ("within", [is_within(row) for row in predicted]))
+        if 100.0 * sum(hits) < NEEDED[what] * len(hits)
     ]
     if bad := [f"{row['aircraft']} {row['gain']:g}" for row in rows if harmful(row)]:
         missed.append(f"harmful advice: {', '.join(bad)}")

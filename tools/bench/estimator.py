@@ -6,7 +6,6 @@ shows the cost of the code, while the mean depends on what other programs do.
 
 from __future__ import annotations
 
-import argparse
 import time
 from collections.abc import Callable, Iterator
 from functools import partial
@@ -15,6 +14,7 @@ import numpy as np
 from scipy.signal import lfilter
 
 from bench.peers import FORGETTING, PEERS
+from bench.table import head, line, options_of
 from yawid import ArmaxOrders, EstimatorConfig, RecursiveArmax
 from yawid.blocks import Floats
 
@@ -34,17 +34,11 @@ def ours(u: Floats, y: Floats, order: int) -> dict[str, tuple[Callable[[], objec
         ):
             armax = RecursiveArmax(_config(method, order, forgetting, lags))
             armax.run(u, y)
-            runs[f"{method} bulk, {name}"] = (
-                partial(armax.run, u2, y, keep="last"),
-                SAMPLES,
-            )
+            runs[f"{method} bulk, {name}"] = partial(armax.run, u2, y, keep="last"), SAMPLES
         armax = RecursiveArmax(_config(method, order, FORGETTING, 0))
         armax.run(u, y)
-        runs[f"{method} chunks of {CHUNK}, floor"] = (
-            partial(_chunks, armax, u2, y),
-            1_000,
-        )
-        runs[f"{method} update, floor"] = (partial(_updates, armax, ul, yl), 500)
+        runs[f"{method} chunks of {CHUNK}, floor"] = partial(_chunks, armax, u2, y), 1_000
+        runs[f"{method} update, floor"] = partial(_updates, armax, ul, yl), 500
     return runs
 
 
@@ -92,20 +86,17 @@ def row(name: str, of: list[str], best: list[dict[str, float]]) -> str:
         times = [each["plain NumPy loop"] / value for value in ns]
         cells.append(" / ".join(f"{value:.0f}" for value in ns))
         cells.append(" / ".join(f"{value:.3g}" for value in times))
-    return f"| {name} | " + " | ".join(cells) + " |"
+    return line(name, *cells)
 
 
 def main(arguments: list[str]) -> Iterator[str]:
     """Yield the table for 6 and for 9 parameters."""
-    parser = argparse.ArgumentParser(prog="bench.py estimator", description=__doc__)
-    parser.add_argument("--rounds", type=int, default=60)
-    rounds = parser.parse_args(arguments).rounds
+    rounds = options_of("estimator", __doc__, arguments, rounds=60).rounds
     u, e = np.random.default_rng(0).standard_normal((2, SAMPLES))
     a = (1.0, -1.5, 0.7)
     y = lfilter((0.0, 1.0, 0.5), a, u) + lfilter((1.0, -1.0, 0.2), a, e)
     best = [measure(ours(u, y, order) | peers(u, y, order), rounds) for order in (2, 3)]
-    yield "| | ns per update, 6 parameters | x NumPy | 9 parameters | x NumPy |"
-    yield "|---|---|---|---|---|"
+    yield from head("", ("ns per update, 6 parameters", "x NumPy", "9 parameters", "x NumPy"))
     paths = [name.removeprefix("els ") for name in best[0] if name.startswith("els ")]
     for path in paths:
         yield row(f"els / rml {path}", [f"els {path}", f"rml {path}"], best)

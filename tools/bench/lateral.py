@@ -11,20 +11,20 @@ moved; the exit code is 1 if one is not met. The gates were chosen with seed 701
 
 from __future__ import annotations
 
-import argparse
 import json
 import math
 import time
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Generator, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from checks.judge import Row, folder_of, in_processes, options_of, write_csv
+from checks.judge import Row
 from flights.lateral import AILERONS, COUNT, LOGGED_S, MANOEUVRES_S, SEVERITIES, kept
 from flights.telemetry import FOOT
 
+from bench.table import FLOWN, all_rows, column, head, known, line, options_of, rms, within
 from yawid.lateral.fit_airframe import START_LAGS_S, fit_airframe
 from yawid.lateral.motion import COMMAND_STEP_S, LEAD_S, Motion
 
@@ -32,6 +32,7 @@ SEED = 913
 STRIDE = 7
 """Step between the numbers of the flights flown; coprime to COUNT, so that a few mix all
 conditions."""
+SIZES = ("wn_pct", "zeta_error", "roll_pct", "n_dr_pct", "wn_z", "zeta_z")
 COLUMNS = (
     "fits", "pass %", "wn %", "zeta", "roll mode %", "N_dr %", "z wn", "z zeta", "in 2 sigma %",
     "beyond 3 %", "worst wn %", "s a start",
@@ -62,7 +63,7 @@ def motion(flight: dict[str, Any], number: int) -> Motion:
     )  # fmt: skip
 
 
-def rows_of(folder: Path, seed: int, manoeuvres: int, flight: int) -> list[Row]:
+def rows_of(seed: int, manoeuvres: int, folder: Path, flight: int) -> list[Row]:
     """Fly, or take from the folder, and fit; return a row for each manoeuvre."""
     flown = kept(folder, seed, flight)
     truth = json.loads(str(flown["truth"]))
@@ -94,36 +95,29 @@ def _row(truth: dict[str, Any], number: int, given: Motion) -> Row:
 def figures(rows: Sequence[Row]) -> dict[str, tuple[float, ...]]:
     """Return the figures of COLUMNS by name, NaN where none passes; those of z have two."""
     good = [row for row in rows if not row["failed"]]
-    if not good:
-        none: dict[str, tuple[float, ...]] = dict.fromkeys(COLUMNS, (math.nan,))
-        return none | {"fits": (len(rows),), "pass %": (0.0,)}
-
-    def size(name: str) -> np.ndarray:
-        return np.abs([row[name] for row in good])
-
-    z = size("wn_z"), size("zeta_z")
+    size = {name: np.abs(column(good, name)) for name in SIZES}
+    z = size["wn_z"], size["zeta_z"]
     return {
-        "fits": (len(rows),), "pass %": (100.0 * len(good) / len(rows),),
-        "wn %": (float(np.median(size("wn_pct"))),),
-        "zeta": (float(np.median(size("zeta_error"))),),
-        "roll mode %": (float(np.nanmedian(size("roll_pct"))),),
-        "N_dr %": (float(np.median(size("n_dr_pct"))),),
-        "z wn": (math.sqrt(float(np.mean(z[0] ** 2))),),
-        "z zeta": (math.sqrt(float(np.mean(z[1] ** 2))),),
-        "in 2 sigma %": tuple(100.0 * float(np.mean(each <= 2.0)) for each in z),
-        "beyond 3 %": tuple(100.0 * float(np.mean(each > 3.0)) for each in z),
-        "worst wn %": (float(size("wn_pct").max()),),
-        "s a start": (float(np.mean([row["cpu_s"] for row in rows])),),
+        "fits": (len(rows),), "pass %": (100.0 * len(good) / max(len(rows), 1),),
+        "wn %": (known(np.median, size["wn_pct"]),),
+        "zeta": (known(np.median, size["zeta_error"]),),
+        "roll mode %": (known(np.median, size["roll_pct"]),),
+        "N_dr %": (known(np.median, size["n_dr_pct"]),),
+        "z wn": (rms(z[0]),), "z zeta": (rms(z[1]),),
+        "in 2 sigma %": tuple(map(within, z)),
+        "beyond 3 %": tuple(100.0 - within(each, 3.0) for each in z),
+        "worst wn %": (known(np.max, size["wn_pct"]),),
+        "s a start": (known(np.mean, column(rows, "cpu_s")),),
     }  # fmt: skip
 
 
-def line(name: str, rows: Sequence[Row]) -> str:
+def condition_line(name: str, rows: Sequence[Row]) -> str:
     """Return the line of one condition."""
     shown = {"fits": "{:.0f}", "pass %": "{:.0f}", "zeta": "{:.4f}", "worst wn %": "{:.1f}",
              "in 2 sigma %": "{:.0f}", "beyond 3 %": "{:.0f}", "roll mode %": "{:.1f}"}  # fmt: skip
     cells = [" ".join(shown.get(column, "{:.2f}").format(x) for x in values)
              for column, values in figures(rows).items()]  # fmt: skip
-    return f"| {name} | " + " | ".join(cells).replace("nan", "-") + " |"
+    return line(name, *cells)
 
 
 def missed(rows: Sequence[Row]) -> list[str]:
@@ -144,40 +138,28 @@ def missed(rows: Sequence[Row]) -> list[str]:
     return found
 
 
-def _head(first: str) -> Iterator[str]:
-    yield f"|{first}| " + " | ".join(COLUMNS) + " |"
-    yield "|---" * (1 + len(COLUMNS)) + "|"
-
-
 def table(rows: Sequence[Row]) -> Generator[str, None, str | None]:
     """Yield a table by aileron and severity and one by aircraft; return the criteria missed."""
-    yield from _head(" ")
+    yield from head("", COLUMNS)
     for aileron in AILERONS:
         its = [row for row in rows if row["aileron"] == aileron]
-        yield line(f"aileron {aileron}", its)
+        yield condition_line(f"aileron {aileron}", its)
         for severity in SEVERITIES:
-            yield line(f"severity {severity}", [r for r in its if r["severity"] == severity])
+            yield condition_line(
+                f"severity {severity}", [r for r in its if r["severity"] == severity]
+            )
     moved = [row for row in rows if row["aileron"] == AILERONS[0]]
     yield ""
-    yield from _head(" aileron moved ")
+    yield from head("aileron moved", COLUMNS)
     for name in dict.fromkeys(row["aircraft"] for row in moved):
-        yield line(name, [row for row in moved if row["aircraft"] == name])
+        yield condition_line(name, [row for row in moved if row["aircraft"] == name])
     return "\n".join(missed(moved)) or None
 
 
 def main(arguments: list[str]) -> Generator[str, None, str | None]:
     """Fly, fit, and yield the table."""
-    parser = argparse.ArgumentParser(prog="bench.py lateral", description=__doc__)
-    options_of(parser)
-    parser.add_argument("--seed", type=int, default=SEED)
-    parser.add_argument("--flights", type=int, default=2 * COUNT)
-    parser.add_argument("--manoeuvres", type=int, default=3, choices=(1, 2, 3))
-    parser.add_argument("--csv", type=Path, metavar="FILE", help="a row for each manoeuvre")
-    options = parser.parse_args(arguments)
+    own = {"seed": SEED, "flights": 2 * COUNT, "manoeuvres": 3}
+    options = options_of("lateral", __doc__, arguments, **own, **FLOWN)
     numbers = [i * STRIDE % COUNT + i // COUNT * COUNT for i in range(options.flights)]
-    with folder_of(options.logs) as folder:
-        one = partial(rows_of, folder, options.seed, options.manoeuvres)
-        rows = in_processes(one, numbers, options.jobs)
-    if options.csv:
-        write_csv(options.csv, rows)
+    rows = all_rows(options, partial(rows_of, options.seed, options.manoeuvres), numbers)
     return (yield from table(rows))

@@ -6,7 +6,6 @@ read by yawid alone, and compared with the truth record by record.
 
 from __future__ import annotations
 
-import argparse
 import contextlib
 import importlib
 import io
@@ -20,57 +19,21 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
-from flights.surgery import CLASSES, STAMP_SIZE, Encoder, message_of, split
+from flights.surgery import CLASSES, STAMP_SIZE, split
 from numpy.typing import NDArray
 
+from bench.table import head, line, options_of
+
 TOOLS = Path(__file__).resolve().parents[1]
-WANTED = ("ATTITUDE", "SERVO_OUTPUT_RAW")
-SHARE_WANTED = 0.43
-MESSAGE_HZ = 234.0
-START_US = 1_700_000_000_000_000
-FLIP_RATE, GARBAGE_BLOCKS, LONGEST_GARBAGE = 1e-4, 60, 3000
-_OTHERS = (
-    "HEARTBEAT", "SYS_STATUS", "SYSTEM_TIME", "PARAM_VALUE", "GPS_RAW_INT", "SCALED_PRESSURE",
-    "RAW_IMU", "SCALED_IMU2", "GLOBAL_POSITION_INT", "LOCAL_POSITION_NED", "RC_CHANNELS",
-    "MISSION_CURRENT", "NAV_CONTROLLER_OUTPUT", "VFR_HUD", "POSITION_TARGET_GLOBAL_INT",
-    "POWER_STATUS", "TERRAIN_REPORT", "BATTERY_STATUS", "MEMINFO", "AHRS", "AHRS2", "HWSTATUS",
-    "WIND", "EKF_STATUS_REPORT", "VIBRATION", "STATUSTEXT", "SIMSTATE", "RADIO_STATUS",
-    "PID_TUNING", "AOA_SSA",
+WANTED = (
+    "ATTITUDE", "SERVO_OUTPUT_RAW", "RAW_IMU", "GLOBAL_POSITION_INT", "VFR_HUD", "RC_CHANNELS",
+    "HEARTBEAT", "PARAM_VALUE",
 )  # fmt: skip
-_PAYLOADS = 40  # of each message type; the sequence numbers make the frames differ
-
+"""What a replay reads of such a log."""
+MIX, MB_AN_HOUR = "raised", 25.8
+"""The messages of the logs (flights/long_log.py), of which 59 % are wanted; and an hour's size."""
+FLIP_RATE, GARBAGE_BLOCKS, LONGEST_GARBAGE = 1e-4, 60, 3000
 Result = dict[str, float]
-
-
-def write_log(path: Path, megabytes: int) -> tuple[int, int]:
-    """Write a log of 32 message types; return its number of records, and of wanted records."""
-    rng = np.random.default_rng(1)
-    records, wanted = _records(rng, 256 * 400)
-    block = np.frombuffer(b"".join(records), np.uint8).copy()
-    starts = np.cumsum([0, *map(len, records[:-1])])
-    stamps = START_US + (np.arange(len(records)) * 1e6 / MESSAGE_HZ).astype(np.int64)
-    repeats = max(round(megabytes * 1e6 / len(block)), 1)
-    with path.open("wb") as file:
-        for i in range(repeats):
-            now = stamps + i * int(len(records) * 1e6 / MESSAGE_HZ)
-            block[starts[:, None] + np.arange(8)] = now.astype(">i8")[:, None].view(np.uint8)
-            file.write(block.tobytes())
-    return len(records) * repeats, wanted * repeats
-
-
-def _records(rng: np.random.Generator, count: int) -> tuple[list[bytes], int]:
-    messages = {
-        name: [message_of(name, rng.bytes(CLASSES[name].unpacker.size)) for _ in range(_PAYLOADS)]
-        for name in (*WANTED, *_OTHERS)
-    }
-    encoder, records, wanted = Encoder(), [], 0
-    for _ in range(count):
-        is_wanted = rng.random() < SHARE_WANTED
-        names = WANTED if is_wanted else _OTHERS
-        wanted += is_wanted
-        message = messages[names[int(rng.integers(len(names)))]][int(rng.integers(_PAYLOADS))]
-        records.append(bytes(8) + encoder.frame(message))
-    return records, wanted
 
 
 def damage(source: Path, target: Path) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -186,7 +149,7 @@ def speeds(paths: list[Path], repeats: int) -> Iterator[str]:
                 peaks.append(f"{result['peak_mb']:.0f}")
                 times.append(f"{base['seconds'] / result['seconds']:.2g}" if base else "-")
         if rates:
-            yield "| " + " | ".join([reader, *map(" / ".join, (rates, peaks, times))]) + " |"
+            yield line(reader, *map(" / ".join, (rates, peaks, times)))
 
 
 def recovered(path: Path, truth: NDArray[np.int64], starts: NDArray[np.int64]) -> str:
@@ -201,25 +164,23 @@ def recovered(path: Path, truth: NDArray[np.int64], starts: NDArray[np.int64]) -
     orders = [m.order for b in (block, rest) if b is not None for m in b.messages.values()]
     found = np.concatenate(orders)
     hits, known = int(np.isin(found, truth).sum()), int(np.isin(found, starts).sum())
-    return (
-        f"| yawid, {FLIP_RATE:g} of the bytes flipped, {GARBAGE_BLOCKS} blocks of garbage | "
+    return line(
+        f"yawid, {FLIP_RATE:g} of the bytes flipped, {GARBAGE_BLOCKS} blocks of garbage",
         f"{hits} of {len(truth)} intact records, {len(found) - known} invented, "
-        f"{known - hits} with a damaged stamp | | |"
-    )
+        f"{known - hits} with a damaged stamp", "", "",
+    )  # fmt: skip
 
 
 def main(arguments: list[str]) -> Iterator[str]:
     """Yield the table."""
-    parser = argparse.ArgumentParser(prog="bench.py link", description=__doc__)
-    parser.add_argument("--megabytes", type=int, nargs="+", default=[20, 200])
-    parser.add_argument("--repeats", type=int, default=5)
-    options = parser.parse_args(arguments)
-    yield "| | MB/s | peak MB | x pymavlink |"
-    yield "|---|---|---|---|"
+    from flights.long_log import write_log  # its memory would count as that of the readers
+
+    options = options_of("link", __doc__, arguments, megabytes=(20, 200), repeats=5)
+    yield from head("", ("MB/s", "peak MB", "x pymavlink"))
     with tempfile.TemporaryDirectory() as folder:
         paths = [Path(folder) / f"{megabytes}mb.tlog" for megabytes in options.megabytes]
         for path, megabytes in zip(paths, options.megabytes, strict=True):
-            write_log(path, megabytes)
+            write_log(path, megabytes / MB_AN_HOUR, MIX)
         yield from speeds(paths, options.repeats)
         damaged = Path(folder) / "damaged.tlog"
         yield recovered(damaged, *damage(paths[0], damaged))

@@ -1,7 +1,8 @@
 """The live tap: loss, CPU per message against pymavlink, latency, kill -9, a soak at 50x speed.
 
-The parts are independent: --only loss stall cpu latency fits kill soak. The sender is a process of
-its own.
+The parts are independent: --only loss stall cpu latency fits kill soak. ``--seconds`` is the length
+of the loss at 20 000 messages a second, ``--speed`` that of the latency's link, ``--soak`` the
+length of the soak in s. The sender is a process of its own.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ import numpy as np
 from checks.children import LONG_S, child, free_udp_port
 from flights.surgery import split
 
+from bench.table import head, line, options_of
 from yawid.channels.stage import WANTED
 from yawid.runs.outputs import Outputs
 from yawid.runs.replay import replay
@@ -33,7 +35,6 @@ from yawid.sources.mavlink.decoder import Decoder
 
 TOOLS = Path(__file__).resolve().parents[1]
 LOG = TOOLS.parent / "replay_logs" / "sitl_fbwa_50hz" / "log.tlog"
-PARTS = ("loss", "stall", "cpu", "latency", "fits", "kill", "soak")
 LIVE: tuple[object, ...] = ("-m", "yawid", "live")
 QUIET_S = 0.5
 CPU_TURNS = 4
@@ -238,18 +239,17 @@ def bench_soak(options: argparse.Namespace) -> Iterator[str]:
         yield soak(process, port, options.soak)
 
 
+PARTS: dict[str, Callable[[argparse.Namespace], Iterator[str]]] = {
+    "loss": bench_loss, "stall": bench_stall, "cpu": bench_cpu, "latency": bench_latency,
+    "fits": bench_fits, "kill": bench_kill, "soak": bench_soak,
+}  # fmt: skip
+
+
 def main(arguments: list[str]) -> Iterator[str]:
     """Yield the rows of the parts asked for."""
-    parser = argparse.ArgumentParser(prog="bench.py live", description=__doc__)
-    parser.add_argument("--only", nargs="+", choices=PARTS, default=PARTS[:-1])
-    parser.add_argument("--log", type=Path, default=LOG)
-    parser.add_argument("--seconds", type=float, default=60.0, help="of the loss at 20 000 msg/s")
-    parser.add_argument("--speed", type=float, default=1.0, help="of the latency")
-    parser.add_argument("--kills", type=int, default=20)
-    parser.add_argument("--soak", type=float, default=300.0, help="seconds of the soak")
-    options = parser.parse_args(arguments)
-    yield "| | measured on loopback |"
-    yield "|---|---|"
+    own = {"only": tuple(PARTS)[:-1], "log": LOG, "seconds": 60.0, "speed": 1.0, "kills": 20}
+    options = options_of("live", __doc__, arguments, **own, soak=300.0)
+    yield from head("", ("measured on loopback",))
     for part in options.only:
-        for line in globals()[f"bench_{part}"](options):
-            yield f"| {part} | {line} |"
+        for found in PARTS[part](options):
+            yield line(part, found)

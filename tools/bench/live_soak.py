@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import socket
 import subprocess
 import threading
 import time
@@ -12,7 +11,8 @@ from collections.abc import Iterator
 
 import numpy as np
 from checks.children import LEAVE_S, resident_mb
-from flights.surgery import Encoder
+from flights.send_tlog import Sent, send
+from flights.surgery import Encoder, Record
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 SPEED, HZ = 50.0, 50
@@ -22,15 +22,15 @@ WARM_S = 60.0
 _PARAMETERS = {"SERVO4_FUNCTION": 21, "SERVO4_MIN": 1100, "SERVO4_TRIM": 1500, "SERVO4_MAX": 1900}
 
 
-def flight(rng: np.random.Generator) -> Iterator[list[bytes]]:
-    """Yield the frames that the vehicle sends in each fiftieth of a second, without end.
+def flight(rng: np.random.Generator, seconds: float) -> Iterator[Record]:
+    """Yield what the vehicle sends, with the time in us since the beginning as the stamp.
 
     In its own time, it is silent for 20 s every ten minutes, reboots every hour, and lacks one
     second of frames in every 97.
     """
     packed = Encoder().frame
-    step, boot, y, y1, u1, u2 = 0, 0, 0.0, 0.0, 0.0, 0.0
-    while True:
+    boot, y, y1, u1, u2 = 0, 0.0, 0.0, 0.0, 0.0
+    for step in range(round(seconds * HZ)):
         tick = step - boot
         if tick == 3600 * HZ:
             boot, tick = step, 0
@@ -49,34 +49,19 @@ def flight(rng: np.random.Generator) -> Iterator[list[bytes]]:
         ms, servos = 100_000 + tick * 1000 // HZ, [1500] * 3 + [int(1500 + 400 * u)] + [0] * 4
         out.append(packed(dialect.MAVLink_servo_output_raw_message(1000 * ms, 0, *servos)))
         out.append(packed(dialect.MAVLink_attitude_message(ms, 0.0, 0.0, 0.0, 0.0, 0.0, y)))
-        silent = second % 600 >= 580 or second % 97 == 96
-        yield [] if silent else out
-        step += 1
-
-
-def fly(port: int, seconds: float, sent: list[int]) -> None:
-    """Send the flight at ``SPEED`` for ``seconds`` s; add the frames sent to ``sent[0]``."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
-        sock.connect(("127.0.0.1", port))
-        start_s = time.monotonic()
-        for step, frames in enumerate(flight(np.random.default_rng(0))):
-            ahead_s = step / (SPEED * HZ) - (time.monotonic() - start_s)
-            if ahead_s > 0.002:
-                time.sleep(ahead_s)
-            for frame in frames:
-                sock.send(frame)
-            sent[0] += len(frames)
-            if step / (SPEED * HZ) > seconds:
-                return
+        if second % 600 < 580 and second % 97 != 96:
+            yield from ((1_000_000 * step // HZ, frame) for frame in out)
 
 
 def soak(process: subprocess.Popen[str], port: int, seconds: float) -> str:
     """Send the flight, watch the process's memory, end it, and return the result in words."""
-    sent = [0]
+    sent: list[Sent] = []
     assert process.stderr is not None
     reader = threading.Thread(target=process.stderr.read, daemon=True)
     reader.start()
-    vehicle = threading.Thread(target=fly, args=(port, seconds, sent), daemon=True)
+    records = flight(np.random.default_rng(0), SPEED * seconds)
+    to = ("127.0.0.1", port)
+    vehicle = threading.Thread(target=lambda: sent.append(send(records, to, SPEED)), daemon=True)
     start_s = time.monotonic()
     vehicle.start()
     memory = []
@@ -90,7 +75,7 @@ def soak(process: subprocess.Popen[str], port: int, seconds: float) -> str:
     warm = [mb for at_s, mb in memory if at_s >= WARM_S] or [memory[-1][1]]
     dropped, link = sum(summary["live"]["dropped"].values()), summary["link"]
     return (
-        f"{memory[-1][0]:.0f} s at {SPEED:g}x, {sent[0]} frames, {dropped} dropped, "
+        f"{memory[-1][0]:.0f} s at {SPEED:g}x, {sent[0].sent} frames, {dropped} dropped, "
         f"{link['reboots']} reboots, {link['gaps']} gaps; memory {memory[0][1]:.0f} MB at first, "
         f"{memory[-1][1]:.0f} at the end, grown by {max(warm) - warm[0]:.1f} after a minute"
     )

@@ -3,12 +3,11 @@
 ``made`` is made-up telemetry as a plane sends it (long_log.py), ``jsbsim`` a flight of the c172p.
 Manoeuvres are a tenth of each log, or the rudder never rests, and every 120 s make one manoeuvre.
 Each replay is a process of its own, with auto and off in turn. The seconds are medians of user CPU,
-the ratio is the median over the pairs.
+the ratio is the median over the pairs. ``--share`` shortens the logs.
 """
 
 from __future__ import annotations
 
-import argparse
 import tempfile
 from collections.abc import Callable, Iterator
 from itertools import cycle
@@ -25,6 +24,7 @@ from flights.surgery import join
 from flights.telemetry import Link, telemetry
 
 from bench.replay import ANSWERED
+from bench.table import head, line, options_of
 
 SETTINGS = ("off", "auto")
 MOVED_S, EVERY_S = 30.0, 360.0
@@ -99,16 +99,12 @@ def compared(log: Path, name: str, pairs: int) -> tuple[str, str]:
     off, auto = (median(column) for column in zip(*turns, strict=True))
     ratio = median(b / a for a, b in turns)
     minutes, share = found.duration_s / 60.0, sum(spans) / found.duration_s
-    head = f"{name}, {minutes:.0f} min ({share:.0%})"
-    return head, f"{off:.2f}, {auto:.2f}: {ratio:.2f}"
+    return f"{name}, {minutes:.0f} min ({share:.0%})", f"{off:.2f}, {auto:.2f}: {ratio:.2f}"
 
 
 def main(arguments: list[str]) -> Iterator[str]:
     """Yield the table."""
-    parser = argparse.ArgumentParser(prog="bench.py manoeuvres", description=__doc__)
-    parser.add_argument("--pairs", type=int, default=5)
-    parser.add_argument("--share", type=float, default=1.0, help="of the logs' lengths")
-    options = parser.parse_args(arguments)
+    options = options_of("manoeuvres", __doc__, arguments, pairs=5, share=1.0)
     columns = []
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -116,6 +112,6 @@ def main(arguments: list[str]) -> Iterator[str]:
             log = folder / f"{number}.tlog"
             write(log, options.share * minutes)
             columns.append(compared(log, what, options.pairs))
-    yield "| | " + " | ".join(head for head, _ in columns) + " |"
-    yield "|---" * (1 + len(columns)) + "|"
-    yield "| user CPU s, off, auto: ratio | " + " | ".join(cell for _, cell in columns) + " |"
+    heads, cells = zip(*columns, strict=True)
+    yield from head("", heads)
+    yield line("user CPU s, off, auto: ratio", *cells)

@@ -14,7 +14,6 @@ The exit code is 1 if an answer is further off, if one is missing, or if one sho
 
 from __future__ import annotations
 
-import argparse
 import csv
 import json
 import shlex
@@ -22,10 +21,11 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Generator
-from functools import partial
 from pathlib import Path
 
-from checks.judge import Row, in_processes
+from checks.judge import Row
+
+from bench.table import all_rows, head, line, options_of
 
 TABLE = "references.csv"
 REFUSE = "refuse"
@@ -96,23 +96,18 @@ def references(folder: Path) -> list[dict[str, str]]:
 
 def main(arguments: list[str]) -> Generator[str, None, str | None]:
     """Yield the table; return how many records do not meet their reference, None if all do."""
-    parser = argparse.ArgumentParser(prog="bench.py real", description=__doc__)
-    parser.add_argument("folder", type=Path)
-    parser.add_argument("--jobs", type=int, default=2, help="processes, at most 2")
-    options = parser.parse_args(arguments)
-    tasks = references(options.folder)
-    rows = in_processes(partial(replayed, options.folder), tasks, options.jobs)
-    yield "| | records | answered, within tolerance | further off | refused, rightly | wrongly |"
-    yield "|---|---|---|---|---|---|"
+    options = options_of("real", __doc__, arguments, logs=None, jobs=2, csv=Path)
+    rows = all_rows(options, replayed, references(options.logs))
+    columns = ("answered, within tolerance", "further off", "refused, rightly", "wrongly")
+    yield from head("", ("records", *columns))
     gone = [row["met"] for row in rows if row["answer"] == "refused"]
     here = [row["met"] for row in rows if row["answer"] != "refused"]
-    counts = (len(rows), sum(here), len(here) - sum(here), sum(gone), len(gone) - sum(gone))
-    yield f"| flown | {' | '.join(map(str, counts))} |"
+    counts = (sum(here), len(here) - sum(here), sum(gone), len(gone) - sum(gone))
+    yield line("flown", len(rows), *counts)
     yield ""
-    yield "| record | wanted wn, zeta | answer | off %, zeta | reasons | met |"
-    yield "|---|---|---|---|---|---|"
+    yield from head("record", ("wanted wn, zeta", "answer", "off %, zeta", "reasons", "met"))
     for row in rows:
         cells = (row[name] for name in ("file", "wanted", "answer", "off", "why"))
-        yield f"| {' | '.join(map(str, cells))} | {'yes' if row['met'] else 'NO'} |"
+        yield line(*cells, "yes" if row["met"] else "NO")
     failed = sum(not row["met"] for row in rows)
     return f"{failed} of {len(rows)} records do not meet their reference" if failed else None

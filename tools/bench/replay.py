@@ -18,6 +18,8 @@ from checks.children import Cost, cost_of
 from flights.long_log import MIXES, write_log
 from pymavlink import mavutil
 
+from bench.table import head, line, options_of
+
 ANSWERED = (0, 5)
 """Exit codes of a log with a usable answer, and of one without."""
 WANTED = ["ATTITUDE", "SERVO_OUTPUT_RAW", "HEARTBEAT", "VFR_HUD"]
@@ -56,8 +58,7 @@ def bench(mix: str, folder: Path, options: argparse.Namespace) -> Iterator[str]:
     log = folder / f"{mix}.tlog"
     each_s = write_log(log, options.hours, mix) / options.hours / 3600.0
     bare = [
-        min(bare_pymavlink(log, wanted) for _ in range(options.repeat))
-        for wanted in ((None, WANTED) if not options.no_bare else ())
+        min(bare_pymavlink(log, wanted) for _ in range(options.repeat)) for wanted in (None, WANTED)
     ]
     for what, rerun in (("MCAP", "off"), ("MCAP and .rrd", "save")):
         runs = [replay(log, folder / rerun, rerun) for _ in range(options.repeat)]
@@ -85,19 +86,15 @@ def best(runs: Sequence[Cost]) -> Cost:
 def row(name: str, runs: Sequence[Cost], ratio: str) -> str:
     """Return the row of some runs: the seconds of the best one, and the highest peak of memory."""
     least, peak_mb = best(runs), max(run.peak_mb for run in runs)
-    return f"| {name} | {least.cpu_s:.1f} | {least.wall_s:.1f} | {ratio} | {peak_mb:.0f} |"
+    return line(name, f"{least.cpu_s:.1f}", f"{least.wall_s:.1f}", ratio, f"{peak_mb:.0f}")
 
 
 def main(arguments: list[str]) -> Iterator[str]:
     """Yield the table."""
-    parser = argparse.ArgumentParser(prog="bench.py replay", description=__doc__)
-    parser.add_argument("--hours", type=float, default=1.0)
-    parser.add_argument("--mix", choices=list(MIXES), nargs="+", default=list(MIXES))
-    parser.add_argument("--repeat", type=int, default=3)
-    parser.add_argument("--no-bare", action="store_true", help="leave pymavlink out")
-    options = parser.parse_args(arguments)
-    yield "| | CPU s | wall s | CPU over pymavlink's, every message / the wanted | peak MB |"
-    yield "|---|---|---|---|---|"
+    own = {"hours": 1.0, "mix": tuple(MIXES), "repeat": 3}
+    options = options_of("replay", __doc__, arguments, **own)
+    over = "CPU over pymavlink's, every message / the wanted"
+    yield from head("", ("CPU s", "wall s", over, "peak MB"))
     with tempfile.TemporaryDirectory() as folder:
         for mix in options.mix:
             yield from bench(mix, Path(folder), options)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import datetime
 import importlib
 import os
+import re
 import shlex
 import sys
 
@@ -57,7 +58,7 @@ def run(name: str, options: list[str]) -> tuple[str, str | None]:
             line = next(bench)
         except StopIteration as end:
             return "\n".join(lines), end.value
-        lines.append(line if lines else line.replace("| |", made, 1))
+        lines.append(line if lines else re.sub(r"^\| *\|", lambda _: made, line))
         print(lines[-1], flush=True)
 
 

@@ -1,6 +1,6 @@
 """Whole flights at three speeds: which manoeuvres are found, and how right each answer is.
 
-    python tools/bench.py speeds [--seeds 4] [--severities 0,1,2,3] [--logs DIR] [--jobs 2]
+    python tools/bench.py speeds [--seeds 4] [--severities 0 1 2 3] [--logs DIR] [--jobs 2]
 
 The plan three_speeds (flights/legs.py) is flown in turbulence of each severity and replayed with
 the default options. Every manoeuvre is compared with the truth at the airspeed flown, then the
@@ -10,16 +10,17 @@ flight's answer. A usable manoeuvre is right (within 2 % of wn and .02 of zeta),
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from checks.judge import Row, folder_of, in_processes, judged, kept, options_of
+from checks.judge import Row, judged, kept
 from flights.fly import fly
 from flights.legs import PLANS, LegPlan
 from flights.telemetry import Link
+
+from bench.table import FLOWN, all_rows, head, line, options_of
 
 RIGHT_PCT, RIGHT_ZETA, FAIR_PCT, WRONG_PCT = 2.0, 0.02, 5.0, 10.0
 Task = tuple[int, int]
@@ -86,23 +87,19 @@ def _span(values: Sequence[float], form: str) -> str:
 
 def main(arguments: list[str]) -> Iterator[str]:
     """Yield a table of manoeuvres, then one of flights, a row for each severity."""
-    parser = argparse.ArgumentParser(prog="bench.py speeds", description=__doc__)
-    parser.add_argument("--seeds", type=int, default=4, help="of each severity")
-    parser.add_argument("--severities", default="0,1,2,3", help="0 to 7")
-    options_of(parser)
-    options = parser.parse_args(arguments)
-    severities = [int(each) for each in options.severities.split(",")]
+    own = {"seeds": 4, "severities": (0, 1, 2, 3)}
+    options = options_of("speeds", __doc__, arguments, **own, **FLOWN)
+    severities = options.severities
     tasks = [(severity, 1 + n) for severity in severities for n in range(options.seeds)]
-    with folder_of(options.logs) as folder:
-        found = in_processes(partial(rows_of, folder), tasks, options.jobs)
+    found = all_rows(options, rows_of, tasks)
     by = {severity: [r for r in found if r["severity"] == severity] for severity in severities}
-    yield "| | flown | missed | elsewhere | refused | right | fair | neither | wrong |"
-    yield "|---" * 9 + "|"
+    right = ("right", "fair", "neither", "wrong")
+    yield from head("", ("flown", "missed", "elsewhere", "refused", *right))
     for severity, rows in by.items():
-        yield f"| severity {severity} | " + " | ".join(map(str, counts(rows))) + " |"
+        yield line(f"severity {severity}", *counts(rows))
     yield ""
-    yield "| | flights | usable | wn off, % | zeta off | kappa off, % | z | disagree |"
-    yield "|---" * 8 + "|"
+    off = ("wn off, %", "zeta off", "kappa off, %", "z", "disagree")
+    yield from head("", ("flights", "usable", *off))
     for severity, rows in by.items():
-        cells = flight_cells([row for row in rows if row["kind"] == "flight"])
-        yield f"| severity {severity} | {' | '.join(cells)} |"
+        flights = [row for row in rows if row["kind"] == "flight"]
+        yield line(f"severity {severity}", *flight_cells(flights))

@@ -30,6 +30,8 @@ from checks.children import cost_of
 from flights.long_log import write_log
 from mcap.reader import make_reader
 
+from bench.table import head, line, options_of
+
 ROOT = Path(__file__).resolve().parents[2]
 LOG = ROOT / "replay_logs" / "c172p_3211" / "log.tlog"
 NUMPY, HELP, SHORT = "`import numpy`", "`yawid --help`", "a replay"
@@ -198,7 +200,7 @@ def row(name: str, seconds: dict[str, float], equal: set[tuple[int, int]]) -> st
         elif column not in (NUMPY, SHORT_WALL):
             cell += f" ({seconds[column] / seconds[NUMPY]:.2g})"
         cells.append(cell)
-    return f"| {' | '.join([name, *cells])} |"
+    return line(name, *cells)
 
 
 def missed(seconds: dict[str, float], equal: set[tuple[int, int]]) -> str | None:
@@ -215,15 +217,9 @@ def missed(seconds: dict[str, float], equal: set[tuple[int, int]]) -> str | None
 
 def main(arguments: list[str]) -> Generator[str, None, str | None]:
     """Yield the table; return what costs too much or differs when cold, None if nothing does."""
-    parser = argparse.ArgumentParser(prog="bench.py start", description=__doc__)
-    parser.add_argument("--against", metavar="COMMIT")
-    parser.add_argument("--rounds", type=int, default=5)
-    parser.add_argument("--hours", type=float, default=1.0)
-    parser.add_argument("--hour-rounds", type=int, default=2)
-    parser.add_argument("--cold-rounds", type=int, default=2)
-    options = parser.parse_args(arguments)
-    yield f"| | {' | '.join(COLUMNS)} |"
-    yield "|---" * (1 + len(COLUMNS)) + "|"
+    own = {"against": str, "rounds": 5, "hours": 1.0, "hour_rounds": 2, "cold_rounds": 2}
+    options = options_of("start", __doc__, arguments, **own)
+    yield from head("", COLUMNS)
     benches = measured(options)
     found = [bench.seconds(options.hours) for bench in benches]
     for name, seconds, bench in zip(("before", "now")[-len(found) :], found, benches, strict=True):

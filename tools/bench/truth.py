@@ -15,15 +15,15 @@ was flown. The answer is output error's in calm air, else RML's.
 
 from __future__ import annotations
 
-import argparse
-import math
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
 
 import numpy as np
-from checks.judge import METHODS, Row, folder_of, in_processes, judged, kept, options_of, write_csv
+from checks.judge import METHODS, Row, judged, kept
 from flights.moved import COUNT, GYROS, PLACES, RATES_HZ, SEVERITIES, SHAPES, TABLE, of_grid
+
+from bench.table import FLOWN, all_rows, column, head, known, line, options_of, rms, within
 
 CONDITIONS = (
     "number", "aircraft", "speed_kt", "manoeuvre", "severity", "gyro", "rate_hz", "amplitude",
@@ -77,9 +77,9 @@ GROUPS: dict[str, Callable[[Row], bool]] = {
 }
 
 
-def of_kind(rows: Iterable[Row], *kinds: str) -> list[Row]:
-    """Return the rows of these kinds of estimate."""
-    return [row for row in rows if row["kind"] in kinds]
+def of_kind(rows: Iterable[Row], kind: str) -> list[Row]:
+    """Return the rows of one kind of estimate."""
+    return [row for row in rows if row["kind"] == kind]
 
 
 def estimates(rows: Iterable[Row], kind: str) -> list[Row]:
@@ -87,72 +87,43 @@ def estimates(rows: Iterable[Row], kind: str) -> list[Row]:
     return [row for row in of_kind(rows, kind) if row["usable"] and row["wn_error_pct"] is not None]
 
 
-def rms(rows: Iterable[Row], name: str) -> float:
-    """Return the root mean square of a column over the rows that have it; NaN without any."""
-    known = [row[name] for row in rows if row[name] is not None]
-    return math.sqrt(sum(x * x for x in known) / len(known)) if known else math.nan
+def figures(some: Sequence[Row], z: str = "z") -> dict[str, float]:
+    """Return the figures of estimates by their columns, the last one's for wn and for zeta apart.
 
-
-def within(rows: Sequence[Row], name: str) -> float:
-    """Return how many % of the rows have |z| of at most 2; an unknown z counts as more."""
-    hits = sum(row[name] is not None and abs(row[name]) <= 2.0 for row in rows)
-    return 100.0 * hits / len(rows) if rows else math.nan
-
-
-def sigma_pct(rows: Iterable[Row]) -> float:
-    """Return the median sigma of wn in % of wn."""
-    known = [100.0 * row["wn_sigma"] / row["wn"] for row in rows if row["wn_sigma"] is not None]
-    return float(np.median(known)) if known else math.nan
-
-
-def mean_pct(rows: Sequence[Row]) -> float:
-    """Return the mean error of wn in %, with its sign."""
-    return sum(row["wn_error_pct"] for row in rows) / len(rows) if rows else math.nan
+    With the ``z`` of z_noise, sigma is that of noise alone. A figure is NaN without an estimate.
+    """
+    off, wn, zeta = (column(some, name) for name in ("wn_error_pct", f"wn_{z}", f"zeta_{z}"))
+    sigma = 100.0 * column(some, "wn_sigma") / column(some, "wn")
+    return {
+        "off %": known(np.median, np.abs(off)), "mean %": known(np.mean, off),
+        "sigma %": known(np.median, sigma), "z wn": rms(wn), "z zeta": rms(zeta),
+        "wn in": within(wn), "zeta in": within(zeta),
+    }  # fmt: skip
 
 
 def answered_pct(rows: Iterable[Row]) -> float:
     """Return how many % of the flights have a usable answer."""
-    flights = of_kind(rows, "flight")
-    usable = sum(row["usable"] for row in flights)
-    return 100.0 * usable / len(flights) if flights else math.nan
+    return 100.0 * known(np.mean, column(of_kind(rows, "flight"), "usable"))
 
 
-def cells(rows: Sequence[Row], kinds: Sequence[str], z: str = "z") -> list[str]:
+def cells(rows: Sequence[Row], kinds: Sequence[str]) -> list[str]:
     """Return the last six of COLUMNS, each cell with the kinds of estimate side by side."""
-    each = [estimates(rows, kind) for kind in kinds]
-    off = [[abs(row["wn_error_pct"]) for row in e] for e in each]
-    return [
-        _side_by_side("{:.2f}", (float(np.median(o)) if o else math.nan for o in off)),
-        _side_by_side("{:+.2f}", map(mean_pct, each)),
-        _side_by_side("{:.2f}", map(sigma_pct, each)),
-        _side_by_side("{:.2f}", (rms(e, f"wn_{z}") for e in each)),
-        _side_by_side("{:.2f}", (rms(e, f"zeta_{z}") for e in each)),
-        _side_by_side("{}", (f"{within(e, f'wn_{z}'):.0f} {within(e, f'zeta_{z}'):.0f}"
-                             for e in each)),
-    ]  # fmt: skip
-
-
-def _side_by_side(form: str, values: Iterable[object]) -> str:
-    return (
-        " / ".join(form.format(value) for value in values).replace("+nan", "-").replace("nan", "-")
-    )
-
-
-def _line(first: str, others: Iterable[object]) -> str:
-    return f"| {first} | " + " | ".join(map(str, others)) + " |"
+    each = [figures(estimates(rows, kind)) for kind in kinds]
+    forms = [f"{{{name}:.2f}}" for name in ("off %", "sigma %", "z wn", "z zeta")]
+    forms.insert(1, "{mean %:+.2f}")
+    return [" / ".join(form.format(**of) for of in each)
+            for form in (*forms, "{wn in:.0f} {zeta in:.0f}")]  # fmt: skip
 
 
 def condition_line(name: str, rows: Sequence[Row]) -> str:
     """Return the line of one condition."""
     flights = len(of_kind(rows, "flight"))
-    counted = [str(flights), f"{answered_pct(rows):.0f}".replace("nan", "-")]
-    return _line(name, [*counted, *cells(rows, TABLED)])
+    return line(name, flights, f"{answered_pct(rows):.0f}", *cells(rows, TABLED))
 
 
 def condition_lines(first: str, rows: Sequence[Row], names: Iterable[str]) -> Iterator[str]:
     """Yield a table with a row for each condition, answer / RML."""
-    yield f"|{first}| " + " | ".join(COLUMNS) + " |"
-    yield "|---" * (1 + len(COLUMNS)) + "|"
+    yield from head(first, COLUMNS)
     for name in names:
         if some := [row for row in rows if GROUPS[name](row)]:
             yield condition_line(name, some)
@@ -165,28 +136,23 @@ def across_lines(rows: Sequence[Row], names: Sequence[str]) -> Iterator[str]:
     yield "|---" * (1 + len(names)) + "|"
     columns = [cells([row for row in rows if GROUPS[name](row)], TABLED[:1]) for name in names]
     for name, values in zip(COLUMNS[2:], zip(*columns, strict=True), strict=True):
-        yield (
-            f"|{name}|"
-            + "|".join(each.removeprefix("0").replace(" ", ",") for each in values)
-            + "|"
-        )
+        shown = (each.removeprefix("0").replace(" ", ",") for each in values)
+        yield f"|{name}|{'|'.join(shown)}|".replace("+nan", "-").replace("nan", "-")
 
 
 def worst_lines(rows: Sequence[Row]) -> Iterator[str]:
     """Yield a table with a row for each aircraft: mean and median size of wn's error, the worst."""
-    yield "| aircraft | answers | mean % | off % | the worst answer |"
-    yield "|---|---|---|---|---|"
+    yield from head("aircraft", ("answers", "mean %", "off %", "the worst answer"))
     for name in dict.fromkeys(place[0] for place in PLACES):
         if some := estimates([row for row in rows if row["aircraft"] == name], "manoeuvre"):
-            off = [abs(row["wn_error_pct"]) for row in some]
+            of, off = figures(some), np.abs(column(some, "wn_error_pct"))
             bad = some[int(np.argmax(off))]
             said = (
                 f"{bad['wn_error_pct']:+.1f} %, zeta {bad['zeta'] - bad['zeta_true']:+.3f}: flight "
                 f"{bad['number']}, {bad['manoeuvre']}, severity {bad['severity']}, {bad['gyro']} "
                 f"gyro, {bad['rate_hz']} Hz, at {bad['from_s']:.0f} s"
             )
-            cells = len(some), f"{mean_pct(some):+.2f}", f"{float(np.median(off)):.2f}", said
-            yield _line(name, cells)
+            yield line(name, len(some), f"{of['mean %']:+.2f}", f"{of['off %']:.2f}", said)
 
 
 def _wrong(row: Row) -> bool:
@@ -198,10 +164,11 @@ def _right(row: Row) -> bool:
     return row["wn_error_pct"] is not None and abs(row["wn_error_pct"]) < RIGHT_PCT
 
 
-def _share(hits: Sequence[Row], of: Sequence[Row]) -> tuple[str, float]:
-    """Return a share as text and in %; it is 100 % if ``of`` is empty."""
+def _share(hits: Sequence[Row], of: Sequence[Row], least: float, name: str) -> Criterion:
+    """Return the criterion of a share in %, which is 100 if ``of`` is empty; 0 asks for nothing."""
     share = 100.0 * len(hits) / len(of) if of else 100.0
-    return f"{share:.0f} % ({len(hits)} of {len(of)})", share
+    needed = f">= {least:g} %" if least else ""
+    return name, needed, f"{share:.0f} % ({len(hits)} of {len(of)})", share >= least
 
 
 def warning_criteria(rows: Sequence[Row]) -> Iterator[Criterion]:
@@ -209,26 +176,18 @@ def warning_criteria(rows: Sequence[Row]) -> Iterator[Criterion]:
 
     A refused flight counts as wrong if any of its manoeuvres is wrong by its answering method.
     """
-    manoeuvres = of_kind(rows, "manoeuvre")
+    manoeuvres, flights = of_kind(rows, "manoeuvre"), of_kind(rows, "flight")
     would = {row["number"] for row in manoeuvres if _wrong(row)}
-    flights = of_kind(rows, "flight")
-    for name, each in (("flights", flights), ("manoeuvres", manoeuvres)):
+    lost = [row for row in flights if not row["usable"] and row["number"] in would]
+    for name, each, counts in (("flights", flights, 1.0), ("manoeuvres", manoeuvres, 0.0)):
         right = [row for row in each if row["usable"] and _right(row)]
-        wrong = [
-            row
-            for row in each
-            if _wrong(row) or (name == "flights" and not row["usable"] and row["number"] in would)
-        ]
-        silent, silent_pct = _share([row for row in right if not row["warnings"]], right)
+        wrong = [row for row in each if _wrong(row) or (counts and row in lost)]
+        silent = [row for row in right if not row["warnings"]]
         seen = [row for row in wrong if row["warnings"] or not row["usable"]]
-        warned, warned_pct = _share(seen, wrong)
-        counts = name == "flights"
-        needed = f">= {SILENT_PCT:g} %", f">= {WARNED_PCT:g} %"
-        silent_met, warned_met = silent_pct >= SILENT_PCT, warned_pct >= WARNED_PCT
-        yield (f"{name} less than {RIGHT_PCT:g} % off: no warning",
-               needed[0] if counts else "", silent, silent_met or not counts)  # fmt: skip
-        yield (f"{name} off by {WRONG_PCT:g} % and {WRONG_Z:g} sigma: warned or refused",
-               needed[1] if counts else "", warned, warned_met or not counts)  # fmt: skip
+        what = f"{name} less than {RIGHT_PCT:g} % off: no warning"
+        yield _share(silent, right, counts * SILENT_PCT, what)
+        what = f"{name} off by {WRONG_PCT:g} % and {WRONG_Z:g} sigma: warned or refused"
+        yield _share(seen, wrong, counts * WARNED_PCT, what)
 
 
 def criteria(rows: Sequence[Row]) -> Iterator[Criterion]:
@@ -239,18 +198,19 @@ def criteria(rows: Sequence[Row]) -> Iterator[Criterion]:
         yield f"answered, {name}", f">= {least:g} %", f"{share:.1f} %", share >= least
     for kind, called in KINDS.items():
         each = estimates(rows, kind)
+        total, noise = figures(each), figures(each, "z_noise")
         for what in ("wn", "zeta"):
-            z, noise = rms(each, f"{what}_z"), rms(each, f"{what}_z_noise")
-            said = f"{z:.2f} (noise alone {noise:.2f})"
+            z = total[f"z {what}"]
+            said = f"{z:.2f} (noise alone {noise[f'z {what}']:.2f})"
             met = Z_FROM <= z <= Z_TO
             yield f"{called}, RMS z of {what}", f"{Z_FROM:g} to {Z_TO:g}", said, met
         for what in ("wn", "zeta"):
-            share, noise = within(each, f"{what}_z"), within(each, f"{what}_z_noise")
-            said = f"{share:.1f} % (noise alone {noise:.1f} %)"
+            share = total[f"{what} in"]
+            said = f"{share:.1f} % (noise alone {noise[f'{what} in']:.1f} %)"
             met = share >= COVERED_PCT
             yield f"{called}, {what} within 2 sigma", f">= {COVERED_PCT:g} %", said, met
         for name, most in SIGMA_PCT.items():
-            sigma = sigma_pct(estimates(air[name], kind))
+            sigma = figures(estimates(air[name], kind))["sigma %"]
             what = f"{called}, median sigma of wn, {name}"
             # RML and ELS check the answer: their sigmas may be large if they are right.
             needed = f"<= {most:g} %" if called == "answer" else ""
@@ -260,13 +220,12 @@ def criteria(rows: Sequence[Row]) -> Iterator[Criterion]:
 
 def criteria_lines(found: Sequence[Criterion]) -> Iterator[str]:
     """Yield the table of criteria."""
-    yield "| criterion | needed | measured | met |"
-    yield "|---|---|---|---|"
+    yield from head("criterion", ("needed", "measured", "met"))
     for what, needed, said, met in found:
-        yield _line(what, (needed, said, ("yes" if met else "NO") if needed else ""))
+        yield line(what, needed, said, ("yes" if met else "NO") if needed else "")
 
 
-def flight_rows(folder: Path, seed: int, number: int) -> list[Row]:
+def flight_rows(seed: int, folder: Path, number: int) -> list[Row]:
     """Return the rows of one flight of the grid; fly it if the folder does not have it yet.
 
     Raises:
@@ -279,42 +238,22 @@ def flight_rows(folder: Path, seed: int, number: int) -> list[Row]:
     return [conditions | row for row in judged(log, truth)]
 
 
-def parse(arguments: list[str]) -> argparse.Namespace:
-    """Return the options."""
-    parser = argparse.ArgumentParser(
-        prog="bench.py truth",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    parser.add_argument("--seed", type=int, default=TABLE)
-    parser.add_argument("--flights", type=int, default=COUNT, help=f"1 to {COUNT}: fewer, mixed")
-    options_of(parser)
-    parser.add_argument("--csv", type=Path, metavar="FILE", help="every row")
-    options = parser.parse_args(arguments)
-    if not 1 <= options.flights <= COUNT or options.jobs < 1:
-        parser.error(f"--flights must be 1 to {COUNT}, --jobs 1 or 2")
-    return options
-
-
 def main(arguments: list[str]) -> Generator[str, None, str | None]:
     """Yield two tables of tools/README.md, that of README.md and the others, blank lines between.
 
     Return which criteria are not met, None if all are.
     """
-    options = parse(arguments)
-    numbers = sorted(i * STRIDE % COUNT for i in range(options.flights))
-    with folder_of(options.logs) as folder:
-        rows = in_processes(partial(flight_rows, folder, options.seed), numbers, options.jobs)
-    if options.csv:
-        write_csv(options.csv, rows)
+    options = options_of("truth", __doc__, arguments, seed=TABLE, flights=COUNT, **FLOWN)
+    numbers = sorted(i * STRIDE % COUNT for i in range(min(options.flights, COUNT)))
+    rows = all_rows(options, partial(flight_rows, options.seed), numbers)
     found = list(criteria(rows))
     air = ("all", *ANSWERED_PCT)
-    yield from condition_lines(" ", rows, air)
-    yield _line("needed", NEEDED)
+    yield from condition_lines("", rows, air)
+    yield line("needed", *NEEDED)
     yield ""
     yield from across_lines(rows, [name for name in GROUPS if name not in air])
     yield ""
-    yield from condition_lines(" JSBSim, answer / RML ", rows, air)
+    yield from condition_lines("JSBSim, answer / RML", rows, air)
     yield ""
     yield from criteria_lines(found)
     yield ""

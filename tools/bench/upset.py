@@ -9,15 +9,16 @@ a replay fails.
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Generator
 from functools import partial
 from pathlib import Path
 
-from checks.judge import Row, folder_of, in_processes, judged, kept, options_of
+from checks.judge import Row, judged, kept
 from flights.fly import fly
 from flights.legs import PLANS
 from flights.telemetry import Link
+
+from bench.table import FLOWN, all_rows, head, line, options_of
 
 
 def rows_of(folder: Path, seed: int) -> list[Row]:
@@ -35,18 +36,13 @@ def rows_of(folder: Path, seed: int) -> list[Row]:
 
 def main(arguments: list[str]) -> Generator[str, None, str | None]:
     """Yield the table; return how many are usable or broken, None if none is."""
-    parser = argparse.ArgumentParser(prog="bench.py upset", description=__doc__)
-    parser.add_argument("--seeds", type=int, default=100)
-    options_of(parser)
-    options = parser.parse_args(arguments)
-    with folder_of(options.logs) as folder:
-        rows = in_processes(partial(rows_of, folder), range(1, 1 + options.seeds), options.jobs)
+    options = options_of("upset", __doc__, arguments, seeds=100, **FLOWN)
+    rows = all_rows(options, rows_of, range(1, 1 + options.seeds))
     broken = [row for row in rows if row["kind"] == "broken"]
     usable = [row for row in rows if row["usable"]]
-    yield "| | flights | found | usable | replays broke off |"
-    yield "|---|---|---|---|---|"
-    counts = (options.seeds, len(rows) - len(broken), len(usable), len(broken))
-    yield f"| manoeuvres | {' | '.join(map(str, counts))} |"
+    yield from head("", ("flights", "found", "usable", "replays broke off"))
+    found = len(rows) - len(broken)
+    yield line("manoeuvres", options.seeds, found, len(usable), len(broken))
     yield ""
     for row in usable:
         yield "seed {seed}, {leg}, {from_s:.0f} to {to_s:.0f} s: wn {wn:.2f}".format(**row)

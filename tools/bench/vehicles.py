@@ -5,6 +5,7 @@ The sender and ``yawid live --sysid all`` are processes of their own on loopback
 ``--same`` vehicles, every vehicle's tlog is also replayed: estimates, manoeuvres and flight must
 equal the session's, bit for bit. The delay of a manoeuvre is the time from its end to the line that
 reports it; up to 1.3 s of it pass until the end is known. CPU time includes the session's children.
+``--lines`` shows what the session says.
 """
 
 from __future__ import annotations
@@ -13,8 +14,6 @@ import argparse
 import json
 import math
 import re
-import socket
-import subprocess
 import sys
 import tempfile
 import threading
@@ -34,12 +33,12 @@ from flights.plan import STEP_S, FlightPlan
 from flights.surgery import Record, join, split
 from flights.telemetry import GCS, Link, telemetry
 
-from bench.live import ENDING_S, TOOLS, is_as_replayed, session
+from bench.live import ENDING_S, is_as_replayed, sender, session
+from bench.table import head, line, options_of
 from yawid.plant.yaw import YawPlant
 from yawid.sources.link.tap import sysid_of
 
 SECONDS, STARTS_S, DOUBLET_S = 30.0, 5.0, 14.0
-BURST_S = 0.001
 WARM_S = 3.0
 """Time in s before the first frame, so that imports and first use are not counted."""
 SETTLED_S = 3.0
@@ -70,22 +69,6 @@ def vehicle(sysid: int) -> Iterator[Record]:
             yield stamp_us + round(1e6 * start_s), frame
 
 
-def send_in_bursts(log: Path, port: int) -> None:
-    """Send a log's frames at the pace of their stamps, those of one millisecond together."""
-    frames = split(log.read_bytes())
-    latest_s, first_us = 0.0, frames[0][0]
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
-        sock.connect(("127.0.0.1", port))
-        start_s, unix_s = time.monotonic(), time.time()
-        for stamp_us, frame in frames:
-            ahead_s = (stamp_us - first_us) / 1e6 - (time.monotonic() - start_s)
-            if ahead_s > 0.0:
-                time.sleep(max(ahead_s, BURST_S))
-            latest_s = max(latest_s, -ahead_s)
-            sock.send(frame)
-    print(json.dumps({"sent": len(frames), "begun_s": unix_s, "latest_s": latest_s}))
-
-
 class Reports(threading.Thread):
     """Reads a session's stderr; ``at_s`` is when each vehicle's first manoeuvre was reported."""
 
@@ -97,9 +80,9 @@ class Reports(threading.Thread):
 
     def run(self) -> None:
         """Read until the session ends."""
-        for line in self._stream:
-            self.lines.append(line)
-            if found := REPORTED.search(line):
+        for said in self._stream:
+            self.lines.append(said)
+            if found := REPORTED.search(said):
                 self.at_s[int(found[1])] = time.time()
 
 
@@ -119,15 +102,14 @@ def flown(log: Path, folder: Path) -> dict[str, Any]:
         reports.start()
         time.sleep(WARM_S)
         before_s, before_user_s = cpu_s(process.pid)
-        command = [sys.executable, "-m", "bench.vehicles", "send", str(log), str(port)]
-        done = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=True, cwd=TOOLS)
+        with sender(port, log) as vehicles:
+            sent: dict[str, Any] = json.loads(vehicles.communicate()[0])
         used_s = cpu_s(process.pid)[0] - before_s
         time.sleep(SETTLED_S)
         user_s = cpu_s(process.pid)[1] - before_user_s
         process.terminate()
         summaries = [json.loads(line) for line in process.stdout]
         reports.join(ENDING_S)
-    sent: dict[str, Any] = json.loads(done.stdout)
     return sent | {"cpu_s": used_s, "user_s": user_s, "reports": reports, "summaries": summaries}
 
 
@@ -175,25 +157,15 @@ def row(vehicles: list[list[Record]], options: argparse.Namespace) -> str:
         f"{len(waits)}: {median(waits):.1f}, {max(waits):.1f} s; {got['user_s']:.1f}",
         f"{sum(same)} of {len(same)}" if same else "",
     ]
-    return f"| {' | '.join(cells)} |"
+    return line(*cells)
 
 
 def main(arguments: list[str]) -> Iterator[str]:
     """Yield the table."""
-    parser = argparse.ArgumentParser(prog="bench.py vehicles", description=__doc__)
-    parser.add_argument("--vehicles", type=int, nargs="+", default=[1, 10, 50, 100, 254])
-    parser.add_argument("--same", type=int, default=50, help="compare so many with replays")
-    parser.add_argument("--lines", action="store_true", help="show what the session says")
-    options = parser.parse_args(arguments)
+    own = {"vehicles": (1, 10, 50, 100, 254), "same": 50, "lines": False}
+    options = options_of("vehicles", __doc__, arguments, **own)
     logs = [list(vehicle(sysid)) for sysid in range(1, 1 + max(options.vehicles))]
-    yield (
-        "| | frames lost, dropped | CPU %, each | worst latency, ms: p50, p99, max "
-        "| delay: median, last; user s | replayed |"
-    )
-    yield "|---" * 6 + "|"
+    latency, delay = "worst latency, ms: p50, p99, max", "delay: median, last; user s"
+    yield from head("", ("frames lost, dropped", "CPU %, each", latency, delay, "replayed"))
     for vehicles in options.vehicles:
         yield row(logs[:vehicles], options)
-
-
-if __name__ == "__main__":
-    send_in_bursts(Path(sys.argv[2]), int(sys.argv[3]))

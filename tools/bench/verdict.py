@@ -1,7 +1,7 @@
 """How often the verdict errs, on logs with a known answer and on logs without excitation.
 
     python tools/bench.py verdict [--excited 120] [--unexcited 210] [--take-off 0] [--misled 0]
-                                  [--runs default,inspect] [--logs DIR] [--jobs 2] [--readme]
+                                  [--runs default inspect] [--logs DIR] [--jobs 2] [--readme]
 
 The logs are flights of JSBSim whose rudder is moved on purpose, half of them in turbulence
 (flights/moved.py), and logs in which nothing excites the Dutch roll (flights/quiet.py). There are
@@ -13,20 +13,20 @@ right answers.
 
 from __future__ import annotations
 
-import argparse
 import math
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
 
-from checks.judge import Row, folder_of, in_processes, judged, kept, options_of
+from checks.judge import Row, judged, kept
 from flights.drawn import take_off
 from flights.fly import Made
 from flights.misled import misled
 from flights.moved import excited
 from flights.quiet import unexcited
 
+from bench.table import FLOWN, all_rows, head, line, options_of
 from yawid.config.run import RunConfig, check_settings
 from yawid.runs.inspect_log import inspect
 
@@ -58,7 +58,7 @@ RUNS: dict[str, Callable[[Path], RunConfig | None]] = {
 verdict refused because of turns recommends."""
 
 
-def rows_of(folder: Path, runs: tuple[str, ...], task: tuple[str, int]) -> list[Row]:
+def rows_of(runs: Sequence[str], folder: Path, task: tuple[str, int]) -> list[Row]:
     """Return the row of each run on one log."""
     kind, number = task
     name = f"{kind}_{number:03d}"
@@ -80,8 +80,7 @@ def off_pct(row: Row) -> float:
 
 def table(rows: list[Row]) -> Iterator[str]:
     """Yield a table of both kinds of error, a row for each run; then the wrong judgements."""
-    yield "| | usable without excitation | right | right, refused | usable, wrong |"
-    yield "|---|---|---|---|---|"
+    yield from head("", ("usable without excitation", "right", "right, refused", "usable, wrong"))
     others = []
     for run in dict.fromkeys(row["run"] for row in rows):
         mine = [row for row in rows if row["run"] == run]
@@ -98,8 +97,7 @@ def table(rows: list[Row]) -> Iterator[str]:
             + (f" ({kind})" if kind != FALSE[0] else "")
             for kind in kinds
         )
-        counts = (usable, f"{len(right)} of {len(flights)}")
-        yield f"| {run} | {' | '.join(counts)} | {len(refused)} | {len(wrong)} |"
+        yield line(run, usable, f"{len(right)} of {len(flights)}", len(refused), len(wrong))
         others += [f"{run}: {row['name']} ({row['group']}) is usable" for row in [*false, *wrong]]
         reasons = Counter(reason for row in refused for reason in row["fatal"].split())
         others += [f"{run}: {reason} refuses {n} right ones" for reason, n in reasons.items()]
@@ -109,18 +107,10 @@ def table(rows: list[Row]) -> Iterator[str]:
 
 def main(arguments: list[str]) -> Iterator[str]:
     """Yield the table."""
-    parser = argparse.ArgumentParser(prog="bench.py verdict", description=__doc__)
-    parser.add_argument("--excited", type=int, default=120)
-    parser.add_argument("--unexcited", type=int, default=210)
-    parser.add_argument("--take-off", type=int, default=0)
-    parser.add_argument("--misled", type=int, default=0, help="of three kinds in turn")
-    parser.add_argument("--runs", default="default,inspect", help=f"of {', '.join(RUNS)}")
-    options_of(parser)
-    options = parser.parse_args(arguments)
-    runs = tuple(options.runs.split(","))
-    if unknown := set(runs) - RUNS.keys():
-        parser.error(f"no such run: {', '.join(sorted(unknown))}")
+    logs = {"excited": 120, "unexcited": 210, "take_off": 0, "misled": 0}
+    own = {"runs": ("default", "inspect")}
+    options = options_of("verdict", __doc__, arguments, **logs, **own, **FLOWN)
+    if unknown := set(options.runs) - RUNS.keys():
+        raise SystemExit(f"no such run: {', '.join(sorted(unknown))}; there are {', '.join(RUNS)}")
     tasks = [(kind, i) for kind in MAKERS for i in range(getattr(options, kind))]
-    with folder_of(options.logs) as folder:
-        rows = in_processes(partial(rows_of, folder, runs), tasks, options.jobs)
-    yield from table(rows)
+    yield from table(all_rows(options, partial(rows_of, options.runs), tasks))

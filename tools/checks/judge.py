@@ -7,16 +7,9 @@ answers (``manoeuvre``), of the flight (``flight``), or of the stream at its end
 
 from __future__ import annotations
 
-import argparse
-import csv
 import json
 import math
-import sys
-import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
-from contextlib import ExitStack, contextmanager
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -40,22 +33,6 @@ Known = tuple[Floats, Floats]
 METHODS = ("rml", "els")
 MEMORY_S = 60.0
 """The default memory in s: the stretch that the stream's estimate at its end describes."""
-MOST_JOBS = 2
-
-
-def options_of(parser: argparse.ArgumentParser) -> None:
-    """Add the options that all judges have."""
-    parser.add_argument("--logs", type=Path, metavar="DIR", help="where flights stay")
-    parser.add_argument("--jobs", type=int, default=2, help="processes, at most 2")
-
-
-@contextmanager
-def folder_of(logs: Path | None) -> Iterator[Path]:
-    """Yield the folder ``logs``, or without it a temporary one."""
-    with tempfile.TemporaryDirectory() as scratch:
-        folder = logs or Path(scratch)
-        folder.mkdir(parents=True, exist_ok=True)
-        yield folder
 
 
 def kept(folder: Path, name: str, make: Callable[[], Made]) -> tuple[Path, Truth]:
@@ -66,33 +43,6 @@ def kept(folder: Path, name: str, make: Callable[[], Made]) -> tuple[Path, Truth
         log.write_bytes(made.log)
         truth.write_text(json.dumps(made.truth, indent=1) + "\n", encoding="utf-8")
     return log, json.loads(truth.read_text(encoding="utf-8"))
-
-
-def in_processes(do: Callable[[Any], list[Row]], tasks: Sequence[Any], jobs: int) -> list[Row]:
-    """Return the rows of ``do`` for all tasks in order; print how many are done to stderr."""
-    rows: list[Row] = []
-    with ExitStack() as stack:
-        found: Iterator[list[Row]] = map(do, tasks)
-        if jobs > 1:
-            pool = ProcessPoolExecutor(MOST_JOBS, get_context("spawn"))
-            found = stack.enter_context(pool).map(do, tasks)
-        for done, some in enumerate(found, 1):
-            print(f"\r{done} of {len(tasks)} ", end="", file=sys.stderr, flush=True)
-            rows += some
-    print(file=sys.stderr)
-    return rows
-
-
-def write_csv(path: Path, rows: Sequence[Row]) -> None:
-    """Write rows as CSV, with columns in the order in which they first appear."""
-    names = list(dict.fromkeys(name for row in rows for name in row))
-    with path.open("w", newline="", encoding="utf-8") as file:
-        table = csv.DictWriter(file, names, lineterminator="\n")
-        table.writeheader()
-        table.writerows(
-            {k: float(f"{v:.6g}") if isinstance(v, float) else v for k, v in row.items()}
-            for row in rows
-        )
 
 
 def replayed(log: Path, config: RunConfig | None = None) -> RunSummary:

@@ -152,5 +152,5 @@ def deliver(frames: Iterator[Record], own: dict[str, Any]) -> None:
     """Fly, write and send as asked; print the number of frames."""
     if own["out"]:
         frames = record(frames, own["out"])
-    count = send(frames, own["udp"], own["speedup"]) if own["udp"] else sum(1 for _ in frames)
+    count = send(frames, own["udp"], own["speedup"]).sent if own["udp"] else sum(1 for _ in frames)
     print(f"fly_jsbsim: {count} frames", file=sys.stderr)

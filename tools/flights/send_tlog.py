@@ -16,26 +16,37 @@ import socket
 import sys
 import time
 from collections.abc import Iterable, Sequence
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from flights.surgery import Record, split
 
-PAUSE_S = 0.0005
+PAUSE_S, BURST_S = 0.0005, 0.001
 
 
-def send(frames: Iterable[Record], endpoint: tuple[str, int], speedup: float = 1.0) -> int:
-    """Send each frame as a datagram at the pace of its stamps; return how many were sent."""
-    sent = 0
+@dataclass(slots=True)
+class Sent:
+    """How many frames were sent, when the first was (Unix time), and the longest delay in s."""
+
+    sent: int
+    begun_s: float
+    latest_s: float = 0.0
+
+
+def send(frames: Iterable[Record], endpoint: tuple[str, int], speedup: float = 1.0) -> Sent:
+    """Send each frame as a datagram at the pace of its stamps, those of a millisecond together."""
+    done, first_us = Sent(0, time.time()), None
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
-        start_s, first_us = time.monotonic(), None
+        start_s = time.monotonic()
         for stamp_us, frame in frames:
             first_us = stamp_us if first_us is None else first_us
             ahead_s = (stamp_us - first_us) / (1e6 * speedup) - (time.monotonic() - start_s)
             if ahead_s > 0.0:
-                time.sleep(ahead_s)
+                time.sleep(max(ahead_s, BURST_S))
+            done.latest_s = max(done.latest_s, -ahead_s)
             sock.sendto(frame, endpoint)
-            sent += 1
-    return sent
+            done.sent += 1
+    return done
 
 
 def endpoint(text: str) -> tuple[str, int]:
@@ -77,7 +88,7 @@ def main(argv: Sequence[str]) -> int:
     if options.rate is not None:
         flood([frame for _, frame in frames], options.endpoint, options.rate, options.count)
     else:
-        print(json.dumps({"sent": send(frames, options.endpoint, options.speed)}))
+        print(json.dumps(asdict(send(frames, options.endpoint, options.speed))))
     return 0
 
 
