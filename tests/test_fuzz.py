@@ -5,10 +5,11 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import fuzz
 import pytest
-from checks import fuzz
-from checks.fuzz_inputs import FuzzFlight, command_lines, flights
-from hypothesis import HealthCheck, given, seed, settings
+from checks.children import resident_mb
+from fuzz_inputs import FuzzFlight, command_lines, flights
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from yawid.channels.stage import WANTED, Channels
@@ -41,7 +42,6 @@ def test_no_log_and_no_command_line_ends_in_a_traceback(
 
 
 @pytest.mark.long
-@seed(1)
 @settings(FEW, max_examples=600, derandomize=False)
 @given(flight=flights(), arguments=command_lines())
 def test_a_minute_of_hostile_logs_and_command_lines_ends_in_no_traceback(
@@ -77,10 +77,10 @@ def test_many_runs_hold_no_more_memory_than_a_few(folder: Path) -> None:
     arguments = ["replay", "LOG", "--json", "--out=OUT", "--force"]
     for _ in range(6):
         fuzz.run(flight, arguments, folder)
-    before = fuzz.resident_mb()
+    before = resident_mb()
     for _ in range(15):
         fuzz.run(flight, arguments, folder)
-    assert fuzz.resident_mb() - before < 5.0
+    assert resident_mb() - before < 5.0
 
 
 def test_a_run_that_does_not_end_is_a_finding(

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from checks.defects import DEFECTS, Defect
-from checks.mutate import Copy, misplaced
+from mutate import DEFECTS, Copy, Defect, misplaced
 
 
 @pytest.fixture(scope="module")

@@ -1,8 +1,156 @@
-"""Flies an aircraft of JSBSim, and writes the log and its truth: see flights/command.py."""
+"""Flies an aircraft of JSBSim with a moving rudder, and records what its telemetry link delivers.
 
+    python tools/fly_jsbsim.py --manoeuvre 3211 --seconds 120 --out log.tlog --truth truth.json
+    python tools/fly_jsbsim.py --plan three_speeds -o log.tlog
+    python tools/fly_jsbsim.py --udp 127.0.0.1:14560
+
+The first command writes a tlog that any MAVLink tool reads, and the Dutch roll that should be found
+in it. --udp sends the same frames to a UDP endpoint at the pace of the flight. The same command
+gives the same bytes. A plan (flights/legs.py) is a whole flight; its truth, manoeuvre by manoeuvre,
+is written next to the log as log.truth.json, or to the file of --truth.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import shlex
 import sys
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
 
-from flights.command import main
+from flights.fly import flight_of
+from flights.guided import LegFlight, leg_truth
+from flights.legs import PLANS, LegPlan, read_plan
+from flights.plan import MANOEUVRES, FlightError, FlightPlan, Servo
+from flights.send_tlog import endpoint, send
+from flights.surgery import Record, join
+from flights.telemetry import Link, telemetry
+from flights.truth import after_lead_in, disagreement, truth
 
-if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+PLAN_NUMBERS = {
+    "speed_kt": "calibrated airspeed",
+    "altitude_ft": "above sea level",
+    "heading_deg": "at the start",
+    "seconds": "length of the flight",
+    "amplitude": "of the rudder about trim, 1 is full travel",
+    "step_s": "unit of time of the manoeuvre, best 0.3 Dutch-roll periods",
+    "roll_gain": "roll hold, aileron per rad",
+    "roll_rate_gain": "roll hold, aileron per rad/s",
+}
+LINK_NUMBERS = {
+    "attitude_hz": "rate of ATTITUDE",
+    "servo_hz": "rate of SERVO_OUTPUT_RAW",
+    "rate_noise": "standard deviation in rad/s",
+    "angle_noise": "standard deviation in rad",
+    "boot_s": "vehicle time at the start",
+}
+SERVO_HELP = "MIN,TRIM,MAX[,REVERSED] in us"
+OWN = ("out", "truth", "udp", "speedup", "plan")  # options of neither the flight nor the link
+
+
+def record(frames: Iterable[Record], path: Path) -> Iterator[Record]:
+    """Yield the frames again and write them to a tlog: a stamp of 8 bytes, then the frame."""
+    with path.open("wb") as log:
+        for stamp_us, frame in frames:
+            log.write(join([(stamp_us, frame)]))
+            yield stamp_us, frame
+
+
+def servo(text: str) -> Servo:
+    """Return the servo of ``MIN,TRIM,MAX`` in us; a fourth number other than 0 reverses it."""
+    try:
+        low, trim, high, *reverse = map(int, text.split(","))
+        return Servo(low, trim, high, reverse=any(reverse))
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(f"expected MIN,TRIM,MAX[,REVERSED]: {error}") from error
+
+
+def parse(argv: Sequence[str]) -> argparse.Namespace:
+    """Return the options; those of plan and link have the name and default of their field."""
+    parser = argparse.ArgumentParser(
+        prog="fly_jsbsim.py",
+        description=(__doc__ or "").split("\n")[0],
+        formatter_class=argparse.ArgumentDefaultsHelpFormatter,
+    )
+    parser.add_argument("--out", "-o", type=Path, help="tlog to write")
+    plans = f"a whole flight: a .toml file or one of {', '.join(PLANS)}"
+    parser.add_argument("--plan", metavar="FILE|NAME", help=plans)
+    parser.add_argument("--truth", type=Path, help="JSON file for the Dutch roll to be found")
+    parser.add_argument("--udp", type=endpoint, metavar="HOST:PORT", help="send in real time")
+    parser.add_argument("--speedup", type=float, default=1.0, help="of --udp")
+    plan = parser.add_argument_group("flight")
+    plan.add_argument("--aircraft", default=FlightPlan().aircraft, help="any that JSBSim brings")
+    plan.add_argument("--manoeuvre", choices=MANOEUVRES, default=FlightPlan().manoeuvre, help=" ")
+    _add_numbers(plan, FlightPlan(), PLAN_NUMBERS)
+    heard = "the autopilot hears no sensor's noise, as when the cases were recorded"
+    plan.add_argument("--true-feedback", action="store_true", help=heard)
+    for name in ("rudder", "aileron"):
+        plan.add_argument(f"--{name}", type=servo, default="1100,1500,1900", help=SERVO_HELP)
+    link = parser.add_argument_group("link")
+    _add_numbers(link, Link(), LINK_NUMBERS)
+    link.add_argument("--mavlink1", action="store_true", help="MAVLink 1 frames")
+    link.add_argument("--seed", type=int, default=Link().seed, help="of noise and jitter")
+    options = parser.parse_args(argv)
+    if not (options.out or options.truth or options.udp):
+        parser.error("nothing to do: give --out, --truth or --udp")
+    if not options.speedup > 0.0:
+        parser.error("--speedup must be > 0")
+    if options.plan:
+        if not (options.out or options.udp):
+            parser.error("--plan is flown to --out or --udp")
+        own = {"aircraft", "manoeuvre", *PLAN_NUMBERS, "rudder", "aileron"}
+        changed = [name for name in own if getattr(options, name) != parser.get_default(name)]
+        # argparse parses the text of a servo's default, too: then it equals Servo().
+        changed = [name for name in changed if getattr(options, name) != Servo()]
+        if changed:
+            parser.error(f"--plan says what is flown: leave out {', '.join(sorted(changed))}")
+    return options
+
+
+def _add_numbers(group: Any, defaults: object, names: Mapping[str, str]) -> None:
+    for name, text in names.items():
+        flag = f"--{name.replace('_', '-')}"
+        group.add_argument(flag, type=float, default=getattr(defaults, name), help=text)
+
+
+def main(argv: Sequence[str]) -> int:
+    """Fly, write and send; return 0, or 2 after printing the reason in one line."""
+    options = vars(parse(argv))
+    own = {name: options.pop(name) for name in OWN}
+    link_names = {*LINK_NUMBERS, "mavlink1", "seed"}
+    try:
+        link = Link(**{name: options.pop(name) for name in link_names})
+        plan: FlightPlan | LegPlan
+        if own["plan"]:
+            plan = replace(read_plan(own["plan"]), true_feedback=options["true_feedback"])
+        else:
+            plan = FlightPlan(**options)
+        flight = flight_of(plan, link)
+        deliver(telemetry(link, flight), own)
+        if isinstance(plan, LegPlan) and isinstance(flight, LegFlight):
+            found = leg_truth(plan, link, flight) | {"plan": own["plan"]}
+            path = own["truth"] or (own["out"] and own["out"].with_suffix(".truth.json"))
+        elif (path := own["truth"]) and isinstance(plan, FlightPlan):
+            found = truth(plan, after_lead_in(flight.flown))
+            if warning := disagreement(found):
+                print(f"fly_jsbsim: {warning}", file=sys.stderr)
+            names = {"seconds": plan.seconds, "manoeuvre": plan.manoeuvre, "seed": link.seed}
+            found |= names
+        if path:
+            found["command"] = shlex.join(["python", "tools/fly_jsbsim.py", *argv])
+            path.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
+    except (FlightError, ValueError, OSError) as error:
+        print(f"fly_jsbsim: {error}", file=sys.stderr)
+        return 2
+    return 0
+
+
+def deliver(frames: Iterator[Record], own: dict[str, Any]) -> None:
+    """Fly, write and send as asked; print the number of frames."""
+    if own["out"]:
+        frames = record(frames, own["out"])
+    count = send(frames, own["udp"], own["speedup"]).sent if own["udp"] else sum(1 for _ in frames)
+    print(f"fly_jsbsim: {count} frames", file=sys.stderr)

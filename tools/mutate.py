@@ -1,8 +1,160 @@
-"""Seeds small defects and checks that the tests notice each: see checks/mutate.py."""
+"""Seeds small defects one at a time in a copy of the tree, and checks that a test notices each.
 
+    python tools/mutate.py                # all of checks/defects.toml, as a Markdown table
+    python tools/mutate.py --only jury    # those whose description contains a word
+
+tests/test_mutations.py, marked ``long``, does the same. Each defect names one test that must fail:
+if that ends in any other way, it has not caught the defect. For a defect in the kernel, or in the
+code that compiles it, the kernel runs as plain Python, which gives the same bits and need not be
+compiled for each defect. For all other defects it is compiled once, as fits in plain Python take
+minutes.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import shutil
+import subprocess
 import sys
+import tempfile
+import time
+import tomllib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
 
-from checks.mutate import main
+ROOT = Path(__file__).resolve().parents[1]
+COPIED = ("src", "tests", "tools", "replay_logs")
+PLAIN = ("estimation/kernel/", "estimation/machine/")
+TIMEOUT_S = 300
+# The first counterexample suffices: reducing it would take minutes.
+CONFTEST = """
+from hypothesis import Phase, settings
+
+phases = (Phase.explicit, Phase.generate)
+settings.register_profile("mutation", phases=phases, derandomize=True, database=None)
+settings.load_profile("mutation")
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class Defect:
+    """A defect: ``old`` in ``file`` (below src/yawid) becomes ``new``; then ``test`` must fail."""
+
+    what: str
+    file: str
+    old: str
+    new: str
+    test: str
+
+
+DEFECTS: tuple[Defect, ...] = tuple(
+    Defect(**each)
+    for each in tomllib.loads((ROOT / "tools/checks/defects.toml").read_text(encoding="utf-8"))[
+        "defect"
+    ]
+)
+
+
+class Copy:
+    """A copy of the tree, in which one defect at a time is seeded."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        ignored = shutil.ignore_patterns("__pycache__", "*.egg-info", "actual.*")
+        for name in COPIED:
+            shutil.copytree(ROOT / name, folder / name, ignore=ignored)
+        shutil.copy2(ROOT / "pyproject.toml", folder)
+        (folder / "conftest.py").write_text(CONFTEST, encoding="utf-8")
+
+    def run_all(self, defects: Sequence[Defect]) -> tuple[int, str]:
+        """Run the tests of all defects without a defect; return as :meth:`run` does."""
+        for plain in (False, True):
+            tests = {each.test for each in defects if each.file.startswith(PLAIN) == plain}
+            code, output = self.run(*sorted(tests), plain=plain) if tests else (0, "")
+            if code != 0:
+                break
+        return code, output
+
+    def run(self, *tests: str, plain: bool) -> tuple[int, str]:
+        """Run tests in the copy; return pytest's exit code (1: some failed) and what it printed.
+
+        With ``plain``, the kernel runs as plain Python.
+        """
+        command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", *tests]
+        environment = os.environ | {
+            "PYTHONPATH": str(self.folder / "src"),
+            "MPLBACKEND": "Agg",
+            "NUMBA_DISABLE_JIT": str(int(plain)),
+        }
+        done = subprocess.run(
+            command,
+            cwd=self.folder,
+            env=environment,
+            capture_output=True,
+            text=True,
+            check=False,
+            timeout=TIMEOUT_S,
+        )
+        return done.returncode, done.stdout + done.stderr
+
+    def catches(self, defect: Defect) -> bool:
+        """Return whether the defect's test fails with the defect seeded."""
+        path = self.folder / "src" / "yawid" / defect.file
+        kept = path.with_suffix(".kept")
+        shutil.copy2(path, kept)
+        try:
+            text = path.read_text(encoding="utf-8")
+            path.write_text(text.replace(defect.old, defect.new), encoding="utf-8")
+            return self.run(defect.test, plain=defect.file.startswith(PLAIN))[0] == 1
+        except subprocess.TimeoutExpired:
+            return False
+        finally:
+            shutil.move(kept, path)  # keeps the old time, by which Python recognises its caches
+
+
+def misplaced(defects: Sequence[Defect]) -> list[str]:
+    """Return in words the defects whose pattern is not exactly once in its file."""
+    found = []
+    for defect in defects:
+        count = (ROOT / "src" / "yawid" / defect.file).read_text(encoding="utf-8").count(defect.old)
+        if count != 1:
+            found.append(f"{defect.what}: {count} times in {defect.file}: {defect.old!r}")
+    return found
+
+
+def seed(defects: Sequence[Defect], copy: Copy) -> int:
+    """Seed the defects one by one, print a row for each, and return how many were missed."""
+    print("| defect | file | caught by |\n|---|---|---|")
+    missed = 0
+    for defect in defects:
+        began = time.monotonic()
+        caught = copy.catches(defect)
+        missed += not caught
+        print(f"| {defect.what} | {defect.file} | {defect.test if caught else '**missed**'} |")
+        print(f"{defect.what}: {time.monotonic() - began:.0f} s", file=sys.stderr, flush=True)
+    print(f"\n{len(defects) - missed} of {len(defects)} caught", flush=True)
+    return missed
+
+
+def main(argv: Sequence[str]) -> int:
+    """Return 0 if all defects are caught, 1 if not, and 2 if they cannot be seeded."""
+    parser = argparse.ArgumentParser(prog="mutate.py", description=(__doc__ or "").split("\n")[0])
+    parser.add_argument("--only", metavar="WORD", default="", help="defects whose text has it")
+    options = parser.parse_args(argv)
+    defects = [defect for defect in DEFECTS if options.only.lower() in defect.what.lower()]
+    if wrong := misplaced(defects):
+        print("mutate: " + "\nmutate: ".join(wrong), file=sys.stderr)
+        return 2
+    with tempfile.TemporaryDirectory() as scratch:
+        copy = Copy(Path(scratch) / "tree")
+        code, output = copy.run_all(defects)
+        if code != 0:
+            print(f"mutate: without any defect:\n{output}", file=sys.stderr)
+            return 2
+        return int(seed(defects, copy) > 0)
+
 
 if __name__ == "__main__":
     sys.exit(main(sys.argv[1:]))

@@ -25,8 +25,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from checks.children import child, free_udp_port
-from checks.judge_trend import START_US, flight, write_fleet
+from checks.judge_trend import START_US, flight
 from finished_runs import replayed
+from fleets import write_fleet
 from forged_runs import forge
 from hostile import hostile_log, parameter
 from live_link import frames, send

@@ -9,9 +9,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import fly_jsbsim
 import numpy as np
 import pytest
-from flights import command as fly_jsbsim
 from flights.flight import Flight, Hands, trimmed
 from flights.fly import flight_of
 from flights.plan import FlightPlan, Servo, excitation

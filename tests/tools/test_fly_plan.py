@@ -4,9 +4,9 @@ import json
 from pathlib import Path
 from typing import Any
 
+import fly_jsbsim
 import numpy as np
 import pytest
-from flights import command as fly_jsbsim
 from flights import legs as flight_legs
 from flights import truth
 from flights.guided import LegFlight
@@ -293,17 +293,6 @@ def test_the_named_plans_are_what_their_names_say() -> None:
     assert {leg.speed_kt for leg in PLANS["three_speeds"].legs} - {0.0} == {95.0, 80.0, 110.0}
     assert not any(leg.kind == "manoeuvre" for leg in PLANS["upset"].legs)
     assert {"gust", "landing", "go_around"} <= {leg.kind for leg in PLANS["upset"].legs}
-    assert any(leg.aileron and leg.kind == "manoeuvre" for leg in PLANS["aileron"].legs)
-    assert any(leg.kind == "aileron" for leg in PLANS["aileron"].legs)
-
-
-def test_the_aileron_moves_on_its_own_and_leaves_no_bank() -> None:
-    leg = Leg("manoeuvre", 60.0, aileron=0.1)
-    rudder, aileron = flight_legs.rudder_moves(leg, 0.8), flight_legs.aileron_moves(leg, 0.8)
-
-    assert set(np.round(aileron, 9)) == {-0.1, 0.0, 0.1}
-    assert abs(np.mean(aileron)) < 0.002
-    assert abs(np.corrcoef(rudder, aileron)[0, 1]) < 0.3
 
 
 @pytest.mark.parametrize("shape", ["3211", "doublets", "prbs", "sweep"])

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from flights import trim_tlog
+import trim_tlog
 from flights.surgery import split
 from places import REPLAY_LOGS
 from places import SHARED_FLIGHTS as SHARED

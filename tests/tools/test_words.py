@@ -1,11 +1,10 @@
-"""The check of words: it finds a planted one, and leaves names and allowed places alone."""
+"""The check of words: it finds a planted one, and leaves names alone."""
 
 import re
 
-from checks.words import Allowed, Word, left, rules
+from checks.words import Word, left, rules
 
 WORDS = [Word(re.compile(r"\bbeside\b", re.IGNORECASE), "next to")]
-PLACE = Allowed("src/a.py", "beside the point", "an idiom")
 
 SOURCE = '''"""The sum stands beside its parts."""
 
@@ -18,8 +17,8 @@ def f() -> str:
 '''
 
 
-def found(path: str, text: str, *allowed: Allowed) -> list[str]:
-    return [str(each) for each in left(path, text, WORDS, list(allowed))]
+def found(path: str, text: str) -> list[str]:
+    return [str(each) for each in left(path, text, WORDS)]
 
 
 def test_a_word_is_found_in_strings_and_comments_and_not_in_names() -> None:
@@ -27,12 +26,6 @@ def test_a_word_is_found_in_strings_and_comments_and_not_in_names() -> None:
         "src/a.py:1: 'beside': write next to",
         "src/a.py:7: 'beside': write next to",
     ]
-
-
-def test_an_allowed_place_is_reported_as_such_in_its_own_file_only() -> None:
-    assert list(left("src/a.py", SOURCE, WORDS, [PLACE]))[1:] == [PLACE]
-    assert len(found("src/b.py", SOURCE, PLACE)) == 2
-    assert all("write" in line for line in found("src/b.py", SOURCE, PLACE))
 
 
 def test_pages_are_read_whole_and_toml_by_its_strings() -> None:
@@ -43,9 +36,8 @@ def test_pages_are_read_whole_and_toml_by_its_strings() -> None:
 
 
 def test_a_phrase_is_found_over_the_end_of_a_line() -> None:
-    words, allowed = rules()
     text = "# What\n# came of\n# it.\n"
 
-    (one,) = left("a.py", text, words, allowed)
+    (one,) = left("a.py", text, rules())
 
     assert str(one).startswith("a.py:1: 'What # came of # it'")

@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 import scipy.stats
-from checks.judge_trend import START_US, flight, judge_diff, write_fleet
+from checks.judge_trend import START_US, flight, judge_diff
 from finished_runs import replayed
+from fleets import write_fleet
 from forged_runs import forge
 from hand_flights import four_of_a_flight
 from places import C172P

@@ -7,8 +7,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from checks.judge_trend import START_US, flight, write_fleet
+from checks.judge_trend import START_US, flight
 from finished_runs import replayed
+from fleets import write_fleet
 from forged_runs import forge
 from hand_flights import four_of_a_flight
 from places import C172P

@@ -8,14 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 import scipy.stats
-from checks.judge_trend import (
-    FALLS,
-    START_US,
-    Plan,
-    draw_fleet,
-    flight,
-    write_fleet,
-)
+from checks.judge_trend import START_US, Plan, flight
+from fleets import FALLS, draw_fleet, write_fleet
 from printed import printed
 
 from yawid.cli.main import main

@@ -20,15 +20,13 @@ flights.
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
 from yawid.answers.run_summary import Value
-from yawid.dataset.files import merge
 from yawid.trend.best_profile import LEAST_DAYS
 from yawid.trend.changes import Fitted, fit_fleets, fit_tracks, nights
 from yawid.trend.days import DAY_US, HOUR_US, YEAR_US, Track
@@ -40,12 +38,10 @@ from yawid.trend.trend import FALSE_ALARMS, Studied, study
 VEHICLES: Final = 20
 DAYS: Final = 60
 SCATTER: Final = {"kappa_rad_m": 0.015, "zeta": 0.08, "K_per_V": 0.05}
-STDS: Final = {"kappa_rad_m": "kappa_std", "zeta": "zeta_std", "K_per_V": "K_per_V_std"}
 LEVELS: Final = {"kappa_rad_m": 0.12, "zeta": 0.15, "K_per_V": 0.04}
 OUTLIERS: Final = 0.05
 FALL: Final = 0.2
 FALL_DAYS: Final = 30
-FALLS: Final = "sysid:7"
 START_US: Final = 1_740_000_000_000_000  # 2025-02-19
 _AT_ONCE: Final = 50
 """Number of fleets that are fitted together."""
@@ -123,17 +119,6 @@ def draw_vehicles(rng: np.random.Generator, plan: Plan) -> Iterator[dict[str, Tr
         yield tracks
 
 
-def draw_fleet(seed: int, plan: Plan) -> list[dict[str, Any]]:
-    """Return a fleet's rows of ``flights``; FALLS is the vehicle whose zeta falls, if one does."""
-    rows = []
-    for sysid, tracks in enumerate(draw_vehicles(np.random.default_rng(seed), plan), start=1):
-        for i, date in enumerate(tracks["zeta"].dates):
-            row = {name: float(track.value[i]) for name, track in tracks.items()}
-            row |= {STDS[name]: float(track.sigma[i]) for name, track in tracks.items()}
-            rows.append(flight(sysid, i, int(date), **row))
-    return rows
-
-
 def flight(sysid: int, i: int, date: int, **numbers: Any) -> dict[str, Any]:
     """Return a usable row of ``flights`` with a log hash of its own."""
     return {
@@ -141,24 +126,6 @@ def flight(sysid: int, i: int, date: int, **numbers: Any) -> dict[str, Any]:
         "config_hash": "c", "vehicle": f"sysid:{sysid}", "sysid": sysid, "boot": 1, "date": date,
         "loop": "airframe", "vehicle_type": 1, "usable": True, "method": "rml",
     } | numbers  # fmt: skip
-
-
-def write_fleet(folder: Path, rows: Sequence[dict[str, Any]]) -> None:
-    """Write rows of ``flights`` as a data set."""
-    made_by = ("log_sha256", "yawid_version", "analysis_version", "config_hash")
-    merge(
-        folder,
-        [
-            {
-                "logs": [
-                    {"path": f"/{row['log_sha256']}", "outcome": "ok"}
-                    | {name: row[name] for name in made_by}
-                ],
-                "flights": [row],
-            }
-            for row in rows
-        ],
-    )
 
 
 def _until(track: Track, days: int) -> Track:

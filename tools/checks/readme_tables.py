@@ -18,7 +18,8 @@ from itertools import takewhile
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from checks.defects import DEFECTS
+from mutate import DEFECTS
+
 from yawid.cli.main import main
 from yawid.errors import EXIT_CODES
 from yawid.results.reasons import KINDS

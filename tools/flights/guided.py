@@ -17,7 +17,7 @@ import jsbsim
 import numpy as np
 
 from flights.flight import MILSPEC, PITCH_GAIN, PITCH_RATE_GAIN, Flight, Hands
-from flights.legs import MODES, Floats, Leg, LegPlan, aileron_moves, rudder_moves
+from flights.legs import MODES, Floats, Leg, LegPlan, rudder_moves
 from flights.plan import STEP_S
 from flights.telemetry import FOOT, KNOT, Link
 from flights.truth import flown_yaw_channels, linear_dutch_rolls, yaw_channels
@@ -45,9 +45,8 @@ class LegFlight(Flight):
 
     def __init__(self, plan: LegPlan, link: Link) -> None:
         self.legs = plan.legs
-        self.rudder_moves, aileron_moves = moves(plan)
-        hands = Hands(np.append(self.rudder_moves, 0.0), np.append(aileron_moves, 0.0))
-        super().__init__(plan.trim_plan(), hands, link)
+        self.rudder_moves = moves(plan)
+        super().__init__(plan.trim_plan(), Hands(np.append(self.rudder_moves, 0.0)), link)
         fdm = self._fdm
         lengths = [round(leg.seconds / STEP_S) for leg in plan.legs]
         self.starts_ms = np.concatenate([[0], np.cumsum(lengths)]).tolist()
@@ -102,7 +101,7 @@ class LegFlight(Flight):
         nose = self.sensed(1) - self._pitch - self._nose
         stiffness = min((self.plan.speed_kt / max(self["velocities/vc-kts"], 1.0)) ** 2, 4.0)
         held = stiffness * (PITCH_GAIN * nose + PITCH_RATE_GAIN * self.sensed(4))
-        return rudder, aileron + self._aileron[self.ms], self._elevator + held
+        return rudder, aileron, self._elevator + held
 
     def _guide(self) -> None:
         """Update the wanted nose attitude, throttle and bank, fifty times a second."""
@@ -110,7 +109,7 @@ class LegFlight(Flight):
         bank = math.radians(leg.bank_deg) if leg.kind == "turn" and not self._ends_soon() else 0.0
         self._bank_held += _within(bank - self._bank_held, BANK_STEP)
         fdm, dt = self._fdm, GUIDE_MS / 1000
-        if leg.kind in ("manoeuvre", "aileron"):
+        if leg.kind == "manoeuvre":
             self._nose += (self._lift - self._nose) * dt
             return
         if leg.kind == "landing" and fdm["position/h-agl-ft"] < FLARE_FT:
@@ -171,25 +170,23 @@ def _within(value: float, most: float) -> float:
     return min(max(value, -most), most)
 
 
-def moves(plan: LegPlan) -> tuple[Floats, Floats]:
-    """Return the moves of rudder and aileron in the whole flight, (n,) each, in units.
+def moves(plan: LegPlan) -> Floats:
+    """Return the moves of the rudder in the whole flight (n,) in units.
 
-    Their unit of time is 0.3 periods of the Dutch roll, scaled to the leg's airspeed. JSBSim's
+    The unit of time is 0.3 periods of the Dutch roll, scaled to the leg's airspeed. JSBSim's
     linearisation takes seconds, so a plan without a manoeuvre is flown without it.
 
     Raises:
         ValueError: there is a manoeuvre, and the aircraft has no oscillatory Dutch roll.
     """
     first_s = 1.0
-    if any(leg.kind == "manoeuvre" or leg.aileron for leg in plan.legs):
+    if any(leg.kind == "manoeuvre" for leg in plan.legs):
         mode = linear_dutch_rolls(plan.trim_plan())["dutch_roll"]
         if mode is None:
             raise ValueError(f"{plan.aircraft} shows no oscillatory Dutch roll here")
         first_s = 0.3 * math.tau / mode["wn_rad_s"]
     steps = [first_s * plan.speed_kt / speed for speed in plan.speeds_kt()]
-    rudder = [rudder_moves(leg, step) for leg, step in zip(plan.legs, steps, strict=True)]
-    aileron = [aileron_moves(leg, step) for leg, step in zip(plan.legs, steps, strict=True)]
-    return np.concatenate(rudder), np.concatenate(aileron)
+    return np.concatenate(list(map(rudder_moves, plan.legs, steps)))
 
 
 def leg_truth(plan: LegPlan, link: Link, flight: LegFlight) -> dict[str, Any]:
@@ -243,7 +240,6 @@ def _manoeuvre(plan: LegPlan, leg: Leg, flown: Floats, ends_ms: tuple[int, int])
         "mode": leg.mode,
         "loop": loop,
         "amplitude": leg.amplitude,
-        "aileron": leg.aileron,
         "airspeed_m_s": round(equivalent_kt * KNOT, 3),
         "airspeed_from_to_m_s": [
             round(float(end(inside[:, 3])) * KNOT, 3) for end in (np.min, np.max)

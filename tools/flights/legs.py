@@ -35,7 +35,7 @@ from flights.plan import (
 )
 
 Floats = NDArray[np.float64]
-KINDS = ("manoeuvre", "aileron", "idle", "turn", "climb", "speed", "gust", "landing", "go_around")
+KINDS = ("manoeuvre", "idle", "turn", "climb", "speed", "gust", "landing", "go_around")
 MODES = {"MANUAL": 0, "FBWA": 5}
 """ArduPlane's custom_mode by name; FBWA has the roll hold, in MANUAL the aileron is held still."""
 BEFORE_S, AFTER_S = 2.0, 8.0
@@ -51,10 +51,9 @@ STIR_S = 0.5
 class Leg:
     """One leg. Most fields apply to all kinds: a turn may climb, and an idle leg may be gusty.
 
-    ``shape`` and ``amplitude`` (rudder units) are those of a manoeuvre. ``aileron`` is the
-    amplitude of the aileron's own moves, together with the rudder's in a manoeuvre, and alone in a
-    leg of kind ``aileron``. ``speed_kt`` is held from this leg on (0: as before). ``climb_ft_min``
-    is flown until ``to_ft``, if given. ``rudder_hold`` is a steady rudder, positive to the right.
+    ``shape`` and ``amplitude`` (rudder units) are those of a manoeuvre. ``speed_kt`` is held from
+    this leg on (0: as before). ``climb_ft_min`` is flown until ``to_ft``, if given. ``rudder_hold``
+    is a steady rudder, positive to the right.
     MANUAL needs level wings at its beginning, so an idle leg should precede it, not a turn.
     ``severity`` is that of the turbulence (MIL-F-8785C, 0 to 7). ``gust_m_s`` is the peak of one
     side gust, a (1 - cos) of ``gust_s``; the seed draws its side, its time and a factor of its size
@@ -69,7 +68,6 @@ class Leg:
     mode: str = "FBWA"
     shape: str = "3211"
     amplitude: float = 0.15
-    aileron: float = 0.0
     speed_kt: float = 0.0
     bank_deg: float = 0.0
     climb_ft_min: float = 0.0
@@ -84,7 +82,7 @@ class Leg:
             raise ValueError(f"a leg's kind must be one of {', '.join(KINDS)}, got {self.kind!r}")
         if self.mode not in MODES:
             raise ValueError(f"a leg's mode must be one of {', '.join(MODES)}, got {self.mode!r}")
-        least = BEFORE_S + AFTER_S if self.kind in ("manoeuvre", "aileron") else 0.0
+        least = BEFORE_S + AFTER_S if self.kind == "manoeuvre" else 0.0
         if not least < self.seconds < math.inf:
             raise ValueError(f"a leg of kind {self.kind} must last more than {least:g} s")
         if self.rudder_hold and self.kind in ("manoeuvre", "turn", "idle"):
@@ -161,29 +159,6 @@ def rudder_moves(leg: Leg, step_s: float) -> Floats:
     return moves
 
 
-def aileron_moves(leg: Leg, step_s: float) -> Floats:
-    """Return the aileron's own moves (n,) in units, which are added to the roll hold's.
-
-    Positive rolls right. Each move goes to one side, twice as long to the other, and back, so that
-    no bank is left. Sides and rests alternate, and the times differ from the rudder's, so that a
-    regression can separate the two.
-    """
-    moves = np.zeros(round(leg.seconds / STEP_S))
-    if not leg.aileron:
-        return moves
-    at, end = BEFORE_S + 0.37 * step_s, leg.seconds - AFTER_S
-    for number in range(len(moves)):
-        unit, side = (0.45, 0.6, 0.35)[number % 3] * step_s, 1.0 - 2.0 * (number // 2 % 2)
-        if at + 4.0 * unit > end:
-            break
-        for length, value in ((1.0, side), (2.0, -side), (1.0, side)):
-            stop = at + length * unit
-            moves[round(at / STEP_S) : round(stop / STEP_S)] = value * leg.aileron
-            at = stop
-        at += (1.1, 0.3, 0.7, 1.7)[number % 4] * step_s
-    return moves
-
-
 def read_plan(name: str) -> LegPlan:
     """Return the plan of this name, or that of a TOML file.
 
@@ -244,24 +219,6 @@ PLANS = {
             Leg("landing", 130.0, speed_kt=65.0, climb_ft_min=-400.0, gust_m_s=3.0, severity=1),
         ),
         altitude_ft=1000.0,
-    ),
-    "aileron": LegPlan(
-        "c172p",
-        95.0,
-        (
-            Leg("idle", 20.0),
-            Leg("manoeuvre", 60.0, aileron=0.1),
-            Leg("turn", 25.0, bank_deg=20.0),
-            Leg("idle", 15.0),
-            Leg("aileron", 30.0, aileron=0.15),
-            Leg("idle", 10.0),
-            Leg("manoeuvre", 40.0, shape="prbs", amplitude=0.1, aileron=0.1),
-            Leg("idle", 15.0),
-            Leg("manoeuvre", 35.0, shape="doublets", mode="MANUAL", aileron=0.06),
-            Leg("idle", 20.0),
-            Leg("manoeuvre", 40.0, shape="doublets"),
-            Leg("idle", 10.0),
-        ),
     ),
 }
 """The named plans, all of the c172p. ``three_speeds`` takes 15 minutes. ``upset`` has no excitation

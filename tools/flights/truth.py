@@ -42,7 +42,6 @@ def truth(plan: FlightPlan, flown: Floats) -> dict[str, Any]:
     """
     mean = mean_plan(plan, flown)
     fdm = trimmed(mean)
-    A, closed, _ = _with_roll_hold(mean)
     return {
         "aircraft": plan.aircraft,
         "jsbsim": jsbsim.__version__,
@@ -58,8 +57,6 @@ def truth(plan: FlightPlan, flown: Floats) -> dict[str, Any]:
         "dutch_roll_pulse": pulse_dutch_roll(mean),
         "dutch_roll_at_trim": linear_dutch_rolls(plan)["dutch_roll"],
         "roll_hold": {"aileron_per_rad": plan.roll_gain, "aileron_per_rad_s": plan.roll_rate_gain},
-        "eigenvalues": _as_pairs(np.linalg.eigvals(closed)),
-        "eigenvalues_open_loop": _as_pairs(np.linalg.eigvals(A)),
         "rudder_travel_rad": rudder_travel(plan),
     }
 
@@ -225,11 +222,6 @@ def strongest_pair(poles: NDArray[np.complex128], residues: NDArray[np.complex12
     energy = np.abs(residues) ** 2 / np.maximum(2.0 * np.abs(poles.real), 1e-9)
     p = poles[np.argmax(np.where(pairs, energy, -1.0))]
     return {"wn_rad_s": float(abs(p)), "zeta": float(-p.real / abs(p))}
-
-
-def _as_pairs(poles: NDArray[Any]) -> list[list[float]]:
-    ordered = sorted(poles, key=lambda p: (-abs(p), p.imag))
-    return [[round(float(p.real), 6), round(float(p.imag), 6)] for p in ordered]
 
 
 def pulse_response(plan: FlightPlan, seconds: float = 12.0) -> Floats:
