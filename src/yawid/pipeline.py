@@ -30,7 +30,7 @@ from yawid.manoeuvres.stage import Manoeuvres
 from yawid.physics.stage import PhysicsStage
 from yawid.results.reasons import Reason, Verdict
 from yawid.results.yaw_loop import gains_in
-from yawid.sinks.base import Grid, Sink, rudder_unit
+from yawid.sinks.base import Grid, Sink
 
 BLOCK = 4096
 """The samples estimated and written at once: each row has a covariance, so blocks are large."""
@@ -234,7 +234,7 @@ class Pipeline:
             self.config.inputs,
             self.bank.methods,
             sample_time_s,
-            rudder_unit(in_rad=self.config.in_rad),
+            self.config.unit_of_rudder,
             *modes_of,
         )
         for sink in self.sinks:

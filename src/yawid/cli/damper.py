@@ -3,7 +3,7 @@
 import argparse
 from pathlib import Path
 
-from yawid.cli.options import Commands, add_command
+from yawid.cli.options import Commands, add_command, add_options
 from yawid.cli.standard_streams import hush
 from yawid.errors import ConfigError
 from yawid.sinks.door import print_answer, say
@@ -23,8 +23,7 @@ def add_damper(commands: Commands) -> None:
         ("--loop-rate", float, "HZ", "the autopilot's loop rate (default: the log's)"),
         ("--airspeed", _pair, "LO,HI", "airspeeds in m/s (default: those flown)"),
     )
-    for name, kind, metavar, text in options:
-        damper.add_argument(name, type=kind, metavar=metavar, help=text)
+    add_options(damper, options)
     damper.add_argument(
         "--autopilot", choices=("ardupilot", "px4"), help="whose damper (default: the log's)"
     )

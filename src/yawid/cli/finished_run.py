@@ -6,7 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from yawid.cli.options import Commands, add_command
+from yawid.cli.options import Commands, add_command, add_options
 from yawid.cli.standard_streams import hush
 from yawid.errors import ConfigError
 from yawid.sinks.door import print_line, say
@@ -45,13 +45,10 @@ def add_finished_run(commands: Commands) -> None:
         commands, "report", "write a report of a finished run: one HTML file",
         "yawid report yawid-out/flight.mcap\nyawid report flight.mcap -o flight.html --force",
     )  # fmt: skip
-    report.add_argument(
-        "-o", "--out", type=Path, metavar="R.html",
-        help="(default: next to the MCAP, with its name)",
-    )  # fmt: skip
-    report.add_argument(
-        "--png", type=Path, metavar="DIR", help="also write its pictures, a PNG each, into DIR"
-    )
+    text = "(default: next to the MCAP, with its name)"
+    report.add_argument("-o", "--out", type=Path, metavar="R.html", help=text)
+    text = "also write its pictures, a PNG each, into DIR"
+    report.add_argument("--png", type=Path, metavar="DIR", help=text)
     _add_force(report, _report, "files that exist")
     _add_export(commands)
     recover = add_command(
@@ -90,8 +87,7 @@ def _add_export(commands: Commands) -> None:
         help="(default: next to RUN or LOG, Parquet or JSON); a model: .json, .mat, .xml (JSBSim)",
     )  # fmt: skip
     group = export.add_argument_group("the aircraft, for JSBSim's coefficients (.xml)")
-    for name, metavar, text in DIMENSIONS:
-        group.add_argument(name, type=float, metavar=metavar, help=text)
+    add_options(group, ((name, float, metavar, text) for name, metavar, text in DIMENSIONS))
     _add_force(export, _export, "a file that exists")
 
 
@@ -132,7 +128,6 @@ def _view(arguments: argparse.Namespace) -> int:
 
 
 def _report(arguments: argparse.Namespace) -> int:
-
     if arguments.out is not None and arguments.out.suffix.lower() not in (".html", ".htm"):
         raise ConfigError(
             f"a report is one HTML file: --out must end with .html, got {arguments.out}; a browser "

@@ -8,8 +8,7 @@ from yawid.cli.options import (
     Commands,
     add_command,
     add_estimator_options,
-    add_format,
-    add_record_options,
+    add_log_options,
     add_signing,
     read_options_of,
     settings_of,
@@ -30,17 +29,10 @@ def add_fleet(commands: Commands) -> None:
         "replay thousands of logs into one data set (extra fleet: URLs, Dask)",
         "yawid fleet logs/ --out data\nyawid fleet 's3://bucket/**/*.BIN' --out data --workers 16",
     )  # fmt: skip
-    fleet.add_argument(
-        "paths", nargs="+", metavar="PATH",
-        help="logs, folders, globs or URLs (s3://, memory://, what fsspec knows)",
-    )  # fmt: skip
-    fleet.add_argument(
-        "--out",
-        type=place_of,
-        required=True,
-        metavar="DATASET",
-        help="folder of the data set, or a URL (s3://bucket/data)",
-    )
+    text = "logs, folders, globs or URLs (s3://, memory://, what fsspec knows)"
+    fleet.add_argument("paths", nargs="+", metavar="PATH", help=text)
+    text = "folder of the data set, or a URL (s3://bucket/data)"
+    fleet.add_argument("--out", type=place_of, required=True, metavar="DATASET", help=text)
     where = fleet.add_mutually_exclusive_group()
     where.add_argument("--workers", type=int, metavar="N", help="processes (default: one a core)")
     where.add_argument("--scheduler", metavar="ADDRESS", help="a Dask scheduler: tcp://HOST:8786")
@@ -49,18 +41,12 @@ def add_fleet(commands: Commands) -> None:
         "--verify", action="store_true", help="recognise logs by content, not by time"
     )
     fleet.add_argument("--dry-run", action="store_true", help="only count what would be done")
-    fleet.add_argument(
-        "--timeout",
-        type=float,
-        default=600.0,
-        metavar="S",
-        help="most seconds for a log (default: 600)",
-    )
+    text = "most seconds for a log (default: 600)"
+    fleet.add_argument("--timeout", type=float, default=600.0, metavar="S", help=text)
     fleet.add_argument("--modes", action="store_true", help="also keep the modes of every second")
-    add_format(fleet)
     add_signing(fleet)
     add_estimator_options(fleet)
-    add_record_options(fleet)
+    add_log_options(fleet)
     fleet.set_defaults(run=_fleet)
 
 

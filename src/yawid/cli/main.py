@@ -29,9 +29,8 @@ from yawid.cli.options import (
     OneLineParser,
     add_command,
     add_estimator_options,
-    add_format,
+    add_log_options,
     add_outputs,
-    add_record_options,
     add_signing,
     outputs_of,
     read_options_of,
@@ -138,9 +137,8 @@ def _add_fly(commands: Commands, whole: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     fly.add_argument("log", metavar="LOG", type=Path, help=recorded())
     fly.add_argument("--no-open", action="store_true", help="write the report without opening it")
-    add_format(fly)
     add_outputs(fly, without={"--json", "--rerun"})
-    add_record_options(fly)
+    add_log_options(fly)
     fly.set_defaults(run=partial(_fly, whole))
 
 
@@ -151,9 +149,8 @@ yawid replay day/*.BIN --out answers --json > answers.jsonl"""
     replay = add_command(commands, "replay", "LOG...", "estimate from recorded flights", examples)
     kinds = f"{recorded()}, or {RUN.said}"
     replay.add_argument("logs", nargs="+", metavar="LOG", type=place_of, help=kinds)
-    add_format(replay)
     add_outputs(replay)
-    add_record_options(replay)
+    add_log_options(replay)
     replay.set_defaults(run=_replay)
 
 
@@ -174,10 +171,9 @@ def _add_looks(commands: Commands) -> None:
     for command, run, without in ((inspect, _inspect, {"--engine"}), (orders, _orders, TRIED)):
         command.add_argument("log", metavar="LOG", type=Path, help=recorded())
         command.add_argument("--json", action="store_true", help="print one JSON object")
-        add_format(command)
         add_signing(command)
         add_estimator_options(command, without)
-        add_record_options(command)
+        add_log_options(command)
         command.set_defaults(run=run)
 
 

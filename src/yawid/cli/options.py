@@ -3,7 +3,7 @@
 import argparse
 import sys
 import textwrap
-from collections.abc import Callable, Container
+from collections.abc import Callable, Container, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn, TypeAlias
 
@@ -99,14 +99,10 @@ Option = tuple[str, Callable[[str], Any], str, str]
 SAMPLES: tuple[Option, ...] = (
     ("--from", float, "S", "first second since boot (default: the log's first)"),
     ("--to", float, "S", "last second since boot (default: the log's last)"),
-    (
-        "--airborne",
-        str,
-        "auto|all",
-        "all: take every sample as flown; auto: hold those on the ground (default: auto)",
-    ),
+    ("--airborne", str, "auto|all",
+     "all: take every sample as flown; auto: hold those on the ground (default: auto)"),
     ("--boot", int, "N", "only the vehicle's Nth boot in the log, from 1 (default: all)"),
-)
+)  # fmt: skip
 CHANNELS: tuple[Option, ...] = (
     ("--rudder", str, "CHANNEL", "auto, servo:N, vtail:L,R, control:K or rc:N (default: auto)"),
     ("--aileron", str, "CHANNEL", "the same for the aileron, without vtail (default: auto)"),
@@ -177,44 +173,31 @@ def add_outputs(parser: argparse.ArgumentParser, without: Container[str] = froze
     Those ``without`` are left out.
     """
     files = parser.add_argument_group("what is written")
-    files.add_argument(
-        "--out", type=Path, default=Path(DEFAULT_OUT), metavar="DIR",
-        help=f"folder of the files (default: {DEFAULT_OUT})",
-    )  # fmt: skip
+    text = f"folder of the files (default: {DEFAULT_OUT})"
+    files.add_argument("--out", type=Path, default=Path(DEFAULT_OUT), metavar="DIR", help=text)
     files.add_argument("--force", action="store_true", help="overwrite files that exist")
     if "--json" not in without:
         files.add_argument("--json", action="store_true", help="print one JSON object per log")
-    files.add_argument(
-        "--verbose", action="store_true",
-        help="print the numbers of the stream at its end as well, next to the flight's answer",
-    )  # fmt: skip
+    text = "print the numbers of the stream at its end as well, next to the flight's answer"
+    files.add_argument("--verbose", action="store_true", help=text)
     if "--rerun" not in without:
-        files.add_argument(
-            "--rerun",
-            default="off",
-            metavar="off|save|spawn|URL",
-            help="a Rerun recording, or a viewer: rerun+http://HOST:PORT/proxy (default: off)",
-        )
+        text = "a Rerun recording, or a viewer: rerun+http://HOST:PORT/proxy (default: off)"
+        files.add_argument("--rerun", default="off", metavar="off|save|spawn|URL", help=text)
     add_signing(parser)
     add_estimator_options(parser, without)
 
 
 def add_signing(parser: argparse.ArgumentParser) -> None:
     """Add the option with the key by which frames must be signed."""
-    parser.add_argument(
-        "--signing-key-file", type=Path, metavar="FILE",
-        help="read only frames signed by this key (default: any)",
-    )  # fmt: skip
+    text = "read only frames signed by this key (default: any)"
+    parser.add_argument("--signing-key-file", type=Path, metavar="FILE", help=text)
 
 
-def add_format(parser: argparse.ArgumentParser) -> None:
-    """Add the option for the kind of file that a log is."""
-    parser.add_argument(
-        "--format",
-        default="auto",
-        metavar="auto|tlog|raw",
-        help="raw: MAVLink frames without time stamps (default: auto)",
-    )
+def add_options(parser: argparse._ActionsContainer, options: Iterable[Option]) -> None:
+    """Add options that have a value, none by default."""
+    for name, kind, metavar, text in options:
+        names = (name, *ALIASES.get(name, ()))
+        parser.add_argument(*names, type=kind, metavar=metavar, help=text)
 
 
 def add_estimator_options(
@@ -227,17 +210,14 @@ def add_estimator_options(
     parser.set_defaults(settings={})
     for options, title in TITLES.items():
         group = parser.add_argument_group(title)
-        for name, kind, metavar, text in options:
-            if name not in without:
-                names = (name, *ALIASES.get(name, ()))
-                group.add_argument(*names, type=kind, metavar=metavar, help=text)
+        add_options(group, (each for each in options if each[0] not in without))
 
 
-def add_record_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options for the names and units of the columns in a CSV or Parquet file."""
-    group = parser.add_argument_group("the columns of CSV and Parquet")
-    for name, kind, metavar, text in RECORD:
-        group.add_argument(name, type=kind, metavar=metavar, help=text)
+def add_log_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options for a log's format, and for the names and units of a record's columns."""
+    text = "raw: MAVLink frames without time stamps (default: auto)"
+    parser.add_argument("--format", default="auto", metavar="auto|tlog|raw", help=text)
+    add_options(parser.add_argument_group("the columns of CSV and Parquet"), RECORD)
 
 
 def settings_of(arguments: argparse.Namespace) -> dict[str, Any]:

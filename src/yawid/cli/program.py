@@ -63,13 +63,8 @@ def add_schema(commands: Commands) -> None:
         "print the JSON Schema of what --json prints, and the exit codes",
         "yawid schema replay\nyawid schema | jq '.[\"x-exit-codes\"]'",
     )  # fmt: skip
-    schema.add_argument(
-        "command",
-        metavar="COMMAND",
-        nargs="?",
-        choices=PRINTING,
-        help=f"only of one command: {', '.join(PRINTING)} (default: all)",
-    )
+    text = f"only of one command: {', '.join(PRINTING)} (default: all)"
+    schema.add_argument("command", metavar="COMMAND", nargs="?", choices=PRINTING, help=text)
     schema.set_defaults(run=_schema)
 
 

@@ -14,6 +14,7 @@ from yawid.config.estimator import ArmaxOrders, Engine, EstimatorConfig, forgett
 from yawid.config.fields import Finite, NotNegative, Positive, Share, check_fields, fits, one_of
 from yawid.config.names import ELS, RECURSIVE, RML
 from yawid.errors import ConfigError, did_you_mean
+from yawid.quantities.units import HALF_TRAVEL
 
 BOTH = ("rudder", "aileron")
 OF_RECORDS = ("columns", "units", "rudder_unit", "rudder_is", "least_stroke_deg")
@@ -200,9 +201,10 @@ class RunConfig:
         return LEAST_STROKE_DEG if self.least_stroke_deg is None else self.least_stroke_deg
 
     @property
-    def in_rad(self) -> bool:
-        """Whether u is the rudder in rad, not in half travels."""
-        return self.rudder_max_deg is not None or self.rudder_unit in ("rad", "deg")
+    def unit_of_rudder(self) -> str:
+        """The unit of u: rad, or half travel."""
+        is_angle = self.rudder_max_deg is not None or self.rudder_unit in ("rad", "deg")
+        return "rad" if is_angle else HALF_TRAVEL
 
     @property
     def four_orders(self) -> tuple[int, int, int, int]:

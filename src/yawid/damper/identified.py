@@ -1,17 +1,16 @@
 """The aircraft that a run identified: its manoeuvres fitted again, and the draws made of them."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from math import radians
 from typing import Final
 
-from yawid.answers.run_summary import Flight, Manoeuvre, RunSummary
-from yawid.blocks import SampleBlock
-from yawid.config.run import RunConfig
+from yawid.answers.run_summary import Flight, Manoeuvre
 from yawid.damper.autopilots import Autopilot, Law, law_at
 from yawid.damper.refusals import MOST_GAIN_STD, Refused, check_gain, turn_share
 from yawid.models.draws import Aircraft, central, drawn_aircraft, fits
+from yawid.models.identify import Recorded
 from yawid.models.refit import Drawn, Rows, rows_of
 from yawid.physics.continuous import Transfer
 
@@ -22,15 +21,8 @@ RICHER: Final = ((3, 3, 2), (4, 4, 3))
 """Structures: the draws have the flight's own and the other one of these."""
 
 
-@dataclass(frozen=True, slots=True)
-class Facts:
-    """A run: its summary and configuration, its samples in blocks, the vehicle's parameters."""
-
-    summary: RunSummary
-    config: RunConfig
-    sample_time_s: float
-    samples: Iterable[SampleBlock]
-    parameters: Mapping[str, float]
+class Facts(Recorded):
+    """A run as the study of its damper needs it."""
 
     def rows(self, manoeuvres: Sequence[Manoeuvre]) -> list[Rows]:
         """Return the samples of manoeuvres, in one pass over those of the run."""
@@ -42,10 +34,10 @@ class Facts:
     ) -> list[Law]:  # fmt: skip
         """Return the damper at each airspeed, for the unit that this run's rudder has."""
         laws = [law_at(autopilot, known, loop_hz, speed) for speed in airspeeds_m_s]
-        return [replace(law, scaling=law.scaling * self.rudder_unit) for law in laws]
+        return [replace(law, scaling=law.scaling * self.half_travel) for law in laws]
 
     @property
-    def rudder_unit(self) -> float:
+    def half_travel(self) -> float:
         """Half the rudder's travel, in the unit of its channel."""
         return radians(self.config.rudder_max_deg) if self.config.rudder_max_deg else 1.0
 

@@ -94,7 +94,7 @@ def check_input(summary: RunSummary, config: RunConfig) -> None:
     if stands_in or (rudder is not None and rudder.source.startswith("RC_CHANNELS")):
         text = "the input is the pilot's stick: such an answer is that of the damped aircraft"
         raise Refused("stick", text, "log the servo outputs and fly again")
-    if config.in_rad and config.rudder_max_deg is None:
+    if config.unit_of_rudder == "rad" and config.rudder_max_deg is None:
         text = "the rudder is in rad and its travel, of which a damper moves parts, is not known"
         raise Refused("travel_unknown", text, "replay with --rudder-max-deg D")
 

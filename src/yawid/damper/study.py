@@ -103,7 +103,7 @@ def study(facts: Facts, asked: Asked) -> Study:
         flight = usable_flight(facts.summary)
         autopilot = autopilot_of(facts.summary, asked.autopilot)
         said |= {"autopilot": autopilot.words, "parameter": autopilot.gain}
-        said["mix"] = mix_of(facts.summary, autopilot, known.get(autopilot.mix), facts.rudder_unit)
+        said["mix"] = mix_of(facts.summary, autopilot, known.get(autopilot.mix), facts.half_travel)
         check_input(facts.summary, facts.config)
         loop_hz = asked.loop_rate_hz or known.get(autopilot.loop_rate, 0.0)
         check_loop(autopilot, known, loop_hz)

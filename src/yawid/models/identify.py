@@ -5,7 +5,7 @@ earlier samples or of derivatives, and the elements of A and B are the coefficie
 bare airframe has the states of :mod:`yawid.lateral.model`.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -24,7 +24,7 @@ from yawid.models.linear import Form, LinearModel, Matrices, Signal, slopes_of
 from yawid.models.refit import rows_of, rudder_held
 from yawid.physics.continuous import Transfer, transfer
 from yawid.physics.derivatives import numerator_polynomial
-from yawid.quantities.units import HALF_TRAVEL
+from yawid.quantities.units import HALF_TRAVEL, unit_of_derivative
 
 GRAVITY_M_S2 = 9.80665
 HELD, MEAN = "held", "mean"
@@ -35,13 +35,13 @@ _STATES = (Signal("beta", "rad"), Signal("p", "rad/s"), _OUTPUT, Signal("roll", 
 
 @dataclass(frozen=True, slots=True)
 class Recorded:
-    """A run: its summary and configuration, its samples in blocks, and the rudder's unit."""
+    """A run: its summary and configuration, its samples in blocks, the vehicle's parameters."""
 
     summary: RunSummary
     config: RunConfig
     sample_time_s: float
     samples: Iterable[SampleBlock]
-    rudder_unit: str
+    parameters: Mapping[str, float]
 
     @property
     def held(self) -> bool:
@@ -56,7 +56,9 @@ class Recorded:
 
     def inputs(self, names: Sequence[str]) -> tuple[Signal, ...]:
         """Return inputs with their units."""
-        return tuple(Signal(n, self.rudder_unit if n == "rudder" else HALF_TRAVEL) for n in names)
+        return tuple(
+            Signal(n, self.config.unit_of_rudder if n == "rudder" else HALF_TRAVEL) for n in names
+        )
 
 
 def model_of(run: Recorded, which: int | str) -> LinearModel:
@@ -166,7 +168,10 @@ def _bare(run: Recorded) -> LinearModel:
     covariance = np.array(bare.correlations)[: len(names), : len(names)] * np.outer(std, std)
     inputs = run.inputs(("aileron", "rudder"))
     matrices = partial(_airframe, names=names, airspeed_m_s=bare.airspeed_m_s)
-    units = tuple("rad" if n == "alpha_rad" else _unit(n, run.rudder_unit) for n in names)
+    units = (
+        *(unit_of_derivative(each, run.config.unit_of_rudder) for each in bare.derivatives),
+        "rad",
+    )
     continuous = Form(names, units, values, covariance, matrices)
     lag = {} if bare.servo_lag_s is None else {"servo_lag_s": bare.servo_lag_s.value or 0.0}
     return LinearModel(
@@ -191,12 +196,6 @@ def _airframe(values: Floats, names: Sequence[str], airspeed_m_s: float) -> Matr
     columns = ((0.0, "L_delta_a", "N_delta_a"), ("Y_delta_r", "L_delta_r", "N_delta_r"))
     B = np.array([[of[n] if isinstance(n, str) else n for n in each] + [0.0] for each in columns]).T
     return A, B, np.eye(4), np.zeros((4, 2))
-
-
-def _unit(name: str, rudder_unit: str) -> str:
-    unit = "1/s" if name[0] == "Y" or name[2:] in ("p", "r") else "1/s^2"
-    surface = {"delta_a": HALF_TRAVEL, "delta_r": rudder_unit}.get(name[2:])
-    return unit if surface is None else f"{unit} per {surface}"
 
 
 def _sampled(continuous: Form, sample_time_s: float, delay: int = 0) -> Form:

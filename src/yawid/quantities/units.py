@@ -67,3 +67,10 @@ def unit_of(text: str) -> Unit | None:
     """Return the unit that a text spells, None where it spells no known unit."""
     plain = text.strip().strip("[](){}").strip().replace("µ", "u").replace("μ", "u")
     return UNITS.get(plain.lower().replace(" ", "")) or UNITS.get(plain.lower().replace(" ", "-"))
+
+
+def unit_of_derivative(name: str, rudder_unit: str) -> str:
+    """Return the unit of a derivative of the bare airframe, such as ``N_delta_r``."""
+    unit = "1/s" if name[0] == "Y" or name[2:] in ("p", "r") else "1/s^2"
+    surface = {"delta_a": HALF_TRAVEL, "delta_r": rudder_unit}.get(name[2:])
+    return unit if surface is None else f"{unit} per {surface}"

@@ -24,6 +24,7 @@ from yawid.blocks import (
 from yawid.config.run import RunConfig
 from yawid.quantities.airspeed import name_of
 from yawid.quantities.table import BY_GROUND, CHANNELS, OF_NOISE, RUDDER, YAW_CHANNEL, quantity
+from yawid.quantities.units import unit_of_derivative
 from yawid.sinks.base import Grid
 from yawid.sinks.mcap.messages import RunRows, manoeuvre_fields
 from yawid.sinks.mcap.schemas import MODE_VALUES, TABLE
@@ -211,7 +212,7 @@ def _derivative_columns(found: Sequence[Manoeuvre], known: Units) -> Iterator[Co
         row = quantity(name)
         yield Column(f"bare_{name}", column, row.unit, f"of the bare airframe: {row.words}")
     for name in Bare.NAMES:
-        unit = bare_unit(name, known)
+        unit = unit_of_derivative(name, known.grid.rudder_unit)
         values = [(each.derivatives or {}).get(name) if each else None for each in bare]
         for suffix, column in _values(values):
             yield Column(name + suffix, column, unit, "of the bare airframe, Ixz folded in")
@@ -222,13 +223,6 @@ def _values(values: Iterable[Value | None]) -> Iterator[tuple[str, Array]]:
     some = [Value() if each is None else each for each in values]
     yield "", np.array([np.nan if v.value is None else v.value for v in some], float)
     yield "_std", np.array([np.nan if v.std is None else v.std for v in some], float)
-
-
-def bare_unit(name: str, known: Units) -> str:
-    """Return the unit of a derivative of the bare airframe."""
-    unit = "1/s" if name[0] == "Y" or name[2:] in ("p", "r") else "1/s^2"
-    surface = {"delta_a": "aileron", "delta_r": "rudder"}.get(name[2:])
-    return unit if surface is None else f"{unit} per {known.grid.unit_of(surface)}"
 
 
 def theta_unit(name: str, known: Units) -> str:

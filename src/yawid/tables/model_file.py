@@ -47,7 +47,7 @@ def write_model(
         NotIdentifiable: there is no answer of it.
         SinkError: the file exists and ``force`` is not set, or it cannot be written.
     """
-    model = model_of(run.recorded, which)
+    model = model_of(run.facts, which)
     if out.suffix == ".json":
         text = json.dumps(model_file(model, str(run.path.absolute())).to_json())
         data = f"{text}\n".encode()

@@ -16,7 +16,7 @@ from yawid.answers.run_summary import Bare, Flight, ReasonSummary, RunSummary, V
 from yawid.blocks import ModesBlock, SampleBlock
 from yawid.config.run import RunConfig
 from yawid.quantities.airspeed import SEA_LEVEL_DENSITY, density_ratio
-from yawid.sinks.base import Call, Grid, rudder_unit
+from yawid.sinks.base import Call, Grid
 from yawid.sinks.mcap.messages import RunRows, joined
 from yawid.system.stores import Place, brought, place_of
 from yawid.tables.columns import (
@@ -34,7 +34,6 @@ from yawid.tables.table import Column, Table
 if TYPE_CHECKING:
     from yawid.damper.identified import Facts
     from yawid.damper.study import Study
-    from yawid.models.identify import Recorded
     from yawid.models.linear import LinearModel
 
 
@@ -60,7 +59,7 @@ class Run:
         self.parameters = {} if parameters is None else parameters
         self._rows, self._calls = no_rows() if rows is None else rows, calls
         if grid is None:
-            grid = Grid((), config.inputs, (), math.nan, rudder_unit(in_rad=config.in_rad))
+            grid = Grid((), config.inputs, (), math.nan, config.unit_of_rudder)
         self._known = Units(grid, config)
 
     def named(self, name: str) -> Self:
@@ -174,15 +173,7 @@ class Run:
         """
         from yawid.models.identify import model_of
 
-        return model_of(self.recorded, which)
-
-    @property
-    def recorded(self) -> "Recorded":
-        """The run as the models are made from it."""
-        from yawid.models.identify import Recorded
-
-        grid, samples = self._known.grid, [self._rows.samples]
-        return Recorded(self.summary, self.config, grid.sample_time_s, samples, grid.rudder_unit)
+        return model_of(self.facts, which)
 
     @property
     def air_density(self) -> float | None:
@@ -220,7 +211,7 @@ class Run:
 
     @property
     def facts(self) -> "Facts":
-        """The run as the study of its damper needs it."""
+        """The run as its models and the study of its damper are made from it."""
         from yawid.damper.identified import Facts
 
         sample_time_s, samples = self._known.grid.sample_time_s, [self._rows.samples]

@@ -29,7 +29,7 @@ from yawid.blocks import Ints, MotionBlock, SampleBlock, Status
 from yawid.config.run import RunConfig, check_settings
 from yawid.errors import SourceError
 from yawid.estimation.polynomials import parameter_names
-from yawid.sinks.base import Grid, LogLevel, rudder_unit
+from yawid.sinks.base import Grid, LogLevel
 from yawid.sinks.mcap.chunks import MAGIC
 from yawid.sinks.mcap.messages import Rows, RunRows, estimate_from, modes_from, samples_from
 from yawid.sinks.mcap.motion_rows import motion_from
@@ -377,7 +377,7 @@ def read_grid(record: Mapping[str, str] | None, config: RunConfig) -> Grid | Non
             tuple(record[name].split()) for name in ("parameters", "inputs", "methods")
         )
         autopilot, kind = (int(record.get(name, "0")) for name in ("autopilot", "vehicle_type"))
-        unit, sample_time_s = rudder_unit(in_rad=config.in_rad), float(record["sample_time_s"])
+        unit, sample_time_s = config.unit_of_rudder, float(record["sample_time_s"])
         grid = Grid(parameters, inputs, methods, sample_time_s, unit, autopilot, kind)
     except (KeyError, ValueError) as error:
         raise ValueError(f"its grid cannot be read: {error!r}") from error
