@@ -192,10 +192,7 @@ class MessageBlock(Columns):
 
 @dataclass(frozen=True, slots=True)
 class FrameBlock:
-    """The wanted messages of one stretch of the stream.
-
-    ``messages`` has a block of (n,) rows, n >= 1, by message name; a missing name had no messages.
-    """
+    """The wanted messages of one stretch by name, each a block of (n,) rows, n >= 1."""
 
     messages: Mapping[str, MessageBlock]
 

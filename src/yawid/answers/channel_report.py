@@ -1,7 +1,4 @@
-"""The report of a run's channels, for its summary.
-
-Reasons are pairs of id and text; ``results/reasons.py`` explains the ids.
-"""
+"""The report of a run's channels, for its summary; its reasons are pairs of id and text."""
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass

@@ -17,10 +17,7 @@ class ParameterToSet(Part, frozen=True, kw_only=True):
 
 
 class ModeToFly(Part, frozen=True, kw_only=True):
-    """A flight mode, and the loop whose answer it gives.
-
-    ``answered`` has the numbers of the manoeuvres of the log with that loop.
-    """
+    """A flight mode, the loop whose answer it gives, and the log's manoeuvres that ``answered``."""
 
     mode: str
     loop: str

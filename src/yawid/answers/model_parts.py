@@ -4,10 +4,7 @@ from yawid.answers.part import Number, Part
 
 
 class Mode(Part, frozen=True, kw_only=True):
-    """One mode of the model, a real pole or a pair: frequency in rad/s, times in s.
-
-    The sigmas are of noise alone.
-    """
+    """One mode, a real pole or a pair: frequency in rad/s, times in s, sigmas of noise alone."""
 
     kind: str
     wn_rad_s: Number | None = None

@@ -124,10 +124,7 @@ class Conditioner:
 
 
 def finer_by(sample_time_s: float, interval_us: float) -> int:
-    """Return how many fine samples make one of the grid, each at most one message interval long.
-
-    ``interval_us`` is the shortest message interval.
-    """
+    """Return how many fine samples make one of the grid, by the shortest message interval."""
     return max(1, math.ceil(RATE_SLACK * 1e6 * sample_time_s / interval_us))
 
 

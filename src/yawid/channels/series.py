@@ -68,10 +68,7 @@ class Piece:
 
 
 def flow_together(yaw: Series, surface: Series) -> tuple[int, int] | None:
-    """Return the place from which both channels have rows, and the vehicle time in us there.
-
-    None where one of them is empty.
-    """
+    """Return the place and the vehicle time in us from which both have rows, None without them."""
     if len(yaw) == 0 or len(surface) == 0:
         return None
     both = int(max(yaw.order[0], surface.order[0]))

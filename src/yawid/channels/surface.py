@@ -75,10 +75,7 @@ class Surface:
         return f"{self.message}.{_field(self.message, part.number)}"
 
     def same_meaning(self, other: "Surface") -> bool:
-        """Return whether one unit has the same meaning in both.
-
-        Trims and stops may differ where parameters report them for both.
-        """
+        """Return whether one unit has the same meaning in both; trims and stops may differ."""
         measured = self.how == other.how == "parameter"
         mine, theirs = (
             replace(s, how="", twins=(), parts=tuple(replace(p, travel_us=None) for p in s.parts))

@@ -67,10 +67,7 @@ class Survey:
             self._note_phases(yaw.t_us, *_mode_and_state(yaw.values))
 
     def intervals(self) -> tuple[Intervals | None, Intervals | None]:
-        """Return the intervals of yaw and of surface messages by the vehicle's clock.
-
-        None stands for a channel with fewer than two intervals.
-        """
+        """Return the intervals of yaw and of surface messages, None for fewer than two."""
         return _intervals(self._yaw_us), _intervals(self._surface_us)
 
     def _note_phases(self, t_us: Ints, mode: Ints, state: Ints) -> None:

@@ -23,10 +23,7 @@ from yawid.quantities.vehicles import (
 
 @dataclass(frozen=True, slots=True)
 class Vehicle:
-    """The aircraft that was found: its address, and type and autopilot from its HEARTBEAT.
-
-    ``order`` is the place of that HEARTBEAT in the stream.
-    """
+    """The aircraft found: its address, type, autopilot, and the place of its first HEARTBEAT."""
 
     sysid: int
     compid: int

@@ -168,10 +168,7 @@ def add_command(
 
 
 def add_outputs(parser: argparse.ArgumentParser, without: Container[str] = frozenset()) -> None:
-    """Add the options of a command that writes results, and those of the estimator.
-
-    Those ``without`` are left out.
-    """
+    """Add the options of the estimator and of what a command writes, except those ``without``."""
     files = parser.add_argument_group("what is written")
     text = f"folder of the files (default: {DEFAULT_OUT})"
     files.add_argument("--out", type=Path, default=Path(DEFAULT_OUT), metavar="DIR", help=text)

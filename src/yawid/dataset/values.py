@@ -18,10 +18,7 @@ Entry = Mapping[str, Sequence[ReadRow]]
 
 
 def plain(value: Any) -> Any:
-    """Return a value with NumPy's scalars as Python's, and NaN and infinity as None.
-
-    Dicts and lists are converted recursively.
-    """
+    """Return a value with Python's scalars throughout, and with NaN and infinity as None."""
     if isinstance(value, dict):
         return {name: plain(each) for name, each in value.items()}
     if isinstance(value, list):
@@ -36,10 +33,7 @@ def known_date(us: int | None) -> int | None:
 
 
 def serial_of(parameters: bytes) -> str | None:
-    """Return a vehicle's serial number, ``serial:N``, from the BRD_SERIAL_NUM in parameters.txt.
-
-    None if it is 0 or missing.
-    """
+    """Return the serial number, ``serial:N``, by BRD_SERIAL_NUM; None if it is 0 or missing."""
     found = _SERIAL.search(parameters.decode("utf-8", "replace"))
     return None if found is None or not int(found[1]) else f"serial:{int(found[1])}"
 

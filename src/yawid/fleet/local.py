@@ -21,10 +21,7 @@ HERE: Final = "this machine"
 
 
 class LocalWorkers:
-    """A pool of threads with one child process for each; :meth:`run` gives them logs.
-
-    ``threads`` is their number.
-    """
+    """A pool of ``threads`` threads with one child process each; :meth:`run` gives them logs."""
 
     address = HERE
 

@@ -30,10 +30,7 @@ _LINK = ("frames", "skipped_bytes", "bad_crc", "unknown", "lost", "reboots", "cl
 
 @dataclass(frozen=True, slots=True)
 class _Flown:
-    """One replay of one boot of one vehicle.
-
-    ``boots`` are the numbers of all boots that the replay saw.
-    """
+    """One replay of one boot of one vehicle, and the numbers of all ``boots`` that it saw."""
 
     summary: RunSummary
     boot: int

@@ -27,10 +27,7 @@ _AWAY_NS: Final = 2_000_000_000
 
 
 class Columns(NamedTuple):
-    """The samples (n,) of a manoeuvre: times in s since boot, u (n, inputs), and what went with it.
-
-    The names are those of SampleBlock.
-    """
+    """The samples (n,) of a manoeuvre by SampleBlock's names; t in s since boot, u (n, inputs)."""
 
     t_s: Floats
     u: Floats

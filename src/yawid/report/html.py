@@ -104,10 +104,7 @@ def listed(items: Iterable[tuple[str, str, str, str]]) -> str:
 
 
 def pictures(title: str, shown: Sequence[Picture], against: Sequence[ReasonSummary] = ()) -> str:
-    """Return a section of pictures, each with what to look for; "" where there are none.
-
-    They are pale where there are reasons ``against`` what they show.
-    """
+    """Return a section of pictures, pale where there are reasons ``against``; "" without any."""
     if not shown:
         return ""
     figures = "".join(f"{figure(picture)}\n" for picture in shown)

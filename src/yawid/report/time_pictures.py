@@ -65,10 +65,7 @@ def whole_picture(data: ReportData, grid: Grid) -> Picture:
 
 
 def manoeuvre_picture(drawn: Drawn, flights: Sequence[Flight], grid: Grid) -> Picture:
-    """Return the picture of a manoeuvre as measured, and as its answering model simulates it.
-
-    It is the model that its flight, one of ``flights``, uses.
-    """
+    """Return a manoeuvre as measured, and as simulated by the model that its flight uses."""
     found = drawn.found
     assert found.answer is not None
     method, orders = found.answer.method.upper(), orders_in(found, flights)

@@ -122,10 +122,7 @@ def rounding_deg(u: Floats) -> float:
 
 
 def turn_hides(history: SampleHistory, sample_time_s: float) -> tuple[float, float] | None:
-    """Return which parts of the yaw rate the rudder explains with and without the turn.
-
-    None where it explains hardly more without it.
-    """
+    """Return the parts explained with and without the turn, None where they hardly differ."""
     u, turn = history.u[:, 0], history.turn_rate
     lags = [shifted(u, i) for i in response_lags(sample_time_s)]
     rows = np.isfinite(history.y + turn + sum(lags))

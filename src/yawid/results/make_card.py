@@ -111,10 +111,7 @@ class Flown:
 
 
 def why_no_card(vehicle: VehicleSeen | None, verdict: VerdictSummary) -> str | None:
-    """Return why there is no card for a log, None where there is one.
-
-    That a record in CSV or Parquet names no vehicle is no reason.
-    """
+    """Return why there is no card for a log, None where there is; a record needs no vehicle."""
     if vehicle is None:
         unheard = any(reason.id == "no_vehicle" for reason in verdict.reasons)
         return "no card: the log holds no vehicle" if unheard else None

@@ -241,10 +241,7 @@ class Verdict:
 
     @staticmethod
     def of(reasons: list[Reason], method: str | None = None) -> "Verdict":
-        """Return the verdict with the reasons in order, one of each id: one with a remedy, if any.
-
-        Of several, the first is kept.
-        """
+        """Return the verdict with one reason of each id in order, one with a remedy if any."""
         first = sorted(reasons, key=lambda reason: not (reason.exit_code and reason.remedy))
         unique = {reason.id: reason for reason in reversed(first)}
         return Verdict(tuple(sorted(unique.values(), key=_place)), method)

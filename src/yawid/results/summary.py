@@ -268,10 +268,7 @@ def described(
 def _physics(
     bank: Estimates, method: str, dutch_roll: Floats, spread: Spread
 ) -> dict[str, dict[str, float]]:
-    """Return the numbers of eq. 22-23 with their sigmas of noise; empty where there are none.
-
-    ``dutch_roll`` (4,) is that of the estimate.
-    """
+    """Return the numbers of eq. 22-23 of an estimate, with sigmas of noise; empty without any."""
     estimator = bank.estimators[method]
     found = summary_of(
         bank.last[method].theta[-1], estimator.covariance, estimator.config.orders,

@@ -47,10 +47,7 @@ class Trial:
 
 
 class Trials:
-    """Replays of one log without outputs; each configuration is estimated once.
-
-    ``bar`` shows the progress of each.
-    """
+    """Replays of one log without outputs, once for each configuration; ``bar`` shows progress."""
 
     def __init__(self, source: Recording, bar: Bar) -> None:
         self._source = source

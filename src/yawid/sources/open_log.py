@@ -1,7 +1,4 @@
-"""The one way to read every kind of log: open it, then take blocks of messages from it.
-
-``formats.py`` lists the kinds and how each is recognised.
-"""
+"""The one way to read every kind of log that ``formats.py`` lists, in blocks of messages."""
 
 import hashlib
 import pickle

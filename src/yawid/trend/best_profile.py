@@ -24,10 +24,7 @@ _AT_ONCE: Final = 256
 
 @dataclass(frozen=True, slots=True)
 class Fit:
-    """A history's best profile, fitted by weighted least squares, and how the days scatter.
-
-    The weight of a day is 1 / (sigma² + tau²).
-    """
+    """A history's best profile by least squares, each day weighted by 1 / (sigma² + tau²)."""
 
     best: int | None
     """Row of the profile in :func:`profiles`; None if there are too few days."""

@@ -207,10 +207,7 @@ def _vehicle(run: McapRun) -> str:
 
 
 def _pick(run: _Side, fleet: _Side, studied: list[Studied], notes: list[str]) -> None:
-    """Reduce a data set to what a run is compared with: its own vehicle, else all vehicles.
-
-    The sigmas become those of one more flight.
-    """
+    """Reduce a data set to a run's vehicle, else all, with the sigmas of one more flight."""
     loops = list(run.rows)
     own = [each for each in studied if each.history.loop in loops]
     vehicle = _own_vehicle(run, own)

@@ -31,10 +31,7 @@ FlightRow = Mapping[str, Any]
 
 @dataclass(frozen=True, slots=True)
 class History:
-    """One number of one vehicle and loop, sorted by date.
-
-    ``flights`` (n,) are the indices of its flights in the rows of :class:`Flights`.
-    """
+    """One number of one vehicle and loop by date; ``flights`` (n,) index those of Flights."""
 
     vehicle: str
     loop: str

@@ -21,10 +21,7 @@ _ROUNDS: Final = 6
 
 @dataclass(frozen=True, slots=True)
 class Season:
-    """A swing that returns every year: its amplitude with sigma, and the time of its peak.
-
-    ``peak`` is a fraction of the year, from 0 to 1.
-    """
+    """A season: its amplitude with sigma, and its ``peak`` as a fraction of the year."""
 
     amplitude: float
     std: float

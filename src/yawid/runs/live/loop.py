@@ -365,10 +365,7 @@ class _Loop:
         return bool(data)
 
     def _keep_apart(self, busy_s: float) -> None:
-        """Set the pause between reads from the time that the last two passes took.
-
-        The shorter of the two counts, so that a single long pass changes nothing.
-        """
+        """Set the pause between reads by the shorter one of the last two passes."""
         usual_s, self._busy_s = min(busy_s, self._busy_s), busy_s
         load = LOAD_WITH_FITS if self._fits.waiting else LOAD
         self._tap.pause_s = min(max(BATCH_S, usual_s / load), LONGEST_PAUSE_S)

@@ -93,10 +93,7 @@ def _chunk_records(chunk: Chunk) -> list[McapRecord] | None:
 
 
 class _Copy:
-    """The copying of a run from a stream of records to a new file.
-
-    Schemas and channels get new numbers there.
-    """
+    """The copying of a run to a new file, in which schemas and channels get new numbers."""
 
     def __init__(self, out: BinaryIO, stream: BinaryIO, path_in: Path) -> None:
         self._writer = Writer(out, compression=CompressionType.ZSTD)

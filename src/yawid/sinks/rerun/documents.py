@@ -1,7 +1,4 @@
-"""The texts in the viewer: the verdict with its numbers, and the manoeuvres as a table.
-
-The number after ± is one sigma.
-"""
+"""The texts in the viewer: the verdict with its numbers, and the manoeuvres; ± is one sigma."""
 
 from collections.abc import Iterator, Mapping, Sequence
 

@@ -373,10 +373,7 @@ def published(topic: UlogTopic) -> Ints:
 
 
 def sampled(topic: UlogTopic) -> Ints:
-    """Return the times (n,) at which the values were sampled, in us since boot.
-
-    Where these are not reported, they are the times of publication.
-    """
+    """Return the times (n,) in us since boot of sampling or, where unknown, of publication."""
     t_us = published(topic)
     sampled = topic.get("timestamp_sample", np.zeros(len(t_us))).astype(np.int64)
     return np.where((sampled > 0) & (np.abs(t_us - sampled) < _OLDEST_SAMPLE_US), sampled, t_us)
@@ -393,10 +390,7 @@ def array(topic: UlogTopic, name: str, size: int) -> Floats:
 
 
 def system_state(topics: Mapping[tuple[str, int], UlogTopic]) -> PlacedFields:
-    """Return an EXTENDED_SYS_STATE at each time at which one of its columns is reported.
-
-    The other column keeps its last value.
-    """
+    """Return an EXTENDED_SYS_STATE at each report of a column; the other one keeps its value."""
     land = topics.get(("vehicle_land_detected", 0), {})
     landed = _NOTHING
     if "landed" in land:

@@ -18,10 +18,7 @@ _WORD = 8
 
 @dataclass(frozen=True, slots=True)
 class Records(Columns):
-    """Records in an array of bytes, one row each: frames, stamps and the contents of the headers.
-
-    ``sender`` (n,) is 256 * sysid + compid.
-    """
+    """Records in an array of bytes, one row each; ``sender`` (n,) is 256 * sysid + compid."""
 
     frames: Frames
     stamps: Ints
