@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import least_squares
 
+from yawid.answers.reports import StepReport, Told
 from yawid.blocks import Floats
 from yawid.errors import ConfigError, NotIdentifiable, SourceError
 from yawid.offline.step_forms import (
@@ -203,64 +204,14 @@ def read_yaw(record: StepRecord) -> list[Floats]:
     return [start for _, start in sorted(found, key=lambda each: each[0])[:GRID_BEST]]
 
 
-@dataclass(frozen=True, slots=True)
-class StepValue:
-    """An estimate and its standard deviation."""
-
-    value: float
-    std: float
-
-
-def _value(value: float, std: float) -> StepValue:
-    return StepValue(float(value), abs(float(std)))
-
-
-@dataclass(frozen=True, slots=True)
-class FirstOrder:
-    """G(s) = K/(T s + 1): K in y per u, times in s (eq. 6), offset and noise in y's unit."""
-
-    K: StepValue
-    T: StepValue
-    settling_2pct_s: StepValue
-    settling_5pct_s: StepValue
-    offset: StepValue
-    noise_std: float
-
-
-@dataclass(frozen=True, slots=True)
-class SecondOrder:
-    """W(s) = k q^2/(s^2 + 2 q D s + q^2): k in y per u, q in rad/s; settling of the envelope."""
-
-    k: StepValue
-    D: StepValue
-    q: StepValue
-    settling_2pct_s: StepValue
-    settling_5pct_s: StepValue
-    offset: StepValue
-    noise_std: float
-
-
-@dataclass(frozen=True, slots=True)
-class YawStep:
-    """Eq. 23: K in y per u, T_theta in s, omega_beta in rad/s, xi_beta; envelope settling."""
-
-    K: StepValue
-    T_theta_s: StepValue
-    omega_beta: StepValue
-    xi_beta: StepValue
-    settling_2pct_s: StepValue
-    settling_5pct_s: StepValue
-    offset: StepValue
-    noise_std: float
-
-
 def fit_first_order(
     t: ArrayLike, y: ArrayLike, u0: float = 1.0, step_time_s: float = 0.0
-) -> FirstOrder:
+) -> StepReport:
     """Fit eq. 4 to y (n,) at t (n,) in s, increasing; the input steps by u0 at ``step_time_s``.
 
-    A NaN in y is left out. The offset is y before the step. Sigma assumes white noise or, where
-    the residuals are correlated, a first-order process.
+    K is in y per u, T and the settling times (eq. 6) are in s, the noise is in y's unit. A NaN in y
+    is left out. Sigma assumes white noise or, where the residuals are correlated, a first-order
+    process.
 
     Raises:
         ConfigError: a shape is wrong, there are fewer than 10 samples after the step, the times do
@@ -278,21 +229,20 @@ def fit_first_order(
     T = _exp(fit.p[2])
     left = math.exp(-record.t[-1] / T)
     _check_form(record, fit, left, first_order_settling(T, SETTLED))
-    t2, t5 = first_order_settling(T, 0.02), first_order_settling(T, 0.05)
-    return FirstOrder(
-        _value(fit.p[1] * record.scale / u0, fit.std[1] * record.scale / u0),
-        _value(T, T * fit.std[2]),
-        _value(t2, t2 * fit.std[2]),
-        _value(t5, t5 * fit.std[2]),
-        _value(record.low + fit.p[0] * record.scale, fit.std[0] * record.scale),
-        fit.noise_std * abs(record.scale),
-    )
+
+    def settling(tolerance: float) -> list[float]:
+        time = first_order_settling(T, tolerance)
+        return [time, time]
+
+    return _report("first", record, fit, u0, {"T": _told(T, T * fit.std[2])}, settling)
 
 
 def fit_second_order(
     t: ArrayLike, y: ArrayLike, u0: float = 1.0, step_time_s: float = 0.0
-) -> SecondOrder:
+) -> StepReport:
     """Fit h(t) of eq. 7 to y (n,) at t (n,) in s; the rest as in :func:`fit_first_order`.
+
+    k is in y per u, q in rad/s; the settling times are the envelope's.
 
     Raises:
         ConfigError: as there.
@@ -318,20 +268,19 @@ def fit_second_order(
     _check_form(
         record, fit, math.exp(-D * q * record.t[-1]) / root, second_order_settling(D, q, SETTLED)
     )
-    scale = record.scale / u0
-    return SecondOrder(
-        _value(fit.p[1] * scale, fit.std[1] * scale),
-        _value(D, fit.std[2]),
-        _value(q, q * fit.std[3]),
-        _settling(D, q, 0.02, fit.covariance[2:, 2:]),
-        _settling(D, q, 0.05, fit.covariance[2:, 2:]),
-        _value(record.low + fit.p[0] * record.scale, fit.std[0] * record.scale),
-        fit.noise_std * abs(record.scale),
-    )
+
+    def settling(tolerance: float) -> list[float]:
+        time = second_order_settling(D, q, tolerance)
+        return [time, 1.0 / (q * (1.0 - D * D)) - time / D, -time]
+
+    found = {"D": _told(D, fit.std[2]), "q": _told(q, q * fit.std[3])}
+    return _report("second", record, fit, u0, found, settling)
 
 
-def fit_yaw(t: ArrayLike, y: ArrayLike, u0: float = 1.0, step_time_s: float = 0.0) -> YawStep:
+def fit_yaw(t: ArrayLike, y: ArrayLike, u0: float = 1.0, step_time_s: float = 0.0) -> StepReport:
     """Fit eq. 23 to the yaw rate y (n,) at t (n,) in s; the rest as in :func:`fit_first_order`.
+
+    K is in y per u, T_theta in s, omega_beta in rad/s; the settling times are the envelope's.
 
     Raises:
         ConfigError, NotIdentifiable: as there.
@@ -347,39 +296,50 @@ def fit_yaw(t: ArrayLike, y: ArrayLike, u0: float = 1.0, step_time_s: float = 0.
     T, xi, omega = float(fit.p[2]), float(fit.p[3]), _exp(fit.p[4])
     left = SETTLED * math.exp(xi * omega * (yaw_settling(T, xi, omega, SETTLED) - record.t[-1]))
     _check_form(record, fit, left, yaw_settling(T, xi, omega, SETTLED))
-    scale, root = record.scale / u0, math.sqrt(1.0 - xi * xi)
+    root = math.sqrt(1.0 - xi * xi)
 
-    def settling(tolerance: float) -> StepValue:
-        """Return the settling time and its sigma, from its derivatives by T, xi and ln omega."""
+    def settling(tolerance: float) -> list[float]:
         time = yaw_settling(T, xi, omega, tolerance)
         miss = (xi - T * omega) / root
         turn = miss / (1.0 + miss * miss) / (xi * omega)
-        of_T, of_xi = -turn * omega / root, turn * (1.0 / root + miss * xi / root**2) - time / xi
-        slope = np.array([of_T, of_xi, -turn * T * omega / root - time])
-        return _value(time, math.sqrt(slope @ fit.covariance[2:, 2:] @ slope))
+        of_xi = turn * (1.0 / root + miss * xi / root**2) - time / xi
+        return [time, -turn * omega / root, of_xi, -turn * T * omega / root - time]
 
-    return YawStep(
-        _value(fit.p[1] * scale, fit.std[1] * scale),
-        _value(T, fit.std[2]),
-        _value(omega, omega * fit.std[4]),
-        _value(xi, fit.std[3]),
-        settling(0.02),
-        settling(0.05),
-        _value(record.low + fit.p[0] * record.scale, fit.std[0] * record.scale),
-        fit.noise_std * abs(record.scale),
+    found = {"T_theta_s": _told(T, fit.std[2]), "omega_beta": _told(omega, omega * fit.std[4])}
+    found["xi_beta"] = _told(xi, fit.std[3])
+    return _report("yaw", record, fit, u0, found, settling)
+
+
+def _report(
+    model: str, record: StepRecord, fit: "_Fit", u0: float, found: dict[str, Told],
+    settling: Callable[[float], list[float]],
+) -> StepReport:  # fmt: skip
+    """Return the result of a fit, whose parameters but the gain are ``found``.
+
+    ``settling`` returns the time for a tolerance, and its slopes by the fit's parameters from the
+    third one on.
+    """
+    scale, times = record.scale / u0, []
+    for tolerance in (0.02, 0.05):
+        time, *slopes = settling(tolerance)
+        times.append(_told(time, math.sqrt(slopes @ fit.covariance[2:, 2:] @ slopes)))
+    gain = "k" if model == "second" else "K"
+    return StepReport(
+        model=model,
+        parameters={gain: _told(fit.p[1] * scale, fit.std[1] * scale)} | found,
+        settling_2pct_s=times[0],
+        settling_5pct_s=times[1],
+        noise_std=float(fit.noise_std * abs(record.scale)),
     )
+
+
+def _told(value: float, std: float) -> Told:
+    return Told(value=float(value), std=abs(float(std)))
 
 
 def _exp(exponent: float) -> float:
     """Return e^exponent within the range of floats: times and frequencies are fitted as ln."""
     return math.exp(min(max(exponent, -300.0), 300.0))
-
-
-def _settling(D: float, q: float, tolerance: float, covariance: Floats) -> StepValue:
-    """Return the settling time of the envelope; ``covariance`` (2, 2) is that of D and ln q."""
-    time = second_order_settling(D, q, tolerance)
-    slope = np.array([1.0 / (q * (1.0 - D * D)) - time / D, -time])
-    return _value(time, math.sqrt(slope @ covariance @ slope))
 
 
 @dataclass(frozen=True, slots=True)
