@@ -27,7 +27,7 @@ from yawid.lateral.motion import Motion
 from yawid.manoeuvres.laterals import Laterals
 from yawid.pipeline import Pipeline
 from yawid.report.lateral_picture import free_run, lateral_picture
-from yawid.report.write import report
+from yawid.report.write import Report
 from yawid.runs.job import feed_all
 from yawid.runs.outputs import Outputs
 from yawid.runs.replay import StopFlag, replay
@@ -293,4 +293,4 @@ def test_the_report_draws_the_airframe_next_to_the_motion_measured(
     left = (measured - simulated).std(axis=0) / measured.std(axis=0)
     assert np.all(left < 0.15), left
     assert lateral_picture(run) is not None
-    assert "of the bare airframe" in report(run)
+    assert "of the bare airframe" in Report(run).html()

@@ -44,11 +44,10 @@ from yawid.answers.run_summary import (
 )
 from yawid.estimation.fit import fit_percent
 from yawid.report.airspeed_picture import airspeed_picture
-from yawid.report.data import gather
-from yawid.report.manoeuvre_data import to_draw
+from yawid.report.data import gather, to_draw
 from yawid.report.manoeuvres import flight_section
 from yawid.report.picture import mark_events, traced
-from yawid.report.write import Report, report
+from yawid.report.write import Report
 from yawid.sinks.mcap.reader import McapRun, open_run
 
 LOG = REPLAY_LOGS / "sitl_fbwa_50hz" / "log.tlog"
@@ -78,7 +77,7 @@ def drawn(paged: Paged) -> Callable[[RunSummary], str]:
     def of(hand: RunSummary) -> str:
         key = json.dumps(hand.to_json())
         if key not in pages:
-            pages[key] = report(paged(hand))
+            pages[key] = Report(paged(hand)).html()
         return pages[key]
 
     return of
@@ -132,7 +131,7 @@ def test_a_manoeuvre_is_drawn_by_the_very_model_that_answered_it(tmp_path: Path)
     assert shown["manoeuvre1"].title.endswith("model of orders 4,4,3,1")
     assert "held-back" not in shown["manoeuvre1"].look
 
-    html = report(run)
+    html = Report(run).html()
     assert '<figure id="manoeuvre1">' in html
     page = Page(html)
     assert len(page.ids) == len(set(page.ids))

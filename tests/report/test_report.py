@@ -22,7 +22,7 @@ from yawid.cli.main import main
 from yawid.config.estimator import ArmaxOrders
 from yawid.report.data import Model, gather
 from yawid.report.model_pictures import frequency_band, poles_with_sigma, step_band
-from yawid.report.write import report
+from yawid.report.write import Report
 from yawid.sinks.mcap.reader import open_run
 
 PICTURES = (
@@ -41,7 +41,7 @@ def good(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def html(good: Path) -> str:
-    return report(open_run(good))
+    return Report(open_run(good)).html()
 
 
 @pytest.fixture(scope="module")
@@ -60,7 +60,7 @@ def still(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def still_html(still: Path) -> str:
-    return report(open_run(still))
+    return Report(open_run(still)).html()
 
 
 def test_the_first_screen_answers_the_four_questions(good: Path, html: str) -> None:
@@ -128,7 +128,7 @@ def test_a_run_without_a_rudder_has_a_first_screen_and_no_pictures(tmp_path: Pat
     log.heartbeat(1.0, kind=2)
     path = tmp_path / "copter.tlog"
     path.write_bytes(log.data)
-    html = report(open_run(replayed(path, tmp_path)))
+    html = Report(open_run(replayed(path, tmp_path))).html()
     assert "Can I use it? No" in first_screen(html)
     assert "svg" not in Page(html).tags
 
@@ -254,6 +254,6 @@ def test_the_browser_would_notice_a_script_error_and_a_request(tmp_path: Path) -
 
 def test_the_two_other_flights_make_reports_too(tmp_path: Path) -> None:
     log = REPLAY_LOGS / "c172p_gcs_rates" / "log.tlog"
-    html = report(open_run(replayed(log, tmp_path, "--forgetting", 0.99, *STREAM)))
+    html = Report(open_run(replayed(log, tmp_path, "--forgetting", 0.99, *STREAM))).html()
     assert "Can I use it? Yes, with care 1 warning, see below rate low" in first_screen(html)
     assert Page(html).tags.count("svg") == len(PICTURES)

@@ -34,7 +34,7 @@ from yawid.answers.run_summary import (
 )
 from yawid.report.data import gather
 from yawid.report.time_pictures import fit_picture, modes_picture
-from yawid.report.write import report
+from yawid.report.write import Report
 from yawid.sinks.answers import cards, headline, use
 from yawid.sinks.mcap.reader import McapRun, open_run
 from yawid.sinks.rerun.documents import verdict_markdown
@@ -59,7 +59,7 @@ def by_rml(tmp_path_factory: pytest.TempPathFactory) -> McapRun:
 
 def test_the_report_answers_with_the_method_of_the_verdict(by_rml: McapRun) -> None:
     rml = by_rml.summary.estimates["rml"].dutch_roll
-    html = report(by_rml)
+    html = Report(by_rml).html()
     text = first_screen(html)
     assert f"Dutch roll of {rml.wn_rad_s:.3g} rad/s" in text
     assert f"ωn {rml.wn_rad_s:.3f} rad/s ± {rml.wn_std:.3f}" in text
@@ -184,7 +184,7 @@ def test_a_run_that_explodes_is_reported_without_a_warning_or_an_absurd_number(
     options = (*options, "--manoeuvres", "off", "--to", 60)
     run = open_run(replayed(C172P, tmp_path, *options))
     assert run.summary.estimates["rml"].fit.simulation_pct == -1000.0
-    text = Page(report(run)).text
+    text = Page(Report(run).html()).text
     assert "< -1000" in text
     assert not re.findall(r"[1-9]e\+\d\d", text)
 
@@ -192,7 +192,7 @@ def test_a_run_that_explodes_is_reported_without_a_warning_or_an_absurd_number(
 def test_what_was_held_is_said_once(tmp_path: Path) -> None:
     """Samples without enough before them teach nothing either, but nothing holds them."""
     run = open_run(replayed(C172P, tmp_path, "--rate", 10, "--forgetting", 1))
-    text = Page(report(run)).text
+    text = Page(Report(run).html()).text
     counts = [run.summary.estimates[method].held for method in ("els", "rml")]
     assert min(counts) > 0
     assert f"not used: held, or too few before them {counts[0]} {counts[1]}" in text

@@ -64,10 +64,7 @@ class Journal:
 
     def known(self) -> dict[str, ReadRow]:
         """Return the columns ``KNOWN`` of the table ``logs`` as one row for each path."""
-        if not (self.folder / MANIFEST).exists():
-            return {}
-        rows = read_table(self.folder, "logs", KNOWN).to_pylist()
-        return {row["path"]: row for row in rows}
+        return _known(self.folder)
 
     def add(self, entry: Entry) -> None:
         """Add a log's rows. They are kept even if this process is killed right after.
@@ -126,11 +123,14 @@ def opened(folder: Place) -> Iterator[Journal]:
 
 def peek(folder: Place) -> dict[str, ReadRow]:
     """Return the columns ``KNOWN`` of each log by path, without writing anything."""
-    known: dict[str, ReadRow] = {}
-    if (folder / MANIFEST).exists():
-        known = {row["path"]: row for row in read_table(folder, "logs", KNOWN).to_pylist()}
     newer = (entry["logs"][0] for entry in _lines(_here(folder) / FINISHED))
-    return known | {row["path"]: {name: row.get(name) for name in KNOWN} for row in newer}
+    return _known(folder) | {row["path"]: {name: row.get(name) for name in KNOWN} for row in newer}
+
+
+def _known(folder: Place) -> dict[str, ReadRow]:
+    if not (folder / MANIFEST).exists():
+        return {}
+    return {row["path"]: row for row in read_table(folder, "logs", KNOWN).to_pylist()}
 
 
 def check_ours(folder: Place) -> None:

@@ -3,7 +3,7 @@
 import importlib.util
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -136,14 +136,10 @@ def _spread(logs: list[FoundLog]) -> list[FoundLog]:
 
 
 def _is_known(log: FoundLog, row: ReadRow | None, config_hash: str, run: FleetRun) -> bool:
-    if row is None or (row["config_hash"], row["analysis_version"]) != (
-        config_hash,
-        ANALYSIS_VERSION,
-    ):
+    now = (config_hash, ANALYSIS_VERSION, log.size)
+    if row is None or (row["config_hash"], row["analysis_version"], row["size_bytes"]) != now:
         return False
     if row["outcome"] == FAILED or (run.retry and row["outcome"] in TRIED_AGAIN):
-        return False
-    if row["size_bytes"] != log.size:
         return False
     if run.verify and row["file_sha256"] is not None:
         return bool(sha256_of(log) == row["file_sha256"])
@@ -222,9 +218,10 @@ def _run(
     found = {log.path: log for log in plan.todo}
     own = {"config_hash": run.spec.config_hash, "analysis_version": ANALYSIS_VERSION}
     address = run.scheduler
+    tasks = (Task(log.path, run.spec, run.timeout_s, own_bytes(log)) for log in plan.todo)
     with local_workers(run.workers) if address is None else workers_of(address) as workers:
         progress.start_s = time.monotonic()
-        with closing(workers.run(_tasks(run, plan.todo), stop)) as done:
+        with closing(workers.run(tasks, stop)) as done:
             for ended in done:
                 progress.threads = workers.threads
                 if ended is None:
@@ -242,11 +239,6 @@ def _run(
                     journal.add(entry)  # a failure does not replace an earlier answer
                 progress.add(row["outcome"], log.size)
                 show(progress)
-
-
-def _tasks(run: FleetRun, logs: Sequence[FoundLog]) -> Iterator[Task]:
-    for log in logs:
-        yield Task(log.path, run.spec, run.timeout_s, own_bytes(log))
 
 
 def _entry(log: FoundLog, rows: Any, own: Mapping[str, str], address: str) -> Entry:

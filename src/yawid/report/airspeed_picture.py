@@ -94,8 +94,7 @@ def airspeed_picture(manoeuvres: Sequence[Manoeuvre], flights: Sequence[Flight])
                 ax.xaxis.set_major_locator(MaxNLocator(integer=True))
             else:
                 ax.set_xlim(*_ends(points.speed))
-            ax.set_ylim(*points.limits[i])
-            ax.set_ylabel(_PANELS[i])
+            ax.set(ylim=points.limits[i], ylabel=_PANELS[i])
             for flight, colour in zip(flights, _COLOURS, strict=False):
                 name = f", {loop_of(flight.loop).name}" if len(flights) > 1 else ""
                 _draw_flight(ax, flight, i, colour, name, alike=alike)
@@ -108,15 +107,12 @@ def airspeed_picture(manoeuvres: Sequence[Manoeuvre], flights: Sequence[Flight])
     if alike:
         look = "All at one airspeed: do they agree? Bars, and bands of the flight: 2 sigma."
     else:
-        line = (
-            "along the line ωn = κV"
-            if any(each.kappa_rad_m for each in flights)
-            else "in proportion"
-        )
+        grows = any(each.kappa_rad_m for each in flights)
+        line = "along the line ωn = κV" if grows else "in proportion"
         look = f"Does ωn grow with the airspeed, {line}, and does ζ stay? Bars and bands: 2 sigma."
     if hidden := int(np.sum(~points.within.all(axis=1))):
         look += f" Off the picture: {hidden} that cannot be used."
-    return Picture("airspeed", _TITLES[alike], look, draw, (5.6, 4.4))
+    return Picture("airspeed", _TITLES[alike], look, draw)
 
 
 def _points(known: list[tuple[Manoeuvre, float, DutchRoll]], flights: Sequence[Flight]) -> _Points:

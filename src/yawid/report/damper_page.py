@@ -55,14 +55,8 @@ def _sections(report: DamperReport, predicted: Predicted, name: str) -> Iterator
         body += note("", f"Rudder mix, {report.mix.parameter}: {report.mix.text}")
     yield head(name, origin, sentence, body, usable=band_said is not None)
     yield pictures("The damped aircraft", list(_pictures(report, predicted)))
-    heading = (
-        report.parameter or "",
-        "V m/s",
-        "wn rad/s",
-        "zeta",
-        "gain margin dB",
-        "phase margin deg",
-    )
+    units = ("V m/s", "wn rad/s", "zeta", "gain margin dB", "phase margin deg")
+    heading = (report.parameter or "", *units)
     yield sheet("Every gain", heading, [(cells, False) for cells in _rows(report)])
     meaning = (
         "± is one sigma, bands are 2 sigma. Margins are those of the open loop at the 95 % bound "
@@ -75,16 +69,11 @@ def _rows(report: DamperReport) -> Iterator[list[Cell]]:
     for gain in report.gains:
         for at in gain.at:
             pairs = ((at.wn_rad_s, at.wn_std, ".2f"), (at.zeta, at.zeta_std, ".3f"))
-            modes = [
-                "" if x is None else f"{x:{form}} ± {std or 0.0:{form}}" for x, std, form in pairs
-            ]
-            margins = [
-                "" if x is None else f"{x:.0f}" for x in (at.gain_margin_db, at.phase_margin_deg)
-            ]
-            yield [
-                (each, "")
-                for each in (f"{gain.value:g}", f"{at.airspeed_m_s:.1f}", *modes, *margins)
-            ]
+            cells = [f"{gain.value:g}", f"{at.airspeed_m_s:.1f}"]
+            cells += ["" if x is None else f"{x:{f}} ± {std or 0.0:{f}}" for x, std, f in pairs]
+            margins = (at.gain_margin_db, at.phase_margin_deg)
+            cells += ["" if x is None else f"{x:.0f}" for x in margins]
+            yield [(each, "") for each in cells]
 
 
 def _pictures(report: DamperReport, predicted: Predicted) -> Iterator[Picture]:
@@ -115,17 +104,15 @@ def _over_gain(report: DamperReport, predicted: Predicted) -> Picture:
                 shade = SHADES[v % len(SHADES)]
                 ax.plot(closed.gains, middle[v], color=shade, label=f"{speed:.1f} m/s")
                 band(ax, closed.gains, middle[v] - 2.0 * std[v], middle[v] + 2.0 * std[v], shade)
-            if report.recommended is not None:
-                ax.axvspan(
-                    report.recommended.low, report.recommended.high, color=NEUTRAL, alpha=0.2
-                )
-                ax.axvline(report.recommended.next, color=NEUTRAL, linestyle="--")
+            if (best := report.recommended) is not None:
+                ax.axvspan(best.low, best.high, color=NEUTRAL, alpha=0.2)
+                ax.axvline(best.next, color=NEUTRAL, linestyle="--")
             ax.set_ylabel(label)
         axes[1].set_xlabel(report.parameter or "")
         figure.legend(*axes[0].get_legend_handles_labels(), loc="outside upper right", ncols=3)
 
     look = "Grey: the band aimed at; dashed: the gain to fly next. Bands: 2 sigma."
-    return Picture("over-gain", "Damping and frequency over the gain", look, draw, (5.6, 4.4))
+    return Picture("over-gain", "Damping and frequency over the gain", look, draw)
 
 
 def _middle_of(predicted: Predicted, v: int) -> Transfer:
@@ -147,24 +134,16 @@ def _locus(report: DamperReport, predicted: Predicted) -> Picture:
             shown = [int(np.argmin(np.abs(closed.gains - each.value))) for each in report.gains]
             ax.plot(s.real[shown], s.imag[shown], ".", color=shade)
         low, high = ax.get_ylim()
+        top = max(high, 1e-9)
         for zeta in (0.1, 0.2, 0.3, 0.4, 0.6):
-            top = max(high, 1e-9)
-            ax.plot(
-                [0.0, -top * zeta / np.sqrt(1 - zeta**2)],
-                [0.0, top],
-                color="#cccccc",
-                linewidth=0.6,
-            )
-            ax.annotate(
-                f"{zeta:g}", (-top * zeta / np.sqrt(1 - zeta**2), top), fontsize=7, color="#777777"
-            )
-        ax.set_ylim(min(low, 0.0), high)
-        ax.set_xlabel("real [1/s]")
-        ax.set_ylabel("imaginary [rad/s]")
+            end = -top * zeta / np.sqrt(1 - zeta**2)
+            ax.plot([0.0, end], [0.0, top], color="#cccccc", linewidth=0.6)
+            ax.annotate(f"{zeta:g}", (end, top), fontsize=7, color="#777777")
+        ax.set(ylim=(min(low, 0.0), high), xlabel="real [1/s]", ylabel="imaginary [rad/s]")
         figure.legend(loc="outside upper right", ncols=3)
 
     look = "The Dutch roll from no damper (x) on. Dots: gains of the table; grey: constant ζ."
-    return Picture("locus", "Root locus", look, draw, (5.6, 4.4))
+    return Picture("locus", "Root locus", look, draw)
 
 
 def _bode(predicted: Predicted, gain: float, name: str) -> Picture:
@@ -192,14 +171,13 @@ def _bode(predicted: Predicted, gain: float, name: str) -> Picture:
             lower.axhline(inside, color=BAD, linewidth=0.7, linestyle=":")
         log_axis(upper)
         upper.set_ylabel("|L| [dB]")
-        lower.set_ylabel("phase [deg]")
-        lower.set_xlabel("ω [rad/s]")
+        lower.set(xlabel="ω [rad/s]", ylabel="phase [deg]")
 
     look = (
         f"With {name} {gain:g} at {speed:.1f} m/s, over the frequencies where the model is known. "
         "Where |L| crosses 0 dB the phase must be within the dotted lines. Bands: 95 %."
     )
-    return Picture("open-loop", "Open loop", look, draw, (5.6, 4.4))
+    return Picture("open-loop", "Open loop", look, draw)
 
 
 def _ninety_five(values: Floats) -> tuple[Floats, Floats]:
@@ -227,11 +205,8 @@ def _response(predicted: Predicted, gain: float, name: str) -> Picture:
         lower.plot(t, y, color=DATA, linewidth=0.9, label="measured")
         lower.plot(t, without, color=NEUTRAL, label="without damper")
         lower.plot(t, damped, color=MODEL, label=f"with {name} {gain:g}")
-        lower.set_ylabel("yaw rate [rad/s]")
-        lower.set_xlabel("s")
+        lower.set(xlabel="s", ylabel="yaw rate [rad/s]")
         figure.legend(loc="outside upper right", ncols=3)
 
     look = "The rudder that the pilot moved, without and with the damper: how the manoeuvre began."
-    return Picture(
-        "response", "The manoeuvre flown, without and with the damper", look, draw, (5.6, 4.4)
-    )
+    return Picture("response", "The manoeuvre flown, without and with the damper", look, draw)

@@ -4,14 +4,15 @@ The file holds the sigma of theta but not its covariance, which every band needs
 from the samples gives the covariance, and shows that the file can be replayed.
 """
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Container, Mapping, Sequence
+from dataclasses import dataclass
 from enum import IntFlag
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from msgspec.structs import astuple
 
+from yawid.answers.run_summary import Manoeuvre
 from yawid.blocks import (
     EstimateBlock,
     Floats,
@@ -29,11 +30,12 @@ from yawid.estimation.fit import simulate
 from yawid.models.fitted import Judged, Model
 from yawid.models.refit import Drawn, Rows
 from yawid.physics.modes import modes as physics_modes
-from yawid.report.manoeuvre_data import to_draw
 from yawid.sinks.mcap.reader import McapRun
 from yawid.sinks.words import orders_in
 
 TRACK_POINTS = 600
+MOST_DRAWN: Final = 4
+"""The largest number of manoeuvres with a picture: nobody looks at a hundred pictures."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,16 +53,6 @@ class Track:
 
 
 @dataclass(frozen=True, slots=True)
-class Stretch:
-    """The place of a manoeuvre on the time axis, in s since boot."""
-
-    n: int
-    from_s: float
-    to_s: float
-    usable: bool
-
-
-@dataclass(frozen=True, slots=True)
 class Events:
     """Events in the samples: spans ``held`` (n, 2) and instants (n,), in s since boot.
 
@@ -74,7 +66,7 @@ class Events:
     notes: dict[str, int]
     delay_t: Floats
     delay_s: Floats
-    manoeuvres: tuple[Stretch, ...] = ()
+    manoeuvres: Sequence[Manoeuvre]
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,13 +109,9 @@ def gather(run: McapRun, method: str | None = None) -> ReportData | None:
     if method not in run.grid.methods:
         method = run.grid.methods[0]
     gatherer = _Gatherer(run, method, run.grid.sample_time_s)
-    stretches = tuple(
-        Stretch(each.n, each.from_s, each.to_s, each.verdict.usable)
-        for each in run.summary.manoeuvres or ()
-    )
     for block in run.blocks():
         gatherer.add(block.samples, block.estimates, block.modes)
-    return gatherer.result(stretches)
+    return gatherer.result()
 
 
 class _Gatherer:
@@ -135,7 +123,8 @@ class _Gatherer:
         self._thin: dict[str, list[tuple[Floats, ...]]] = {m: [] for m in self._bank.methods}
         self._full: list[tuple[Any, ...]] = []
         self._last = np.empty(0)
-        drawn = to_draw(run.summary.manoeuvres or (), run.summary.used)
+        self._found = run.summary.manoeuvres or ()
+        drawn = to_draw(self._found, run.summary.used)
         self._manoeuvres = {each.n: Rows(each) for each in drawn}
         self._orders = {each.n: orders_in(each, run.summary.by_loop) for each in drawn}
 
@@ -174,7 +163,7 @@ class _Gatherer:
             estimates, config.orders, config.sample_time_s, mean_output=mean_output
         ).dutch_roll
 
-    def result(self, stretches: tuple[Stretch, ...]) -> ReportData | None:
+    def result(self) -> ReportData | None:
         block = self._bank.last[self.method]
         theta, covariance = block.theta[-1], block.covariance
         if covariance is None or not np.isfinite(covariance[-1]).all():
@@ -196,11 +185,25 @@ class _Gatherer:
             model,
             {method: _track(*_joined(rows)) for method, rows in self._thin.items()},
             Judged(boot_s[-n:], u, y, y_hat, simulated, residual[-n:]),
-            replace(
-                _events(boot_s, held, noted, delay_s, model.sample_time_s), manoeuvres=stretches
-            ),
+            self._events(boot_s, held, noted, delay_s),
             Whole(boot_s, rudder, output),
             tuple(each for each in again if each is not None),
+        )
+
+    def _events(self, t: Floats, held: Ints, noted: Ints, delay_s: Floats) -> Events:
+        spans, step_s = runs_of(held != 0), self._bank.sample_time_s
+        changed = noted & Noted.MODE_CHANGED.value != 0
+        changes = t[changed & ~np.concatenate([[False], changed[:-1]])]
+        # Of each stretch the longest delay is drawn: a stall must not fall between the points.
+        starts = np.arange(0, len(t), self._stride)
+        return Events(
+            np.column_stack([t[spans[:, 0]], t[spans[:, 1] - 1] + step_s]),
+            changes,
+            _counts(held, Held),
+            _counts(noted, Noted),
+            t[starts],
+            np.maximum.reduceat(delay_s, starts),
+            self._found,
         )
 
 
@@ -214,27 +217,22 @@ def _joined(parts: list[tuple[Any, ...]]) -> list[Any]:
     return [np.concatenate(column) for column in zip(*parts, strict=True)]
 
 
-def _events(t: Floats, held: Ints, noted: Ints, delay_s: Floats, sample_time_s: float) -> Events:
-    spans = runs_of(held != 0)
-    changed = noted & Noted.MODE_CHANGED.value != 0
-    changes = t[changed & ~np.concatenate([[False], changed[:-1]])]
-    stride = -(-len(t) // TRACK_POINTS)
-    # Of each stretch the longest delay is drawn: a stall must not fall between the points.
-    starts = np.arange(0, len(t), stride)
-    return Events(
-        np.column_stack([t[spans[:, 0]], t[spans[:, 1] - 1] + sample_time_s]),
-        changes,
-        _counts(held, Held),
-        _counts(noted, Noted),
-        t[starts],
-        np.maximum.reduceat(delay_s, starts),
-    )
-
-
 def _counts(codes: Ints, flags: type[IntFlag]) -> dict[str, int]:
     """Return the number of samples with each flag, by its words; flags without any are left out."""
-    return {
-        words(flag): int(np.sum(codes & flag.value != 0))
-        for flag in flags
-        if np.any(codes & flag.value != 0)
-    }
+    counts = {words(flag): int(np.sum(codes & flag.value != 0)) for flag in flags}
+    return {name: count for name, count in counts.items() if count}
+
+
+def to_draw(manoeuvres: Sequence[Manoeuvre], used: Container[int]) -> list[Manoeuvre]:
+    """Return the manoeuvres to draw, the best first.
+
+    Those ``used`` for the flight come first, then other usable ones, those of a higher simulated
+    fit first; then refused ones by their standing.
+    """
+
+    def worth(each: Manoeuvre) -> tuple[bool, tuple[float, float]]:
+        answer = each.answer if each.verdict.usable else None
+        fit = None if answer is None else answer.fit.simulation_pct
+        return each.n not in used, each.standing if fit is None else (0, -fit)
+
+    return sorted((each for each in manoeuvres if each.answer is not None), key=worth)[:MOST_DRAWN]

@@ -69,7 +69,7 @@ def poles_picture(model: Model, bare: DutchRoll | None = None) -> Picture:
     )
     if bare is not None:
         look += " +: the Dutch roll of the bare airframe, without its roll loop."
-    return Picture("poles", "Poles and zeros", look, draw, (5.6, 4.4))
+    return Picture("poles", "Poles and zeros", look, draw)
 
 
 def bare_poles(bare: DutchRoll, sample_time_s: float) -> Complexes:
@@ -86,10 +86,7 @@ def _plane(ax: Axes) -> None:
         for sign in (1.0, -1.0):
             ax.plot(z.real, sign * z.imag, color="#cccccc", linewidth=0.6)
     ax.set_aspect("equal")
-    ax.set_xlim(-1.25, 1.45)
-    ax.set_ylim(-1.12, 1.12)
-    ax.set_xlabel("real")
-    ax.set_ylabel("imaginary")
+    ax.set(xlim=(-1.25, 1.45), ylim=(-1.12, 1.12), xlabel="real", ylabel="imaginary")
 
 
 def _ellipse(ax: Axes, pole: complex, covariance: Floats) -> None:
@@ -129,8 +126,7 @@ def bode_picture(model: Model, judged: Judged, mode: DutchRoll | None, grid: Gri
                 ax.axvline(mode.wn_rad_s / (2.0 * np.pi), color=NEUTRAL, linewidth=0.9, ls="--")
         log_axis(upper)
         upper.set_ylabel(f"gain [dB, rad/s per {grid.rudder_unit}]")
-        lower.set_ylabel("phase [deg]")
-        lower.set_xlabel("frequency [Hz]")
+        lower.set(xlabel="frequency [Hz]", ylabel="phase [deg]")
         upper.set_xlim(low, HIGHEST * nyquist)
         _room(upper, np.maximum(gain_db, gain_db.max() - MOST_DB))
         _room(lower, np.degrees(phase))
@@ -145,7 +141,7 @@ def bode_picture(model: Model, judged: Judged, mode: DutchRoll | None, grid: Gri
         look = "Dashed: ωn. Band: 2 sigma of noise."
     if len(grid.inputs) > 1:
         look += " The points ignore the aileron."
-    return Picture("bode", "Frequency response, rudder to yaw rate", look, draw, (5.6, 4.4))
+    return Picture("bode", "Frequency response, rudder to yaw rate", look, draw)
 
 
 def _spectral(judged: Judged, model: Model, mode: DutchRoll | None) -> FrequencyResponse | None:
@@ -204,15 +200,13 @@ def step_picture(model: Model, mode: DutchRoll | None, grid: Grid) -> Picture:
         ax.plot(t, answer, color=MODEL)
         band(ax, t, answer - 2.0 * std, answer + 2.0 * std, MODEL)
         ax.axhline(0.0, color=NEUTRAL, linewidth=0.8)
-        ax.set_xlabel("time after the step [s]")
-        ax.set_ylabel("yaw rate [rad/s]")
-        ax.set_xlim(0.0, t[-1])
+        ax.set(xlabel="time after the step [s]", ylabel="yaw rate [rad/s]", xlim=(0.0, t[-1]))
 
     look = (
         f"After the rudder steps by 1 {grid.rudder_unit}, nose right, the first swing must go up; "
         "late values lean on the spiral mode, which no short record shows. Band: 2 sigma of noise."
     )
-    return Picture("step", "Step response", look, draw, (5.6, 4.4))
+    return Picture("step", "Step response", look, draw)
 
 
 def residuals_picture(judged: Judged, p: float | None) -> Picture:
@@ -232,8 +226,7 @@ def residuals_picture(judged: Judged, p: float | None) -> Picture:
         moved, _, _ = correlation(judged.u[:, 0], judged.u[:, 0], LAGS)
         spread = float(np.sum(own * moved)) if len(own) == len(moved) else 1.0
         _stems(lower, lags, cross, 2.0 * math.sqrt(max(spread, 1.0) / max(count, 1)))
-        lower.set_ylabel("with the rudder")
-        lower.set_xlabel("lag [samples]")
+        lower.set(xlabel="lag [samples]", ylabel="with the rudder")
 
     look = (
         "Red bars leave the 2 sigma bounds. With itself: the noise is not fully modelled (raise "
@@ -242,7 +235,7 @@ def residuals_picture(judged: Judged, p: float | None) -> Picture:
     )
     if p is not None:
         look += f" Whiteness (Ljung-Box): p = {p:.2g}."
-    return Picture("residuals", "Residuals: is anything left?", look, draw, (5.6, 4.4))
+    return Picture("residuals", "Residuals: is anything left?", look, draw)
 
 
 def _stems(ax: Axes, lags: Floats, values: Floats, bound: float) -> None:

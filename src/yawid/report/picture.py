@@ -19,7 +19,7 @@ from yawid.blocks import Floats
 from yawid.report.data import Events
 from yawid.sinks.palette import NEUTRAL, RUDDER
 
-SIZE_IN: Final = (5.6, 3.5)
+SIZE_IN: Final = (5.6, 4.4)
 PNG_DPI: Final = 180
 COLUMNS: Final = 500
 """The number of columns of a long line in a picture: more detail is not visible."""
@@ -158,7 +158,7 @@ def _mark_manoeuvres(ax: Axes, events: Events, low: float, high: float, *, numbe
         first, last = max(each.from_s, low), min(each.to_s, high)
         if first >= last:
             continue
-        if each.usable:
+        if each.verdict.usable:
             ax.axvspan(first, last, color=RUDDER, alpha=0.13, linewidth=0.0)
         else:
             ax.axvspan(first, last, facecolor="none", edgecolor="#cfcfcf", hatch="////", lw=0.0)

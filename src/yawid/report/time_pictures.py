@@ -51,17 +51,14 @@ def whole_picture(data: ReportData, grid: Grid) -> Picture:
         traced(upper, whole.t, whole.rudder, RUDDER)
         traced(lower, whole.t, whole.y, DATA)
         upper.set_ylabel(f"rudder\n[{grid.rudder_unit}]")
-        lower.set_ylabel("yaw rate\n[rad/s]")
-        lower.set_xlabel(TIME_LABEL)
+        lower.set(xlabel=TIME_LABEL, ylabel="yaw rate\n[rad/s]")
         for ax, line in ((upper, whole.rudder), (lower, whole.y)):
             ax.set_xlim(*ends)
             sensible_limits(ax, line, settled=0.0)
             mark_events(ax, data.events)
 
     look = "Where does the rudder move on its own? Grey: samples held. Dotted: change of mode."
-    return Picture(
-        "whole", "The whole flight", look + manoeuvres_note(data.events), draw, (5.6, 4.4)
-    )
+    return Picture("whole", "The whole flight", look + manoeuvres_note(data.events), draw)
 
 
 def manoeuvre_picture(drawn: Drawn, flights: Sequence[Flight], grid: Grid) -> Picture:
@@ -104,14 +101,11 @@ def _fit(
         rudder.set_ylabel(f"rudder\n[{grid.rudder_unit}]")
         yaw.plot(t, judged.y[rows], color=DATA, linewidth=2.4, label="measured")
         yaw.plot(t, simulated[rows], color=MODEL, linewidth=1.1, label="model, from the rudder")
-        yaw.set_ylabel("yaw rate\n[rad/s]")
-        yaw.set_ylim(low, high)
+        yaw.set(ylabel="yaw rate\n[rad/s]", ylim=(low, high))
         left.plot(t, (judged.y - simulated)[rows], color=NEUTRAL, linewidth=1.0)
         left.axhline(0.0, color=MODEL, linewidth=0.8)
-        left.set_ylabel("measured\n− model")
         most = np.nanmax(np.abs((judged.y - simulated)[rows]), initial=0.02 * (high - low))
-        left.set_ylim(-1.1 * most, 1.1 * most)
-        left.set_xlabel(TIME_LABEL)
+        left.set(xlabel=TIME_LABEL, ylabel="measured\n− model", ylim=(-1.1 * most, 1.1 * most))
         for ax in (rudder, yaw, left):
             ax.set_xlim(t[0], t[-1])
         for ax in (rudder, yaw):
@@ -199,7 +193,7 @@ def parameters_picture(data: ReportData, run_grid: Grid) -> Picture:
 
     look = "Do the lines settle, each within its own band (2 sigma of noise)? One that drifts: the "
     look += "aircraft, its speed or the noise changed."
-    return Picture("parameters", "Parameters over time", look, draw, (5.6, 4.4))
+    return Picture("parameters", "Parameters over time", look, draw)
 
 
 def _parameters(ax: Axes, data: ReportData, columns: list[int]) -> None:
@@ -278,7 +272,7 @@ def modes_picture(data: ReportData) -> Picture:
         "line that leaves its earlier band is moved by more than noise. What lies far outside is "
         "cut off." + manoeuvres_note(data.events)
     )
-    return Picture("modes", "Dutch roll over time", look, draw, (5.6, 4.4))
+    return Picture("modes", "Dutch roll over time", look, draw)
 
 
 def link_picture(data: ReportData) -> Picture:
@@ -290,8 +284,7 @@ def link_picture(data: ReportData) -> Picture:
         back = np.diff(events.delay_t, prepend=events.delay_t[:1]) < 0.0
         delay_ms = np.where(back, np.nan, 1e3 * events.delay_s)
         ax.plot(events.delay_t, delay_ms, color=DATA, linewidth=0.9)
-        ax.set_ylabel("delay of a sample [ms]")
-        ax.set_xlabel(TIME_LABEL)
+        ax.set(xlabel=TIME_LABEL, ylabel="delay of a sample [ms]")
         ax.set_ylim(bottom=min(0.0, float(np.nanmin(delay_ms))))
         mark_events(ax, events, numbered=False)
 

@@ -59,15 +59,6 @@ def write_report(
     return path.absolute()
 
 
-def report(run: McapRun) -> str:
-    """Return the report as HTML.
-
-    Raises:
-        SourceError: the file is damaged.
-    """
-    return Report(run).html()
-
-
 class Report:
     """The report of a run: its page, and its pictures as a list.
 

@@ -63,8 +63,7 @@ def what_hides(
             f"the yaw rate answers a rudder that moves {abs(late_s):.2g} s {when}: the clocks of "
             f"the two channels differ, or {other}"
         )
-    in_angles = config.rudder_max_deg is not None or config.rudder_unit in ("rad", "deg")
-    if in_angles and (step_deg := rounding_deg(u)):
+    if config.unit_of_rudder == "rad" and (step_deg := rounding_deg(u)):
         share = math.radians(step_deg) / float(np.nanmax(u) - np.nanmin(u))
         return Cause(
             f"the rudder is rounded to {step_deg:g} deg, which is {100.0 * share:.0f} % of its "

@@ -222,8 +222,7 @@ def open_run(path: Path) -> McapRun:
             metadata = {record.name: record.metadata for record in reader.iter_metadata()}
             attachments = {record.name: record.data for record in reader.iter_attachments()}
             log = list(_log_lines(reader))
-            rows, has_flight_state = _count(reader), _has_flight_state(reader)
-            has_motion = _has_motion(reader)
+            contents = _contents(reader)
     if "configuration" not in metadata:
         raise SourceError(f"{path} is an MCAP file, but not of a yawid run")
     if "summary.json" not in attachments:
@@ -237,9 +236,7 @@ def open_run(path: Path) -> McapRun:
         grid = read_grid(metadata.get("grid"), config)
     except ValueError as error:
         raise SourceError(f"{path} is not a file as yawid writes it: {error}") from error
-    return McapRun(
-        path, summary, metadata, attachments, config, grid, log, rows, has_flight_state, has_motion
-    )
+    return McapRun(path, summary, metadata, attachments, config, grid, log, *contents)
 
 
 @contextmanager
@@ -317,34 +314,26 @@ def _log_lines(reader: McapReader) -> Iterator[LogLine]:
         yield LogLine(message.log_time, level, line.message)
 
 
-def _count(reader: McapReader) -> int:
-    """Return the number of samples, 0 where the file has no statistics."""
+def _contents(reader: McapReader) -> tuple[int, bool, bool]:
+    """Return the number of samples, whether they have the state of flight, and motion is there.
+
+    Motion is attitudes and commands as this version writes them.
+    """
     summary = reader.get_summary()
-    if summary is None or summary.statistics is None:
-        return 0
-    counts = summary.statistics.channel_message_counts
-    return sum(counts.get(i, 0) for i, c in summary.channels.items() if c.topic == SAMPLE)
-
-
-def _has_flight_state(reader: McapReader) -> bool:
-    summary = reader.get_summary()
-    schemas = {} if summary is None else summary.schemas
-    samples = [each for each in schemas.values() if each.name == "yawid.Sample"]
-    return all("altitude" in descriptor_in(s.name, s.data).fields_by_name for s in samples)
-
-
-def _has_motion(reader: McapReader) -> bool:
-    """Return whether the file has attitudes and commands, as this version writes them."""
-    summary, found = reader.get_summary(), set()
     if summary is None:
-        return False
+        return 0, True, False
+    counts = {} if summary.statistics is None else summary.statistics.channel_message_counts
+    rows = sum(counts.get(i, 0) for i, c in summary.channels.items() if c.topic == SAMPLE)
+    samples = [each for each in summary.schemas.values() if each.name == "yawid.Sample"]
+    state = all("altitude" in descriptor_in(s.name, s.data).fields_by_name for s in samples)
+    found = set()
     for channel in summary.channels.values():
         schema = summary.schemas.get(channel.schema_id)
         if channel.topic in MOTION and schema is not None:
             found.add(channel.topic)
             if not is_ours(schema.name, schema.data):
                 raise ValueError(f"{channel.topic} was written by another version of yawid")
-    return set(MOTION[:2]) <= found
+    return rows, state, set(MOTION[:2]) <= found
 
 
 def read_config(data: bytes | None) -> RunConfig:
