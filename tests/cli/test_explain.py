@@ -13,6 +13,7 @@ from yawid.cli import main as command_line
 from yawid.cli.explain import explained, listed, parts_of
 from yawid.cli.options import ALIASES
 from yawid.config.run import KEPT_ONLY, RunConfig
+from yawid.damper.refusals import OF_DAMPER
 from yawid.errors import EXIT_CODES
 from yawid.quantities.table import QUANTITIES
 from yawid.results.reasons import KINDS
@@ -36,6 +37,14 @@ def test_every_reason_says_what_it_means_and_what_to_do():
         assert f"What to do: - {kind.now}" in text
         for line in (kind.record, *kind.record_on.values()):
             assert line in text, kind.id
+
+
+def test_every_reason_of_the_damper_has_its_part_with_its_exit_code():
+    assert words_of("reasons of yawid damper") == set(OF_DAMPER)
+    for word in OF_DAMPER:
+        assert f"`{word}`" in PARTS["reasons of yawid damper", word]
+    assert "Exit code 2." in explained(PARTS, "loop_rate_unknown")
+    assert "A warning." in explained(PARTS, "gain_changed")
 
 
 def test_every_exit_code_has_its_part():

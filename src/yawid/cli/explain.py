@@ -89,6 +89,10 @@ def parts_of(whole: argparse.ArgumentParser) -> Parts:
         for kind, found in facts.items()
         for word, before, after in found
     }
+    parts |= {
+        ("reasons of yawid damper", word): f"{before}\n\n{sections['What it needs']}"
+        for word, before in _of_damper()
+    }
     parts |= {("terms", word): text for word, text in _sections(manual["glossary.md"])}
     return parts | {("pages of the manual", name): text for name, text in manual.items()}
 
@@ -117,6 +121,15 @@ def _reasons() -> Iterator[tuple[str, str, str]]:
         said = [kind.now, *(f"Next time: {text}." for text in to_record if text)]
         to_do = "\n".join(_filled(text, "- ") for text in said)
         yield kind.id, f"Weight: {kind.weight} ({code}).", f"What to do:\n{to_do}"
+
+
+def _of_damper() -> Iterator[tuple[str, str]]:
+    from yawid.damper.refusals import EXIT_CODES as REFUSED
+    from yawid.damper.refusals import OF_DAMPER
+
+    for word in OF_DAMPER:
+        code = REFUSED.get(word)
+        yield word, f"Exit code {code}." if code else "A warning."
 
 
 def _exit_codes() -> Iterator[tuple[str, str, str]]:

@@ -105,11 +105,11 @@ _TABLE: Final = (
     ),
     ReasonKind(
         "mixed_rudder", 5, "samples",
-        "Move the rudder without the aileron: yawid inspect --card says how.", _OWN, _OWN_ON,
+        "Move the rudder without the aileron: yawid inspect LOG --card says how.", _OWN, _OWN_ON,
     ),
     ReasonKind(
         "collinear_inputs", 5, "samples",
-        "Move the rudder without the aileron: yawid inspect --card says how.", _OWN, _OWN_ON,
+        "Move the rudder without the aileron: yawid inspect LOG --card says how.", _OWN, _OWN_ON,
     ),
     ReasonKind(
         "mode_not_driven", 5, "estimate",
