@@ -172,6 +172,8 @@ def _below_url(url: str, ends: tuple[str, ...]) -> Iterator[FoundLog]:
             names = store.glob(root, detail=True)
         else:
             names = store.find(root, detail=True)
+            if isinstance(names, list):  # adlfs, of a file
+                names = {each: store.info(each) for each in names}
         for name, about in names.items():
             if name == root or (about.get("type") == "file" and is_log(name, ends)):
                 size = int(about.get("size") or 0)
