@@ -16,8 +16,8 @@ import argparse
 import json
 import shlex
 import sys
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -30,23 +30,8 @@ from flights.surgery import Record, join
 from flights.telemetry import Link, telemetry
 from flights.truth import after_lead_in, disagreement, truth
 
-PLAN_NUMBERS = {
-    "speed_kt": "calibrated airspeed",
-    "altitude_ft": "above sea level",
-    "heading_deg": "at the start",
-    "seconds": "length of the flight",
-    "amplitude": "of the rudder about trim, 1 is full travel",
-    "step_s": "unit of time of the manoeuvre, best 0.3 Dutch-roll periods",
-    "roll_gain": "roll hold, aileron per rad",
-    "roll_rate_gain": "roll hold, aileron per rad/s",
-}
-LINK_NUMBERS = {
-    "attitude_hz": "rate of ATTITUDE",
-    "servo_hz": "rate of SERVO_OUTPUT_RAW",
-    "rate_noise": "standard deviation in rad/s",
-    "angle_noise": "standard deviation in rad",
-    "boot_s": "vehicle time at the start",
-}
+PLAN_NUMBERS = [field.name for field in fields(FlightPlan) if isinstance(field.default, float)]
+LINK_NUMBERS = [field.name for field in fields(Link) if isinstance(field.default, float)]
 SERVO_HELP = "MIN,TRIM,MAX[,REVERSED] in us"
 OWN = ("out", "truth", "udp", "speedup", "plan")  # options of neither the flight nor the link
 
@@ -81,7 +66,7 @@ def parse(argv: Sequence[str]) -> argparse.Namespace:
     parser.add_argument("--truth", type=Path, help="JSON file for the Dutch roll to be found")
     parser.add_argument("--udp", type=endpoint, metavar="HOST:PORT", help="send in real time")
     parser.add_argument("--speedup", type=float, default=1.0, help="of --udp")
-    plan = parser.add_argument_group("flight")
+    plan = parser.add_argument_group("flight", FlightPlan.__doc__)
     plan.add_argument("--aircraft", default=FlightPlan().aircraft, help="any that JSBSim brings")
     plan.add_argument("--manoeuvre", choices=MANOEUVRES, default=FlightPlan().manoeuvre, help=" ")
     _add_numbers(plan, FlightPlan(), PLAN_NUMBERS)
@@ -89,7 +74,7 @@ def parse(argv: Sequence[str]) -> argparse.Namespace:
     plan.add_argument("--true-feedback", action="store_true", help=heard)
     for name in ("rudder", "aileron"):
         plan.add_argument(f"--{name}", type=servo, default="1100,1500,1900", help=SERVO_HELP)
-    link = parser.add_argument_group("link")
+    link = parser.add_argument_group("link", Link.__doc__)
     _add_numbers(link, Link(), LINK_NUMBERS)
     link.add_argument("--mavlink1", action="store_true", help="MAVLink 1 frames")
     link.add_argument("--seed", type=int, default=Link().seed, help="of noise and jitter")
@@ -110,10 +95,10 @@ def parse(argv: Sequence[str]) -> argparse.Namespace:
     return options
 
 
-def _add_numbers(group: Any, defaults: object, names: Mapping[str, str]) -> None:
-    for name, text in names.items():
+def _add_numbers(group: Any, defaults: object, names: Iterable[str]) -> None:
+    for name in names:
         flag = f"--{name.replace('_', '-')}"
-        group.add_argument(flag, type=float, default=getattr(defaults, name), help=text)
+        group.add_argument(flag, type=float, default=getattr(defaults, name), help=" ")
 
 
 def main(argv: Sequence[str]) -> int:

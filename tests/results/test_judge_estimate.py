@@ -9,6 +9,7 @@ import pytest
 from flightlog import summarised
 from flights import quiet as corpus_quiet
 from gate import one_in
+from lined import lined as lined_flight
 
 from yawid.config.run import RunConfig
 from yawid.results.reasons import Verdict
@@ -23,7 +24,7 @@ TRUE_WN = 1.287
 @pytest.fixture(scope="module")
 def lined(tmp_path_factory) -> Path:
     path = tmp_path_factory.mktemp("lined") / "line.tlog"
-    path.write_bytes(corpus_quiet.lined().log)
+    path.write_bytes(lined_flight().log)
     return path
 
 

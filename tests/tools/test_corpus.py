@@ -17,6 +17,7 @@ from flights.moved import ALL_SHAPES, CONDITIONS
 from flights.plan import FlightPlan, excitation
 from flights.surgery import join, split
 from flights.telemetry import Link, telemetry
+from lined import lined
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from scipy.signal import welch
 
@@ -231,7 +232,7 @@ def test_a_line_has_the_share_of_the_power_asked_for() -> None:
 
 
 def test_the_flight_with_a_line_is_right_in_the_band_of_its_dutch_roll(tmp_path: Path) -> None:
-    made = quiet.lined()
+    made = lined()
     log = tmp_path / "line.tlog"
     log.write_bytes(made.log)
     yaw_rate = columns(made.log, "ATTITUDE", "yawspeed")[:, 0]

@@ -5,52 +5,37 @@ from __future__ import annotations
 import json
 import math
 import subprocess
+import tempfile
 import threading
 import time
 from collections.abc import Iterator
+from pathlib import Path
 
-import numpy as np
 from checks.children import LEAVE_S, resident_mb
+from flights.long_log import write_log
 from flights.send_tlog import Sent, send
-from flights.surgery import Encoder, Record
-from pymavlink.dialects.v20 import ardupilotmega as dialect
+from flights.surgery import Record, split
 
-SPEED, HZ = 50.0, 50
-A, B = (-1.85, 0.9), (0.02, 0.01)
-NOISE = 0.002
+SPEED, HOUR_S = 50.0, 3600.0
 WARM_S = 60.0
-_PARAMETERS = {"SERVO4_FUNCTION": 21, "SERVO4_MIN": 1100, "SERVO4_TRIM": 1500, "SERVO4_MAX": 1900}
 
 
-def flight(rng: np.random.Generator, seconds: float) -> Iterator[Record]:
-    """Yield what the vehicle sends, with the time in us since the beginning as the stamp.
+def flight(seconds: float) -> Iterator[Record]:
+    """Yield what a vehicle sends in ``seconds`` of its time: an hour of telemetry again and again.
 
-    In its own time, it is silent for 20 s every ten minutes, reboots every hour, and lacks one
-    second of frames in every 97.
+    Each time it has booted again. It is silent for 20 s every ten minutes, and for one second in
+    every 97.
     """
-    packed = Encoder().frame
-    boot, y, y1, u1, u2 = 0, 0.0, 0.0, 0.0, 0.0
-    for step in range(round(seconds * HZ)):
-        tick = step - boot
-        if tick == 3600 * HZ:
-            boot, tick = step, 0
-        second, phase = divmod(step, HZ)
-        u = 0.5 * math.copysign(1.0, math.sin(3.0 * step / HZ) + 0.7 * rng.standard_normal())
-        y, y1 = -A[0] * y - A[1] * y1 + B[0] * u1 + B[1] * u2 + NOISE * rng.standard_normal(), y
-        u1, u2 = u, u1
-        out = []
-        if phase == 0:
-            out.append(packed(dialect.MAVLink_heartbeat_message(1, 3, 0x81, 5, 4, 3)))
-        if tick == 0:
-            out += [
-                packed(dialect.MAVLink_param_value_message(name.encode(), value, 4, 4, i))
-                for i, (name, value) in enumerate(_PARAMETERS.items())
-            ]
-        ms, servos = 100_000 + tick * 1000 // HZ, [1500] * 3 + [int(1500 + 400 * u)] + [0] * 4
-        out.append(packed(dialect.MAVLink_servo_output_raw_message(1000 * ms, 0, *servos)))
-        out.append(packed(dialect.MAVLink_attitude_message(ms, 0.0, 0.0, 0.0, 0.0, 0.0, y)))
-        if second % 600 < 580 and second % 97 != 96:
-            yield from ((1_000_000 * step // HZ, frame) for frame in out)
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "hour.tlog"
+        write_log(path, min(seconds / HOUR_S, 1.0), "raised")
+        records = split(path.read_bytes())
+    first_us = records[0][0]
+    for boot in range(math.ceil(seconds / HOUR_S)):
+        for stamp_us, frame in records:
+            second, _ = divmod(stamp_us - first_us, 1_000_000)
+            if second % 600 < 580 and second % 97 != 96:
+                yield stamp_us + round(1e6 * HOUR_S) * boot, frame
 
 
 def soak(process: subprocess.Popen[str], port: int, seconds: float) -> str:
@@ -59,7 +44,7 @@ def soak(process: subprocess.Popen[str], port: int, seconds: float) -> str:
     assert process.stderr is not None
     reader = threading.Thread(target=process.stderr.read, daemon=True)
     reader.start()
-    records = flight(np.random.default_rng(0), SPEED * seconds)
+    records = flight(SPEED * seconds)
     to = ("127.0.0.1", port)
     vehicle = threading.Thread(target=lambda: sent.append(send(records, to, SPEED)), daemon=True)
     start_s = time.monotonic()

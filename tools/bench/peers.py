@@ -11,6 +11,13 @@ from yawid.blocks import Floats
 FORGETTING = 0.998
 
 
+def _shift(phi: Floats, order: int, *newest: float) -> None:
+    """Shift the three parts of the regressor by one sample."""
+    for first, value in zip(range(0, 3 * order, order), newest, strict=True):
+        phi[first + 1 : first + order] = phi[first : first + order - 1]
+        phi[first] = value
+
+
 def numpy_els(u: Floats, y: Floats, order: int, samples: int) -> None:
     """Run ELS as one would first write it: with the a posteriori residual, P as a full matrix."""
     n = 3 * order
@@ -22,9 +29,7 @@ def numpy_els(u: Floats, y: Floats, order: int, samples: int) -> None:
         theta = theta + gain * e
         P = (P - np.outer(gain, P_phi)) / FORGETTING
         residual = y[k] - phi @ theta
-        for first, value in ((0, -y[k]), (order, u[k]), (2 * order, residual)):
-            phi[first + 1 : first + order] = phi[first : first + order - 1]
-            phi[first] = value
+        _shift(phi, order, -y[k], u[k], residual)
 
 
 def filterpy_els(u: Floats, y: Floats, order: int, samples: int) -> None:
@@ -41,9 +46,7 @@ def filterpy_els(u: Floats, y: Floats, order: int, samples: int) -> None:
         kalman.predict()
         kalman.update(y[k], H=phi.reshape(1, -1))
         residual = y[k] - phi @ kalman.x[:, 0]
-        for first, value in ((0, -y[k]), (order, u[k]), (2 * order, residual)):
-            phi[first + 1 : first + order] = phi[first : first + order - 1]
-            phi[first] = value
+        _shift(phi, order, -y[k], u[k], residual)
 
 
 PEERS: dict[str, tuple[Callable[[Floats, Floats, int, int], None], int]] = {

@@ -2,24 +2,22 @@
 
 Each of these runs in a process of its own: the import of NumPy alone; ``yawid --help``; a replay of
 half a minute with compiled code; the same replay with an empty folder for compiled code; ``yawid
-warm`` into an empty folder. "An hour" is how much longer a replay takes for one more hour of log in
-a process that is warm (20 Hz, to MCAP, no .rrd). Seconds are CPU time with that of children, or
+warm`` into an empty folder. "An hour" is how much longer a replay takes for one more hour of log
+(20 Hz, to MCAP, no .rrd). Seconds are CPU time with that of children, or
 wall time where the column says so, and are the least of all rounds. The ratio in brackets is to the
 import of NumPy; that of the cold replay is to the warm one. All MCAP messages of the cold replay
 must equal those of the warm one, byte for byte.
 
 With ``--against COMMIT``, a row of that commit comes before the row of the tree; both are measured
-in turns. A cell is empty if the commit does not know the command.
+in turns.
 """
 
 from __future__ import annotations
 
 import argparse
 import io
-import json
 import os
 import subprocess
-import sys
 import tarfile
 import tempfile
 from collections.abc import Generator, Iterator
@@ -43,26 +41,6 @@ MOST_OF_NUMPY, MOST_OF_WARM = 8.0, 2.0
 one's."""
 MOVED_S, EVERY_S = 30.0, 300.0
 """The long logs have a manoeuvre of MOVED_S seconds in every EVERY_S seconds."""
-UNKNOWN_COMMAND = 2
-
-_HOURS = """
-import json, sys, time
-from inspect import signature
-from pathlib import Path
-from yawid.config.run import RunConfig
-from yawid.runs.outputs import Outputs
-from yawid.runs.replay import replay
-from yawid.runs.stop import StopFlag
-out, asked = Outputs(Path(sys.argv[1]), "hours", force=True), {"manoeuvres": sys.argv[2]}
-if "config" in signature(replay).parameters:  # an older commit
-    asked = RunConfig(**asked)
-spent = []
-for log in (sys.argv[3], *sys.argv[3:]):
-    start = time.process_time()
-    replay(Path(log), asked, out, StopFlag())
-    spent.append(time.process_time() - start)
-print(json.dumps(spent[1:]))
-"""
 
 
 @contextmanager
@@ -111,34 +89,25 @@ class Bench:
 
     def short(self) -> None:
         """Measure one round of the short processes."""
-        self._keep(NUMPY, self._run("-c", "import numpy")[1])
-        self._keep(HELP, self._run("-m", "yawid", "--help")[1])
-        _, cpu_s, wall_s = self._replay()
+        self._keep(NUMPY, self._run("-c", "import numpy")[0])
+        self._keep(HELP, self._run("-m", "yawid", "--help")[0])
+        cpu_s, wall_s = self._replay()
         self._keep(SHORT, cpu_s)
         self._keep(SHORT_WALL, wall_s)
 
     def cold(self) -> None:
         """Measure commands that find no compiled code, and compare the messages they write."""
         with tempfile.TemporaryDirectory() as empty:
-            self._keep(COLD, self._replay("cold", empty)[2])
+            self._keep(COLD, self._replay("cold", empty)[1])
         self.equal.add(equal_messages(*(self._folder / out / "log.mcap" for out in ("", "cold"))))
         with tempfile.TemporaryDirectory() as empty:
-            code, cpu_s, _ = self._warm(empty)
-            if code == 0:
-                self._keep(WARM, cpu_s)
+            self._keep(WARM, self._warm(empty)[0])
 
     def hours(self, logs: list[Path]) -> None:
-        """Measure replays of two logs, the second longer than the first, in a warm process."""
-        for manoeuvres in HOURS:
-            arguments = [str(self._folder), manoeuvres, *map(str, logs)]
-            done = subprocess.run(
-                [sys.executable, "-c", _HOURS, *arguments],
-                stdout=subprocess.PIPE,
-                check=True,
-                env=self._environment,
-            )
-            for i, cpu_s in enumerate(json.loads(done.stdout)):
-                self._keep(f"{HOURS[manoeuvres]} {i}", cpu_s)
+        """Measure replays of two logs, the second longer than the first."""
+        for manoeuvres, name in HOURS.items():
+            for i, log in enumerate(logs):
+                self._keep(f"{name} {i}", self._replay("hours", log=log, manoeuvres=manoeuvres)[0])
 
     def seconds(self, hours: float) -> dict[str, float]:
         """Return the seconds by column; the second long log is ``hours`` longer than the first."""
@@ -148,20 +117,26 @@ class Bench:
                 found[name] = (found.pop(f"{name} 1") - found.pop(f"{name} 0")) / hours
         return found
 
-    def _replay(self, out: str = "", compiled: str | None = None) -> tuple[int, float, float]:
+    def _replay(
+        self, out: str = "", compiled: str | None = None, log: Path = LOG, manoeuvres: str = "auto"
+    ) -> tuple[float, float]:
         to = ["--out", str(self._folder / out), "--force", "--json", "--rerun", "off"]
-        return self._run("-m", "yawid", "replay", str(LOG), *to, compiled=compiled)
+        to += ["--manoeuvres", manoeuvres]
+        answered = (0, 5)  # a usable answer or none
+        return self._run(
+            "-m", "yawid", "replay", str(log), *to, allowed=answered, compiled=compiled
+        )
 
-    def _warm(self, compiled: str) -> tuple[int, float, float]:
-        return self._run("-m", "yawid", "warm", allowed=(0, UNKNOWN_COMMAND), compiled=compiled)
+    def _warm(self, compiled: str) -> tuple[float, float]:
+        return self._run("-m", "yawid", "warm", compiled=compiled)
 
     def _run(
         self, *arguments: str, allowed: tuple[int, ...] = (0,), compiled: str | None = None
-    ) -> tuple[int, float, float]:
-        """Return the exit code, CPU and wall seconds of Python with these arguments."""
+    ) -> tuple[float, float]:
+        """Return the CPU and wall seconds of Python with these arguments."""
         folder = {} if compiled is None else {"NUMBA_CACHE_DIR": compiled}
         cost = cost_of(*arguments, allowed=allowed, env=self._environment | folder)
-        return cost.code, cost.cpu_s, cost.wall_s
+        return cost.cpu_s, cost.wall_s
 
     def _keep(self, name: str, seconds: float) -> None:
         self.least[name] = min(seconds, self.least.get(name, seconds))

@@ -47,16 +47,11 @@ KINDS = {"manoeuvre": "answer"} | {method: method.upper() for method in METHODS}
 """The kinds of rows that the criteria judge, and their names."""
 TABLED = ("manoeuvre", "rml")
 """The kinds of rows that the tables show."""
-NEEDED = (
-    "",
-    f"calm {ANSWERED_PCT['calm']:g}, else {ANSWERED_PCT['turbulence']:g}",
-    "",
-    "",
-    f"calm {SIGMA_PCT['calm']:g}, else {SIGMA_PCT['turbulence']:g}",
-    f"{Z_FROM:g} to {Z_TO:g}",
-    f"{Z_FROM:g} to {Z_TO:g}",
-    f"{COVERED_PCT:g}",
+_Z = f"{Z_FROM:g} to {Z_TO:g}"
+_ANSWERED, _SIGMA = (
+    f"calm {each['calm']:g}, else {each['turbulence']:g}" for each in (ANSWERED_PCT, SIGMA_PCT)
 )
+NEEDED = ("", _ANSWERED, "", "", _SIGMA, _Z, _Z, f"{COVERED_PCT:g}")
 Criterion = tuple[str, str, str, bool]
 """A criterion: its name, what is needed, what was measured, and whether it is met."""
 
@@ -203,7 +198,7 @@ def criteria(rows: Sequence[Row]) -> Iterator[Criterion]:
             z = total[f"z {what}"]
             said = f"{z:.2f} (noise alone {noise[f'z {what}']:.2f})"
             met = Z_FROM <= z <= Z_TO
-            yield f"{called}, RMS z of {what}", f"{Z_FROM:g} to {Z_TO:g}", said, met
+            yield f"{called}, RMS z of {what}", _Z, said, met
         for what in ("wn", "zeta"):
             share = total[f"{what} in"]
             said = f"{share:.1f} % (noise alone {noise[f'{what} in']:.1f} %)"

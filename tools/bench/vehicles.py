@@ -5,7 +5,6 @@ The sender and ``yawid live --sysid all`` are processes of their own on loopback
 ``--same`` vehicles, every vehicle's tlog is also replayed: estimates, manoeuvres and flight must
 equal the session's, bit for bit. The delay of a manoeuvre is the time from its end to the line that
 reports it; up to 1.3 s of it pass until the end is known. CPU time includes the session's children.
-``--lines`` shows what the session says.
 """
 
 from __future__ import annotations
@@ -141,8 +140,6 @@ def row(vehicles: list[list[Record]], options: argparse.Namespace) -> str:
         summaries, waits = got["summaries"], delays_s(got)
         missing, count = lost(summaries, log), len(vehicles)
         same = [is_as_replayed(e, folder) for e in summaries] if count <= options.same else []
-    if options.lines:
-        sys.stderr.writelines(got["reports"].lines)
     if got["latest_s"] > LATE_S:
         print(f"the sender was {got['latest_s']:.2f} s late", file=sys.stderr)
     behind = any("behind the link" in line for line in got["reports"].lines)
@@ -162,7 +159,7 @@ def row(vehicles: list[list[Record]], options: argparse.Namespace) -> str:
 
 def main(arguments: list[str]) -> Iterator[str]:
     """Yield the table."""
-    own = {"vehicles": (1, 10, 50, 100, 254), "same": 50, "lines": False}
+    own = {"vehicles": (1, 10, 50, 100, 254), "same": 50}
     options = options_of("vehicles", __doc__, arguments, **own)
     logs = [list(vehicle(sysid)) for sysid in range(1, 1 + max(options.vehicles))]
     latency, delay = "worst latency, ms: p50, p99, max", "delay: median, last; user s"

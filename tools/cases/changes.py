@@ -5,10 +5,11 @@ Each function takes the records of a flight (tools/flights/surgery.py) and retur
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import numpy as np
-from flights.surgery import Record, rewrite, together, without
+from flights.surgery import Record, edited, px4_control, rewrite, together, without
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 
@@ -17,44 +18,36 @@ def vtail(records: list[Record]) -> list[Record]:
     rng = np.random.default_rng(21)
     elevator_us = 0.0
 
-    def change(message: Any) -> list[Any]:
+    def servos(message: Any) -> None:
         nonlocal elevator_us
-        kind = message.get_type()
-        if kind == "PARAM_VALUE":
-            values = {"SERVO2_FUNCTION": 79.0, "SERVO4_FUNCTION": 80.0}
-            message.param_value = values.get(message.param_id, message.param_value)
-        elif kind == "SERVO_OUTPUT_RAW":
-            # left = (elevator + rudder) / 2, right = (elevator - rudder) / 2: MIXING_GAIN 0.5
-            rudder_us = message.servo4_raw - 1500
-            elevator_us = 0.9 * elevator_us + rng.normal(0.0, 30.0)
-            message.servo2_raw = 1500 + round((elevator_us + rudder_us) / 2)
-            message.servo4_raw = 1500 + round((elevator_us - rudder_us) / 2)
-        return [message]
+        # left = (elevator + rudder) / 2, right = (elevator - rudder) / 2: MIXING_GAIN 0.5
+        rudder_us = message.servo4_raw - 1500
+        elevator_us = 0.9 * elevator_us + rng.normal(0.0, 30.0)
+        message.servo2_raw = 1500 + round((elevator_us + rudder_us) / 2)
+        message.servo4_raw = 1500 + round((elevator_us - rudder_us) / 2)
 
-    return rewrite(records, change)
+    values = {"SERVO2_FUNCTION": 79.0, "SERVO4_FUNCTION": 80.0}
+    return edited(records, PARAM_VALUE=partial(_set, values), SERVO_OUTPUT_RAW=servos)
 
 
-def _as_px4(message: Any) -> bool:
-    """Turn the vehicle's HEARTBEAT into PX4's; return whether the message is kept."""
-    if message.get_type() == "HEARTBEAT" and message.get_srcSystem() == 1:
-        message.autopilot = mavlink.MAV_AUTOPILOT_PX4
-    return bool(message.get_type() != "PARAM_VALUE")
+def _set(values: dict[str, float], message: Any) -> None:
+    message.param_value = values.get(message.param_id, message.param_value)
+
+
+def _as_px4(message: Any) -> None:
+    message.autopilot = mavlink.MAV_AUTOPILOT_PX4
 
 
 def px4_controls(records: list[Record]) -> list[Record]:
     """Make the autopilot a PX4 that reports normalised controls, of group 0 and of another."""
 
-    def change(message: Any) -> list[Any]:
-        if message.get_type() != "SERVO_OUTPUT_RAW":
-            return [message] if _as_px4(message) else []
+    def servos(message: Any) -> list[Any]:
         yaw, roll = (message.servo4_raw - 1500) / 400, (message.servo1_raw - 1500) / 400
-        mine = [roll, 0.0, yaw, 0.6, 0.0, 0.0, 0.0, -1.0]
-        return [
-            mavlink.MAVLink_actuator_control_target_message(message.time_usec, group, controls)
-            for group, controls in ((0, mine), (1, [0.3] * 8))
-        ]
+        other = (message.time_usec, 1, [0.3] * 8)
+        mine = px4_control(message.time_usec, roll, yaw)
+        return [mine, mavlink.MAVLink_actuator_control_target_message(*other)]
 
-    return rewrite(records, change)
+    return edited(records, HEARTBEAT=_as_px4, PARAM_VALUE=lambda _: [], SERVO_OUTPUT_RAW=servos)
 
 
 PX4_PARAMETERS = (
@@ -88,27 +81,19 @@ def px4_outputs(records: list[Record]) -> list[Record]:
         for index, (name, value) in enumerate(PX4_PARAMETERS)
     ]
 
-    def change(message: Any) -> list[Any]:
-        if message.get_type() == "PARAM_VALUE":
-            return [parameters.pop(0)] if parameters else []
-        _as_px4(message)
-        if message.get_type() == "SERVO_OUTPUT_RAW":
-            message.servo5_raw, message.servo4_raw = 3000 - message.servo4_raw, 1000
-        return [message]
+    def servos(message: Any) -> None:
+        message.servo5_raw, message.servo4_raw = 3000 - message.servo4_raw, 1000
 
-    return rewrite(records, change)
+    def parameter(message: Any) -> list[Any]:
+        return [parameters.pop(0)] if parameters else []
+
+    return edited(records, HEARTBEAT=_as_px4, PARAM_VALUE=parameter, SERVO_OUTPUT_RAW=servos)
 
 
 def no_rudder(records: list[Record]) -> list[Record]:
     """Make the aircraft a flying wing: its parameters name elevons and no rudder."""
-
-    def change(message: Any) -> list[Any]:
-        if message.get_type() == "PARAM_VALUE":
-            values = {"SERVO1_FUNCTION": 77.0, "SERVO2_FUNCTION": 78.0, "SERVO4_FUNCTION": 0.0}
-            message.param_value = values.get(message.param_id, message.param_value)
-        return [message]
-
-    return rewrite(records, change)
+    values = {"SERVO1_FUNCTION": 77.0, "SERVO2_FUNCTION": 78.0, "SERVO4_FUNCTION": 0.0}
+    return edited(records, PARAM_VALUE=partial(_set, values))
 
 
 def with_gaps(records: list[Record]) -> list[Record]:

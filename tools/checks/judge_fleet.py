@@ -130,23 +130,17 @@ def faults(folder: Path, out: Path) -> list[str]:
 
 def differences(one: Path, other: Path) -> list[str]:
     """Return the tables in which the logs that both data sets have differ."""
-    both = set(read_table(one, "logs")["path"].to_pylist())
-    both &= set(read_table(other, "logs")["path"].to_pylist())
+    sets = one, other
+    tables = {name: [read_table(each, name).to_pylist() for each in sets] for name in TABLES}
+    paths = [{row["path"] for row in logs} for logs in tables["logs"]]
+    both = paths[0] & paths[1]
+    shas = {row["log_sha256"] for row in tables["logs"][0] if row["path"] in both}
     found = []
-    for name in TABLES:
-        key = "path" if name == "logs" else "log_sha256"
-        shas = {
-            row["log_sha256"]
-            for row in read_table(one, "logs", ["path", "log_sha256"]).to_pylist()
-            if row["path"] in both
-        }
-        wanted = both if name == "logs" else shas
-        rows = [
-            [row for row in read_table(folder, name).to_pylist() if row[key] in wanted]
-            for folder in (one, other)
-        ]
-        if rows[0] != rows[1]:
-            found.append(f"{name}: {len(rows[0])} and {len(rows[1])} rows, not the same")
+    for name, rows in tables.items():
+        key, wanted = ("path", both) if name == "logs" else ("log_sha256", shas)
+        a, b = ([row for row in each if row[key] in wanted] for each in rows)
+        if a != b:
+            found.append(f"{name}: {len(a)} and {len(b)} rows, not the same")
     return found
 
 

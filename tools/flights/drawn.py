@@ -18,7 +18,7 @@ from flights.fly import Made
 from flights.hands import by_hand, count, wander
 from flights.moved import SEED, drawn_link
 from flights.plan import STEP_S, FlightPlan
-from flights.surgery import Record, join, rewrite, split
+from flights.surgery import Record, edited, join, px4_control, split
 from flights.telemetry import FOOT, KNOT, Link, telemetry
 
 MANUAL, QSTABILIZE, QHOVER, QLOITER, AUTO = 0, 17, 18, 19, 10
@@ -143,39 +143,35 @@ def on_lift_motors(
         for i in range(4)
     ]  # fmt: skip
 
-    def change(message: Any) -> list[Any]:
-        name = message.get_type()
-        if name == "HEARTBEAT" and message.get_srcSystem() == 1:
-            message.type, message.custom_mode = kind, mode
-        elif name == "SERVO_OUTPUT_RAW":
-            yaw = (message.servo4_raw - 1500) / 4.0
-            for i, turn in enumerate((1, 1, -1, -1)):
-                pulse = 1520 + turn * yaw + rng.normal(0.0, 8.0)
-                setattr(message, f"servo{5 + i}_raw", round(float(np.clip(pulse, 1000, 2000))))
-        elif name == "PARAM_VALUE" and motors:
-            return [message, motors.pop(0)]
-        return [message]
+    def heartbeat(message: Any) -> None:
+        message.type, message.custom_mode = kind, mode
 
-    return join(rewrite(records, change))
+    def servos(message: Any) -> None:
+        yaw = (message.servo4_raw - 1500) / 4.0
+        for i, turn in enumerate((1, 1, -1, -1)):
+            pulse = 1520 + turn * yaw + rng.normal(0.0, 8.0)
+            setattr(message, f"servo{5 + i}_raw", round(float(np.clip(pulse, 1000, 2000))))
+
+    def parameter(message: Any) -> list[Any]:
+        return [message, motors.pop(0)] if motors else [message]
+
+    edits = {"HEARTBEAT": heartbeat, "PARAM_VALUE": parameter, "SERVO_OUTPUT_RAW": servos}
+    return join(edited(records, **edits))
 
 
 def quadrotor(rng: np.random.Generator) -> Made:
     """Hover PX4's quadrotor: its third control is a torque that moves the yaw, not a rudder."""
     made = drawn_log(rng, lambda s: _hover(rng, s, 0.0))
 
-    def change(message: Any) -> list[Any]:
-        name = message.get_type()
-        if name == "PARAM_VALUE":
-            return []
-        if name == "HEARTBEAT" and message.get_srcSystem() == 1:
-            message.type, message.autopilot = mavlink.MAV_TYPE_QUADROTOR, mavlink.MAV_AUTOPILOT_PX4
-        if name == "SERVO_OUTPUT_RAW":
-            roll, yaw = ((p - 1500) / 400.0 for p in (message.servo1_raw, message.servo4_raw))
-            controls = [roll, 0.0, yaw, 0.6, 0.0, 0.0, 0.0, -1.0]
-            return [mavlink.MAVLink_actuator_control_target_message(message.time_usec, 0, controls)]
-        return [message]
+    def heartbeat(message: Any) -> None:
+        message.type, message.autopilot = mavlink.MAV_TYPE_QUADROTOR, mavlink.MAV_AUTOPILOT_PX4
 
-    return Made(join(rewrite(split(made.log), change)), made.truth)
+    def servos(message: Any) -> list[Any]:
+        roll, yaw = ((p - 1500) / 400.0 for p in (message.servo1_raw, message.servo4_raw))
+        return [px4_control(message.time_usec, roll, yaw)]
+
+    edits = {"HEARTBEAT": heartbeat, "PARAM_VALUE": lambda _: [], "SERVO_OUTPUT_RAW": servos}
+    return Made(join(edited(split(made.log), **edits)), made.truth)
 
 
 def tumbling(rng: np.random.Generator) -> Made:
@@ -231,12 +227,10 @@ def disarmed(rng: np.random.Generator) -> Made:
     wind = float(rng.choice([0.0, 3.0, 63.0]))
     made = drawn_log(rng, lambda s: _standing(rng, s, wind), wind_m_s=wind)
 
-    def change(message: Any) -> list[Any]:
-        if message.get_type() == "HEARTBEAT" and message.get_srcSystem() == 1:
-            message.base_mode, message.custom_mode = message.base_mode & ~ARMED, MANUAL
-        return [message]
+    def heartbeat(message: Any) -> None:
+        message.base_mode, message.custom_mode = message.base_mode & ~ARMED, MANUAL
 
-    return Made(join(rewrite(split(made.log), change)), made.truth)
+    return Made(join(edited(split(made.log), HEARTBEAT=heartbeat)), made.truth)
 
 
 def taxiing(rng: np.random.Generator) -> Made:

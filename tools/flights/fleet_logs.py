@@ -42,8 +42,12 @@ def plant_of(plane: int) -> Plant:
     return b[0].tolist(), a.tolist()
 
 
-def _kept(log: bytes, keeps: Callable[[int, bytes], bool]) -> bytes:
-    return join(r for i, r in enumerate(split(log)) if keeps(i, r[1]))
+def _records(change: Callable[[Sequence[Record]], Sequence[Record]]) -> Damage:
+    return lambda log, _: join(change(split(log)))
+
+
+def _only(keeps: Callable[[int], bool]) -> Damage:
+    return _records(lambda records: [r for r in records if keeps(message_id(r[1]))])
 
 
 def _still(log: bytes, _: int) -> bytes:
@@ -51,10 +55,6 @@ def _still(log: bytes, _: int) -> bytes:
     records = split(log)
     still = next(frame for _, frame in records if message_id(frame) == SERVO_OUTPUT_RAW)
     return join((s, still if message_id(f) == SERVO_OUTPUT_RAW else f) for s, f in records)
-
-
-def _with_stamps(log: bytes, change: Callable[[Sequence[Record]], Sequence[Record]]) -> bytes:
-    return join(change(split(log)))
 
 
 def _noise(log: bytes, seed: int) -> bytes:
@@ -66,16 +66,12 @@ def _hole(log: bytes, _: int) -> bytes:
     return log[:at] + bytes(4096) + log[at + 4096 :]
 
 
-def _every(log: bytes, message: int, n: int) -> bytes:
-    seen = 0
-
-    def keeps(_: int, frame: bytes) -> bool:
-        nonlocal seen
-        is_it = message_id(frame) == message
-        seen += is_it
-        return not is_it or seen % n == 0
-
-    return _kept(log, keeps)
+def _sparse(log: bytes, n: int = 10) -> bytes:
+    """Return a log with one in ``n`` of its ATTITUDE messages."""
+    records = split(log)
+    attitudes = [r for r in records if message_id(r[1]) == ATTITUDE]
+    lost = {id(r) for i, r in enumerate(attitudes, 1) if i % n}
+    return join(r for r in records if id(r) not in lost)
 
 
 DAMAGES: Final[dict[str, tuple[Damage, tuple[str, ...], str | None]]] = {
@@ -89,38 +85,16 @@ DAMAGES: Final[dict[str, tuple[Damage, tuple[str, ...], str | None]]] = {
     "torn start": (lambda log, _: log[11:], ("ok", "unusable"), None),
     "hole of zeros": (_hole, ("ok", "unusable"), None),
     "littered": (lambda log, seed: littered(split(log), seed), ("ok", "unusable"), None),
-    "every CRC wrong": (
-        lambda log, _: _with_stamps(log, lambda r: [(s, wrong_crc(f)) for s, f in r]),
-        REFUSED,
-        None,
-    ),
-    "no HEARTBEAT": (
-        lambda log, _: _kept(log, lambda _, f: message_id(f) != HEARTBEAT),
-        ("unusable",),
-        "no_vehicle",
-    ),
-    "no rudder": (
-        lambda log, _: _kept(log, lambda _, f: message_id(f) not in RUDDER),
-        ("unusable",),
-        "no_rudder",
-    ),
-    "no ATTITUDE": (
-        lambda log, _: _kept(log, lambda _, f: message_id(f) != ATTITUDE),
-        ("unusable",),
-        None,
-    ),
-    "2 Hz": (lambda log, _: _every(log, ATTITUDE, 10), ("unusable",), "rate_too_low"),
+    "every CRC wrong": (_records(lambda r: [(s, wrong_crc(f)) for s, f in r]), REFUSED, None),
+    "no HEARTBEAT": (_only(lambda m: m != HEARTBEAT), ("unusable",), "no_vehicle"),
+    "no rudder": (_only(lambda m: m not in RUDDER), ("unusable",), "no_rudder"),
+    "no ATTITUDE": (_only(lambda m: m != ATTITUDE), ("unusable",), None),
+    "2 Hz": (lambda log, _: _sparse(log), ("unusable",), "rate_too_low"),
     "rudder at rest": (_still, ("unusable",), "not_excited"),
-    "a gap": (lambda log, _: _with_stamps(log, lambda r: without(r, 20.0, 35.0)), ANY[:2], None),
-    "all twice": (
-        lambda log, _: _with_stamps(log, lambda r: [each for each in r for _ in range(2)]),
-        ANY[:2],
-        None,
-    ),
-    "a reboot": (lambda log, _: _with_stamps(log, lambda r: after(r, r, 5.0)), ("ok",), None),
-    "no stamps": (
-        lambda log, _: _with_stamps(log, lambda r: [(0, f) for _, f in r]), ANY, None
-    ),
+    "a gap": (_records(lambda r: without(r, 20.0, 35.0)), ANY[:2], None),
+    "all twice": (_records(lambda r: [each for each in r for _ in range(2)]), ANY[:2], None),
+    "a reboot": (_records(lambda r: after(r, r, 5.0)), ("ok",), None),
+    "no stamps": (_records(lambda r: [(0, f) for _, f in r]), ANY, None),
     "the head alone": (lambda log, _: log[:300], REFUSED, None),
 }  # fmt: skip
 """The kinds of damage by name: the function that damages a good log, the allowed outcomes, and the

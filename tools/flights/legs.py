@@ -172,54 +172,16 @@ def read_plan(name: str) -> LegPlan:
     if path.suffix != ".toml":
         raise ValueError(f"--plan must be a .toml file or one of {', '.join(PLANS)}, got {name!r}")
     try:
-        found = tomllib.loads(path.read_text(encoding="utf-8"))
-        legs = tuple(Leg(**leg) for leg in found.pop("leg", []))
-        return LegPlan(**found, legs=legs)
+        return _read(path)
     except (TypeError, tomllib.TOMLDecodeError) as error:
         raise ValueError(f"{name}: {error}") from error
 
 
-def _at_speed(speed_kt: float, side: float) -> tuple[Leg, ...]:
-    """Return five minutes at one airspeed: four manoeuvres with turns and a climb between them."""
-    return (
-        Leg("speed", 40.0, speed_kt=speed_kt),
-        Leg("manoeuvre", 50.0),
-        Leg("turn", 20.0, bank_deg=20.0 * side),
-        Leg("idle", 20.0),
-        Leg("manoeuvre", 30.0, shape="doublets"),
-        Leg("climb", 20.0, climb_ft_min=400.0 * side),
-        Leg("idle", 25.0),
-        Leg("manoeuvre", 30.0, shape="prbs", amplitude=0.1),
-        Leg("turn", 15.0, bank_deg=-25.0 * side),
-        Leg("idle", 20.0),
-        Leg("manoeuvre", 30.0, shape="doublets", mode="MANUAL"),
-    )
+def _read(path: Path) -> LegPlan:
+    found = tomllib.loads(path.read_text(encoding="utf-8"))
+    legs = tuple(Leg(**leg) for leg in found.pop("leg", []))
+    return LegPlan(**found, legs=legs)
 
 
-PLANS = {
-    "three_speeds": LegPlan(
-        "c172p", 95.0, (*_at_speed(95.0, 1.0), *_at_speed(80.0, -1.0), *_at_speed(110.0, 1.0))
-    ),
-    "upset": LegPlan(
-        "c172p",
-        90.0,
-        (
-            Leg("idle", 20.0),
-            Leg("gust", 15.0, gust_m_s=6.0),
-            Leg("gust", 30.0, gust_m_s=5.0, gust_s=1.5, severity=3),
-            Leg("turn", 25.0, bank_deg=20.0, severity=2),
-            Leg("gust", 15.0, mode="MANUAL", gust_m_s=5.0),
-            Leg("speed", 20.0, speed_kt=70.0),
-            Leg("climb", 105.0, climb_ft_min=-500.0, to_ft=150.0, severity=1),
-            Leg(
-                "go_around", 60.0, speed_kt=75.0, climb_ft_min=500.0, to_ft=600.0, rudder_hold=0.15
-            ),
-            Leg("turn", 25.0, bank_deg=-20.0),
-            Leg("speed", 15.0, speed_kt=70.0),
-            Leg("landing", 130.0, speed_kt=65.0, climb_ft_min=-400.0, gust_m_s=3.0, severity=1),
-        ),
-        altitude_ft=1000.0,
-    ),
-}
-"""The named plans, all of the c172p. ``three_speeds`` takes 15 minutes. ``upset`` has no excitation
-on purpose: its rudder moves by ``rudder_hold`` in the go-around and to steer after touchdown."""
+PLANS = {path.stem: _read(path) for path in (Path(__file__).parent / "plans").glob("*.toml")}
+"""The named plans, which are the files of the folder plans."""

@@ -6,6 +6,7 @@ decays freely has the right frequency whatever the rudder did, so what is judged
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Callable
 from typing import Any
 
@@ -13,7 +14,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from flights.fly import Made
 from flights.moved import excited
-from flights.surgery import Record, join, message_id, rewrite, split
+from flights.surgery import Record, edited, join, message_id, payload, split
 
 APART = 34
 """The number of the other flight is larger by this: another aircraft, and the same air."""
@@ -23,30 +24,20 @@ LATE_S = 0.4
 
 def pulses(flown: list[Record]) -> list[tuple[int, int]]:
     """Return the stamp in us and the rudder's pulse of each SERVO_OUTPUT_RAW."""
-    found: list[tuple[int, int]] = []
-
-    def look(message: Any) -> list[Any]:
-        if message.get_type() == "SERVO_OUTPUT_RAW":
-            found.append((message.time_usec, message.servo4_raw))
-        return [message]
-
     servos = mavlink.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW
-    rewrite([each for each in flown if message_id(each[1]) == servos], look)
-    return found
+    frames = (frame for _, frame in flown if message_id(frame) == servos)
+    found = (struct.unpack("<I4H", payload(frame, 12)) for frame in frames)
+    return [(time_us, rudder) for time_us, *_, rudder in found]
 
 
 def with_pulses(flown: list[Record], rudder: list[int]) -> bytes:
-    """Return the log with these pulses of the rudder, one after the other; the last one stays."""
+    """Return the log with these pulses of the rudder, one for each SERVO_OUTPUT_RAW."""
     left = iter(rudder)
-    now = rudder[0]
 
-    def change(message: Any) -> list[Any]:
-        nonlocal now
-        if message.get_type() == "SERVO_OUTPUT_RAW":
-            message.servo4_raw = now = next(left, now)
-        return [message]
+    def servos(message: Any) -> None:
+        message.servo4_raw = next(left)
 
-    return join(rewrite(flown, change))
+    return join(edited(flown, SERVO_OUTPUT_RAW=servos))
 
 
 def other(number: int) -> Made:

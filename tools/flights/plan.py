@@ -50,10 +50,11 @@ class Servo:
 class FlightPlan:
     """All settings of a flight.
 
-    ``roll_gain`` and ``roll_rate_gain`` are the roll hold: aileron units per rad of roll and per
-    rad/s. ``amplitude`` is in rudder units about trim; ``step_s`` is the manoeuvre's unit of time
-    in s, best 0.3 periods of the Dutch roll. With ``true_feedback`` the autopilot's sensors have no
-    noise. ``parameters`` are sent next to those of the servos.
+    ``speed_kt`` is the calibrated airspeed, ``altitude_ft`` above sea level, ``heading_deg`` at the
+    start. ``roll_gain`` and ``roll_rate_gain`` are the roll hold: aileron units per rad of roll and
+    per rad/s. ``amplitude`` is in rudder units about trim; ``step_s`` is the manoeuvre's unit of
+    time in s, best 0.3 periods of the Dutch roll. With ``true_feedback`` the autopilot's sensors
+    have no noise. ``parameters`` are sent next to those of the servos.
 
     Raises:
         ValueError: the manoeuvre is unknown, or a number is outside its limits.

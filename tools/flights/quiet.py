@@ -22,8 +22,7 @@ from flights.fly import Made, fly
 from flights.hands import Damper, Mixed, by_hand, count, wander
 from flights.moved import SEED, drawn_link
 from flights.plan import FlightPlan
-from flights.surgery import Record, join, message_id, payload, rewrite, split
-from flights.telemetry import Link
+from flights.surgery import Record, edited, join, message_id, payload, px4_control, split
 
 GENTLE = (
     ("c172p", 3000.0, 100.0), ("J3Cub", 2000.0, 60.0), ("T37", 5000.0, 200.0),
@@ -58,14 +57,8 @@ def in_the_air(
     """Fly one of the GENTLE aircraft; ``hands`` is called with the length of the flight in s."""
     aircraft, altitude_ft, speed_kt = GENTLE[rng.integers(len(GENTLE))]
     seconds = float(rng.choice(LENGTHS_S))
-    plan = FlightPlan(
-        aircraft=aircraft,
-        speed_kt=speed_kt,
-        altitude_ft=altitude_ft,
-        heading_deg=float(rng.integers(0, 360)),
-        seconds=seconds,
-        manoeuvre="none",
-    )
+    heading_deg = float(rng.integers(0, 360))
+    plan = FlightPlan(aircraft, speed_kt, altitude_ft, heading_deg, seconds, manoeuvre="none")
     severity = int(rng.choice(severities))
     return fly(plan, drawn_link(rng), hands(seconds), severity, **facts)
 
@@ -129,13 +122,11 @@ def vibrating(rng: np.random.Generator) -> Made:
     line_hz = round(float(rng.uniform(2.0, 4.0)), 2)
     share = round(float(rng.uniform(0.1, 0.7)), 2)
     foot = float(rng.choice([0.0, 0.01, 0.02]))
-    made = in_the_air(
-        rng,
-        lambda s: Hands(rudder=by_hand(rng, s, foot, 0.8) if foot else drift(rng, s)),
-        (1, 2, 3),
-        line_hz=line_hz,
-        line_share=share,
-    )
+
+    def hands(seconds: float) -> Hands:
+        return Hands(by_hand(rng, seconds, foot, 0.8) if foot else drift(rng, seconds))
+
+    made = in_the_air(rng, hands, (1, 2, 3), line_hz=line_hz, line_share=share)
     return Made(with_line(made.log, line_hz, share, rng), made.truth)
 
 
@@ -153,33 +144,14 @@ def with_line(log: bytes, line_hz: float, share: float, rng: np.random.Generator
     phase, before_s = float(rng.uniform(0.0, math.tau)), 0.0
     width = math.sqrt(math.tau * 0.05)  # of the phase's random walk, in rad per square root of a s
 
-    def change(message: Any) -> list[Any]:
+    def attitude(message: Any) -> None:
         nonlocal phase, before_s
-        if message.get_type() == "ATTITUDE":
-            now_s = message.time_boot_ms / 1000.0
-            phase += float(rng.normal(0.0, width * math.sqrt(max(now_s - before_s, 0.0))))
-            before_s = now_s
-            message.yawspeed += amplitude * math.sin(math.tau * line_hz * now_s + phase)
-        return [message]
+        now_s = message.time_boot_ms / 1000.0
+        phase += float(rng.normal(0.0, width * math.sqrt(max(now_s - before_s, 0.0))))
+        before_s = now_s
+        message.yawspeed += amplitude * math.sin(math.tau * line_hz * now_s + phase)
 
-    return join(rewrite(split(log), change))
-
-
-def lined() -> Made:
-    """Fly a Dutch roll near 1.3 rad/s by hand, and add a vibration of 2.4 Hz to the gyro.
-
-    The vibration has 17 % of the yaw rate's power and is not a mode of the aircraft, so 15.1 rad/s
-    must not be the answer. The flight is as it was when that mistake was found, with an autopilot
-    whose sensors have no noise.
-    """
-    rng = np.random.default_rng([SEED, 2])
-    plan = FlightPlan(
-        aircraft="t6texan2", speed_kt=138.0, altitude_ft=5000.0, seconds=120.0, manoeuvre="none",
-        true_feedback=True,
-    )  # fmt: skip
-    hands = Hands(rudder=by_hand(rng, plan.seconds, amplitude=0.12, unit_s=1.5))
-    made = fly(plan, Link(attitude_hz=25.0, servo_hz=25.0), hands, group="line", line_hz=2.4)
-    return Made(with_line(made.log, 2.4, 0.17, rng), made.truth)
+    return join(edited(split(log), ATTITUDE=attitude))
 
 
 def passenger(rng: np.random.Generator) -> Made:
@@ -187,11 +159,7 @@ def passenger(rng: np.random.Generator) -> Made:
 
     In half of the logs it is disarmed.
     """
-    made = in_the_air(
-        rng,
-        lambda s: Hands(bank=turns(rng, s), react=Mixed(0.3, 0.2)),
-        (0, 1, 2),
-    )
+    made = in_the_air(rng, lambda s: Hands(bank=turns(rng, s), react=Mixed(0.3, 0.2)), (0, 1, 2))
     armed, status = bool(rng.random() < 0.5), bool(rng.random() < 0.5)
     log = as_passenger(split(made.log), rng, armed=armed, status=status)
     assert made.truth is not None
@@ -209,28 +177,23 @@ def as_passenger(
     roll = yaw = 0.0
     gains = rng.uniform([0.6, 0.1, 0.2], [1.5, 0.6, 1.0])
 
-    def change(message: Any) -> list[Any]:
-        nonlocal roll, yaw
-        kind = message.get_type()
-        if kind == "PARAM_VALUE":
-            return []
-        if kind == "HEARTBEAT" and message.get_srcSystem() == 1:
-            message.autopilot = mavlink.MAV_AUTOPILOT_PX4
-            message.base_mode |= ARMED
-            if not armed:
-                message.base_mode ^= ARMED
-        elif kind == "ATTITUDE":
-            roll = -gains[0] * message.roll - 0.1 * message.rollspeed
-            yaw = gains[1] * roll - gains[2] * message.yawspeed + rng.normal(0.0, 0.005)
-        elif kind == "SERVO_OUTPUT_RAW":
-            controls = [float(np.clip(x, -1.0, 1.0)) for x in (roll, 0.0, yaw)]
-            asked = mavlink.MAVLink_actuator_control_target_message(
-                message.time_usec, 0, [*controls, 0.5, 0.0, 0.0, 0.0, -1.0]
-            )
-            return [asked, _still_outputs(message.time_usec, status)]
-        return [message]
+    def heartbeat(message: Any) -> None:
+        message.autopilot = mavlink.MAV_AUTOPILOT_PX4
+        message.base_mode |= ARMED
+        if not armed:
+            message.base_mode ^= ARMED
 
-    return join(rewrite(flown, change))
+    def attitude(message: Any) -> None:
+        nonlocal roll, yaw
+        roll = -gains[0] * message.roll - 0.1 * message.rollspeed
+        yaw = gains[1] * roll - gains[2] * message.yawspeed + rng.normal(0.0, 0.005)
+
+    def servos(message: Any) -> list[Any]:
+        asked = px4_control(message.time_usec, *np.clip([roll, yaw], -1.0, 1.0).tolist())
+        return [asked, _still_outputs(message.time_usec, status)]
+
+    edits = {"HEARTBEAT": heartbeat, "ATTITUDE": attitude, "SERVO_OUTPUT_RAW": servos}
+    return join(edited(flown, PARAM_VALUE=lambda _: [], **edits))
 
 
 def _still_outputs(time_us: int, status: bool) -> Any:

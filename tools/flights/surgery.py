@@ -117,6 +117,28 @@ def rewrite(
     return rewritten
 
 
+def edited(
+    records: Iterable[Record], **edits: Callable[[Any], Sequence[Any] | None]
+) -> list[Record]:
+    """Edit the vehicle's messages by their names; the vehicle is system 1.
+
+    An edit changes its message, or returns what is sent instead.
+    """
+
+    def change(message: Any) -> Sequence[Any]:
+        edit = edits.get(message.get_type()) if message.get_srcSystem() == 1 else None
+        instead = None if edit is None else edit(message)
+        return [message] if instead is None else instead
+
+    return rewrite(records, change)
+
+
+def px4_control(time_us: int, roll: float, yaw: float) -> Any:
+    """Return PX4's ACTUATOR_CONTROL_TARGET of group 0."""
+    controls = [roll, 0.0, yaw, 0.6, 0.0, 0.0, 0.0, -1.0]
+    return mavlink.MAVLink_actuator_control_target_message(time_us, 0, controls)
+
+
 def without(records: Sequence[Record], low_s: float, high_s: float) -> list[Record]:
     """Return the records without those received from ``low_s`` to ``high_s`` after the first."""
     low, high = (records[0][0] + round(1e6 * s) for s in (low_s, high_s))
