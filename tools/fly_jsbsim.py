@@ -61,8 +61,7 @@ def parse(argv: Sequence[str]) -> argparse.Namespace:
         formatter_class=argparse.ArgumentDefaultsHelpFormatter,
     )
     parser.add_argument("--out", "-o", type=Path, help="tlog to write")
-    plans = f"a whole flight: a .toml file or one of {', '.join(PLANS)}"
-    parser.add_argument("--plan", metavar="FILE|NAME", help=plans)
+    parser.add_argument("--plan", metavar="FILE|NAME", help=f"a .toml file, or {', '.join(PLANS)}")
     parser.add_argument("--truth", type=Path, help="JSON file for the Dutch roll to be found")
     parser.add_argument("--udp", type=endpoint, metavar="HOST:PORT", help="send in real time")
     parser.add_argument("--speedup", type=float, default=1.0, help="of --udp")
@@ -98,7 +97,7 @@ def parse(argv: Sequence[str]) -> argparse.Namespace:
 def _add_numbers(group: Any, defaults: object, names: Iterable[str]) -> None:
     for name in names:
         flag = f"--{name.replace('_', '-')}"
-        group.add_argument(flag, type=float, default=getattr(defaults, name), help=" ")
+        group.add_argument(flag, type=float, default=getattr(defaults, name), help="a number")
 
 
 def main(argv: Sequence[str]) -> int:
@@ -122,8 +121,7 @@ def main(argv: Sequence[str]) -> int:
             found = truth(plan, after_lead_in(flight.flown))
             if warning := disagreement(found):
                 print(f"fly_jsbsim: {warning}", file=sys.stderr)
-            names = {"seconds": plan.seconds, "manoeuvre": plan.manoeuvre, "seed": link.seed}
-            found |= names
+            found |= {"seconds": plan.seconds, "manoeuvre": plan.manoeuvre, "seed": link.seed}
         if path:
             found["command"] = shlex.join(["python", "tools/fly_jsbsim.py", *argv])
             path.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
@@ -139,3 +137,7 @@ def deliver(frames: Iterator[Record], own: dict[str, Any]) -> None:
         frames = record(frames, own["out"])
     count = send(frames, own["udp"], own["speedup"]).sent if own["udp"] else sum(1 for _ in frames)
     print(f"fly_jsbsim: {count} frames", file=sys.stderr)
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -6,6 +6,7 @@ import datetime
 import importlib
 import inspect
 import os
+import runpy
 import sys
 from pathlib import Path
 from types import ModuleType
@@ -13,6 +14,7 @@ from types import ModuleType
 import pytest
 from bench import run as bench
 from checks import readme_tables
+from places import ROOT
 
 
 @pytest.fixture
@@ -63,6 +65,18 @@ def test_without_being_asked_nothing_is_written(readme: Path):
     assert bench.main(["none"]) == bench.main([]) == 2
 
     assert readme.read_text(encoding="utf-8") == before
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "tools").glob("*.py")), ids=lambda path: path.name)
+def test_a_tool_in_the_root_runs_as_a_command(
+    path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    monkeypatch.setattr(sys, "argv", [path.name, "--help"])
+    with pytest.raises(SystemExit) as end:
+        runpy.run_path(str(path), run_name="__main__")
+
+    assert end.value.code in (0, 2)
+    assert "usage: " in "".join(capsys.readouterr())
 
 
 @pytest.mark.parametrize("name", bench.BENCHES)
