@@ -14,7 +14,7 @@ from scipy.special import gammaincc
 
 import yawid.estimation.all_pole as module
 from yawid.estimation.all_pole import all_pole, free_decays
-from yawid.estimation.machine.products import cross
+from yawid.estimation.machine.products import along, cross
 from yawid.estimation.machine.runner import RUNNER
 from yawid.estimation.whiteness import chi_square_tail
 
@@ -79,11 +79,21 @@ def test_a_fit_without_compiled_code_and_by_all_of_scipy_gives_the_same_bits(pol
     rng = np.random.default_rng(seed)
     a, drive = np.poly(poles)[1:], rng.normal(size=(n, width))
     past, other = rng.normal(size=(len(a), width)), rng.normal(size=(n, 3))
-    compiled = all_pole(a, drive, past), cross(drive, other), cross(drive[:, :1], other[:, 0])
+
+    def found() -> list[np.ndarray]:
+        products = cross(drive, other), cross(drive[:, :1], other[:, 0]), along(other, other[:3].T)
+        return [
+            all_pole(a, drive, past),
+            all_pole(a, drive[:, 0]),
+            along(drive, past[0]),
+            *products,
+        ]
+
+    compiled = found()
     with pytest.MonkeyPatch.context() as monkeypatch:
-        monkeypatch.setattr(RUNNER, "add_products", lambda: None)
+        monkeypatch.setattr(RUNNER, "loop", lambda of: None)
         monkeypatch.setattr(module, "_lfilter", lambda: lfilter)  # as where C's part has moved
-        plain = all_pole(a, drive, past), cross(drive, other), cross(drive[:, :1], other[:, 0])
+        plain = found()
     for one, same in zip(compiled, plain, strict=True):
         assert np.array_equal(one, same)
 

@@ -1,4 +1,4 @@
-"""The filter 1/A(q) over a whole record, by SciPy's ``lfilter``, for all methods that need it."""
+"""The filter 1/A(q) over a whole record, compiled or by SciPy, for all methods that need it."""
 
 from functools import cache
 from importlib.machinery import PathFinder
@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 
 from yawid.blocks import Floats
+from yawid.estimation.kernel.records import filter_rows
+from yawid.estimation.machine.runner import RUNNER
 
 _ONE = np.ones(1)
 
@@ -39,7 +41,12 @@ def free_decays(a: Floats, n: int) -> Floats:
 
 
 def _filtered(a: Floats, x: Floats, delays: Floats) -> Floats:
-    found: Floats = _lfilter()(_ONE, np.concatenate([[1.0], a]), x, 0, delays)[0]
+    """Return x (n,) or (n, m) filtered from its ``delays`` (na,) or (na, m), which may change."""
+    if (loop := RUNNER.loop(filter_rows)) is None:
+        plain: Floats = _lfilter()(_ONE, np.concatenate([[1.0], a]), x, 0, delays)[0]
+        return plain
+    found = np.array(x, order="C")
+    loop(a.reshape(-1, 1), delays.reshape(len(a), -1), found.reshape(len(x), -1))
     return found
 
 

@@ -64,20 +64,22 @@ class _Basis:
     """Columns (n, l) made ready for finding the combinations of them that explain signals."""
 
     def __init__(self, columns: Floats) -> None:
-        self._rows = np.ascontiguousarray(columns.T)
-        self._size = np.sqrt(np.maximum(cross(columns, columns).diagonal(), TINY))
-        self._scaled = columns / self._size
-        self._power = cross(self._scaled, self._scaled)
-        self._power.flat[:: len(self._size) + 1] += RIDGE
+        power = cross(columns, columns)
+        size = np.sqrt(np.maximum(power.diagonal(), TINY))
+        power /= size
+        power /= size[:, None]
+        power.flat[:: len(size) + 1] += RIDGE
+        self._columns, self._size, self._power = columns, size[:, None], power
 
     def coefficients(self, x: Floats) -> Floats:
         """Return the combination (l, m) of the columns that is nearest to x (n, m)."""
-        found: Floats = np.linalg.solve(self._power, cross(self._scaled, x)) / self._size[:, None]
+        of_scaled = cross(self._columns, x) / self._size
+        found: Floats = np.linalg.solve(self._power, of_scaled) / self._size
         return found
 
     def combined(self, coefficients: Floats) -> Floats:
         """Return the combinations (n, m) of the columns with these coefficients (l, m)."""
-        return cross(self._rows, coefficients)
+        return along(self._columns, coefficients)
 
     def without(self, x: Floats) -> Floats:
         """Return x (n, m) less what a combination of the columns explains of it."""
@@ -187,12 +189,10 @@ def _descended(record: RecordFit, theta: Floats, settled: float) -> tuple[Floats
 
     The initial state of each stretch is free and eliminated (Golub and Pereyra 1973).
     """
-    is_free = np.ones(len(theta), bool)
-    c_of(is_free, record.orders)[:] = False
-    runs, damping = _runs(record, theta), DAMPING
+    free, runs, damping = record.without_c, _runs(record, theta), DAMPING
     loss = _loss(runs)
     for _ in range(ITERATIONS):
-        psi = _slopes(record, theta, runs)[:, is_free]
+        psi = _slopes(record, theta, runs)
         information = cross(psi, psi)
         if not np.isfinite(information).all():
             break
@@ -200,7 +200,7 @@ def _descended(record: RecordFit, theta: Floats, settled: float) -> tuple[Floats
         scale, better = np.diag(np.diag(information) + TINY), loss
         for _ in range(HALVINGS):
             trial = theta.copy()
-            trial[is_free] += np.linalg.solve(information + damping * scale, score)
+            trial[free] += np.linalg.solve(information + damping * scale, score)
             if is_stable(trial[: record.orders.na]):
                 tried = _runs(record, trial)
                 if (better := _loss(tried)) < loss:
@@ -227,14 +227,18 @@ def output_error_scores(record: RecordFit, theta: Floats, residuals: list[Floats
     Psi (n, n_theta) is the slope of the free run, without what the initial states take up; it is 0
     for C.
     """
-    psi = _slopes(record, theta, _runs(record, theta))
+    psi = np.zeros((len(record.y), len(theta)))
+    psi[:, record.without_c] = _slopes(record, theta, _runs(record, theta))
     return psi, psi, np.concatenate(residuals)
 
 
 def _runs(record: RecordFit, theta: Floats) -> list[_Run]:
     na, runs = record.orders.na, []
-    for (y, phi), decays in zip(record.stretches, _decays(record, theta), strict=True):
-        drive = along(phi[:, na:], theta[na:])  # the columns of C are 0
+    driving = theta[record.without_c]
+    driving[:na] = 0.0
+    decayed = _decays(record, theta)
+    for (y, _), phi, decays in zip(record.stretches, record.measured, decayed, strict=True):
+        drive = along(phi, driving)
         rest = (y - all_pole(theta[:na], drive))[:, None]
         past = decays.coefficients(rest)
         runs.append(_Run((rest - decays.combined(past))[:, 0], past[:, 0], decays))
@@ -242,9 +246,9 @@ def _runs(record: RecordFit, theta: Floats) -> list[_Run]:
 
 
 def _slopes(record: RecordFit, theta: Floats, runs: list[_Run]) -> Floats:
-    """Return the slope (n, n_theta) of the free run of all stretches."""
+    """Return the slope of the free run of all stretches for A, B and the bias, (n, of them)."""
     na, rows = record.orders.na, []
-    for (y, phi), run in zip(record.stretches, runs, strict=True):
+    for (y, _), phi, run in zip(record.stretches, record.measured, runs, strict=True):
         simulated = np.concatenate([run.past[::-1], y - run.left])
         drive = phi.copy()
         for i in range(na):

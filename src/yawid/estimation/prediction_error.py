@@ -10,7 +10,7 @@ from functools import cached_property
 
 import numpy as np
 
-from yawid.blocks import Floats
+from yawid.blocks import Floats, Ints
 from yawid.config.estimator import EstimatorConfig
 from yawid.estimation.all_pole import all_pole
 from yawid.estimation.machine.products import along, cross
@@ -57,6 +57,17 @@ class RecordFit:
         self.y = np.concatenate([y for y, _ in stretches] or [np.empty(0)])
         self.weights = config.forgetting_factor ** np.arange(len(self.y))[::-1]
         self.prior = np.eye(config.n_theta) * RIDGE
+
+    @cached_property
+    def without_c(self) -> Ints:
+        """The places in theta of A, B and the bias."""
+        first = self.orders.na + sum(self.orders.nb)
+        return np.delete(np.arange(len(self.prior)), slice(first, first + self.orders.nc))
+
+    @cached_property
+    def measured(self) -> list[Floats]:
+        """Phi (n, n_theta - nc) of each stretch, without the columns of C."""
+        return [np.take(phi, self.without_c, axis=1) for _, phi in self.stretches]
 
     def residuals(self, theta: Floats) -> list[Floats]:
         """Return eps = (A y - B u - bias) / C (n,) of each stretch; eps = 0 before it (eq. 33)."""

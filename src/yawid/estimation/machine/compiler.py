@@ -3,8 +3,8 @@
 The kernel's functions are copied with other globals, so that what they call is compiled as well and
 the state's header and parts are read in place. The result is object code that does not need numba.
 Its recursion is called as a C function that Python knows (METH_FASTCALL), because numba's own call
-from Python takes longer than a sample. The loop over a record is called with the addresses of three
-arrays and runs without Python's lock.
+from Python takes longer than a sample. The loops over a record are called with the addresses of
+three arrays and run without Python's lock.
 """
 
 # numba infers the types: float64 arrays and floats.
@@ -21,7 +21,7 @@ from numba.np.arrayobj import populate_array
 
 from yawid.estimation.kernel import entry_points, records, state
 from yawid.estimation.kernel.marks import MARKS
-from yawid.estimation.machine.object_code import ADD_PRODUCTS, RUN, module_of, object_of
+from yawid.estimation.machine.object_code import RUN, module_of, object_of
 
 _WRAPPER = """
 declare i64 @PyLong_AsLongLong(ptr)
@@ -173,30 +173,37 @@ class _Copies:
 
 
 def compiled() -> bytes:
-    """Return object code: ``entry_points.run`` as a Python function, and ``records.add_products``.
+    """Return object code: ``entry_points.run`` as a Python function, and ``records.LOOPS``.
 
     Raises:
         RuntimeError: the code would call a function that is missing without numba.
     """
     run = _Copies(header=_named, parts=_parts()).of(entry_points.run)
-    add_products = _Copies().of(records.add_products)
     flat, rows = _array_at(1), _array_at(2)
 
     @numba.njit(types.int64(*[types.int64] * 5), **OPTIONS)
     def run_at(packed, u, y, out, first):
         return run(flat(packed), flat(u), flat(y), rows(out), first)
 
-    @numba.njit(types.void(*[types.int64] * 3), **OPTIONS)
-    def add_products_at(a, b, out):
-        add_products(rows(a), rows(b), rows(out))
-
-    texts = [*_text(run_at, _WRAPPER, "RUN_AT")]
-    texts += _text(add_products_at, _LOOP.replace("NAME", ADD_PRODUCTS), "LOOP_AT")
-    module = module_of(*texts, kept=(RUN, ADD_PRODUCTS))
+    texts, names = [*_text(run_at, _WRAPPER, "RUN_AT")], [each.__name__ for each in records.LOOPS]
+    for name, each in zip(names, records.LOOPS, strict=True):
+        texts += _text(_loop_at(each, rows), _LOOP.replace("NAME", name), "LOOP_AT")
+    module = module_of(*texts, kept=(RUN, *names))
     missing = {f.name for f in module.functions if f.is_declaration and not _KNOWN.match(f.name)}
     if missing:
         raise RuntimeError(f"the compiled recursion needs {', '.join(sorted(missing))}")
     return object_of(module)
+
+
+def _loop_at(loop: Any, rows: Any) -> Any:
+    """Return a compiled loop over a record that takes the addresses of its three arrays."""
+    compiled_loop = _Copies().of(loop)
+
+    @numba.njit(types.void(*[types.int64] * 3), **OPTIONS)
+    def loop_at(a, b, c):
+        compiled_loop(rows(a), rows(b), rows(c))
+
+    return loop_at
 
 
 def _text(compiled_at: Any, wrapper: str, name: str) -> tuple[str, str]:

@@ -12,8 +12,6 @@ import llvmlite.binding as llvm
 
 RUN = "yawid_run"
 """Name of the compiled recursion in the object code."""
-ADD_PRODUCTS = "yawid_add_products"
-"""Name of the loop of a fit over a whole record, in the same object code."""
 _LOADING = Lock()
 
 

@@ -7,6 +7,7 @@ threads also wait for each other, which takes many times longer than one thread 
 import numpy as np
 
 from yawid.blocks import Floats
+from yawid.estimation.kernel.records import add_products, combine
 from yawid.estimation.machine.runner import RUNNER
 
 
@@ -14,7 +15,7 @@ def cross(a: Floats, b: Floats) -> Floats:
     """Return a' b, (m, l) or (m,), for ``a`` (n, m) and ``b`` (n, l) or (n,)."""
     wide = b[:, None] if b.ndim == 1 else b
     found = np.zeros((a.shape[1], wide.shape[1]))
-    if (loop := RUNNER.add_products()) is not None:
+    if (loop := RUNNER.loop(add_products)) is not None:
         loop(np.ascontiguousarray(a), np.ascontiguousarray(wide), found)
     else:
         # For a single column einsum would sum every fourth row separately.
@@ -25,5 +26,12 @@ def cross(a: Floats, b: Floats) -> Floats:
 
 
 def along(a: Floats, x: Floats) -> Floats:
-    """Return a x (n,) for ``a`` (n, m) and ``x`` (m,)."""
-    return np.asarray((a * x).sum(axis=1), np.float64)
+    """Return a x, (n,) or (n, l), for ``a`` (n, m) and ``x`` (m,) or (m, l)."""
+    wide = x[:, None] if x.ndim == 1 else x
+    found = np.zeros((len(a), wide.shape[1]))
+    if (loop := RUNNER.loop(combine)) is not None:
+        loop(np.ascontiguousarray(a), np.ascontiguousarray(wide), found)
+    else:
+        for column, row in zip(a.T, wide, strict=True):
+            found += column[:, None] * row
+    return found[:, 0] if x.ndim == 1 else found

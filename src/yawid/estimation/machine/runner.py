@@ -18,10 +18,10 @@ import numpy as np
 
 from yawid.blocks import Floats
 from yawid.errors import CompilerError
-from yawid.estimation.kernel import entry_points
+from yawid.estimation.kernel import entry_points, records
 from yawid.estimation.kernel.state import Unpacked
 from yawid.estimation.machine import kept
-from yawid.estimation.machine.object_code import ADD_PRODUCTS, RUN, loaded
+from yawid.estimation.machine.object_code import RUN, loaded
 from yawid.system.processes import OWN_GROUP, run_last
 
 PATIENCE_S = 6.0
@@ -67,7 +67,7 @@ class Runner:
         self._child: subprocess.Popen[str] | None = None
         self._is_compiled = False
         self._is_hopeless = False
-        self._add_products: Callable[..., None] | None = None
+        self._loops: dict[Callable[..., None], Callable[..., None]] = {}
 
     def run(self, packed: Floats, u: Floats, y: Floats, out: Floats, first: int) -> int:
         """Take samples as ``entry_points.run``: u (samples m,), y (samples,), out (rows, columns).
@@ -91,12 +91,12 @@ class Runner:
         """Return whether there is compiled code, from this or from an earlier process."""
         return self._is_compiled or self._found()
 
-    def add_products(self) -> Callable[..., None] | None:
-        """Return the compiled ``records.add_products``; None where there is no compiled code.
+    def loop(self, of: Callable[..., None]) -> Callable[..., None] | None:
+        """Return a function of ``kernel/records.py`` compiled; None where there is no code.
 
         Its three arrays must be contiguous float64; it does not check that.
         """
-        return self._add_products if self.is_compiled() else None
+        return self._loops.get(of) if self.is_compiled() else None
 
     def compile(self) -> Path | None:
         """Compile for this and later processes; return the folder of the code, None if not kept.
@@ -172,8 +172,9 @@ class Runner:
         logging.getLogger(__name__).warning("yawid: %s", why)
 
     def _take(self, code: bytes) -> None:
-        address, add_products = loaded(code, RUN, ADD_PRODUCTS)
-        self._add_products = ctypes.CFUNCTYPE(None, *[ctypes.py_object] * 3)(add_products)
+        address, *loops = loaded(code, RUN, *(each.__name__ for each in records.LOOPS))
+        called = ctypes.CFUNCTYPE(None, *[ctypes.py_object] * 3)
+        self._loops = dict(zip(records.LOOPS, map(called, loops), strict=True))
         method = _Method(RUN.encode(), address, _FASTCALL, None)
         _METHODS.append(method)
         make = ctypes.pythonapi.PyCFunction_NewEx
