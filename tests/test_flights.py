@@ -6,6 +6,8 @@ The synthetic twins of their oddities are in tests/channels and tests/sources.
 from __future__ import annotations
 
 import json
+from functools import reduce
+from operator import getitem
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +15,7 @@ import pytest
 from inspecting import assert_is_read_in_ten_seconds
 from places import SHARED_FLIGHTS as FLIGHTS
 from printed import printed
-from recorded_flights import recorded
+from recorded_flights import OF_THE_PROJECT, recorded
 
 from yawid.cli.main import main
 
@@ -72,20 +74,33 @@ def test_sitl_fbwa_at_stock_rates_has_nearly_the_same(log, capsys, tmp_path):
     assert found["zeta"] == pytest.approx(AS_FLOWN["zeta"], abs=0.04)
 
 
-@recorded("sitl_fbwa_gcs_4hz")
-def test_the_ground_stations_record_of_that_flight_is_too_slow(log, capsys, tmp_path):
+RUDDER = ("channels", "rudder")
+REFUSED: dict[str, tuple[int, dict[str, str], dict[tuple[str, ...], object]]] = {
+    "sitl_fbwa_gcs_4hz": (4, {"rate_too_low": "2 Hz"}, {}),
+    "sitl_auto_25hz": (5, {"mixed_rudder": "", "turn_dominated": ""}, {}),
+    "sitl_auto_mavproxy_4hz": (4, {}, {(*RUDDER, "how"): "parameter"}),
+    "skywalker_manual_a": (
+        5, {"turn_dominated": "+0.78"}, {(*RUDDER, "source"): "ACTUATOR_CONTROL_TARGET.controls[2]"}
+    ),
+    "vtol_quadplane": (3, {"no_rudder": "SERVO3=75, SERVO4=76"}, {("link", "clock_steps"): 1}),
+    "copter_sik_radio": (3, {"no_rudder": "quadrotor (type 2)"}, {("link", "reboots"): 4}),
+}  # fmt: skip
+"""By flight: exit code, reasons with a part of their texts, and numbers of the summary."""
+
+
+@recorded(*REFUSED)
+def test_a_flight_that_cannot_answer_is_refused_with_its_reasons(log: Path, capsys, tmp_path):
     code, summary = replay(capsys, tmp_path, log)
 
-    assert code == 4
-    assert "2 Hz" in reasons(summary)["rate_too_low"]
-
-
-@recorded("sitl_auto_25hz")
-def test_the_automatic_mission_is_not_usable(log, capsys, tmp_path):
-    code, summary = replay(capsys, tmp_path, log)
-
-    assert code == 5
-    assert {"mixed_rudder", "turn_dominated"} <= reasons(summary).keys()
+    name = next(n for n in REFUSED if log in (FLIGHTS / f"{n}.tlog", OF_THE_PROJECT.get(n)))
+    expected, texts, facts = REFUSED[name]
+    assert code == expected
+    for reason, text in texts.items():
+        assert text in reasons(summary)[reason]
+    for path, value in facts.items():
+        assert reduce(getitem, path, summary) == value
+    assert code != 3 or "estimates" not in summary
+    assert name != "copter_sik_radio" or summary["link"]["lost"] >= 2856
 
 
 @recorded("sitl_auto_25hz")
@@ -101,14 +116,6 @@ def test_what_the_refusal_of_turns_advises_does_not_make_a_mixed_rudder_usable(
 
     assert code == 5
     assert "follows the aileron" in reasons(summary)["mixed_rudder"]
-
-
-@recorded("sitl_auto_mavproxy_4hz")
-def test_mavproxys_record_of_it_is_too_slow_and_knows_its_rudder(log, capsys, tmp_path):
-    code, summary = replay(capsys, tmp_path, log)
-
-    assert code == 4
-    assert summary["channels"]["rudder"]["how"] == "parameter"
 
 
 @SHARED
@@ -181,15 +188,6 @@ def test_skywalker_flies_for_39_seconds(capsys):
 
 
 @SHARED
-def test_skywalker_is_dominated_by_its_turns(capsys, tmp_path):
-    code, summary = replay(capsys, tmp_path, "skywalker_manual_a")
-
-    assert code == 5
-    assert "+0.78" in reasons(summary)["turn_dominated"]
-    assert summary["channels"]["rudder"]["source"] == "ACTUATOR_CONTROL_TARGET.controls[2]"
-
-
-@SHARED
 def test_skywalker_with_its_turns_removed_has_an_estimate_that_nobody_would_act_on(
     capsys, tmp_path
 ):
@@ -203,26 +201,6 @@ def test_skywalker_with_its_turns_removed_has_an_estimate_that_nobody_would_act_
     assert 5.0 < estimate["fit"]["simulation_held_back_pct"] < 20.0
     assert {"airspeed_changed", "disarmed", "poor_fit"} <= reasons(summary).keys()
     assert "turn_dominated" not in reasons(summary)
-
-
-@SHARED
-def test_the_quadplane_has_no_rudder_function(capsys, tmp_path):
-    code, summary = replay(capsys, tmp_path, "vtol_quadplane")
-
-    assert code == 3
-    assert "SERVO3=75, SERVO4=76" in reasons(summary)["no_rudder"]
-    assert summary["link"]["clock_steps"] == 1
-    assert "estimates" not in summary
-
-
-@SHARED
-def test_the_multirotor_has_no_rudder(capsys, tmp_path):
-    code, summary = replay(capsys, tmp_path, "copter_sik_radio")
-
-    assert code == 3
-    assert "quadrotor (type 2)" in reasons(summary)["no_rudder"]
-    assert summary["link"]["reboots"] == 4
-    assert summary["link"]["lost"] >= 2856
 
 
 @SHARED

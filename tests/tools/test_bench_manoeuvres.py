@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -39,26 +38,6 @@ def test_a_rudder_that_moves_throughout_never_rests(tmp_path: Path) -> None:
 
     assert moving(tmp_path / "made.tlog").all()
     assert moving(tmp_path / "flown.tlog")[2:].all()  # after its lead-in
-
-
-def test_a_ratio_is_the_median_of_pairs_in_turn_and_the_first_runs_are_not_counted(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    seconds = {"off": [9.0, 1.0, 2.0, 1.0], "auto": [9.0, 1.2, 1.0, 1.3]}
-    asked: list[str] = []
-
-    def user_s(log: Path, out: Path, setting: str) -> float:
-        asked.append(setting)
-        return seconds[setting].pop(0)
-
-    found = SimpleNamespace(manoeuvres=[SimpleNamespace(duration_s=36.0)] * 10, duration_s=3600.0)
-    monkeypatch.setattr(bench, "user_s", user_s)
-    monkeypatch.setattr(bench, "replayed", lambda log: found)
-
-    told = bench.compared(tmp_path / "log.tlog", "a log", 3)
-
-    assert asked == ["off", "auto"] * 4
-    assert told == ("a log, 60 min (10%)", "1.00, 1.20: 1.20")
 
 
 def test_a_replay_that_fails_ends_the_bench(tmp_path: Path) -> None:

@@ -7,21 +7,17 @@ from typing import Any
 import numpy as np
 import pytest
 from bench import verdict
-from checks.judge import judged, replayed
+from checks.judge import judged
 from flights import quiet
 from flights import truth as jsbsim_truth
 from flights.drawn import ARMED
 from flights.flight import Hands
 from flights.fly import flight_of, fly
-from flights.moved import ALL_SHAPES, CONDITIONS
+from flights.moved import ALL_SHAPES
 from flights.plan import FlightPlan, excitation
 from flights.surgery import join, split
 from flights.telemetry import Link, telemetry
-from lined import lined
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
-from scipy.signal import welch
-
-from yawid.config.run import RunConfig
 
 SHORT = FlightPlan(aircraft="T37", speed_kt=200.0, altitude_ft=5000.0, seconds=12.0)
 STILL = ("turns", "gusts", "drift")
@@ -55,23 +51,6 @@ def flown() -> dict[str, Any]:
         patch.setattr(quiet, "LENGTHS_S", (25.0,))
         patch.setattr(quiet, "GENTLE", (("T37", 5000.0, 200.0),))  # quickly trimmed
         return {group: made_of(group) for group in (*STILL, *COPIES, "passenger")}
-
-
-def test_the_truth_of_a_calm_flight_is_the_linearisation_that_a_pulse_confirms() -> None:
-    plan = FlightPlan(aircraft="T37", speed_kt=200.0, altitude_ft=5000.0, seconds=12.0)
-
-    told = fly(plan, Link(attitude_hz=10.0, servo_hz=10.0), Hands()).truth
-
-    found = jsbsim_truth.truth(plan, np.array([[10.0, plan.speed_kt, plan.altitude_ft]]))
-    assert told["dutch_roll"]["wn_rad_s"] == pytest.approx(
-        found["dutch_roll"]["wn_rad_s"], rel=2e-3
-    )
-    bare = found["dutch_roll_open_loop"]
-    assert told["dutch_roll_open_loop"]["zeta"] == pytest.approx(bare["zeta"], abs=2e-3)
-    assert told["dutch_roll"]["zeta"] == pytest.approx(found["dutch_roll"]["zeta"], abs=2e-3)
-    assert told["dutch_roll"]["wn_rad_s"] == pytest.approx(
-        found["dutch_roll_pulse"]["wn_rad_s"], rel=5e-3
-    )
 
 
 def test_the_truth_is_that_of_the_airspeed_flown_not_of_the_one_trimmed_for() -> None:
@@ -108,22 +87,13 @@ def test_every_manoeuvre_moves_the_rudder_as_far_as_told_both_ways(manoeuvre: st
 
     rudder = excitation(plan)
 
+    assert len(rudder) == 60_001
     assert not rudder[:5000].any()
     assert rudder.max() == pytest.approx(0.15, rel=1e-3)
     assert rudder.min() == pytest.approx(-0.15, rel=1e-3)
-
-
-def test_excited_flights_come_calm_and_turbulent_in_every_severity_with_every_manoeuvre() -> None:
-    half = range(100)
-    severities = {1 + number % 4 for number in half}
-    pairs = {
-        (number % len(CONDITIONS), 1 + number % 4, (number + 2 * (number // 25)) % 4)
-        for number in half
-    }
-
-    assert len(CONDITIONS) == 25
-    assert severities == {1, 2, 3, 4}
-    assert len({(condition, shape) for condition, _, shape in pairs}) == 100
+    assert manoeuvre == "sweep" or set(np.round(rudder, 9)) == {-0.15, 0.0, 0.15}
+    assert abs(np.mean(rudder)) < 0.02
+    assert not excitation(FlightPlan(manoeuvre="none")).any()
 
 
 @pytest.mark.parametrize("group", STILL)
@@ -229,26 +199,6 @@ def test_a_line_has_the_share_of_the_power_asked_for() -> None:
     spectrum = np.abs(np.fft.rfft(line * np.hanning(len(line))))
     peak_hz = np.argmax(spectrum) / (len(line) / 50.0)
     assert peak_hz == pytest.approx(2.4, abs=0.15)
-
-
-def test_the_flight_with_a_line_is_right_in_the_band_of_its_dutch_roll(tmp_path: Path) -> None:
-    made = lined()
-    log = tmp_path / "line.tlog"
-    log.write_bytes(made.log)
-    yaw_rate = columns(made.log, "ATTITUDE", "yawspeed")[:, 0]
-
-    hz, power = welch(yaw_rate, fs=25.0, nperseg=512)
-    config = RunConfig(rate=5.0, forgetting=1.0, band=(0.05, 1.0))
-    summary = replayed(log, config)
-
-    line = (hz > 2.2) & (hz < 2.6)
-    assert power[line].sum() / power.sum() == pytest.approx(0.17, abs=0.03)
-    true = made.truth["dutch_roll"]
-    assert true["wn_rad_s"] == pytest.approx(1.3, abs=0.03)
-    for method in ("els", "rml"):
-        found = summary.estimates[method].dutch_roll
-        assert found.wn_rad_s == pytest.approx(true["wn_rad_s"], rel=0.03)
-        assert found.zeta == pytest.approx(true["zeta"], abs=0.03)
 
 
 def test_made_logs_are_judged_into_rows_beside_their_truth(

@@ -76,12 +76,6 @@ def test_the_same_plan_and_link_give_the_same_bytes(frames: Frames) -> None:
     assert frames != list(fly(SHORT, Link(seed=2)))
 
 
-def test_a_flight_prints_nothing(capfd: pytest.CaptureFixture[str]) -> None:
-    next(fly(SHORT, Link()))
-
-    assert capfd.readouterr() == ("", "")
-
-
 def test_the_link_carries_vehicle_and_ground_station_and_the_parameters_early(
     messages: list[Any],
 ) -> None:
@@ -117,7 +111,7 @@ def test_the_rates_are_those_asked_for(attitude_hz: float, servo_hz: float) -> N
 
 
 def test_receive_stamps_never_decrease_and_stalls_make_bursts() -> None:
-    stamps = [stamp for stamp, _ in fly(replace(SHORT, seconds=30.0), Link())]
+    stamps = [stamp for stamp, _ in fly(replace(SHORT, seconds=20.0), Link())]
 
     assert np.all(np.diff(stamps) >= 0)
     assert max(Counter(stamps).values()) >= 4
@@ -222,17 +216,6 @@ def test_a_pulse_stands_for_its_unit_to_half_a_microsecond(
     assert ends[0] <= servo.pulse(unit) <= ends[2]
     assert abs(servo.unit(servo.pulse(unit)) - unit) <= 0.5 / smaller_side + 1e-12
     assert servo.pulse(5.0) == (ends[0] if reverse else ends[2])
-
-
-@pytest.mark.parametrize("manoeuvre", ["3211", "doublets", "prbs"])
-def test_a_manoeuvre_goes_both_ways_and_starts_after_the_lead_in(manoeuvre: str) -> None:
-    rudder = excitation(FlightPlan(manoeuvre=manoeuvre, amplitude=0.15))
-
-    assert len(rudder) == 120_001
-    assert not rudder[:5000].any()
-    assert set(np.round(rudder[5000:], 9)) - {0.0} == {-0.15, 0.15}
-    assert abs(np.mean(rudder)) < 0.02
-    assert not excitation(FlightPlan(manoeuvre="none")).any()
 
 
 def test_frames_sent_over_udp_arrive_as_they_were_flown() -> None:

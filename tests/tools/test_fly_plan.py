@@ -11,6 +11,7 @@ from flights import legs as flight_legs
 from flights import truth
 from flights.guided import LegFlight
 from flights.legs import PLANS, Leg, LegPlan
+from flights.surgery import split
 from flights.telemetry import Link, telemetry
 from pymavlink.dialects.v20 import ardupilotmega as v2
 
@@ -19,34 +20,16 @@ from yawid.cli.main import main
 TOML = """
 aircraft = "T37"
 speed_kt = 200.0
-[[leg]]
-kind = "idle"
-seconds = 10.0
-[[leg]]
-kind = "manoeuvre"
-seconds = 50.0
-[[leg]]
-kind = "turn"
-seconds = 20.0
-bank_deg = 20.0
-[[leg]]
-kind = "idle"
-seconds = 20.0
-[[leg]]
-kind = "manoeuvre"
-seconds = 30.0
-shape = "doublets"
-mode = "MANUAL"
-[[leg]]
-kind = "speed"
-seconds = 30.0
-speed_kt = 230.0
-[[leg]]
-kind = "idle"
-seconds = 15.0
-[[leg]]
-kind = "manoeuvre"
-seconds = 50.0
+leg = [
+    {kind = "idle", seconds = 10.0},
+    {kind = "manoeuvre", seconds = 50.0},
+    {kind = "turn", seconds = 20.0, bank_deg = 20.0},
+    {kind = "idle", seconds = 20.0},
+    {kind = "manoeuvre", seconds = 30.0, shape = "doublets", mode = "MANUAL"},
+    {kind = "speed", seconds = 30.0, speed_kt = 230.0},
+    {kind = "idle", seconds = 15.0},
+    {kind = "manoeuvre", seconds = 50.0},
+]
 """
 RUDDER, AILERON = "servo4_raw", "servo1_raw"
 SEARCHED_S = (1.0, 4.0)
@@ -73,12 +56,9 @@ def messages(flown: tuple[Path, dict[str, Any]]) -> list[Any]:
 
 def decoded(log: Path) -> list[Any]:
     """Every vehicle's message; each gets ``at_s``, the boot second it was sent at."""
-    data, mav, found, at_s = log.read_bytes(), v2.MAVLink(None), [], 0.0
-    at = 8
-    while at < len(data):
-        length = 12 + data[at + 1]
-        message = mav.decode(bytearray(data[at : at + length]))
-        at += length + 8
+    mav, found, at_s = v2.MAVLink(None), [], 0.0
+    for _, frame in split(log.read_bytes()):
+        message = mav.decode(bytearray(frame))
         at_s = getattr(message, "time_boot_ms", 1e3 * at_s) / 1e3
         message.at_s = at_s
         if message.get_srcSystem() == 1:

@@ -7,9 +7,7 @@ from typing import Any
 import pytest
 from bench import speeds, upset
 from checks import judge
-from flights.fly import fly
 from flights.legs import PLANS, Leg, LegPlan
-from flights.telemetry import Link
 from hand_flights import estimate, manoeuvre, plain_summary, verdict
 
 from yawid.answers.model_parts import Fit
@@ -87,6 +85,13 @@ def test_two_pieces_of_one_manoeuvre_are_both_held_to_its_truth() -> None:
     assert counted(*pieces) == (2, 0, 0, 0, 2, 0, 0, 1)
 
 
+def test_a_turbulent_plan_is_so_in_every_leg() -> None:
+    legs = speeds.turbulent(PLANS["three_speeds"], 2).legs
+
+    assert {leg.severity for leg in legs} == {2}
+    assert [leg.kind for leg in legs] == [leg.kind for leg in PLANS["three_speeds"].legs]
+
+
 def test_the_flight_is_held_to_the_truth_at_its_airspeed_and_in_its_sigmas() -> None:
     flight = Flight(
         airspeed_m_s=45.0, loop="with_roll_loop", used=[1, 2], disagree=[3], verdict=verdict(),
@@ -116,15 +121,3 @@ def test_an_upset_is_flown_once_and_what_is_usable_in_it_is_told_with_its_leg(
     assert stamp == (tmp_path / "upset_002.tlog").stat().st_mtime_ns
     truth = json.loads((tmp_path / "upset_002.json").read_text(encoding="utf-8"))
     assert truth["manoeuvres"] == []
-
-
-def test_a_replay_of_a_flown_log_gives_its_summary(tmp_path: Path) -> None:
-    plan = LegPlan("T37", 200.0, (Leg("idle", 2.0), Leg("manoeuvre", 30.0, shape="prbs")))
-    made = fly(speeds.turbulent(plan, 2), Link())
-    log, truth = judge.kept(tmp_path, "short", lambda: made)
-
-    told = judge.replayed(log)
-
-    assert told.estimates is not None
-    assert 30.0 < told.duration_s < 33.0
-    assert [m["kind"] for m in truth["manoeuvres"]] == ["prbs"]
