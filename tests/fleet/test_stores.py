@@ -27,6 +27,7 @@ from yawid.dataset.places import read_manifest
 from yawid.dataset.schema import TABLES
 from yawid.errors import SinkError
 from yawid.fleet.child import rows_here
+from yawid.fleet.find_logs import find_logs
 from yawid.fleet.hold import Hold
 from yawid.fleet.journal import FINISHED, LOCK, Journal
 from yawid.system.stores import StoredPath, brought, place_of
@@ -187,6 +188,24 @@ def test_records_in_a_folder_are_found_by_their_options_and_wrong_usage_leaves_n
     assert fleet("--rudder-unit", "rad", "--rudder-sign", "nose-right") == (0, found)
     assert fleet("--rate", "500") == (2, found)
     assert "1 logs were not run with these options; " in capsys.readouterr().err
+
+
+def test_a_file_that_is_named_is_found_where_find_gives_a_list(monkeypatch):
+    """As adlfs's find does of a file, whatever detail says."""
+    from fsspec.implementations.memory import MemoryFileSystem
+
+    found = MemoryFileSystem.find
+
+    def as_azure(store: Any, path: str, *options: Any, **more: Any) -> Any:
+        names = found(store, path, *options, **more)
+        return list(names) if store.isfile(path) else names
+
+    monkeypatch.setattr(MemoryFileSystem, "find", as_azure)
+    url = f"memory:///{uuid.uuid4().hex}/two.tlog"
+    StoredPath(url).write_bytes(b"12345")
+
+    [log] = find_logs([url])
+    assert (log.path, log.size) == (url, 5)
 
 
 def test_where_no_log_can_be_read_the_exit_code_is_6(here: Path):
