@@ -10,6 +10,7 @@ from scipy.optimize import brentq, least_squares
 from scipy.signal import cont2discrete, lfilter
 
 from yawid.config.estimator import ArmaxOrders
+from yawid.damper.advice import Closed
 from yawid.damper.autopilots import AUTOPILOTS, Law, law_at
 from yawid.damper.loop import closed_dutch_roll, known_frequencies, margins
 from yawid.physics.continuous import Transfer, transfer
@@ -105,6 +106,18 @@ def test_a_pair_that_becomes_two_real_poles_is_left_out() -> None:
 
     assert (-s.real / np.abs(s))[:3] == pytest.approx([0.2, 0.6, 0.99], abs=1e-6)
     assert np.isnan(s[3:]).all()
+
+
+def test_a_draw_whose_pair_becomes_real_stays_in_sigma_with_its_last_value() -> None:
+    zeta = np.array([[0.5, 0.6, 0.7, 0.5, 0.7, 0.6], [0.5, 0.6, 0.7, 0.5, 0.9, 0.6]])
+    after = np.array([0.5, 0.6, 0.7, 0.5, np.nan, 0.6])
+    zeta = np.vstack([zeta, after])[None]
+    s = 10.0 * (-zeta + 1j * np.sqrt(1.0 - zeta**2))
+    closed = Closed(np.array([0.0, 0.2, 0.4]), [20.0], s, s.real, s.real, s.real > 0.0,
+                    np.array([True] * 3 + [False] * 3))  # fmt: skip
+
+    squares = [0.01 + 0.01 + 0.01 + late**2 for late in (0.1, 0.3, 0.3)]
+    assert closed.std(closed.zeta)[0] == pytest.approx(np.sqrt(np.array(squares) / 6.0))
 
 
 @pytest.mark.parametrize("loop_hz", [50.0, 400.0])

@@ -69,8 +69,14 @@ class Closed:
         return np.where(known.mean(axis=-1) >= LEAST_KNOWN, found, np.nan)
 
     def std(self, values: Floats) -> Floats:
-        """Return the sigmas (v, m) of all draws about those medians."""
-        apart = values - self.middle(values)[..., None]
+        """Return the sigmas (v, m) of all draws about those medians.
+
+        A draw whose pair has become two real poles counts with its last value as a pair: without
+        it sigma would fall at that gain.
+        """
+        rows = np.arange(len(self.gains))[:, None]
+        last = np.maximum.accumulate(np.where(np.isfinite(values), rows, 0), axis=-2)
+        apart = np.take_along_axis(values, last, axis=-2) - self.middle(values)[..., None]
         known = np.isfinite(apart)
         count = np.maximum(known.sum(axis=-1), 1)
         total = np.sqrt(np.where(known, apart**2, 0.0).sum(axis=-1) / count)
