@@ -242,6 +242,7 @@ def test_a_log_that_failed_for_a_reason_that_may_pass_is_told_and_tried_again_by
         (["nowhere"], 6, "nowhere: no such file or folder"),
         (["."], 6, ".: no log was found there; the names of logs end in .tlog, .bin, .ulg, .mcap"),
         (["a.tlog", "--workers", "0"], 2, "--workers must be at least 1, got 0"),
+        (["a.tlog", "--scheduler", "nonsense"], 2, "--scheduler must be an address, tcp://HOST:"),
         (["a.tlog", "--scheduler", "tcp://127.0.0.1:9"], 6, "no Dask scheduler answers at"),
     ],
 )

@@ -1,6 +1,7 @@
 """The command ``yawid fleet``, which makes one data set from thousands of logs."""
 
 import argparse
+import re
 import sys
 from typing import TYPE_CHECKING
 
@@ -107,13 +108,16 @@ def _asked(arguments: argparse.Namespace) -> "FleetRun":
         raise ConfigError(f"--workers must be at least 1, got {arguments.workers}")
     if not arguments.timeout > 0.0:
         raise ConfigError(f"--timeout must be > 0, got {arguments.timeout:g}")
+    address: str | None = arguments.scheduler
+    if address is not None and not re.fullmatch(r"(\w+://)?[^/]+:\d+/?", address):
+        raise ConfigError(f"--scheduler must be an address, tcp://HOST:8786, got {address!r}")
     key_file = None if options.key_file is None else str(options.key_file.absolute())
     return FleetRun(
         paths=arguments.paths,
         out=arguments.out,
         spec=Spec(settings_of(arguments), options.form, key_file, arguments.modes),
         workers=arguments.workers,
-        scheduler=arguments.scheduler,
+        scheduler=address,
         retry=arguments.retry,
         verify=arguments.verify,
         timeout_s=arguments.timeout,
