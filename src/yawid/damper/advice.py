@@ -103,7 +103,7 @@ class Closed:
     def damps(self) -> Bools:
         """Whether the gain adds damping to the pair in 95 % of the draws, (v, m); True at 0."""
         zeta = self.zeta
-        none = closed_without(self.gains)
+        none = int(np.argmin(self.gains))  # the least gain is 0 or the flown one
         start = zeta[:, none : none + 1]
         # A pair that has become two real poles is damped more than any pair.
         more = np.where(np.isnan(zeta) & np.isfinite(start), np.inf, zeta) - start
@@ -125,11 +125,6 @@ class Predicted:
     closed: Closed
     manoeuvre: Drawn
     pilot: Floats
-
-
-def closed_without(gains: Floats) -> int:
-    """Return the row of the least gain, which is 0 or the flown one."""
-    return int(np.argmin(gains))
 
 
 def closed_with(

@@ -6,12 +6,12 @@ from functools import partial
 from math import radians
 from typing import Final
 
-from yawid.answers.run_summary import Flight, Manoeuvre
+from yawid.answers.run_summary import Flight
 from yawid.damper.autopilots import Autopilot, Law, law_at
 from yawid.damper.refusals import MOST_GAIN_STD, Refused, check_gain, turn_share
 from yawid.models.draws import Aircraft, central, drawn_aircraft, fits
 from yawid.models.identify import Recorded
-from yawid.models.refit import Drawn, Rows, rows_of
+from yawid.models.refit import Drawn, Rows
 from yawid.physics.continuous import Transfer
 
 LEAST_TURN: Final = 0.05
@@ -23,10 +23,6 @@ RICHER: Final = ((3, 3, 2), (4, 4, 3))
 
 class Facts(Recorded):
     """A run as the study of its damper needs it."""
-
-    def rows(self, manoeuvres: Sequence[Manoeuvre]) -> list[Rows]:
-        """Return the samples of manoeuvres, in one pass over those of the run."""
-        return rows_of(manoeuvres, self.samples)
 
     def laws(
         self, autopilot: Autopilot, known: Mapping[str, float], loop_hz: float,

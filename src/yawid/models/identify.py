@@ -21,7 +21,7 @@ from yawid.errors import ConfigError, NotIdentifiable
 from yawid.models.draws import drawn_aircraft, few, fits, pole_of
 from yawid.models.fitted import Model
 from yawid.models.linear import Form, LinearModel, Matrices, Signal, slopes_of
-from yawid.models.refit import rows_of, rudder_held
+from yawid.models.refit import Rows, rudder_held
 from yawid.physics.continuous import Transfer, transfer
 from yawid.physics.derivatives import numerator_polynomial
 from yawid.quantities.units import HALF_TRAVEL, unit_of_derivative
@@ -54,6 +54,14 @@ class Recorded:
         is_held = rudder_held(self.config, self.summary, self.sample_time_s)
         return HELD if is_held else MEAN
 
+    def rows(self, manoeuvres: Sequence[Manoeuvre]) -> list[Rows]:
+        """Return the samples of manoeuvres, in one pass over those of the run."""
+        found = [Rows(each) for each in manoeuvres]
+        for block in self.samples:
+            for each in found:
+                each.add(block)
+        return found
+
     def inputs(self, names: Sequence[str]) -> tuple[Signal, ...]:
         """Return inputs with their units."""
         return tuple(
@@ -82,7 +90,7 @@ def model_of(run: Recorded, which: int | str) -> LinearModel:
 
 
 def _manoeuvre(run: Recorded, found: Manoeuvre) -> LinearModel:
-    [rows] = rows_of([found], run.samples)
+    [rows] = run.rows([found])
     drawn = rows.drawn(run.config, run.sample_time_s)
     if drawn is None:
         raise NotIdentifiable(f"manoeuvre {found.n} has no answer: {_why(found.verdict)}")
@@ -118,7 +126,7 @@ def _flight(run: Recorded) -> LinearModel:
             "the manoeuvres have different orders: take the model of one, or replay with --orders"
         )
     orders = list(flight.orders.to_json().values())
-    own = fits(run.config, run.sample_time_s, rows_of(few(used), run.samples), orders)
+    own = fits(run.config, run.sample_time_s, run.rows(few(used)), orders)
     pairs = [(each.model, speed) for each, speed in own]
     aircraft = drawn_aircraft(flight, pairs, (), held=run.held)
     if aircraft is None:

@@ -4,7 +4,7 @@ A run's file holds the sigma of theta but not its covariance, which every band n
 the same samples gives it, and shows that the file can be replayed.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
 from typing import Any, Final, NamedTuple
@@ -148,12 +148,3 @@ def rudder_held(config: RunConfig, summary: RunSummary, sample_time_s: float) ->
     rudder = summary.channels.get("rudder")
     rate_hz = None if rudder is None else rudder.rate_hz
     return config.rudder_is == "commanded" and (rate_hz or np.inf) * sample_time_s < 1.02
-
-
-def rows_of(manoeuvres: Sequence[Manoeuvre], samples: Iterable[SampleBlock]) -> list[Rows]:
-    """Return the samples of manoeuvres, in one pass over those of the run."""
-    found = [Rows(each) for each in manoeuvres]
-    for block in samples:
-        for each in found:
-            each.add(block)
-    return found

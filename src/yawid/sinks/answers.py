@@ -11,13 +11,7 @@ from typing import Final
 
 from msgspec.structs import replace
 
-from yawid.answers.run_summary import (
-    DutchRoll,
-    Flight,
-    MethodSummary,
-    ReasonSummary,
-    RunSummary,
-)
+from yawid.answers.run_summary import DutchRoll, Flight, MethodSummary, ReasonSummary, RunSummary
 from yawid.quantities.vehicles import AIRFRAME
 from yawid.results.reasons import KINDS
 from yawid.sinks.words import (
@@ -102,11 +96,7 @@ def headline(summary: RunSummary, stretch: Stretch = (None, None)) -> str:
     )
     if flight is None:
         return said
-    facts = (
-        whose(flight),
-        conditions(flight),
-        counted(flight, summary.manoeuvres or ()),
-    )
+    facts = (whose(flight), conditions(flight), counted(flight, summary.manoeuvres or ()))
     others = [
         f" Also: {of_loop(each, summary.manoeuvres or (), GREEK)}." for each in summary.by_loop[1:]
     ]
@@ -168,7 +158,8 @@ def _of_number(
         return Card(question, value, spread, tuple(note.rstrip() for note in said))
     wn, zeta = mode.wn_rad_s, mode.zeta
     level = "" if mode.level is None else f"; MIL-F-8785C level {mode.level}"
-    swing = f", a swing takes {_period(wn, zeta):.3g} s" if abs(zeta) < 1.0 else ""
+    period_s = 2.0 * math.pi / (wn * math.sqrt(1.0 - zeta * zeta)) if abs(zeta) < 1.0 else 0.0
+    swing = f", a swing takes {period_s:.3g} s" if period_s else ""
     facts = f"{wn / (2.0 * math.pi):.3g} Hz{swing}", f"{_damped(zeta)}{level}"
     unit = (" rad/s", "")[i]
     return Card(question, value + unit, spread, (facts[i], *(note.rstrip() for note in said)))
@@ -261,10 +252,6 @@ def _damped(zeta: float) -> str:
     left_pct = 100.0 * math.exp(-2.0 * math.pi * zeta / math.sqrt(1.0 - zeta * zeta))
     said = format(left_pct, ".0f" if left_pct >= 10.0 else ".2g")
     return f"each swing leaves {said} % of the one before"
-
-
-def _period(wn_rad_s: float, zeta: float) -> float:
-    return 2.0 * math.pi / (wn_rad_s * math.sqrt(1.0 - zeta * zeta))
 
 
 def _sentences(text: str) -> str:

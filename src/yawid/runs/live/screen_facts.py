@@ -4,7 +4,7 @@ import time
 from collections import deque
 
 from yawid.answers.run_summary import Flight
-from yawid.blocks import EstimateBlock, Held, Status, words
+from yawid.blocks import Held, Status, words
 from yawid.pipeline import Pipeline
 from yawid.quantities.link import LinkStats
 from yawid.quantities.vehicles import type_name
@@ -13,7 +13,7 @@ from yawid.results.judge_estimate import answering
 from yawid.results.reasons import Verdict
 from yawid.results.summary import as_summary, basis_of, of_the_log
 from yawid.runs.live.running_answer import SHARE_SHOWN, RunningAnswer
-from yawid.runs.live.standing import SILENT, running
+from yawid.runs.live.standing import SILENT, running, state
 from yawid.runs.live.worker import Worker
 from yawid.sinks.terminal.live_facts import VehicleFacts
 
@@ -65,16 +65,12 @@ class Gatherer:
             rudder_hz=rates[2],
             lost=link.lost,
             finds=pipeline.config.manoeuvres != "off",
-            stroke=progress.stroke,
-            rests_s=progress.rests_s,
-            from_s=progress.from_s,
-            lasted_s=progress.lasted_s,
-            is_excited=progress.is_excited,
+            **progress._asdict(),  # stroke, rests_s, from_s, lasted_s, is_excited
             unanswered=unanswered,
             manoeuvres=tuple(pipeline.manoeuvres or ()),
             flights=flights,
             stream=_stream(pipeline) if closely else "",
-            state=SILENT if quiet else _state(pipeline),
+            state=SILENT if quiet else state(pipeline),
             verdict=None if verdict is None else verdict.usable,
             verdict_age_s=age_s,
             why=tuple(map(str, fatal or reasons)),
@@ -139,10 +135,3 @@ def _stream(pipeline: Pipeline) -> str:
     if roll is not None:
         said += f" by {method.upper()} (± of noise)"
     return said if status == Status.TRACKING else f"{said}, {words(status)}"
-
-
-def _state(pipeline: Pipeline) -> str:
-    if pipeline.bank is None or not pipeline.bank.last:
-        return ""
-    block: EstimateBlock = pipeline.bank.last[pipeline.config.method]
-    return words(Status(int(block.status[-1])))

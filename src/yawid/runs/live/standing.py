@@ -52,11 +52,7 @@ class Standing:
 
     def word(self, pipeline: Pipeline, now_us: int) -> str:
         """Return the state in a word or two: the status of the method while samples arrive."""
-        if self.quiet(pipeline, now_us):
-            return SILENT
-        if pipeline.bank is None or not pipeline.bank.last:
-            return "waiting"
-        return words(Status(int(pipeline.bank.last[pipeline.config.method].status[-1])))
+        return SILENT if self.quiet(pipeline, now_us) else state(pipeline) or "waiting"
 
     def stopped(self, pipeline: Pipeline, now_us: int) -> bool:
         """Return whether samples have stopped arriving since the last call."""
@@ -75,6 +71,13 @@ class Standing:
 def running(roll: DutchRoll | None) -> str:
     """Return the running estimate's wn and zeta in words."""
     return "wn: not yet" if roll is None else dutch_roll(roll)
+
+
+def state(pipeline: Pipeline) -> str:
+    """Return the status of the method in words, "" before its first estimate."""
+    if pipeline.bank is None or not pipeline.bank.last:
+        return ""
+    return words(Status(int(pipeline.bank.last[pipeline.config.method].status[-1])))
 
 
 def _idle_s(pipeline: Pipeline, now_us: int) -> float:
