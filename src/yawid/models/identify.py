@@ -24,9 +24,9 @@ from yawid.models.linear import Form, LinearModel, Matrices, Signal, slopes_of
 from yawid.models.refit import Rows, rudder_held
 from yawid.physics.continuous import Transfer, transfer
 from yawid.physics.derivatives import numerator_polynomial
+from yawid.quantities.airspeed import GRAVITY
 from yawid.quantities.units import HALF_TRAVEL, unit_of_derivative
 
-GRAVITY_M_S2 = 9.80665
 HELD, MEAN = "held", "mean"
 OF_NOISE, TOTAL = "of noise alone", "total"
 _OUTPUT = Signal("r", "rad/s")
@@ -196,7 +196,7 @@ def _airframe(values: Floats, names: Sequence[str], airspeed_m_s: float) -> Matr
     of = dict.fromkeys(Bare.NAMES, 0.0) | dict(zip(names, values.tolist(), strict=True))
     alpha = of["alpha_rad"]
     A = np.array([
-        [of["Y_beta"], alpha, -1.0, GRAVITY_M_S2 / airspeed_m_s * np.cos(alpha)],
+        [of["Y_beta"], alpha, -1.0, GRAVITY / airspeed_m_s * np.cos(alpha)],
         [of["L_beta"], of["L_p"], of["L_r"], 0.0],
         [of["N_beta"], of["N_p"], of["N_r"], 0.0],
         [0.0, 1.0, np.tan(alpha), 0.0],

@@ -7,7 +7,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from yawid.blocks import Bools, Floats, Held, Ints, RecordBlock
+from yawid.blocks import WINDOW_S, Bools, Floats, Held, Ints, RecordBlock
 from yawid.quantities.table import CHANNELS
 
 GONE_S: Final = 2.0
@@ -24,8 +24,6 @@ STRETCH_S: Final = 1.0
 """The length of the stretches by which the largest stroke is found."""
 SLOW, FAST_PCT = 0.5, 90.0
 """Below this part of this percentile of its speeds, an aircraft does not fly."""
-WINDOW_S: Final = 5.0
-"""The time within which a stroke counts."""
 
 
 def same(value: float, count: int) -> Any:
