@@ -70,12 +70,13 @@ class Asked:
             ("--aim", aim, 0.05 <= aim <= 0.9, "0.05 to 0.9"),
             ("--autopilot", self.autopilot, known, f"one of {', '.join(AUTOPILOTS)}"),
             ("--loop-rate", rate, 10.0 <= rate <= 1e4, "10 to 10000 Hz"),
-            ("--airspeed", self.airspeed, 0.0 < low <= high < 1e3, "LO,HI in m/s, 0 < LO <= HI"),
+            ("--airspeed", [low, high], 0.0 < low <= high < 1e3, "LO,HI in m/s, 0 < LO <= HI"),
             ("gains", gains, all(0.0 <= gain < 1e3 for gain in gains), "0 to 1000"),
         )
         for name, value, good, needed in checks:
             if not good:
-                raise ConfigError(f"{name} must be {needed}, got {value!r}")
+                got = ",".join(f"{v:g}" for v in value) if isinstance(value, list) else repr(value)
+                raise ConfigError(f"{name} must be {needed}, got {got}")
 
 
 @dataclass(frozen=True, slots=True)

@@ -85,7 +85,8 @@ def model_of(run: Recorded, which: int | str) -> LinearModel:
     found = next((m for m in run.summary.manoeuvres or () if m.n == which), None)
     if found is None:
         numbers = ", ".join(str(each.n) for each in run.summary.manoeuvres or ()) or "none"
-        raise ConfigError(f"which must be flight, bare or a manoeuvre ({numbers}), got {which!r}")
+        has = f"a model is that of flight, bare or a manoeuvre ({numbers})"
+        raise ConfigError(f"there is no model of {which!r}: {has}")
     return _manoeuvre(run, found)
 
 

@@ -71,7 +71,8 @@ def read_step(
             with path.open(newline="", encoding="utf-8-sig") as file:
                 t, y, u = _columns(path.name, file)
     except (OSError, UnicodeDecodeError, csv.Error) as error:
-        why = "it is not a text file" if isinstance(error, UnicodeDecodeError) else error
+        why = error.strerror if isinstance(error, OSError) else str(error)
+        why = "it is not a text file" if isinstance(error, UnicodeDecodeError) else why
         raise SourceError(f"{path}: cannot be read: {why}; give a CSV with t and y") from error
     height, time_s = 1.0, 0.0
     if u is not None and (u0 is None or step_time_s is None):

@@ -12,7 +12,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from finished_runs import replayed
 from google.protobuf import descriptor_pb2
+from google.protobuf.message_factory import GetMessageClass
+from mcap.reader import make_reader
+from mcap.writer import Writer
+from places import C172P
 from printed import why_invalid
 
 from yawid.runs.outputs import Outputs
@@ -109,3 +114,47 @@ def test_a_schema_that_says_otherwise_is_another_format(change):
 def test_bytes_that_are_no_schema_are_refused():
     with pytest.raises(ValueError, match=r"yawid\.Sample"):
         descriptor_in("yawid.Sample", b"\xff\xffnothing")
+
+
+def without_rudder_moves(run: Path, out: Path) -> None:
+    """Copy a run's file as the version before that column would have written it."""
+
+    def cut(message):
+        assert message.field[-1].name == "rudder_moves"
+        del message.field[-1]
+
+    old = changed_schema(cut)
+    make = GetMessageClass(descriptor_in("yawid.Sample", old))
+    with run.open("rb") as stream, out.open("wb") as to:
+        reader, writer = make_reader(stream), Writer(to)
+        writer.start()
+        ids: dict[int, int] = {}
+        for schema, channel, message in reader.iter_messages():
+            is_sample, data = schema.name == "yawid.Sample", message.data
+            if channel.id not in ids:
+                of = writer.register_schema(schema.name, schema.encoding,
+                                            old if is_sample else schema.data)  # fmt: skip
+                ids[channel.id] = writer.register_channel(channel.topic, "protobuf", of)
+            if is_sample:
+                sample = make.FromString(data)
+                sample.DiscardUnknownFields()
+                data = sample.SerializeToString()
+            writer.add_message(ids[channel.id], message.log_time, data, message.publish_time)
+        for each in reader.iter_metadata():
+            writer.add_metadata(each.name, dict(each.metadata))
+        for each in reader.iter_attachments():
+            writer.add_attachment(
+                each.create_time, each.log_time, each.name, each.media_type, each.data
+            )
+        writer.finish()
+
+
+def test_a_file_that_does_not_say_when_the_rudder_moved_is_replayed_with_a_line(tmp_path, capsys):
+    old = tmp_path / "old.mcap"
+    without_rudder_moves(replayed(C172P, tmp_path), old)
+
+    summary, _ = replay(old, {}, Outputs(tmp_path, "again"), StopFlag())
+
+    said = capsys.readouterr().err
+    assert "old.mcap is of an older version: it does not say when the rudder moved" in said
+    assert summary.flight.dutch_roll.wn_rad_s == pytest.approx(2.39, rel=0.01)

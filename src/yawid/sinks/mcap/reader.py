@@ -94,8 +94,8 @@ class McapRun:
     grid: Grid | None
     log: list[LogLine] = field(default_factory=list)
     rows: int = 0
-    has_flight_state: bool = True
-    """Whether samples have altitude and what else manoeuvres need; those of older files do not."""
+    lacks: frozenset[str] = frozenset()
+    """Which of the columns altitude and rudder_moves the samples of an older file do not have."""
     has_motion: bool = False
     """Whether the run kept the lateral motion."""
 
@@ -314,18 +314,19 @@ def _log_lines(reader: McapReader) -> Iterator[LogLine]:
         yield LogLine(message.log_time, level, line.message)
 
 
-def _contents(reader: McapReader) -> tuple[int, bool, bool]:
-    """Return the number of samples, whether they have the state of flight, and motion is there.
+def _contents(reader: McapReader) -> tuple[int, frozenset[str], bool]:
+    """Return the number of samples, which columns they lack, and whether motion is there.
 
     Motion is attitudes and commands as this version writes them.
     """
     summary = reader.get_summary()
     if summary is None:
-        return 0, True, False
+        return 0, frozenset(), False
     counts = {} if summary.statistics is None else summary.statistics.channel_message_counts
     rows = sum(counts.get(i, 0) for i, c in summary.channels.items() if c.topic == SAMPLE)
     samples = [each for each in summary.schemas.values() if each.name == "yawid.Sample"]
-    state = all("altitude" in descriptor_in(s.name, s.data).fields_by_name for s in samples)
+    columns = [descriptor_in(each.name, each.data).fields_by_name for each in samples]
+    lacks = {name for name in ("altitude", "rudder_moves") if any(name not in c for c in columns)}
     found = set()
     for channel in summary.channels.values():
         schema = summary.schemas.get(channel.schema_id)
@@ -333,7 +334,7 @@ def _contents(reader: McapReader) -> tuple[int, bool, bool]:
             found.add(channel.topic)
             if not is_ours(schema.name, schema.data):
                 raise ValueError(f"{channel.topic} was written by another version of yawid")
-    return rows, state, set(MOTION[:2]) <= found
+    return rows, frozenset(lacks), set(MOTION[:2]) <= found
 
 
 def read_config(data: bytes | None) -> RunConfig:
