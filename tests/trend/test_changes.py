@@ -8,7 +8,7 @@ import scipy.stats
 from checks.judge_trend import PLANS, Plan, draw_history, draw_off, judge_plan
 
 from yawid.trend.best_profile import LEAST_DAYS
-from yawid.trend.changes import Fitted, fit_fleets, fit_tracks, nights, profile
+from yawid.trend.changes import Fitted, fit_fleets, nights, profile
 from yawid.trend.days import Track
 from yawid.trend.levels import compare, level_of, slope_of
 
@@ -18,6 +18,10 @@ N, VEHICLES = 40, 20
 def fleet(seed: int, n: int = N, vehicles: int = VEHICLES) -> list[Track]:
     rng = np.random.default_rng(seed)
     return [Track(*draw_history(rng, 0.15, 0.08, n, draw_off(rng, n))) for _ in range(vehicles)]
+
+
+def fit_tracks(tracks: list[Track]) -> list[Fitted]:
+    return fit_fleets([tracks])[0]
 
 
 def changed(track: Track, factor: float, first: int, last: int) -> Track:

@@ -28,7 +28,7 @@ import numpy as np
 
 from yawid.answers.run_summary import Value
 from yawid.trend.best_profile import LEAST_DAYS
-from yawid.trend.changes import Fitted, fit_fleets, fit_tracks, nights
+from yawid.trend.changes import Fitted, fit_fleets, nights
 from yawid.trend.days import DAY_US, HOUR_US, YEAR_US, Track
 from yawid.trend.diff import one_more
 from yawid.trend.history import MADE, Flights, History
@@ -224,7 +224,7 @@ def print_looks(histories: int) -> None:
                 for _ in range(vehicles):
                     value, sigma = draw_history(rng, 1.0, 0.08, n, draw_off(rng, n))
                     tracks.append(Track(value, sigma))
-                changes = [fit.change for fit in fit_tracks(tracks)]
+                changes = [fit.change for fit in fit_fleets([tracks])[0]]
                 found += [each.p_if_no_season / nights(n) for each in changes if each is not None]
             p = np.array(found)
             shown = ", ".join(

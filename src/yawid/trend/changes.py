@@ -115,13 +115,11 @@ def nights(n: int) -> float:
     return NIGHTS * (1.0 + float(np.log(n / LEAST_DAYS))) ** 2
 
 
-def fit_tracks(tracks: Sequence[Track]) -> list[Fitted]:
-    """Fit the histories of one number in all vehicles; each needs at least one flight."""
-    return fit_fleets([tracks])[0]
-
-
 def fit_fleets(fleets: Sequence[Sequence[Track]]) -> list[list[Fitted]]:
-    """Fit several fleets or numbers, each by itself: one call is quicker than many."""
+    """Fit several fleets or numbers, each by itself: one call is quicker than many.
+
+    A fleet has the histories of one number in all vehicles; each needs at least one flight.
+    """
     parts = [_Fleet(tracks) for tracks in fleets]
     for part, fits in zip(parts, _fits(parts), strict=True):
         part.see_scatter(fits)
