@@ -258,5 +258,5 @@ def _slopes(record: RecordFit, theta: Floats, runs: list[_Run]) -> Floats:
 
 
 def _loss(runs: list[_Run]) -> float:
-    loss = float(sum(np.sum(each.left**2) for each in runs))
-    return loss if np.isfinite(loss) else np.inf
+    loss = sum(float(cross(each.left[:, None], each.left)[0]) for each in runs)
+    return loss if math.isfinite(loss) else math.inf

@@ -139,13 +139,11 @@ class RecordFit:
         orders = self.orders
         ends = np.cumsum([orders.na, *orders.nb])[[nb > 0 for nb in (1, *orders.nb)]]
         newest = phi[:, ends - 1] if orders.na else np.column_stack([y, phi[:, ends[1:] - 1]])
-        known = orders.na + sum(orders.nb)
-        columns = [phi[:, :known], phi[:, known + orders.nc :]]
+        known = phi[:, self.without_c]
+        lagged = np.zeros((len(y), order, newest.shape[1]))
         for lag in range(1, order + 1):
-            older = np.zeros_like(newest)
-            older[lag:] = newest[:-lag]
-            columns.append(older)
-        return np.hstack(columns)
+            lagged[lag:, lag - 1] = newest[:-lag]
+        return np.hstack([known, lagged.reshape(len(y), -1)])
 
     def gauss_newton(self, settled: float = SETTLED) -> Floats:
         """Return the theta (n_theta,) of least loss, found by damped Gauss-Newton steps.

@@ -270,10 +270,11 @@ def _covariances(
     """
     z, psi, eps = method.scores(record.fit, theta, residuals)
     scores, lags = z * eps[:, None], record.config.residual_lags
-    meat = cross(scores, scores)
+    earlier = np.zeros_like(scores)
     for lag in range(1, min(lags, len(scores) - 1) + 1):
-        product = cross(scores[lag:], scores[:-lag])
-        meat += (1.0 - lag / (lags + 1.0)) * (product + product.T)
+        earlier[lag:] += (1.0 - lag / (lags + 1.0)) * scores[:-lag]
+    product = cross(scores, earlier)
+    meat = cross(scores, scores) + product + product.T
     try:
         bread = np.linalg.inv(cross(z, psi) + record.fit.prior)
     except np.linalg.LinAlgError:

@@ -92,7 +92,7 @@ class AirspeedCheck:
 
     def __init__(self, sample_time_s: float) -> None:
         self._stride = max(1, round(STRIDE_S / sample_time_s))
-        self._open: deque[tuple[float, float, float, float]] = deque()  # t, V, yaw, over ground
+        self._open = np.empty((0, 4))  # t, V, yaw, over ground
         self._since = 0
         self._factors: deque[Factor] = deque(maxlen=KEPT)
         self._turns: deque[float] = deque(maxlen=KEPT)
@@ -163,16 +163,13 @@ class AirspeedCheck:
 
     def _heading(self, t_s: float, speed: float, yaw: float, over_ground: float) -> None:
         """Take in a second with its heading; where there are several headings, find the factor."""
-        rows = self._open
-        if rows and t_s < rows[-1][0]:  # another boot
-            rows.clear()
-        rows.append((t_s, speed, yaw, over_ground))
-        while t_s - rows[0][0] > LONGEST_S:
-            rows.popleft()
+        since_s = t_s - self._open[:, 0]
+        known = self._open[(since_s >= 0.0).all() & (since_s <= LONGEST_S)]  # none of another boot
+        rows = self._open = np.concatenate([known, [[t_s, speed, yaw, over_ground]]])
         self._since += 1
         if self._since % EVERY or len(rows) < LEAST_ROWS:
             return
-        _, speeds, yaws, grounds = np.array(rows).T
+        _, speeds, yaws, grounds = rows.T
         cos, sin = np.cos(yaws), np.sin(yaws)
         moments = np.array([[cos @ cos, cos @ sin], [cos @ sin, sin @ sin]]) / len(rows)
         is_wide = math.hypot(cos.mean(), sin.mean()) < MOST_MEAN
@@ -181,7 +178,7 @@ class AirspeedCheck:
         factor = factor_of(speeds, yaws, grounds)
         if factor is not None and factor.value > 0.0 and factor.sigma < MOST_SIGMA * factor.value:
             self._factors.append(factor)
-            rows.clear()
+            self._open = rows[:0]
 
 
 def of_one_manoeuvre(samples: SampleBlock) -> Finding | None:
