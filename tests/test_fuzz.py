@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import fuzz
@@ -107,8 +106,3 @@ def test_a_run_that_does_not_end_is_a_finding(
 def test_what_a_user_cannot_read_is_a_finding(code: int, out: str, err: str, finding: str) -> None:
     with pytest.raises(fuzz.FindingError, match=finding):
         fuzz._check(code, ["replay", "LOG", "--json"], out, err)
-
-
-def test_half_a_json_line_is_a_finding() -> None:
-    with pytest.raises(json.JSONDecodeError):
-        fuzz._check(0, ["replay", "--json"], '{"wn": ', "")

@@ -28,11 +28,16 @@ printf '%s\\n' "${COMPREPLY[@]}"
 
 
 @pytest.fixture
-def script(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Path:
-    assert command_line.main(["completion", "bash"]) == 0
-    path = tmp_path / "yawid.bash"
+def script(request: pytest.FixtureRequest, tmp_path: Path, capsys) -> Path:
+    """The script of the shell that the parameter names, of bash without one."""
+    shell = getattr(request, "param", "bash")
+    assert command_line.main(["completion", shell]) == 0
+    path = tmp_path / {"bash": "yawid.bash", "zsh": "_yawid"}[shell]
     path.write_text(capsys.readouterr().out, encoding="utf-8")
     return path
+
+
+in_zsh = pytest.mark.parametrize("script", ["zsh"], indirect=True)
 
 
 def offered(script: Path, *words: str) -> set[str]:
@@ -66,16 +71,9 @@ def test_bash_offers_options_choices_and_files(script: Path):
     assert offered(script, "replay", "--signing-key-file", "yawid.b") == {"yawid.bash"}
 
 
-@pytest.fixture
-def zsh_script(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Path:
-    assert command_line.main(["completion", "zsh"]) == 0
-    path = tmp_path / "_yawid"
-    path.write_text(capsys.readouterr().out, encoding="utf-8")
-    return path
-
-
-def test_zsh_s_script_has_every_command(zsh_script: Path):
-    text = zsh_script.read_text(encoding="utf-8")
+@in_zsh
+def test_zsh_s_script_has_every_command(script: Path):
+    text = script.read_text(encoding="utf-8")
 
     assert text.startswith("#compdef yawid\n")
     assert all(f"    {command}:" in text for command in COMMANDS)
@@ -83,12 +81,13 @@ def test_zsh_s_script_has_every_command(zsh_script: Path):
     assert "]:FILE:_files -g '*.(#i)(toml)(-.)'" in text
 
 
+@in_zsh
 @pytest.mark.skipif(shutil.which("zsh") is None, reason="needs zsh")
-def test_zsh_offers_commands_options_values_files_and_cases(zsh_script: Path):
+def test_zsh_offers_commands_options_values_files_and_cases(script: Path):
     """In a terminal of its own, with the Tab key; Ctrl-X shows the line and empties it."""
-    files_of(zsh_script.parent)
+    files_of(script.parent)
     begin = (
-        f"cd {zsh_script.parent}; fpath=($PWD $fpath); autoload -Uz compinit; compinit -u -D;"
+        f"cd {script.parent}; fpath=($PWD $fpath); autoload -Uz compinit; compinit -u -D;"
         " unsetopt zle_bracketed_paste; LISTMAX=999;"
         ' show() { print -r "[$BUFFER]"; BUFFER=; zle redisplay }; zle -N show; bindkey "^X" show;'
         " print ready$((1 + 1))\r"

@@ -6,11 +6,13 @@ import io
 import signal
 import socket
 import threading
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 from checks.children import free_udp_port
@@ -26,6 +28,14 @@ from yawid.sources.open_log import ReadOptions
 CONFIG = RunConfig(rate=20.0, orders=(2, 2, 1, 1), memory=20.0)
 PARAMETERS = {"SERVO4_FUNCTION": 21, "SERVO4_MIN": 1100, "SERVO4_TRIM": 1500, "SERVO4_MAX": 1900}
 A, B = (1.0, -1.85, 0.9), (0.0, 0.02, 0.01)
+
+
+def heard(tap: Any, size: int) -> bytes:
+    """Return at least so many bytes that a tap receives; fewer if they do not come in time."""
+    data, patience = b"", time.monotonic() + 60.0
+    while len(data) < size and time.monotonic() < patience:
+        data += tap.read(0.2)
+    return data
 
 
 def frames(

@@ -5,13 +5,12 @@ from __future__ import annotations
 import socket
 import struct
 import sys
-import time
 from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
-from live_link import frames, listening, tlog_size, wait_for_size
+from live_link import frames, heard, listening, tlog_size, wait_for_size
 from sources.tlog_records import BY_NAME, message, pack, random_records, sender
 
 from yawid.errors import SourceError
@@ -42,13 +41,6 @@ def vehicle() -> Iterator[socket.socket]:
         link.bind(("::1", 0))
         link.settimeout(60.0)
         yield link
-
-
-def heard(tap: UdpTap | StreamTap, size: int) -> bytes:
-    data, patience = b"", time.monotonic() + 60.0
-    while len(data) < size and time.monotonic() < patience:
-        data += tap.read(0.2)
-    return data
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -14,11 +14,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from live_link import heard
 from sources.tlog_records import random_records
 
 from yawid.errors import SourceError
 from yawid.sources.link.endpoints import Endpoint
-from yawid.sources.link.tap import Tap
 from yawid.sources.link.tcp_serial import StreamTap, complete_until
 
 FRAMES = [rec[8:] for rec in random_records(np.random.default_rng(0), 200)]
@@ -35,13 +35,6 @@ def frames_of(data: bytes) -> bytes:
     return out
 
 
-def read_all(tap: Tap, size: int) -> bytes:
-    data, patience = b"", time.monotonic() + 60.0
-    while len(data) < size and time.monotonic() < patience:
-        data += tap.read(0.2)
-    return data
-
-
 def test_frames_cut_anywhere_come_out_whole_and_nothing_is_sent_back() -> None:
     stream, rng = b"".join(FRAMES), np.random.default_rng(1)
     with socket.create_server(("127.0.0.1", 0)) as server:
@@ -52,7 +45,7 @@ def test_frames_cut_anywhere_come_out_whole_and_nothing_is_sent_back() -> None:
             cuts = [0, *sorted(rng.integers(0, len(stream), 60).tolist()), len(stream)]
             for first, stop in pairwise(cuts):
                 vehicle.sendall(stream[first:stop])
-            data = read_all(tap, len(stream) + 8 * len(FRAMES))
+            data = heard(tap, len(stream) + 8 * len(FRAMES))
             vehicle.settimeout(0.0)
             with pytest.raises(BlockingIOError):
                 vehicle.recv(1)
@@ -66,12 +59,12 @@ def test_a_connection_that_is_lost_is_sought_again_and_both_are_said() -> None:
         first, _ = server.accept()
         with tap:
             first.sendall(FRAMES[0])
-            assert read_all(tap, 1)
+            assert heard(tap, 1)
             first.close()
             again, _ = server.accept()
             with again:
                 again.sendall(FRAMES[1])
-                assert read_all(tap, 1)[8:] == FRAMES[1]
+                assert heard(tap, 1)[8:] == FRAMES[1]
                 news = [("lost" in line, "back" in line) for line in tap.news]
                 assert news == [(True, False), (False, True)]
 
@@ -120,7 +113,7 @@ def test_frames_on_a_serial_line_come_out_whole_and_nothing_is_sent_back(tmp_pat
         with StreamTap(Endpoint(str(device), 57600, "serial")) as tap:
             sender = threading.Thread(target=write_all, args=(vehicle, stream), daemon=True)
             sender.start()
-            data = read_all(tap, len(stream) + 8 * len(FRAMES))
+            data = heard(tap, len(stream) + 8 * len(FRAMES))
             sender.join(60.0)
         os.set_blocking(vehicle, False)
         with pytest.raises(BlockingIOError):
@@ -138,13 +131,13 @@ def test_a_serial_device_that_is_pulled_out_is_sought_again_and_both_are_said(
         with serial_line(device) as vehicle:
             tap = stack.enter_context(StreamTap(Endpoint(str(device), 57600, "serial")))
             os.write(vehicle, FRAMES[0])
-            assert read_all(tap, 1)[8:] == FRAMES[0]
+            assert heard(tap, 1)[8:] == FRAMES[0]
         vehicle = stack.enter_context(serial_line(device))
         patience = time.monotonic() + 60.0
         while not any("back" in news for news in tap.news) and time.monotonic() < patience:
             time.sleep(0.05)
         os.write(vehicle, FRAMES[1])
-        assert read_all(tap, 1)[8:] == FRAMES[1]
+        assert heard(tap, 1)[8:] == FRAMES[1]
         news = [("lost" in line, "back" in line) for line in tap.news]
         assert news == [(True, False), (False, True)]
 

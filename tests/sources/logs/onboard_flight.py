@@ -11,6 +11,9 @@ from flightlog import FlightLog, Samples
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from scipy.signal import cont2discrete
 
+from yawid.channels.stage import Channels
+from yawid.config.run import RunConfig
+
 STEP_S = 0.02
 START_S = 20.0
 WN, ZETA, GAIN = 4.0, 0.3, 0.8
@@ -28,6 +31,14 @@ def columns(reader: Any) -> dict[str, np.ndarray]:
         for name, block in (frames.messages if frames else {}).items():
             parts.setdefault(name, []).append(block.fields)
     return {name: np.concatenate(found) for name, found in parts.items()}
+
+
+def samples_from(reader: Any, config: RunConfig | None = None) -> Samples:
+    """Return the samples of the log that a reader reads."""
+    channels, blocks = Channels(config or RunConfig()), []
+    for _, frames in reader.read(hashlib.sha256()):
+        blocks += [] if frames is None else channels.feed(frames)
+    return Samples(channels, blocks + channels.finish())
 
 
 @dataclass(frozen=True)

@@ -26,10 +26,8 @@ from sources.logs.dataflash_flight import (
     written,
 )
 from sources.logs.dataflash_writer import DataflashLog
-from sources.logs.onboard_flight import assert_same_samples, flown
+from sources.logs.onboard_flight import assert_same_samples, flown, samples_from
 
-from yawid.channels.stage import Channels
-from yawid.config.run import RunConfig
 from yawid.runs.job import open_log
 from yawid.runs.outputs import Outputs
 from yawid.runs.replay import StopFlag, replay
@@ -42,10 +40,7 @@ def bin_file(tmp_path: Path) -> Path:
 
 
 def samples(path: Path) -> Samples:
-    channels, blocks = Channels(RunConfig()), []
-    for _, frames in DataflashReader(path).read(hashlib.sha256()):
-        blocks += [] if frames is None else channels.feed(frames)
-    return Samples(channels, blocks + channels.finish())
+    return samples_from(DataflashReader(path))
 
 
 def oracle(path: Path, name: str) -> list:

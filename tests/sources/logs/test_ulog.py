@@ -17,7 +17,7 @@ from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 from printed import why_invalid
 from pymavlink import mavutil
-from sources.logs.onboard_flight import assert_same_samples, flown
+from sources.logs.onboard_flight import assert_same_samples, flown, samples_from
 from sources.logs.ulog_flight import (
     PARAMETERS,
     UNIX_S,
@@ -32,7 +32,6 @@ from sources.logs.ulog_flight import (
 from sources.logs.ulog_writer import ULogFile
 
 from yawid.answers.heard import VehicleSeen
-from yawid.channels.stage import Channels
 from yawid.config.run import RunConfig
 from yawid.errors import SourceError
 from yawid.pipeline import Pipeline
@@ -54,10 +53,7 @@ def ulg(tmp_path: Path) -> Path:
 
 
 def samples(path: Path, **settings: str) -> Samples:
-    channels, blocks = Channels(RunConfig(**settings)), []
-    for _, frames in UlogReader(path).read(hashlib.sha256()):
-        blocks += [] if frames is None else channels.feed(frames)
-    return Samples(channels, blocks + channels.finish())
+    return samples_from(UlogReader(path), RunConfig(**settings))
 
 
 def test_the_samples_are_those_of_the_telemetry_log_of_the_same_flight(ulg: Path):
