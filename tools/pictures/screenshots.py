@@ -100,8 +100,8 @@ def main() -> None:
             made = Path(folder) / "run"
             yawid(["replay", str(MANY), "--out", str(made), "--json"])
             yawid(["report", str(made / "log.mcap")])
-        viewer_picture(mcap.with_suffix(".rrd"), options.out / "rerun.png")
         report_picture(made / "log.html", options.out / "report.png")
+        viewer_picture(mcap.with_suffix(".rrd"), options.out / "rerun.png")
 
 
 if __name__ == "__main__":
