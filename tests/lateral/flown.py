@@ -46,12 +46,12 @@ def modes(A: Floats) -> tuple[float, float, float]:
     return float(abs(pair)), float(-pair.real / abs(pair)), float(-1.0 / poles.real.min())
 
 
-def moves(n: int, start_s: float, amplitude: float) -> Floats:
+def moves(n: int, start_s: float, amplitude: float, ramp_s: float = 0.08) -> Floats:
     """Return a 3-2-1-1 (n,) on the commands' grid, again and again, on lines between its points."""
     times, values, at = [-10.0], [0.0], start_s
     while at < n * COMMAND_STEP_S:
         for length_s, value in SHAPE:
-            times += [at + 0.08, at + length_s]
+            times += [at + ramp_s, at + length_s]
             values += [amplitude * value] * 2
             at += length_s
     return np.interp(np.arange(n) * COMMAND_STEP_S, times, values)
@@ -70,6 +70,7 @@ def flown(
     aileron: float = 0.1,
     damper: float = 0.0,
     pitch: float = 0.0,
+    ramp_s: float = 0.08,
     **changed: Any,
 ) -> Motion:
     """Return a motion; without a seed it has no noise. ``hold`` are the roll hold's two gains.
@@ -80,7 +81,7 @@ def flown(
     """
     lead, every = round(1.0 / COMMAND_STEP_S), round(1.0 / rate_hz / COMMAND_STEP_S)
     n = lead + round(seconds / COMMAND_STEP_S) + 1
-    rudder, own = moves(n, 1.52, amplitude), moves(n, 4.52, aileron)
+    rudder, own = moves(n, 1.52, amplitude, ramp_s), moves(n, 4.52, aileron)
     A, controls = airframe(derivatives, pitch)
     whole = np.zeros((8, 10))  # beta, p, r, roll, gusts, aileron, rudder; then the commands
     whole[:4, :4], whole[:4, 6:8] = A, controls

@@ -61,7 +61,8 @@ def test_airframes_of_other_airspeeds_are_brought_to_the_middle_one_by_their_law
     assert bare.derivatives is not None
     assert bare.airspeed_m_s == 50.0
     assert bare.dutch_roll.wn_rad_s == pytest.approx(2.5)
-    assert bare.dutch_roll.wn_std == pytest.approx(0.05 / math.sqrt(3.0))
+    linear = 0.01 * 2.5  # what a linear model is worth, whatever the number of manoeuvres
+    assert bare.dutch_roll.wn_std == pytest.approx(math.sqrt((0.05**2 + 2.0 * linear**2) / 3.0))
     assert bare.roll_mode.time_constant_s == pytest.approx(0.2)
     assert bare.derivatives["N_beta"].value == pytest.approx(5000.0)
     assert bare.derivatives["N_r"].value == pytest.approx(-0.5)
@@ -69,13 +70,17 @@ def test_airframes_of_other_airspeeds_are_brought_to_the_middle_one_by_their_law
 
 
 def test_a_scatter_beyond_their_sigmas_makes_sigma_larger():
-    """2.3 and 2.5 with 0.02 each: the mean is 2.4, and sigma 0.1 as their half difference."""
-    bare = bare_of([found(1, airframe(wn=2.3)), found(2, airframe(wn=2.5))], None)
+    """2.3 and 2.5 with 0.03 each: the mean is 2.4, and sigma 0.1 as their half difference.
+
+    Half of the variance of a linear model, 1 % of wn, is common to both and added.
+    """
+    each = [found(n, airframe(wn=wn, std=0.03)) for n, wn in ((1, 2.3), (2, 2.5))]
+    bare = bare_of(each, None)
 
     assert bare is not None
     assert bare.dutch_roll is not None
     assert bare.dutch_roll.wn_rad_s == pytest.approx(2.4)
-    assert bare.dutch_roll.wn_std == pytest.approx(0.1)
+    assert bare.dutch_roll.wn_std == pytest.approx(math.hypot(0.1, 0.024 * math.sqrt(0.5)))
 
 
 def test_only_manoeuvres_that_pass_are_used():

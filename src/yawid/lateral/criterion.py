@@ -1,8 +1,8 @@
 """The criterion: minus the logarithm of the likelihood, as a sum of squares.
 
-The whitened innovations of all manoeuvres, less what each one's own start and trims explain of them
-(variable projection, Golub and Pereyra 1973), and the distance of the parameters from what is known
-beforehand. One scale of all noise is eliminated.
+The whitened innovations of all manoeuvres, less what each one's own start, trims and times of jumps
+explain of them (variable projection, Golub and Pereyra 1973), and the distance of the parameters
+from what is known beforehand. One scale of all noise is eliminated.
 """
 
 import math
@@ -18,7 +18,7 @@ from yawid.lateral.predictor import Predictor, whitened
 from yawid.lateral.record import Record
 
 _RIDGE = 1e-13
-"""Of the start and the trims, as a share of their power: it holds what the record does not show."""
+"""Of start, trims and times, as a share of their power: it holds what the record does not show."""
 _DIFFERENCE = 1e-5
 """Step of the slopes in scales."""
 
@@ -80,10 +80,10 @@ class Criterion:
         return Point(x, e, surprise, parts)
 
     def slopes(self, point: "Point") -> Floats:
-        """Return the slopes (l, n) of the innovations at a point, with its own start and trims.
+        """Return the slopes (l, n) of the innovations at a point, with its own start and the rest.
 
-        What they would change in start and trims is left out, which changes neither the slope of
-        the criterion nor the information (Kaufman 1975).
+        What they would change in start, trims and times is left out, which changes neither the
+        slope of the criterion nor the information (Kaufman 1975).
         """
         theta = self.theta(point.x + _DIFFERENCE * np.eye(len(point.x)))
         pairs = zip(self.records, point.parts, strict=True)
@@ -92,11 +92,12 @@ class Criterion:
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """One manoeuvre at a point: its predictor, its start and trims ``own`` (8,).
+    """One manoeuvre at a point: its predictor, its start, trims and times ``own`` (8 + j,).
 
-    ``inputs`` (n, 8) are those of ``pair``, the servo lag and the delay in s. ``columns`` (3 n, 8)
-    are what start and trims add to the innovations, each of length 1, and ``power`` (8, 8) their
-    products; ``e`` (3 n,) are the innovations.
+    ``inputs`` (n, 8) are those of ``pair``, the servo lag and the delay in s, and of the times by
+    which its j jumps were later. ``e`` (3 n + j,) are the innovations and those times over their
+    sigma, ``columns`` (3 n + j, 8 + j) what ``own`` adds to them, each of length 1, and ``power``
+    their products.
     """
 
     predictor: Predictor
@@ -110,7 +111,7 @@ class Part:
 
 @dataclass(frozen=True, slots=True)
 class Point:
-    """The whitened innovations ``e`` (l,) at ``x`` (n,), 0 where missing.
+    """The whitened innovations and times of jumps ``e`` (l,) at ``x`` (n,), 0 where missing.
 
     ``surprise`` (n,) is the distance from what is known beforehand, in sigma.
     """
@@ -128,19 +129,39 @@ class Point:
 def _part(record: Record, theta: Floats) -> Part:
     """Return one manoeuvre at the parameters ``theta`` (1, len(PARAMETERS))."""
     pair = _pair(theta[0])
-    inputs = record.inputs(*pair)
+    inputs, later = record.inputs(*pair), record.later(*pair)
     model = system(theta, record.airspeed_m_s, record.law, record.pitch)
     predictor = Predictor.of(model, record.sample_time_s)
-    y, u = (np.zeros((9, *x.shape)) for x in (record.y, inputs))
-    y[0], u[0] = record.y, inputs
-    own = np.vstack([np.zeros(8), np.eye(8)])  # one run with the record, one of each unit
-    runs = whitened(predictor, y, u, record.missing, own[:, :4], own[:, 4:]).reshape(9, -1)
+    y, u = (np.zeros((9 + len(later), *x.shape)) for x in (record.y, inputs))
+    y[0], u[0], u[9:] = record.y, inputs, later
+    own = np.eye(9 + len(later), 8, -1)  # one run with the record, one of each unit
+    runs = whitened(predictor, y, u, record.missing, own[:, :4], own[:, 4:]).reshape(len(u), -1)
+    prior = np.eye(len(u), len(later), -9) * _noise(runs) / record.jump_std_s
+    runs = np.hstack([runs, prior])
     size = np.linalg.norm(runs[1:], axis=1) + np.finfo(float).tiny
     columns = np.ascontiguousarray((runs[1:] / size[:, None]).T)
-    power = cross(columns, columns) + _RIDGE * np.eye(8)
-    found = -np.linalg.solve(power, columns.T @ runs[0])
-    e = runs[0] + columns @ found
-    return Part(predictor, pair, inputs, found / size, columns, power, e)
+    power, found = _explained(columns, runs[0])
+    e, own_found = runs[0] + columns @ found, found / size
+    return Part(predictor, pair, _inputs(record, pair, own_found[8:]), own_found, columns, power, e)
+
+
+def _inputs(record: Record, pair: tuple[float, float], later_s: Floats) -> Floats:
+    """Return the inputs (n, 8) with jumps later by ``later_s`` (j,)."""
+    return record.inputs(*pair) + np.tensordot(later_s, record.later(*pair), 1)
+
+
+def _noise(runs: Floats) -> float:
+    """Return the rms of the first run (c, l) less what the other runs explain of it."""
+    size = np.linalg.norm(runs[1:], axis=1) + np.finfo(float).tiny
+    columns = (runs[1:] / size[:, None]).T
+    left = runs[0] + columns @ _explained(columns, runs[0])[1]
+    return float(np.sqrt(np.mean(left**2)))
+
+
+def _explained(columns: Floats, e: Floats) -> tuple[Floats, Floats]:
+    """Return the columns' products, and what of each makes e least."""
+    power = cross(columns, columns) + _RIDGE * np.eye(columns.shape[1])
+    return power, np.asarray(-np.linalg.solve(power, columns.T @ e), np.float64)
 
 
 def _pair(theta: Floats) -> tuple[float, float]:
@@ -148,18 +169,19 @@ def _pair(theta: Floats) -> tuple[float, float]:
 
 
 def _slopes(record: Record, theta: Floats, part: Part) -> Floats:
-    """Return the slopes (3 n, v) of one manoeuvre's innovations to the parameters (v, ...)."""
+    """Return the slopes (3 n + j, v) of one manoeuvre's innovations to the parameters (v, ...)."""
     pairs = [_pair(each) for each in theta]
     same = np.array([pair == part.pair for pair in pairs])
-    others = [record.inputs(*pair) for pair in pairs if pair != part.pair]
-    found = np.empty((len(theta), len(part.e)))
+    others = [_inputs(record, pair, part.own[8:]) for pair in pairs if pair != part.pair]
+    found = np.empty((len(theta), record.y.size))
     for its, u in ((same, [part.inputs]), (~same, others)):
         model = system(theta[its], record.airspeed_m_s, record.law, record.pitch)
         predictor = Predictor.of(model, record.sample_time_s, part.predictor)
-        own = np.repeat(part.own[None], np.count_nonzero(its), axis=0)
+        own = np.repeat(part.own[None, :8], np.count_nonzero(its), axis=0)
         runs = whitened(
             predictor, record.y[None], np.stack(u), record.missing, own[:, :4], own[:, 4:]
         )
         found[its] = runs.reshape(len(own), -1)
-    slopes = (found - part.e).T / _DIFFERENCE
+    slopes = np.zeros((len(part.e), len(theta)))  # times stay, so their distances have none
+    slopes[: found.shape[1]] = (found - part.e[: found.shape[1]]).T / _DIFFERENCE
     return slopes - part.columns @ np.linalg.solve(part.power, part.columns.T @ slopes)

@@ -30,7 +30,8 @@ class Fit:
     """Where the steps ended: the point in scales (n,), its covariance (n, n), and the criterion.
 
     ``criterion`` is twice the negative logarithm of likelihood and priors. ``errors`` (l,) are the
-    innovations over their ``scale``; ``noise_scale`` is that of all sizes of noise in ``x``.
+    innovations and the jumps' times over their ``scale``; ``noise_scale`` is that of all sizes of
+    noise in ``x``.
     """
 
     of: Criterion
@@ -64,6 +65,7 @@ def guess_from(records: Sequence[Record], lag_s: float, w: Floats) -> Guess:
         "log_sigma_roll": math.log(noise[2]),
         "log_roll_gust": math.log(0.9 * p * math.sqrt(Ts) + tiny),
         "log_yaw_gust": math.log(0.9 * r * math.sqrt(Ts) + tiny),
+        "log_roll_drift": math.log(noise[2] * math.sqrt(Ts)),
         "log_gust": math.log(0.075 * r + tiny),
         "log_gust_rate": math.log(0.15 * wn), "log_roll_gust_rate": math.log(1.5 * wn),
     }  # fmt: skip

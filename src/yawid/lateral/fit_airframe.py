@@ -21,10 +21,9 @@ from yawid.lateral.start import band
 START_LAGS_S = (0.04, 0.1, 0.16)
 GIVEN_LAG_STD_S = 0.005
 """How well a servo lag is known that the user gives."""
-FLOORS = (0.01, 0.03, 0.1, 0.0)
-"""Least sigma of wn, zeta, roll mode and spiral as a share of them: what a linear model of an
-aircraft is worth, measured on flights of JSBSim."""
-ZETA_FLOOR = 0.007
+FLOORS = {"wn_rad_s": (0.01, 0.0), "zeta": (0.03, 0.007), "roll_mode": (0.1, 0.0)}
+"""Least sigma as a share of the value, and as itself: what a linear model of an aircraft is worth,
+measured on flights of JSBSim."""
 IN_GUSTS = 1.4
 """Errors over the sigma of noise in JSBSim's turbulence of severity 2, seed 701. The innovations
 are white there, and a covariance that allows for colour is no larger: gusts also change airspeed
@@ -71,6 +70,12 @@ def fit_airframe(motions: Sequence[Motion], *, servo_lag_s: float | None = None)
     return replace(airframe, failed=tuple(gates))
 
 
+def floor(name: str, value: float) -> float:
+    """Return the least sigma of a number, which does not fall with more manoeuvres; 0 of most."""
+    share, least = FLOORS.get(name, (0.0, 0.0))
+    return math.hypot(share * value, least)
+
+
 def _from(records: Sequence[Record], lag_s: float, given: bool, w: Floats) -> Fit | None:
     """Return the fit from one start; None if there is no predictor there."""
     priors = {"servo_lag": (lag_s, GIVEN_LAG_STD_S)} if given else {}
@@ -96,8 +101,7 @@ def _airframe(fits: Sequence[Fit], records: Sequence[Record], airspeed_m_s: floa
     others = np.array([_values(each, airspeed_m_s)[0] for each in near]) - values
     whole = IN_GUSTS**2 * slopes @ best.covariance @ slopes.T + others.T @ others / len(near)
     variances = np.diag(whole).copy()
-    variances[:4] += (np.array(FLOORS) * values[:4]) ** 2
-    variances[1] += ZETA_FLOOR**2
+    variances[:3] += [floor(*each) ** 2 for each in zip(FLOORS, values[:3].tolist(), strict=True)]
     stds = np.sqrt(variances)
     wn, zeta, roll, spiral = map(Known, values[:4].tolist(), stds[:4].tolist())
     by_name = dict(zip(NAMES, map(Known, values[4:].tolist(), stds[4:].tolist()), strict=True))
@@ -136,8 +140,8 @@ def _as_flown(found: Fit, record: Record) -> tuple[Known, Known] | None:
     pair, covariance = _of_theta(
         found, lambda theta: dutch_roll_closed(theta, record.airspeed_m_s, law)
     )
-    least = np.array([FLOORS[0] * pair[0], math.hypot(FLOORS[1] * pair[1], ZETA_FLOOR)])
-    stds = np.sqrt(np.diag(covariance) + least**2)
+    least = [floor(name, x) for name, x in zip(("wn_rad_s", "zeta"), pair.tolist(), strict=True)]
+    stds = np.sqrt(np.diag(covariance) + np.square(least))
     return Known(float(pair[0]), float(stds[0])), Known(float(pair[1]), float(stds[1]))
 
 
@@ -175,7 +179,7 @@ def _time_constant(pole: Known) -> Known:
 
 
 def autocorrelation(errors: Floats, records: Sequence[Record]) -> float:
-    """Return the largest of the innovations (l,) of p, r and roll after COLOUR_S."""
+    """Return the largest of the innovations of p, r and roll after COLOUR_S, of a fit's errors."""
     start, products, power = 0, np.zeros(3), np.zeros(3)
     later = max(1, round(COLOUR_S / records[0].sample_time_s))
     for each in records:
@@ -184,7 +188,7 @@ def autocorrelation(errors: Floats, records: Sequence[Record]) -> float:
         both = ~(each.missing[later:] | each.missing[:-later])
         products += (e[later:] * e[:-later])[both].sum(axis=0)
         power += (e**2).sum(axis=0)
-        start += 3 * n
+        start += 3 * n + len(each.jumps)
     rho = products / np.maximum(power, np.finfo(float).tiny)
     return float(rho[np.argmax(np.abs(rho))])
 

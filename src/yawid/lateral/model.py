@@ -5,7 +5,7 @@ Eq. 17-21 linearised, in the field's symbols, with two gusts; primed derivatives
     beta' = Y_beta (beta + b) + alpha p - r + (g/V) cos(pitch) roll + Y_delta_r dr + c1 + (g/V) f1
     p'    = L_beta (beta + b) + L_p p + L_r r + L_delta_a da + L_delta_r dr + w + c2
     r'    = N_beta (beta + b) + N_p p + N_r r + N_delta_a da + N_delta_r dr + n + c3
-    roll' = p + tan(pitch) r + c4 + f2
+    roll' = p + tan(pitch) r + c4 + n_d + f2                drift of an estimator's roll angle
     b'    = -gust_rate b + sqrt(2 gust_rate) gust n_b       lateral gust, as sideslip
     w'    = -roll_gust_rate w + roll_gust_rate roll_gust n_w      rolling gust
 
@@ -126,6 +126,7 @@ PARAMETERS = (
     _gust("log_roll_gust"),
     _gust("log_yaw_gust"),
     _gust("log_gust"),
+    _gust("log_roll_drift"),
     Parameter(
         "log_roll_gust_rate",
         _fixed(0.5),
@@ -144,7 +145,9 @@ PARAMETERS = (
 the criterion eliminates the scale of all noise, and this one stands for it."""
 NAMES = tuple(each.name for each in PARAMETERS)
 AT = {name: i for i, name in enumerate(NAMES)}
-SIZES = ("log_sigma_r", "log_sigma_roll", "log_roll_gust", "log_yaw_gust", "log_gust")
+SIZES = (
+    "log_sigma_r", "log_sigma_roll", "log_roll_gust", "log_yaw_gust", "log_gust", "log_roll_drift",
+)  # fmt: skip
 """Logarithms of standard deviations of noise."""
 DERIVATIVES = (
     "Y_beta", "L_beta", "L_p", "L_r", "L_delta_a", "L_delta_r",
@@ -194,6 +197,7 @@ def system(theta: Floats, airspeed_m_s: float, law: Law, pitch: float) -> System
     C[:, 0, P] = C[:, 1, R] = C[:, 2, ROLL] = 1.0
     C[:, 2, P] = -theta[:, AT["roll_delay"]]  # roll(t - d) is about roll - d p
     Q[:, R, R] = power("log_yaw_gust")
+    Q[:, ROLL, ROLL] = power("log_roll_drift")
     Q[:, GUST, GUST] = 2.0 * gust_rate * power("log_gust")
     Q[:, ROLL_GUST, ROLL_GUST] = roll_gust_rate**2 * power("log_roll_gust")
     for i, name in enumerate(("log_sigma_p", "log_sigma_r", "log_sigma_roll")):

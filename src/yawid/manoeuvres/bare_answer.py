@@ -24,7 +24,7 @@ from yawid.answers.run_summary import (
 )
 from yawid.blocks import AIRSPEED_SHARE
 from yawid.lateral.airframe import Airframe, FailedGate, Known
-from yawid.lateral.fit_airframe import ANSWERED, fit_airframe
+from yawid.lateral.fit_airframe import ANSWERED, fit_airframe, floor
 from yawid.lateral.gates import GATES
 from yawid.lateral.motion import Motion
 from yawid.manoeuvres.feedback import rate_feedback
@@ -269,7 +269,8 @@ def _together(
 def _pooled(airframes: Sequence[Airframe], used: Sequence[int]) -> Bare:
     """Return the weighted mean of several airframes, each brought to the median airspeed by LAWS.
 
-    Sigma is that of the mean, made larger where they scatter by more than their own sigmas.
+    Sigma is that of the mean, made larger where they scatter by more than their own sigmas; what a
+    linear model is worth stays in it whole.
     """
     speeds = np.array([each.airspeed_m_s for each in airframes])
     middle = float(np.median(speeds))
@@ -284,17 +285,18 @@ def _pooled(airframes: Sequence[Airframe], used: Sequence[int]) -> Bare:
         by = (middle / speeds) ** LAWS[name]
         value = by * np.array([row[name].value for row in rows])
         std = np.abs(by) * np.array([row[name].std for row in rows])
-        numbers[name] = _mean(value, std)
+        numbers[name] = _mean(value, std, name)
     gust = float(np.median([each.gust_std_rad for each in airframes]))
     rho1 = max((each.rho1 for each in airframes), key=abs)
     return _bare(numbers, middle, gust, rho1, used)
 
 
-def _mean(value: np.ndarray, std: np.ndarray) -> Known:
+def _mean(value: np.ndarray, std: np.ndarray, name: str) -> Known:
     known = np.isfinite(value) & np.isfinite(std) & (std > 0.0)
     if not known.any():
         return Known()
     value, weights = value[known], std[known] ** -2.0
     mean = float(weights @ value / weights.sum())
     scatter = float(weights @ (value - mean) ** 2) / max(len(value) - 1, 1)
-    return Known(mean, math.sqrt(max(scatter, 1.0) / weights.sum()))
+    variance = max(scatter, 1.0) / weights.sum() + floor(name, mean) ** 2 * (1.0 - 1.0 / len(value))
+    return Known(mean, math.sqrt(variance))
