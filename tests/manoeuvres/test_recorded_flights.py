@@ -7,14 +7,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from finished_runs import replayed
 from flightlog import samples_of, summarised
 from manoeuvres.streams import found_in
 from places import SHARED_FLIGHTS
 
 from yawid.blocks import SampleBlock
 from yawid.config.run import RunConfig
-from yawid.sinks.mcap.reader import open_run
 
 pytestmark = pytest.mark.skipif(
     not SHARED_FLIGHTS.is_dir(), reason="the recorded flights are not here"
@@ -105,14 +103,3 @@ def test_the_flights_answer_is_right_and_its_sigma_covers_it(name: str):
     for each in summary.manoeuvres:
         assert each.verdict.usable
         assert each.mode == "FBWA"
-
-
-@EXCITED
-def test_a_log_and_its_file_tell_the_same_manoeuvres(name: str, tmp_path):
-    first = replayed(SHARED_FLIGHTS / f"{name}.tlog", tmp_path / "first", "--rerun", "off")
-    second = replayed(first, tmp_path / "second", "--rerun", "off")
-
-    one, other = (open_run(path).summary for path in (first, second))
-    assert len(one.manoeuvres) == 2
-    assert one.manoeuvres == other.manoeuvres
-    assert one.flight == other.flight

@@ -8,8 +8,6 @@ import numpy as np
 import pytest
 import trim_tlog
 from flights.surgery import split
-from places import REPLAY_LOGS
-from places import SHARED_FLIGHTS as SHARED
 from pymavlink.dialects.v20 import ardupilotmega
 
 
@@ -74,14 +72,3 @@ def test_the_command_says_what_is_wrong_in_one_line(
 
     assert code == 2
     assert capsys.readouterr().err.count("\n") == 1
-
-
-def test_the_autopilot_s_replay_log_is_a_part_of_the_recorded_flight(tmp_path: Path) -> None:
-    flight = SHARED / "sitl_fbwa_50hz.tlog"
-    if not flight.exists():
-        pytest.skip("the recorded flights are not here")
-    out = tmp_path / "log.tlog"
-
-    trim_tlog.main([str(flight), str(out), "--from", "76.5", "--to", "255", "--only"])
-
-    assert out.read_bytes() == (REPLAY_LOGS / "sitl_fbwa_50hz" / "log.tlog").read_bytes()
