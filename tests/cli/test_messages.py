@@ -269,3 +269,12 @@ def test_the_endpoints_to_publish_to_are_a_list_and_the_command_line_overrules_t
     settings.write_text("publish = [3]", encoding="utf-8")
     with pytest.raises(ConfigError, match="publish must be a text or a list of texts, got"):
         parsed(_parser(), live)
+
+
+def test_a_channel_without_a_value_is_said_to_be_the_wrong_one(tmp_path, capsys):
+    """Servo 15 is in the log, and 0 throughout."""
+    assert main(["replay", C172P, "--rudder", "servo:15", "--json", "--out", str(tmp_path)]) == 5
+
+    [first, *_] = json.loads(capsys.readouterr().out)["verdict"]["reasons"]
+    assert first["text"].startswith("every sample is held: rudder invalid; the rudder's channel ")
+    assert "by --rudder servo:N" in first["text"]

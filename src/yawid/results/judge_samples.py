@@ -47,6 +47,7 @@ along."""
 MOSTLY_GROUNDED = 0.5
 """The share of samples on the ground above which the refusal of a rudder at rest says so."""
 IF_IT_FLEW = "if the aircraft flew, take them by --airborne all"
+NO_VALUE = "the rudder's channel holds no value: name the one that moves it by --rudder servo:N"
 ROUNDING = 1e-9
 """The relative variation up to which a signal only varies by rounding."""
 UNCERTAIN_WN, UNCERTAIN_ZETA = 0.1, 0.15

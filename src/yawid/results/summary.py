@@ -39,7 +39,7 @@ from yawid.quantities.table import REDUCTION_ERROR
 from yawid.results.advice import advised
 from yawid.results.excitation import LEAST_STROKE
 from yawid.results.judge_estimate import Estimates, Evidence, bank_verdict
-from yawid.results.judge_samples import IF_IT_FLEW, changed_rates, why_believed
+from yawid.results.judge_samples import IF_IT_FLEW, NO_VALUE, changed_rates, why_believed
 from yawid.results.reasons import Reason, Verdict
 from yawid.results.structures import NEWEST, NOTHING_KNOWN, SPREAD_MEMORIES, Spread, spread_of
 from yawid.results.yaw_loop import with_yaw_loop
@@ -169,7 +169,8 @@ def _basis(pipeline: Finished, report: ChannelReport, link: LinkStats) -> Basis:
         return Basis([*found, Reason("not_excited", text)])
     if report.used == 0:
         why = ", ".join(words(flag) for flag in report.held)
-        cure = f"; {IF_IT_FLEW}" if Held.ON_GROUND in report.held else ""
+        cures = {Held.ON_GROUND: IF_IT_FLEW, Held.RUDDER_INVALID: NO_VALUE}
+        cure = "".join(f"; {said}" for flag, said in cures.items() if flag in report.held)
         found.append(Reason("not_excited", f"every sample is held: {why}{cure}"))
     found += changed_rates(*report.rates_hz, *report.later_hz)
     return Basis(found, report.rates_hz)
