@@ -21,7 +21,7 @@ from yawid.errors import ConfigError, NotIdentifiable
 from yawid.models.draws import drawn_aircraft, few, fits, pole_of
 from yawid.models.fitted import Model
 from yawid.models.linear import Form, LinearModel, Matrices, Signal, slopes_of
-from yawid.models.refit import Rows, rudder_held
+from yawid.models.refit import Rows
 from yawid.physics.continuous import Transfer, transfer
 from yawid.physics.derivatives import numerator_polynomial
 from yawid.quantities.airspeed import GRAVITY
@@ -50,9 +50,14 @@ class Recorded:
 
     @property
     def input_is(self) -> str:
-        """How the record has the rudder, see :class:`LinearModel`."""
-        is_held = rudder_held(self.config, self.summary, self.sample_time_s)
-        return HELD if is_held else MEAN
+        """How the record has the rudder, see :class:`LinearModel`.
+
+        It is held from sample to sample where it is commanded and was logged as often. Any other
+        one moved between the samples, which have its mean.
+        """
+        rudder = self.summary.channels.get("rudder")
+        rate_hz = None if rudder is None else rudder.rate_hz
+        return HELD if self.held and (rate_hz or np.inf) * self.sample_time_s < 1.02 else MEAN
 
     def rows(self, manoeuvres: Sequence[Manoeuvre]) -> list[Rows]:
         """Return the samples of manoeuvres, in one pass over those of the run."""

@@ -13,7 +13,7 @@ import numpy as np
 from msgspec.structs import astuple
 
 from yawid.answers.model_parts import Fit
-from yawid.answers.run_summary import Manoeuvre, RunSummary
+from yawid.answers.run_summary import Manoeuvre
 from yawid.blocks import Bools, Floats, SampleBlock
 from yawid.config.run import RunConfig
 from yawid.errors import ConfigError
@@ -138,13 +138,3 @@ class Rows:
             one_step, free = fit_percent(y, fitted.y_hat), fit_percent(y, simulated)
             how_well = Fit(one_step, free, whiteness_p=fitted.whiteness_p)
         return Drawn(self.found, model, judged, turn_rate, how_well)
-
-
-def rudder_held(config: RunConfig, summary: RunSummary, sample_time_s: float) -> bool:
-    """Return whether the rudder was held from sample to sample: a commanded one, as often logged.
-
-    Any other one moved between the samples, which have its mean.
-    """
-    rudder = summary.channels.get("rudder")
-    rate_hz = None if rudder is None else rudder.rate_hz
-    return config.rudder_is == "commanded" and (rate_hz or np.inf) * sample_time_s < 1.02

@@ -125,15 +125,8 @@ def as_summary(verdict: Verdict) -> VerdictSummary:
 def _link(link: LinkStats, report: ChannelReport) -> LinkCounts:
     if report.is_record:
         return report.breaks
-    return replace(
-        report.breaks,
-        frames=link.frames,
-        skipped_bytes=link.skipped_bytes,
-        bad_crc=link.bad_crc,
-        unknown=link.unknown,
-        lost=link.lost,
-        unsigned_rejected=link.unsigned_rejected,
-    )
+    names = ("frames", "skipped_bytes", "bad_crc", "unknown", "lost", "unsigned_rejected")
+    return replace(report.breaks, **{name: getattr(link, name) for name in names})
 
 
 @dataclass(frozen=True, slots=True)
