@@ -405,6 +405,16 @@ def test_the_flight_bears_what_most_of_its_manoeuvres_are_warned_of():
     assert reason.text == "in 3 of 4 manoeuvres: about coloured_residuals"
 
 
+def test_how_well_wn_is_known_is_said_of_the_flights_own_sigma():
+    """Four values of 8 % have a mean of about 4 %; a single one stays a rough value"""
+    rough = [answered(n, 10.0, wn_std=0.8, reasons=["poorly_known"]) for n in (1, 2, 3, 4)]
+
+    (reason,) = together(rough[0]).verdict.reasons
+    assert (reason.id, reason.weight) == ("poorly_known", "warning")
+    assert "known to 8 % (10 ± 0.81 rad/s" in reason.text
+    assert together(*rough).verdict.reasons == []
+
+
 def test_the_flights_sigma_holds_what_its_warnings_say_that_something_moves():
     """Though its manoeuvres agree much better: what they leave out they have in common"""
     said = Reason("coloured_residuals", "moves 6 % of wn and 0.05 of zeta", moves=(0.06, 0.05))

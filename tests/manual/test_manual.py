@@ -194,6 +194,7 @@ LIMITS = {
     "rudder_assumed": (100 * surface_reader.TOLERANCE, 100 * surface_reader.LEAST_SHARE),
     "els_rml_disagree": (judge_estimate.DISAGREE_SIGMAS, 100 * judge_estimate.DISAGREE_SHARE),
     "coloured_residuals": (judge_estimate.LEAST_COLOUR, 100 * judge_estimate.WHITE_P),
+    "poorly_known": (100 * judge_samples.ROUGH_WN, 100 * judge_samples.UNCERTAIN_WN),
     "saturated": (100 * judge_samples.SATURATED_SHARE,),
     "airspeed_changed": (100 * AIRSPEED_SHARE,),
     "airspeed_implausible": (

@@ -22,7 +22,7 @@ CONTRACT = {
 }  # fmt: skip
 WARNINGS = {
     "rudder_assumed", "unit_assumed", "channel_stand_in", "disarmed", "els_rml_disagree",
-    "coloured_residuals", "saturated", "airspeed_changed", "airspeed_implausible",
+    "coloured_residuals", "poorly_known", "saturated", "airspeed_changed", "airspeed_implausible",
     "wrong_sign", "closed_loop",
     "rate_changed", "rate_low", "bare_unknown",
 }  # fmt: skip

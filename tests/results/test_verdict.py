@@ -73,7 +73,7 @@ def test_gusts_are_no_poor_fit_where_the_rudder_clearly_drives_the_mode():
     assert ids(estimate_reasons("rml", gusts)) == {"poor_fit"}
     assert ids(estimate_reasons("rml", gusts, is_driven=True)) == set()
     vague = evidence(simulation_pct=21.0, total_std=np.array([0.2, 0.02]))
-    assert ids(estimate_reasons("rml", vague, is_driven=True)) == {"poor_fit"}
+    assert ids(estimate_reasons("rml", vague, is_driven=True)) == {"poor_fit", "poorly_known"}
     worse = evidence(simulation_pct=19.0)
     assert ids(estimate_reasons("rml", worse, is_driven=True)) == {"poor_fit"}
 
@@ -92,7 +92,10 @@ SLOW = np.array([2.4, 0.2, 0.2, 0.01])
         ({"total_std": np.array([0.25, 0.02])}, {"not_converged"}),
         ({"total_std": np.array([0.05, 0.16])}, {"not_converged"}),
         ({"total_std": np.array([np.nan, 0.02])}, {"not_converged"}),
-        ({"total_std": np.array([0.23, 0.14])}, set()),
+        ({"total_std": np.array([0.23, 0.14])}, {"poorly_known"}),
+        ({"total_std": np.array([0.121, 0.02])}, {"poorly_known"}),  # wn is 2.4: 5.04 %
+        ({"total_std": np.array([0.119, 0.14])}, set()),
+        ({"early_response": -0.3, "total_std": np.array([0.2, 0.1])}, {"wrong_sign", "poorly_known"}),
         ({"early_response": -0.3}, {"wrong_sign"}),
         ({"early_response": -0.3, "before": np.array([1.9, 0.21])}, {"not_converged"}),
         ({"simulation_pct": -20.0}, {"poor_fit"}),

@@ -45,7 +45,14 @@ from yawid.results.judge_samples import (
     turn_correlation,
 )
 from yawid.results.reasons import Reason, Verdict
-from yawid.results.structures import NEXT, NOTHING_KNOWN, Spread, spread_of
+from yawid.results.structures import (
+    HIDDEN_ZETA,
+    NEXT,
+    NOTHING_KNOWN,
+    Spread,
+    hidden_share,
+    spread_of,
+)
 from yawid.results.summary import as_summary, described, dutch_roll_in
 
 OTHER_ORDERS = (*NEXT, 1)
@@ -133,6 +140,7 @@ class Fits:
         narrow: Narrow | None = None,
     ) -> None:
         self.config = config
+        self._is_narrow = narrow is not None
         self.methods = setting.methods
         self.sample_time_s, self._samples, self._mean_u, self.y = fitted_samples(
             setting, config, samples, narrow
@@ -180,6 +188,18 @@ class Fits:
                 self.config, self.sample_time_s, self.u, self.y, wn, model, held_back, first
             )
         return spread_of(self.config, self.sample_time_s, self.u, self.y, wn)
+
+    def hidden(self) -> float:
+        """Return the part of zeta that a closed roll loop may hide, as roll shows it in calm air.
+
+        Not in a band, which leaves roll as it is.
+        """
+        first = self.methods[0]
+        wn, zeta = dutch_roll_in(self, first, self.estimators[first].theta).tolist()
+        if self._is_narrow or not wn > 0.0:
+            return HIDDEN_ZETA
+        roll = np.where(np.isfinite(self.y), self._samples.roll, np.nan)
+        return hidden_share(self.config, self.sample_time_s, self.u, roll, (wn, zeta), first)
 
     def rudder_effect(self, wn_rad_s: float, *, shifted: bool) -> RudderEffect:
         """Return what the rudder adds to the fit of all; it is also ``shifted`` if asked."""
@@ -241,7 +261,7 @@ def answer_by(
     first, history = fits.methods[0], fits.history()
     pct = {first: held_back_pct(fits.estimator, fits.u, fits.y, method=first)}
     hides_roll = found.loop != AIRFRAME and fits.config.inputs != BOTH
-    spread = replace(fits.spread(pct[first]), hides_roll=hides_roll)
+    spread = replace(fits.spread(pct[first]), hidden=fits.hidden() if hides_roll else 0.0)
     estimates, evidence = {}, {}
     for method in fits.methods:
         estimates[method], evidence[method] = described(

@@ -29,7 +29,7 @@ from yawid.blocks import Bools, Floats
 from yawid.manoeuvres.airspeed_check import Finding
 from yawid.manoeuvres.answer import OTHER_ORDERS, Answered, Structure
 from yawid.quantities.vehicles import AIRFRAME
-from yawid.results.judge_estimate import DISAGREE_SIGMAS
+from yawid.results.judge_estimate import DISAGREE_SIGMAS, rough_reasons
 from yawid.results.reasons import Reason, Verdict
 from yawid.results.summary import as_summary
 
@@ -198,7 +198,7 @@ def _together(
     moves = np.max([(0.0, 0.0), *(reason.moves for reason in warned)], axis=0)
     wn, zeta = _averages([(*each.dutch_roll, *each.beyond) for each in chosen], by, agree, moves)
     physics = _physics([chosen[i] for i in np.flatnonzero(agree).tolist()], by[agree])
-    reasons = [*of_the_log, *warned]
+    reasons = [*of_the_log, *warned, *rough_reasons(wn.mean * unit, wn.std * unit)]
     if apart:
         text = _disagreement(apart, wn.mean * unit, wn.std * unit, speed, len(used))
         reasons.append(Reason("manoeuvres_disagree", text, warns=share >= LEAST_AGREEING))
@@ -268,8 +268,11 @@ def _common(values: set[str | None]) -> str | None:
 
 
 def _warnings(used: Sequence[Answered]) -> Iterator[Reason]:
-    """Yield the warnings that more than half of the manoeuvres used have."""
-    said = [reason for each in used for reason in each.verdict.reasons]
+    """Yield the warnings that more than half of the manoeuvres used have.
+
+    How well wn is known is judged of their mean.
+    """
+    said = [r for each in used for r in each.verdict.reasons if r.id != "poorly_known"]
     counts = Counter(reason.id for reason in said)
     for reason in said:
         count = counts.pop(reason.id, 0)

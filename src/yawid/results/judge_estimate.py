@@ -18,6 +18,7 @@ from yawid.results.excitation import LEAST_STROKE, Movement, around, excitation
 from yawid.results.hidden import UNSEEN, Cause, what_hides
 from yawid.results.judge_rudder import stroke_reasons
 from yawid.results.judge_samples import (
+    ROUGH_WN,
     UNCERTAIN_WN,
     UNCERTAIN_ZETA,
     damper_reasons,
@@ -176,7 +177,7 @@ def estimate_reasons(
     against = [*_convergence(evidence), *_fit_reasons(evidence, is_driven, hidden or Cause(UNSEEN))]
     yield from against
     yield from _residual_reasons(evidence)
-    if evidence.early_response < 0.0 and not against:
+    if evidence.early_response < 0.0 and not any(reason.exit_code for reason in against):
         yield Reason(
             "wrong_sign",
             "positive rudder turns the nose left: "
@@ -212,6 +213,18 @@ def _convergence(evidence: Evidence) -> Iterator[Reason]:
         yield Reason("not_converged", text)
     else:
         yield from _still_moving(evidence)
+        yield from rough_reasons(wn, wn_std)
+
+
+def rough_reasons(wn_rad_s: float, wn_std: float) -> Iterator[Reason]:
+    """Judge whether the total sigma of wn allows more than a rough value."""
+    if wn_std > ROUGH_WN * wn_rad_s:
+        yield Reason(
+            "poorly_known",
+            f"wn is only known to {100.0 * wn_std / wn_rad_s:.0f} % ({wn_rad_s:.3g} ± "
+            f"{wn_std:.2g} rad/s, one sigma): usable up to {100 * UNCERTAIN_WN:.0f} %, but a rough "
+            f"value above {100 * ROUGH_WN:.0f} %",
+        )
 
 
 def _fit_reasons(evidence: Evidence, is_driven: bool, hidden: Cause) -> Iterator[Reason]:

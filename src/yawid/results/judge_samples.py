@@ -53,6 +53,8 @@ ROUNDING = 1e-9
 UNCERTAIN_WN, UNCERTAIN_ZETA = 0.1, 0.15
 """The relative sigma of wn, and the sigma of zeta, at which a Dutch roll is no longer of use. After
 a first try they are :func:`narrower`."""
+ROUGH_WN = 0.05
+"""The relative sigma of wn above which a usable answer is only a rough value."""
 SATURATED_SHARE = 0.05
 """The part of the time at the stops above which there is a warning."""
 LAGS_COMPARED = 3

@@ -158,6 +158,10 @@ _TABLE: Final = (
         "coloured_residuals", 0, "estimate",
         "A model with more parameters differs: see yawid orders.",
     ),
+    ReasonKind(
+        "poorly_known", 0, "estimate",
+        "Take wn as a rough value; the mean of more manoeuvres is better known.", _FLY,
+    ),
     ReasonKind("saturated", 0, "samples", "Fly again with less rudder: 10 to 30 % of its travel."),
     ReasonKind(
         "airspeed_changed", 0, "samples", "Estimate each airspeed by itself, with --from and --to."

@@ -23,7 +23,7 @@ from yawid.config.run import RATE_SLACK, RunConfig
 from yawid.estimation.methods import OF_STRUCTURES
 from yawid.estimation.record_fit import FittedModel, fit_record, held_back_pct
 from yawid.physics.derivatives import summary_of
-from yawid.physics.modes import modes
+from yawid.physics.modes import modes, poles_of
 from yawid.quantities.table import REDUCTION_ERROR
 from yawid.results.judge_samples import LOW_RATE_HZ, LOW_RATIO, UNCERTAIN_WN
 
@@ -44,10 +44,14 @@ MOVED = ("wn_rad_s", "zeta")
 """The numbers whose shift by a structure or a rate a warning gives, in the order of the shifts."""
 LEAST = {"wn_rad_s": 0.005, "zeta": 0.005}
 """The sigma that is left where all structures agree: relative for wn, absolute for zeta."""
-HIDDEN_ZETA = 0.04
-"""The part of zeta that a closed roll loop may hide: its own poles are one pair more than a model
-of three poles has, and all structures leave it out alike. Fitted to the linear models of JSBSim's
-aircraft with a roll hold, at 20 airspeeds, three poles are .036 of zeta off (RMS; a T38 .11)."""
+HIDDEN_ZETA, MOST_HIDDEN = 0.04, 0.11
+"""The part of zeta that a closed roll loop may hide where roll does not show it, and the most that
+roll may say of it. The loop's own poles are one pair more than a model of three poles has, and in
+the yaw rate all structures leave it out alike. Fitted to the linear models of JSBSim's aircraft
+with a roll hold, at 20 airspeeds, three poles are .036 of zeta off (RMS), those of a T38 .11."""
+SEEN_IN_ROLL, SAME_MODE = 0.2, 1.2
+"""Of a fit to roll: the largest part of roll that it may leave unexplained, and the factor within
+which its pair has the answer's wn."""
 NEAR_ENOUGH = 1e-9
 """The relative gain in loss that ends these fits: a thousandth of sigma, in half the time."""
 SPREAD_MEMORIES, NEWEST = 2.0, 2**13
@@ -79,7 +83,7 @@ class Spread:
     own structure, or a similar one, at a lower rate. ``own`` is the own structure fitted like the
     others, where that fit is not the answer. ``held_back_pct`` is the own structure's fit of held
     back samples in percent. ``is_slow`` says that the verdict may warn of the rate. ``method`` is
-    the one that all were fitted by. ``hides_roll`` says that a roll loop may be closed.
+    the one that all were fitted by. ``hidden`` is the part of zeta that a roll loop may hide.
     """
 
     opinions: tuple[Opinion, ...]
@@ -90,7 +94,7 @@ class Spread:
     held_back_pct: float = math.nan
     is_slow: bool = False
     method: str = OF_STRUCTURES
-    hides_roll: bool = False
+    hidden: float = 0.0
 
     def around(self, wn: float) -> "Spread":
         """Return it with only those structures that know a mode near wn rad/s to 10 %."""
@@ -160,7 +164,7 @@ class Spread:
         squares = sum(w * (x - value) ** 2 for w, x in known)
         apart = math.sqrt(squares / total) if total > 0.0 else 0.0
         share = abs(value) if name == "wn_rad_s" else 1.0
-        hidden = HIDDEN_ZETA * value if name == "zeta" and self.hides_roll else 0.0
+        hidden = self.hidden * value if name == "zeta" else 0.0
         return math.hypot(apart, LEAST.get(name, 0.0) * share, hidden)
 
     def beyond(self, name: str, value: float) -> float:
@@ -287,6 +291,38 @@ def spread_of(
         tuple(opinions), scatter, next(iter(richer), None), next(iter(slower), None), own_opinion,
         held_back, _is_slow(config, sample_time_s, wn), method,
     )  # fmt: skip
+
+
+def hidden_share(
+    config: RunConfig,
+    sample_time_s: float,
+    u: Floats,
+    roll: Floats,
+    wn_zeta: tuple[float, float],
+    method: str,
+) -> float:
+    """Return the part of zeta that a closed roll loop hides from the yaw rate, as roll shows it.
+
+    Yaw rate and roll have the same poles. Roll swings far with the loop's own pair, so that a fit
+    of two pairs to ``roll`` (n,) in rad and ``u`` (n, inputs) finds both even where they are near
+    each other. How far its zeta is from that of the answer ``wn_zeta`` is what the answer's
+    structure leaves out. Where the rudder does not explain roll it is not known.
+    """
+    settings = _forgetting_nothing(
+        replace(config, orders=(*NEXT, config.four_orders[3])), sample_time_s
+    )
+    model = fit_record(settings, u, roll, NEAR_ENOUGH, method)
+    orders, (wn, zeta) = model.config.orders, wn_zeta
+    poles = poles_of(model.theta[None, : orders.na], orders, sample_time_s).s[0]
+    pairs = poles[poles.imag > 0.0]
+    if not len(pairs) or not model.innovation_std < SEEN_IN_ROLL * np.nanstd(roll):
+        return HIDDEN_ZETA
+    own = wn * complex(-zeta, math.sqrt(max(1.0 - zeta**2, 0.0)))
+    seen = pairs[np.argmin(np.abs(np.log(pairs / own)))]
+    shown = -seen.real / abs(seen)
+    if not 1.0 / SAME_MODE < abs(seen) / wn < SAME_MODE:
+        return HIDDEN_ZETA
+    return float(min(abs(shown - zeta) / zeta, MOST_HIDDEN))
 
 
 def _is_slow(config: RunConfig, sample_time_s: float, wn: float) -> bool:
