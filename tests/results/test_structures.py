@@ -17,7 +17,16 @@ from yawid.blocks import Floats
 from yawid.config.run import RunConfig
 from yawid.estimation.record_fit import FittedModel, fit_record
 from yawid.physics.modes import modes
-from yawid.results.structures import NEXT, Opinion, Spread, coarser, spread_of
+from yawid.results.structures import (
+    HIDDEN_ZETA,
+    MOST_HIDDEN,
+    NEXT,
+    Opinion,
+    Spread,
+    coarser,
+    hidden_share,
+    spread_of,
+)
 
 TS_S = 0.05
 WN, ZETA, LAG_S = 6.0, 0.3, 0.05
@@ -148,13 +157,65 @@ def test_a_structure_weighs_by_its_held_back_fit_one_for_the_best():
     np.testing.assert_array_equal(alone.weights, [1.0, 1.0])
 
 
-def test_a_closed_roll_loop_adds_four_percent_of_zeta_and_nothing_to_wn():
+def test_what_a_closed_roll_loop_hides_adds_to_zeta_and_nothing_to_wn():
     alone = spread(told(6.1, 0.33))
-    closed = replace(alone, hides_roll=True)
+    closed = replace(alone, hidden=0.04)
 
     apart = [each.beyond("zeta", 0.5) for each in (alone, closed)]
     assert apart[1] == pytest.approx(math.hypot(apart[0], 0.02))
     assert closed.beyond("wn_rad_s", 6.0) == alone.beyond("wn_rad_s", 6.0)
+
+
+BY_ROLL_HOLD = {
+    "T38": [
+        [-0.2264, 0.0605, 0.0984, -0.9951, 0.0], [0.0, 0.0, 1.0, 0.0989, 0.0],
+        [-11.3021, -4.3443, -2.5755, 0.6547, 0.2748], [3.0271, -0.0155, -0.0092, -0.3357, -0.2222],
+    ],
+    "T37": [
+        [-0.1744, 0.0882, 0.0204, -0.9934, 0.032], [0.0, 0.0, 1.0, 0.0222, 0.0],
+        [-10.6726, -5.7373, -3.872, 0.4804, 0.7035], [8.2096, 0.6599, 0.0446, -0.481, -0.9483],
+    ],
+}  # fmt: skip
+"""JSBSim's T-38 at 270 kt and T-37 at 200 kt under a roll hold: A of sideslip, roll, p and r, and
+the rudder's column. The pairs are 1.70 / .358 and 2.19 / .439, and 2.96 / .157 and 2.15 / .839."""
+
+
+def by_roll_hold(name: str) -> tuple[Floats, Floats, Floats, float]:
+    """u (n, 1), roll and r (n,) of a linear aircraft, little noise; the Dutch roll's zeta"""
+    matrix = np.array(BY_ROLL_HOLD[name])
+    a, b = matrix[:, :4], matrix[:, 4:]
+    rng, u = np.random.default_rng(5), np.repeat(pulses(300, 5), 4)[:1200]
+    a_d, b_d, *_ = cont2discrete((a, b, np.eye(4), np.zeros((4, 1))), TS_S)
+    x = np.zeros((len(u), 4))
+    for k in range(len(u) - 1):
+        x[k + 1] = a_d @ x[k] + b_d[:, 0] * u[k]
+    noisy = x + 1e-3 * x.std(axis=0) * rng.standard_normal(x.shape)
+    poles = np.linalg.eigvals(a)
+    dutch_roll = poles[np.argmax(poles.real)]
+    return u[:, None], noisy[:, 1], noisy[:, 3], float(-dutch_roll.real / abs(dutch_roll))
+
+
+@pytest.mark.parametrize(("name", "least", "most"), [("T38", 0.02, 0.05), ("T37", 0.0, 0.005)])
+def test_roll_shows_what_three_poles_of_the_yaw_rate_leave_out(name, least, most):
+    """The part of zeta by which the answer is wrong, where two pairs are near each other or not"""
+    u, roll, r, true = by_roll_hold(name)
+    wn, _, zeta, _ = dutch_roll(fitted(RunConfig(orders=OWN), u, r, "oe"))
+    assert least <= abs(zeta - true) <= most
+
+    said = hidden_share(RunConfig(orders=OWN), TS_S, u, roll, (wn, zeta), "oe")
+    assert said * zeta == pytest.approx(abs(zeta - true), abs=0.004)
+
+
+def test_roll_that_the_rudder_does_not_explain_shows_nothing():
+    """And no more than .11 of zeta is believed"""
+    u, roll, r, true = by_roll_hold("T38")
+    wn, _, zeta, _ = dutch_roll(fitted(RunConfig(orders=OWN), u, r, "oe"))
+
+    for unlike in (np.random.default_rng(1).standard_normal(len(roll)), np.full(len(roll), np.nan)):
+        said = hidden_share(RunConfig(orders=OWN), TS_S, u, unlike, (wn, zeta), "oe")
+        assert said == HIDDEN_ZETA
+    far = hidden_share(RunConfig(orders=OWN), TS_S, u, roll, (wn, 0.5 * true), "oe")
+    assert far == MOST_HIDDEN
 
 
 def test_the_structures_spread_is_the_weighted_distance_from_the_answer_not_from_their_mean():

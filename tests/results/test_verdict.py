@@ -95,7 +95,10 @@ SLOW = np.array([2.4, 0.2, 0.2, 0.01])
         ({"total_std": np.array([0.23, 0.14])}, {"poorly_known"}),
         ({"total_std": np.array([0.121, 0.02])}, {"poorly_known"}),  # wn is 2.4: 5.04 %
         ({"total_std": np.array([0.119, 0.14])}, set()),
-        ({"early_response": -0.3, "total_std": np.array([0.2, 0.1])}, {"wrong_sign", "poorly_known"}),
+        (
+            {"early_response": -0.3, "total_std": np.array([0.2, 0.1])},
+            {"wrong_sign", "poorly_known"},
+        ),
         ({"early_response": -0.3}, {"wrong_sign"}),
         ({"early_response": -0.3, "before": np.array([1.9, 0.21])}, {"not_converged"}),
         ({"simulation_pct": -20.0}, {"poor_fit"}),

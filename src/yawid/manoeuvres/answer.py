@@ -190,9 +190,9 @@ class Fits:
         return spread_of(self.config, self.sample_time_s, self.u, self.y, wn)
 
     def hidden(self) -> float:
-        """Return the part of zeta that a closed roll loop may hide, as roll shows it in calm air.
+        """Return the part of zeta that a closed roll loop may hide, as roll shows it.
 
-        Not in a band, which leaves roll as it is.
+        In a band it does not show it, since a band leaves roll as it is.
         """
         first = self.methods[0]
         wn, zeta = dutch_roll_in(self, first, self.estimators[first].theta).tolist()

@@ -50,8 +50,8 @@ roll may say of it. The loop's own poles are one pair more than a model of three
 the yaw rate all structures leave it out alike. Fitted to the linear models of JSBSim's aircraft
 with a roll hold, at 20 airspeeds, three poles are .036 of zeta off (RMS), those of a T38 .11."""
 SEEN_IN_ROLL, SAME_MODE = 0.2, 1.2
-"""Of a fit to roll: the largest part of roll that it may leave unexplained, and the factor within
-which its pair has the answer's wn."""
+"""Of a fit to roll: the part of roll that its errors stay below, and the factor within which its
+pair has the answer's wn."""
 NEAR_ENOUGH = 1e-9
 """The relative gain in loss that ends these fits: a thousandth of sigma, in half the time."""
 SPREAD_MEMORIES, NEWEST = 2.0, 2**13
@@ -306,7 +306,7 @@ def hidden_share(
     Yaw rate and roll have the same poles. Roll swings far with the loop's own pair, so that a fit
     of two pairs to ``roll`` (n,) in rad and ``u`` (n, inputs) finds both even where they are near
     each other. How far its zeta is from that of the answer ``wn_zeta`` is what the answer's
-    structure leaves out. Where the rudder does not explain roll it is not known.
+    structure leaves out. Where no such pair is found it is HIDDEN_ZETA.
     """
     settings = _forgetting_nothing(
         replace(config, orders=(*NEXT, config.four_orders[3])), sample_time_s
