@@ -29,7 +29,8 @@ from yawid.blocks import Bools, Floats
 from yawid.manoeuvres.airspeed_check import Finding
 from yawid.manoeuvres.answer import OTHER_ORDERS, Answered, Structure
 from yawid.quantities.vehicles import AIRFRAME
-from yawid.results.judge_estimate import DISAGREE_SIGMAS, rough_reasons
+from yawid.results.judge_estimate import DISAGREE_SIGMAS
+from yawid.results.judge_samples import rough_reasons
 from yawid.results.reasons import Reason, Verdict
 from yawid.results.summary import as_summary
 

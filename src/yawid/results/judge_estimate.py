@@ -18,7 +18,6 @@ from yawid.results.excitation import LEAST_STROKE, Movement, around, excitation
 from yawid.results.hidden import UNSEEN, Cause, what_hides
 from yawid.results.judge_rudder import stroke_reasons
 from yawid.results.judge_samples import (
-    ROUGH_WN,
     UNCERTAIN_WN,
     UNCERTAIN_ZETA,
     damper_reasons,
@@ -29,6 +28,7 @@ from yawid.results.judge_samples import (
     narrower,
     rate_reasons,
     reaction_shares,
+    rough_reasons,
 )
 from yawid.results.reasons import Reason, Verdict
 
@@ -214,17 +214,6 @@ def _convergence(evidence: Evidence) -> Iterator[Reason]:
     else:
         yield from _still_moving(evidence)
         yield from rough_reasons(wn, wn_std)
-
-
-def rough_reasons(wn_rad_s: float, wn_std: float) -> Iterator[Reason]:
-    """Judge whether the total sigma of wn allows more than a rough value."""
-    if wn_std > ROUGH_WN * wn_rad_s:
-        yield Reason(
-            "poorly_known",
-            f"wn is only known to {100.0 * wn_std / wn_rad_s:.0f} % ({wn_rad_s:.3g} ± "
-            f"{wn_std:.2g} rad/s, one sigma): usable up to {100 * UNCERTAIN_WN:.0f} %, but a rough "
-            f"value above {100 * ROUGH_WN:.0f} %",
-        )
 
 
 def _fit_reasons(evidence: Evidence, is_driven: bool, hidden: Cause) -> Iterator[Reason]:

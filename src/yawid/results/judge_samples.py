@@ -74,6 +74,17 @@ def narrower(tries: int) -> float:
     return normal.inv_cdf(normal.cdf(-2.0)) / normal.inv_cdf(normal.cdf(-2.0) / tries)
 
 
+def rough_reasons(wn_rad_s: float, wn_std: float) -> Iterator[Reason]:
+    """Judge whether the total sigma of wn allows more than a rough value."""
+    if wn_std > ROUGH_WN * wn_rad_s:
+        yield Reason(
+            "poorly_known",
+            f"wn is only known to {100.0 * wn_std / wn_rad_s:.0f} % ({wn_rad_s:.3g} ± "
+            f"{wn_std:.2g} rad/s, one sigma): usable up to {100 * UNCERTAIN_WN:.0f} %, but a rough "
+            f"value above {100 * ROUGH_WN:.0f} %",
+        )
+
+
 def rate_reasons(
     yaw_hz: float, rudder_hz: float, rate_hz: float, dutch_roll: Floats
 ) -> Iterator[Reason]:
