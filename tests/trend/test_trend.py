@@ -130,6 +130,31 @@ def test_what_cannot_be_followed_is_left_out_and_counted(tmp_path: Path) -> None
     assert [each.flights for each in said.followed] == [14, 14, 14]
 
 
+def test_the_bare_airframe_has_a_history_of_its_own(tmp_path: Path) -> None:
+    """Its zeta falls by a third while the aircraft flown with its roll loop stays as it was.
+
+    A flight with answers of two loops has one airframe. Wn / V is by the equivalent airspeed: at
+    2 000 m of the standard atmosphere, 0.9065 of the true one.
+    """
+    rows = steady(1, 30, loop="with_roll_loop", altitude_m=2000.0)
+    for i, row in enumerate(rows):
+        row |= {"bare_wn_rad_s": 2.4, "bare_wn_std": 0.05, "bare_airspeed_m_s": 50.0,
+                "bare_zeta": (0.30 if i < 18 else 0.20) + 0.01 * (-1) ** i,
+                "bare_zeta_std": 0.01}  # fmt: skip
+    rows.append(rows[4] | {"loop": "airframe"})
+    write_fleet(tmp_path, rows)
+
+    said, _ = trend(tmp_path)
+
+    bare = {each.quantity: each for each in said.followed if each.loop == "bare"}
+    assert {name: each.flights for name, each in bare.items()} == {"kappa_rad_m": 30, "zeta": 30}
+    equivalent = 50.0 * (1.0 - 0.0065 * 2000.0 / 288.15) ** (4.2559 / 2.0)
+    assert bare["kappa_rad_m"].now.value == pytest.approx(2.4 / equivalent, rel=1e-3)
+    changed = [(each.loop, each.quantity) for each in said.followed if each.change is not None]
+    assert changed == [("bare", "zeta")]
+    assert said.flights == 30
+
+
 def test_an_old_flight_without_kappa_still_tells_its_damping(tmp_path: Path) -> None:
     rows = steady(1, 3) + steady(2, 2, kappa_rad_m=None, kappa_std=None)
     rows[0] |= {"kappa_rad_m": None, "kappa_std": None}

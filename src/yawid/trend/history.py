@@ -1,7 +1,7 @@
 """A data set's flights as histories: one number of one vehicle, flight after flight.
 
 A vehicle flown with its roll loop responds differently from the airframe alone, so each loop is a
-history of its own.
+history of its own. So is the bare airframe that ``--lateral auto`` finds under a roll loop.
 """
 
 import re
@@ -13,6 +13,8 @@ import numpy as np
 
 from yawid.blocks import Floats, Ints
 from yawid.dataset.files import read_flights_by_loop
+from yawid.dataset.schema import BARE
+from yawid.quantities.airspeed import density_ratio
 from yawid.system.stores import Place
 from yawid.trend.days import Track
 
@@ -25,6 +27,8 @@ MADE: Final = (
 """Columns that say how a flight was measured: if they change with a number, they may explain it."""
 _WHO: Final = ("vehicle", "loop", "vehicle_type", "date", "log_sha256", "sysid", "boot", "usable")
 NO_LOOP: Final = "unknown"
+BARE_AIRFRAME: Final = "bare"
+"""The loop of a history of the bare airframe."""
 FlightRow = Mapping[str, Any]
 """A row of ``flights_by_loop`` by its columns."""
 
@@ -59,13 +63,36 @@ def read_flights(folder: Place, without_sha: str | None = None) -> Flights:
     Raises:
         SourceError: there is no data set, or it cannot be read.
     """
-    columns = [*_WHO, *MADE, *FOLLOWED, *FOLLOWED.values()]
+    bare = [name for name, *_ in BARE]
+    columns = [*_WHO, *MADE, *FOLLOWED, *FOLLOWED.values(), *bare, "altitude_m"]
     table = read_flights_by_loop(folder, columns)
     dates = table["date"].cast("int64").to_pylist()
     rows = [row | {"date": date} for row, date in zip(table.to_pylist(), dates, strict=True)]
     if without_sha is not None:
         rows = [row for row in rows if row["log_sha256"] != without_sha]
-    return flights_of(rows)
+    return flights_of([*rows, *_bare_rows(rows)])
+
+
+def _bare_rows(rows: Sequence[FlightRow]) -> list[FlightRow]:
+    """Return a row for the bare airframe of each flight that has one, whatever its loops.
+
+    It has no K / V. Its wn / V is by the equivalent airspeed, as that of the others.
+    """
+    found: dict[tuple[Any, ...], FlightRow] = {}
+    for row in rows:
+        whose = tuple(row[name] for name in ("log_sha256", "sysid", "boot"))
+        if row["bare_wn_rad_s"] is None or whose in found:
+            continue
+        height = row["altitude_m"]
+        ratio = np.nan if height is None else float(density_ratio(np.array([height]))[0])
+        per_wn = 1.0 / (row["bare_airspeed_m_s"] * np.sqrt(ratio))
+        kappa = row["bare_wn_rad_s"] * per_wn, row["bare_wn_std"] * per_wn
+        numbers = {
+            "zeta": row["bare_zeta"], "zeta_std": row["bare_zeta_std"], "K_per_V": None,
+            "kappa_rad_m": kappa[0] if np.isfinite(ratio) else None, "kappa_std": kappa[1],
+        }  # fmt: skip
+        found[whose] = {**row, **numbers, "loop": BARE_AIRFRAME, "usable": True}
+    return list(found.values())
 
 
 def flights_of(rows: Sequence[FlightRow]) -> Flights:

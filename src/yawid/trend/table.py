@@ -15,7 +15,7 @@ from yawid.sinks.door import page_console
 from yawid.sinks.words import LATIN
 from yawid.trend import words
 from yawid.trend.diff import DamperDiff, Diff
-from yawid.trend.history import shown
+from yawid.trend.history import BARE_AIRFRAME, shown
 from yawid.trend.trend import Followed, Trend
 
 MOST_ROWS: Final = 60
@@ -93,7 +93,8 @@ def _units(quantities: Iterable[str]) -> str:
 
 def _named(vehicle: str, loop: str) -> str:
     """Return a vehicle's name with its loop; an empty loop, as of two runs, has none."""
-    return vehicle + {AIRFRAME: "", "": "", WITH_ROLL_LOOP: " roll"}.get(loop, " ?")
+    loops = {AIRFRAME: "", "": "", WITH_ROLL_LOOP: " roll", BARE_AIRFRAME: " bare"}
+    return vehicle + loops.get(loop, " ?")
 
 
 def print_diff(report: Diff, stream: TextIO) -> None:
