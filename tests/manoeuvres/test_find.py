@@ -351,7 +351,7 @@ def test_where_the_stream_is_cut_into_blocks_changes_nothing(
     assert_same(found_in(samples, edges), found_in(samples))
 
 
-@settings(deadline=None, max_examples=4)
+@settings(deadline=None, max_examples=2)
 @given(pieces=PIECES)
 def test_sample_by_sample_is_the_same_too(pieces: list[dict[str, Any]]):
     samples = built(pieces)

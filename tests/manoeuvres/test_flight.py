@@ -510,7 +510,7 @@ def test_gains_that_no_manoeuvre_knows_are_not_told():
 NUMBERS = st.floats(0.1, 50.0)
 
 
-@settings(deadline=None)
+@settings(deadline=None, max_examples=40)
 @given(
     st.lists(
         st.tuples(NUMBERS, st.floats(1e-4, 5.0), st.floats(5.0, 60.0)), min_size=1, max_size=8

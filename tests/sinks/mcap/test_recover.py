@@ -8,6 +8,7 @@ import subprocess
 import sys
 from collections import Counter
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -197,17 +198,27 @@ def false_messages(folder: Path, data: bytes, rows: Counter[Row]) -> Counter[Row
     return Counter()
 
 
+@pytest.fixture(scope="module")
+def intact(tmp_path_factory: pytest.TempPathFactory) -> tuple[bytes, Counter[Any]]:
+    """A file, and how often it has each of its messages."""
+    path = write_file(tmp_path_factory.mktemp("intact") / "whole.mcap")
+    return path.read_bytes(), Counter(raw(path))
+
+
 @settings(max_examples=100, deadline=None)
 @given(share=st.floats(0.0, 1.0, exclude_max=True), value=st.integers(1, 255), torn=st.booleans())
 @example(share=0.08625533546313657, value=1, torn=False)  # the topic of a channel record
 @example(share=0.08625533546313657, value=1, torn=True)
 def test_one_flipped_byte_anywhere_never_makes_a_false_message(
-    share: float, value: int, torn: bool, tmp_path_factory: pytest.TempPathFactory
+    share: float,
+    value: int,
+    torn: bool,
+    intact: tuple[bytes, Counter[Any]],
+    tmp_path_factory: pytest.TempPathFactory,
 ) -> None:
-    folder = tmp_path_factory.mktemp("flipped")
-    whole = write_file(folder / "whole.mcap")
-    rows, data = Counter(raw(whole)), bytearray(whole.read_bytes())
+    data, rows = bytearray(intact[0]), intact[1]
     data[int(share * len(data))] ^= value
+    folder = tmp_path_factory.mktemp("flipped")
     assert not false_messages(folder, bytes(data[: len(data) - torn]), rows)
 
 
