@@ -93,6 +93,7 @@ class AirspeedCheck:
     def __init__(self, sample_time_s: float) -> None:
         self._stride = max(1, round(STRIDE_S / sample_time_s))
         self._open = np.empty((0, 4))  # t, V, yaw, over ground
+        self._new: list[tuple[float, float, float, float]] = []
         self._since = 0
         self._factors: deque[Factor] = deque(maxlen=KEPT)
         self._turns: deque[float] = deque(maxlen=KEPT)
@@ -163,11 +164,15 @@ class AirspeedCheck:
 
     def _heading(self, t_s: float, speed: float, yaw: float, over_ground: float) -> None:
         """Take in a second with its heading; where there are several headings, find the factor."""
-        since_s = t_s - self._open[:, 0]
-        known = self._open[(since_s >= 0.0).all() & (since_s <= LONGEST_S)]  # none of another boot
-        rows = self._open = np.concatenate([known, [[t_s, speed, yaw, over_ground]]])
+        self._new.append((t_s, speed, yaw, over_ground))
         self._since += 1
-        if self._since % EVERY or len(rows) < LEAST_ROWS:
+        if self._since % EVERY:
+            return
+        rows, self._new = np.concatenate([self._open, self._new]), []
+        boots = np.append(0, np.flatnonzero(np.diff(rows[:, 0]) < 0.0) + 1)
+        rows = rows[boots[-1] :]
+        rows = self._open = rows[t_s - rows[:, 0] <= LONGEST_S]
+        if len(rows) < LEAST_ROWS:
             return
         _, speeds, yaws, grounds = rows.T
         cos, sin = np.cos(yaws), np.sin(yaws)
