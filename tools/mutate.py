@@ -28,6 +28,7 @@ ROOT = Path(__file__).resolve().parents[1]
 COPIED = ("src", "tests", "tools", "replay_logs")
 PLAIN = ("estimation/kernel/", "estimation/machine/")
 TIMEOUT_S = 300
+"""Time limit in s of one test."""
 # The first counterexample suffices: reducing it would take minutes.
 CONFTEST = """
 from hypothesis import Phase, settings
@@ -95,7 +96,7 @@ class Copy:
             capture_output=True,
             text=True,
             check=False,
-            timeout=TIMEOUT_S,
+            timeout=TIMEOUT_S * len(tests),
         )
         return done.returncode, done.stdout + done.stderr
 

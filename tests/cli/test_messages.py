@@ -69,9 +69,9 @@ def test_help_names_every_channel_that_can_be_the_rudder(capsys):
     ("arguments", "said"),
     [
         (["--orders", "3,3"], "na,nb,nc,nk, got 3,3"),
-        (["--orders", "a,b,c,d"], "na,nb,nc,nk, four whole numbers"),
+        (["--orders", "a,b,c,d"], "--orders must be na,nb,nc,nk, four whole numbers"),
         (["--band", "3,1"], "got 3,1"),
-        (["--band", "low,high"], "LO,HI in Hz"),
+        (["--band", "low,high"], "--band must be LO,HI in Hz"),
         (["--rudder-max-deg", "1e9"], "at most 90"),
         (["--memory", "1e-9"], "--memory"),
         (["--sysid", "all"], "--sysid all is for yawid live: give the number of one vehicle"),

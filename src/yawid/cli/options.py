@@ -225,13 +225,13 @@ def settings_of(arguments: argparse.Namespace) -> dict[str, Any]:
     Raises:
         ConfigError: a setting is unknown or outside its limits, or some do not fit together.
     """
-    from yawid.config.run import RunConfig, check_settings, overruled
+    from yawid.config.run import COMMAND_LINE, RunConfig, check_settings, overruled
 
     if getattr(arguments, "sysid", None) == "all":  # yawid live has taken it away before
         raise ConfigError(
             "--sysid all is for yawid live: give the number of one vehicle, or leave --sysid out"
         )
-    given = check_settings(given_options(arguments), "the command line")
+    given = check_settings(given_options(arguments), COMMAND_LINE)
     settings = overruled(arguments.settings, given)
     RunConfig(**settings)  # errors in it are reported once for the command, not for each log
     return settings

@@ -35,6 +35,8 @@ BINDING = ("orders", "inputs", "turn")
 """Settings that are chosen for each manoeuvre unless the user gave them."""
 GIVEN = (*BINDING, "rudder_sign")
 """Settings for which "given by the user" is recorded, even when equal to the default."""
+COMMAND_LINE = "the command line"
+"""Where settings stand that were given as options."""
 _SOME = Meta(min_length=1)
 _LISTS: dict[str, tuple[Any, str]] = {
     "orders": (
@@ -318,6 +320,8 @@ def check_settings(loaded: dict[str, Any], where: str) -> dict[str, Any]:
 def _typed(name: str, value: Any, where: str) -> Any:
     if (name, value) == ("orders", "auto"):
         return value
+    option = name.removesuffix("_s").replace("_", "-")
+    named = f"--{option}" if where == COMMAND_LINE else f"{where}: {name}"
     if name in _LISTS:
         kind, wanted = _LISTS[name]
         is_text = isinstance(value, str)
@@ -327,11 +331,11 @@ def _typed(name: str, value: Any, where: str) -> Any:
         try:
             return convert(parts, kind, strict=not is_text)  # 3.5 is no order
         except ValidationError:
-            raise ConfigError(f"{where}: {name} must be {wanted}, got {value!r}") from None
+            raise ConfigError(f"{named} must be {wanted}, got {value!r}") from None
     hint = get_type_hints(RunConfig)[name]
     plain = next((each for each in (float, int) if each in (hint, *get_args(hint))), str)
     if not fits(value, plain):
-        raise ConfigError(f"{where}: {name} must be {_KINDS[plain]}, got {value!r}")
+        raise ConfigError(f"{named} must be {_KINDS[plain]}, got {value!r}")
     return value
 
 

@@ -13,7 +13,7 @@ import tomli_w
 from yawid.channels.clock import boot_us
 from yawid.channels.stage import WANTED
 from yawid.channels.yaw_reader import SOURCES, UNTIMED
-from yawid.config.run import RunConfig, check_settings
+from yawid.config.run import COMMAND_LINE, RunConfig, check_settings
 from yawid.errors import ConfigError, SinkError, SourceError
 from yawid.runs.regress.case import Case
 from yawid.sources.formats import TLOG, format_of
@@ -48,7 +48,7 @@ def new_case(log: Path, name: str, folder: Path, options: Mapping[str, Any]) -> 
     place = folder / name
     if place.exists():
         raise ConfigError(f"{place} exists: choose another --name")
-    config = RunConfig(**check_settings(dict(options), "the command line"))
+    config = RunConfig(**check_settings(dict(options), COMMAND_LINE))
     kind = format_of(log)
     if kind.opener is None or kind.has_columns:
         raise SourceError(f"{log} is {kind.called}: a case is made from a log")
