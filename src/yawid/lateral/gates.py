@@ -18,7 +18,7 @@ to eight times in flights of a Cessna whose aileron followed the roll hold alone
 times in one of SITL at 0.89."""
 LONG_LAG = 0.5
 """The servo's lag over the time 1/wn beyond which one manoeuvre with such an aileron does not show
-it either: SITL's, at 1.4, had roll modes 16 to 25 % too slow and wn up to 3 sigma low."""
+it either: SITL's, at 1.4, had roll modes 18 to 28 % too slow and wn up to 2.5 sigma low."""
 LEAST_STARTS_AGREEING = 2
 _COPY_DELAYS_S = (0.0, 0.05, 0.1, 0.15)
 
