@@ -20,15 +20,15 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 
-from pictures.paper_program import paper_program
-from pictures.two_stage import two_stage
 from yawid.config.estimator import ArmaxOrders
 from yawid.estimation.fit import fit_percent, simulate
+from yawid.offline.paper_program import paper_program
 from yawid.offline.step_forms import (
     first_order_response,
     overshoot,
     second_order_response,
 )
+from yawid.offline.two_stage import two_stage
 from yawid.plant.excitation import Excitation
 from yawid.plant.simulate import REFERENCE
 from yawid.plant.yaw import YawPlant

@@ -2,11 +2,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from pictures.two_stage import two_stage
 from scipy.signal import lfilter
 
 from yawid.config.estimator import ArmaxOrders
 from yawid.errors import ConfigError, NotIdentifiable
+from yawid.offline.two_stage import two_stage
 
 ORDERS = ArmaxOrders(2, 2, 2, 1)
 A, B, C = (-0.8, 0.15), (1.0, 0.5), (0.5, 0.1)

@@ -6,12 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from pictures.paper_program import SAMPLE_TIME_S, paper_program
-from pictures.two_stage import two_stage
 
 from yawid.config.estimator import ArmaxOrders
 from yawid.errors import ConfigError
 from yawid.estimation.fit import fit_percent, simulate
+from yawid.offline.paper_program import SAMPLE_TIME_S, paper_program
+from yawid.offline.two_stage import two_stage
 from yawid.plant.simulate import REFERENCE
 from yawid.plant.yaw import YawPlant
 
