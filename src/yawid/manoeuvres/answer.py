@@ -196,7 +196,7 @@ class Fits:
         """
         first = self.methods[0]
         wn, zeta = dutch_roll_in(self, first, self.estimators[first].theta).tolist()
-        if self._is_narrow or not wn > 0.0:
+        if self._is_narrow or not (wn > 0.0 and zeta > 0.0):
             return HIDDEN_ZETA
         roll = np.where(np.isfinite(self.y), self._samples.roll, np.nan)
         return hidden_share(self.config, self.sample_time_s, self.u, roll, (wn, zeta), first)
