@@ -102,7 +102,7 @@ def flown(log: Path, folder: Path) -> dict[str, Any]:
         time.sleep(WARM_S)
         before_s, before_user_s = cpu_s(process.pid)
         with sender(port, log) as vehicles:
-            sent: dict[str, Any] = json.loads(vehicles.communicate()[0])
+            sent: dict[str, Any] = json.loads(vehicles.communicate(timeout=ENDING_S)[0])
         used_s = cpu_s(process.pid)[0] - before_s
         time.sleep(SETTLED_S)
         user_s = cpu_s(process.pid)[1] - before_user_s

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import subprocess
 import sys
 import threading
@@ -54,6 +55,12 @@ def told(ended: Ended) -> list[str]:
     return [line for line in ended.summary.live.events if line.startswith("manoeuvre ")]
 
 
+def to_two_digits(value: float, std: float) -> str:
+    """Return a number with two digits of its sigma."""
+    digits = 1 - math.floor(math.log10(std))
+    return f"{value:.{digits}f} ± {std:.{digits}f}"
+
+
 def test_live_and_the_replay_of_its_tlog_give_the_same_manoeuvres_to_the_bit(tmp_path: Path):
     with listening(tmp_path, RunConfig(), Outputs(tmp_path, "live", "save")) as session:
         send(GAPS, session.port)
@@ -81,8 +88,8 @@ def test_a_line_is_said_as_a_manoeuvre_ends_and_stands_in_the_summary(tmp_path: 
     roll = ended.summary.manoeuvres[0].dutch_roll
     assert told(ended)[0] == (
         "manoeuvre 1 (34 to 60 s, FBWA, 50.9 m/s): "
-        f"wn {roll.wn_rad_s:.3f} ± {roll.wn_std:.3f} rad/s, "
-        f"zeta {roll.zeta:.3f} ± {roll.zeta_std:.3f}"
+        f"wn {to_two_digits(roll.wn_rad_s, roll.wn_std)} rad/s, "
+        f"zeta {to_two_digits(roll.zeta, roll.zeta_std)}"
     )
     assert [line.split(" ")[1] for line in told(ended)] == ["1", "2", "3", "4"]
     said = session.screen.getvalue()
