@@ -77,8 +77,8 @@ def test_zsh_s_script_has_every_command(script: Path):
 
     assert text.startswith("#compdef yawid\n")
     assert all(f"    {command}:" in text for command in COMMANDS)
-    assert "]:els|rml:(els rml)" in text
-    assert "]:FILE:_files -g '*.(#i)(toml)(-.)'" in text
+    assert ":(els rml)" in text
+    assert ":_files -g '*.(#i)(toml)(-.)'" in text
 
 
 @in_zsh

@@ -165,7 +165,7 @@ def newest(wheel: Path, scratch: Path) -> str:
 
 def tested(python: Path, scratch: Path, tests: Sequence[str]) -> str:
     """Run tests of the clone with the libraries of an environment; return pytest's last line."""
-    run(python, "-m", "pip", "install", "--quiet", "pytest", "hypothesis")
+    run(python, "-m", "pip", "install", "--quiet", "pytest", "hypothesis", "jsonschema")
     options = ["-q", "-p", "no:cacheprovider", "-m", "not slow and not long"]
     options += ["-o", "filterwarnings="]  # old libraries warn when they use newer ones
     return run(python, "-m", "pytest", *options, *tests, cwd=scratch / "clone").splitlines()[-1]
