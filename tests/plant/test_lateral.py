@@ -22,7 +22,6 @@ from yawid.plant.lateral import (
 )
 from yawid.plant.linear import LinearPlant, sampled_theta
 from yawid.plant.rigid_body import (
-    GRAVITY_M_S2,
     Motion,
     RigidBody,
     rotation,
@@ -30,6 +29,7 @@ from yawid.plant.rigid_body import (
 )
 from yawid.plant.simulate import REFERENCE, REFERENCE_FLIGHT
 from yawid.plant.yaw import YawPlant
+from yawid.quantities.airspeed import GRAVITY
 
 S = 1j * np.logspace(-2, 2, 50)
 
@@ -80,7 +80,7 @@ def flights(draw):
     values = {name: draw(signed) for name in names}
     values |= {name: draw(positive) for name in ("a_z_beta", "a_mx_omega_x", "a_my_beta")}
     body = RigidBody(*(draw(st.floats(0.5, 5e3)) for _ in range(4)))
-    coefficients = LateralCoefficients(a_z_gamma=-GRAVITY_M_S2 / speed, **values)
+    coefficients = LateralCoefficients(a_z_gamma=-GRAVITY / speed, **values)
     return SteadyFlight(body=body, speed=speed, coefficients=coefficients)
 
 

@@ -9,7 +9,6 @@ from scipy.spatial.transform import Rotation
 
 from yawid.errors import ConfigError
 from yawid.plant.rigid_body import (
-    GRAVITY_M_S2,
     Motion,
     RigidBody,
     fly,
@@ -17,6 +16,7 @@ from yawid.plant.rigid_body import (
     translation,
     weight,
 )
+from yawid.quantities.airspeed import GRAVITY
 
 BODY = RigidBody(10.0, 1.0, 3.0, 2.2)
 ZERO = np.zeros(3)
@@ -64,7 +64,7 @@ def test_a_tumbling_body_falls_straight_down():
     flown = fly(BODY, TUMBLING, lambda _, motion: (weight(BODY, motion.attitude), ZERO), t)
     start = Rotation.from_quat(TUMBLING.attitude).apply(TUMBLING.velocity)
     path = TUMBLING.position + np.outer(t, start)
-    path[:, 1] -= 0.5 * GRAVITY_M_S2 * t**2
+    path[:, 1] -= 0.5 * GRAVITY * t**2
     np.testing.assert_allclose(flown.position, path, atol=1e-6)
 
 

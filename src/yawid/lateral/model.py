@@ -23,8 +23,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from yawid.blocks import Floats
+from yawid.quantities.airspeed import GRAVITY
 
-GRAVITY_M_S2 = 9.80665
 STATES = ("beta", "p", "r", "roll", "b", "w")
 BETA, P, R, ROLL, GUST, ROLL_GUST = range(len(STATES))
 AILERON, RUDDER, TURN_FORCE, TURN_ROLL = range(4)
@@ -181,7 +181,7 @@ class System:
 def system(theta: Floats, airspeed_m_s: float, law: Law, pitch: float) -> System:
     """Return the state space of parameters ``theta`` (v, n), with the roll law closed in it."""
     A, B = airframe(theta, airspeed_m_s)
-    A[:, BETA, ROLL] = GRAVITY_M_S2 / airspeed_m_s * math.cos(pitch)
+    A[:, BETA, ROLL] = GRAVITY / airspeed_m_s * math.cos(pitch)
     A[:, ROLL, R] = math.tan(pitch)
     A[:, :, ROLL] -= law.roll_gain * B[:, :, AILERON]
     A[:, :, P] -= law.rate_gain * B[:, :, AILERON]
@@ -212,7 +212,7 @@ def airframe(theta: Floats, airspeed_m_s: float) -> tuple[Floats, Floats]:
     """
     of = dict(zip(NAMES, theta.T, strict=True))
     Y_beta, alpha = -np.exp(of["log_Y_beta"]), of["alpha"]
-    turn = GRAVITY_M_S2 / airspeed_m_s
+    turn = GRAVITY / airspeed_m_s
     A, B = np.zeros((len(theta), 6, 6)), np.zeros((len(theta), 6, 4))
     for column in (BETA, GUST):
         A[:, BETA, column] = Y_beta

@@ -13,8 +13,8 @@ from typing import NamedTuple
 import numpy as np
 
 from yawid.blocks import Floats
-from yawid.lateral.model import GRAVITY_M_S2
 from yawid.lateral.record import Record
+from yawid.quantities.airspeed import GRAVITY
 
 _SHARES = (0.02, 0.05, 0.08, 0.12, 0.17, 0.23, 0.3, 0.4, 0.55, 0.75)
 """Values of -Y_beta that are tried, as shares of the middle frequency."""
@@ -92,7 +92,7 @@ def _transforms(record: Record, w: Floats, lag_s: float) -> _Transforms:
     p, r, roll, aileron, rudder = (kernel @ np.column_stack([y, u - u.mean(axis=0)])).T
     p_slope, r_slope = (1j * w * x + y[-1, i] * end - y[0, i] for i, x in ((0, p), (1, r)))
     one = (1.0 - end) / (1j * w)
-    turn = GRAVITY_M_S2 / record.airspeed_m_s
+    turn = GRAVITY / record.airspeed_m_s
     return _Transforms(p, r, roll, aileron, rudder, p_slope, r_slope, end, one, turn)
 
 

@@ -12,7 +12,8 @@ import numpy as np
 from yawid.blocks import Floats
 from yawid.errors import ConfigError
 from yawid.plant.lateral import LateralCoefficients
-from yawid.plant.rigid_body import GRAVITY_M_S2, Motion, RigidBody, weight
+from yawid.plant.rigid_body import Motion, RigidBody, weight
+from yawid.quantities.airspeed import GRAVITY
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -38,7 +39,7 @@ class SteadyFlight:
     def __post_init__(self) -> None:
         if not self.speed > 0.0:
             raise ConfigError(f"speed must be > 0 m/s, got {self.speed!r}")
-        turn = -GRAVITY_M_S2 / self.speed
+        turn = -GRAVITY / self.speed
         if not math.isclose(self.coefficients.a_z_gamma, turn, rel_tol=1e-9):
             raise ConfigError(f"a_z_gamma must be -g/V = {turn:.9g} 1/s at {self.speed} m/s")
 
@@ -68,7 +69,7 @@ class SteadyFlight:
         forces = body.mass * np.array(
             [
                 -self.a_x_speed * (air_speed - self.speed),
-                pressure * (GRAVITY_M_S2 + self.speed * self.a_y_alpha * alpha),
+                pressure * (GRAVITY + self.speed * self.a_y_alpha * alpha),
                 pressure * self.speed * (c.a_z_beta_b * wind - c.a_z_beta * beta),
             ]
         ) + weight(body, motion.attitude)

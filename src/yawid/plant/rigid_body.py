@@ -17,8 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from yawid.blocks import Floats
 from yawid.errors import ConfigError
-
-GRAVITY_M_S2 = 9.80665
+from yawid.quantities.airspeed import GRAVITY
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,7 +85,7 @@ def rotation(body: RigidBody, omega: Floats, moments: Floats) -> Floats:
 
 def weight(body: RigidBody, attitude: Floats) -> Floats:
     """Return the force of gravity (3,) in N in body axes, at an attitude (4,)."""
-    down = np.array([0.0, -body.mass * GRAVITY_M_S2, 0.0])
+    down = np.array([0.0, -body.mass * GRAVITY, 0.0])
     return np.asarray(Rotation.from_quat(attitude).apply(down, inverse=True))
 
 

@@ -15,15 +15,16 @@ from yawid.plant.axes import rudder_from_paper, yaw_from_paper
 from yawid.plant.excitation import Excitation
 from yawid.plant.flight import SteadyFlight
 from yawid.plant.lateral import INPUTS, LateralCoefficients, lateral_motion
-from yawid.plant.rigid_body import GRAVITY_M_S2, Motion, RigidBody, fly
+from yawid.plant.rigid_body import Motion, RigidBody, fly
 from yawid.plant.yaw import YawPlant
+from yawid.quantities.airspeed import GRAVITY
 
 PlantName = Literal["yaw", "lateral", "rigid-body"]
 PLANTS: tuple[PlantName, ...] = get_args(PlantName)
 
 SPEED_M_S = 50.0
 REFERENCE = LateralCoefficients(
-    a_z_gamma=-GRAVITY_M_S2 / SPEED_M_S, a_z_beta=0.3,
+    a_z_gamma=-GRAVITY / SPEED_M_S, a_z_beta=0.3,
     a_mx_omega_x=8.0, a_mx_omega_y=1.5, a_mx_beta=15.0, a_mx_delta_b=40.0,
     a_my_omega_x=-0.2, a_my_omega_y=0.7, a_my_beta=5.5, a_my_delta_h=4.0,
 )  # fmt: skip

@@ -35,7 +35,7 @@ from yawid.sinks.words import orders_in
 
 TRACK_POINTS = 600
 MOST_DRAWN: Final = 4
-"""The largest number of manoeuvres with a picture: nobody looks at a hundred pictures."""
+"""The largest number of manoeuvres with a picture: a hundred pictures would hide the best."""
 
 
 @dataclass(frozen=True, slots=True)

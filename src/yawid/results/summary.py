@@ -125,8 +125,10 @@ def as_summary(verdict: Verdict) -> VerdictSummary:
 def _link(link: LinkStats, report: ChannelReport) -> LinkCounts:
     if report.is_record:
         return report.breaks
-    names = ("frames", "skipped_bytes", "bad_crc", "unknown", "lost", "unsigned_rejected")
-    return replace(report.breaks, **{name: getattr(link, name) for name in names})
+    return replace(
+        report.breaks, frames=link.frames, skipped_bytes=link.skipped_bytes, bad_crc=link.bad_crc,
+        unknown=link.unknown, lost=link.lost, unsigned_rejected=link.unsigned_rejected,
+    )  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)

@@ -27,9 +27,9 @@ from yawid.sources.formats import RUN
 from yawid.system.stores import Place
 
 CHANGEABLE = (
-    *("orders", "method", "also", "engine", "memory", "forgetting", "servo_tau", "inputs"),
-    *("from_s", "to_s", "manoeuvres", "lateral", "servo_lag", "given"),
-)
+    "orders", "method", "also", "engine", "memory", "forgetting", "servo_tau", "inputs",
+    "from_s", "to_s", "manoeuvres", "lateral", "servo_lag", "given",
+)  # fmt: skip
 JUDGED_AGAIN = frozenset(
     kind.id for kind in KINDS.values() if kind.origin in ("samples", "estimate")
 )

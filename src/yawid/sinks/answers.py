@@ -158,8 +158,9 @@ def _of_number(
         return Card(question, value, spread, tuple(note.rstrip() for note in said))
     wn, zeta = mode.wn_rad_s, mode.zeta
     level = "" if mode.level is None else f"; MIL-F-8785C level {mode.level}"
-    period_s = 2.0 * math.pi / (wn * math.sqrt(1.0 - zeta * zeta)) if abs(zeta) < 1.0 else 0.0
-    swing = f", a swing takes {period_s:.3g} s" if period_s else ""
+    swing = ""
+    if abs(zeta) < 1.0:
+        swing = f", a swing takes {2.0 * math.pi / (wn * math.sqrt(1.0 - zeta * zeta)):.3g} s"
     facts = f"{wn / (2.0 * math.pi):.3g} Hz{swing}", f"{_damped(zeta)}{level}"
     unit = (" rad/s", "")[i]
     return Card(question, value + unit, spread, (facts[i], *(note.rstrip() for note in said)))

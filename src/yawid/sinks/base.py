@@ -4,7 +4,6 @@ import math
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import partialmethod
 from pathlib import Path
 from typing import Literal
 
@@ -107,12 +106,43 @@ class Relay(Sink):
     def _hand(self, call: Call) -> object:
         raise NotImplementedError
 
-    def _relay(self, name: str, *arguments: object) -> None:
-        self._hand(lambda sink: getattr(sink, name)(*arguments))
+    def start(self, grid: Grid) -> None:
+        """See :class:`Sink`."""
+        self._hand(lambda sink: sink.start(grid))
 
+    def write(
+        self, samples: SampleBlock, estimates: Mapping[str, EstimateBlock], modes: ModesBlock
+    ) -> None:
+        """See :class:`Sink`."""
+        self._hand(lambda sink: sink.write(samples, estimates, modes))
 
-for _name in (name for name, each in vars(Sink).items() if callable(each) and name != "discard"):
-    setattr(Relay, _name, partialmethod(Relay._relay, _name))
+    def motion(self, block: MotionBlock) -> None:
+        """See :class:`Sink`."""
+        self._hand(lambda sink: sink.motion(block))
+
+    def manoeuvre(self, found: Manoeuvre, span_ns: tuple[int, int]) -> None:
+        """See :class:`Sink`."""
+        self._hand(lambda sink: sink.manoeuvre(found, span_ns))
+
+    def lateral(self, n: int, bare: Bare, span_ns: tuple[int, int]) -> None:
+        """See :class:`Sink`."""
+        self._hand(lambda sink: sink.lateral(n, bare, span_ns))
+
+    def log(self, unix_ns: int, level: LogLevel, text: str) -> None:
+        """See :class:`Sink`."""
+        self._hand(lambda sink: sink.log(unix_ns, level, text))
+
+    def flush(self) -> None:
+        """See :class:`Sink`."""
+        self._hand(lambda sink: sink.flush())
+
+    def finish(self, summary: RunSummary, attachments: Mapping[str, bytes]) -> None:
+        """See :class:`Sink`."""
+        self._hand(lambda sink: sink.finish(summary, attachments))
+
+    def abort(self) -> None:
+        """See :class:`Sink`."""
+        self._hand(lambda sink: sink.abort())
 
 
 class Pace:

@@ -65,7 +65,11 @@ class Gatherer:
             rudder_hz=rates[2],
             lost=link.lost,
             finds=pipeline.config.manoeuvres != "off",
-            **progress._asdict(),  # stroke, rests_s, from_s, lasted_s, is_excited
+            stroke=progress.stroke,
+            rests_s=progress.rests_s,
+            from_s=progress.from_s,
+            lasted_s=progress.lasted_s,
+            is_excited=progress.is_excited,
             unanswered=unanswered,
             manoeuvres=tuple(pipeline.manoeuvres or ()),
             flights=flights,
