@@ -63,10 +63,10 @@ def lateral_picture(run: McapRun) -> Picture | None:
 
     look = (
         "The bare airframe runs free from the commands of both surfaces; start and trim are "
-        "fitted. Gusts, which the estimate knows of, are not in it: in rough air the two part."
+        "fitted. It knows no gusts, and in roll every small error adds up: there the two part."
     )
     title = f"Manoeuvre {found.n}: the lateral motion as measured, and of the bare airframe"
-    return Picture("lateral", title, look, draw, (9.2, 6.4))
+    return Picture("lateral", title, look, draw, (5.6, 5.4))
 
 
 def _first(summary: RunSummary) -> Manoeuvre | None:
