@@ -18,8 +18,8 @@ from yawid.answers.run_summary import (
     Value,
     VerdictSummary,
 )
+from yawid.physics.modes import pair_poles
 from yawid.report.bare import bare_section
-from yawid.report.model_pictures import bare_poles
 from yawid.sinks.rerun.documents import verdict_markdown
 from yawid.sinks.words import bare_rows
 from yawid.tables.page import answer
@@ -83,8 +83,7 @@ def test_without_the_option_there_is_nothing():
 
 def test_the_pole_map_has_the_bare_airframe_next_to_the_model():
     """s = -zeta wn +- i wn sqrt(1 - zeta^2), and z = exp(s Ts)."""
-    assert KNOWN.dutch_roll is not None
-    z = bare_poles(KNOWN.dutch_roll, 0.05)
+    z = pair_poles(2.41, 0.12, 0.05)
 
     assert np.abs(z) == pytest.approx(math.exp(-0.12 * 2.41 * 0.05))
     assert np.angle(z) == pytest.approx(

@@ -246,6 +246,12 @@ def _sigmas(poles: Poles, covariance: Floats, sample_time_s: float) -> tuple[Flo
     return wn_std, zeta_std
 
 
+def pair_poles(wn_rad_s: float, zeta: float, sample_time_s: float) -> Complexes:
+    """Return the two poles (2,) of a mode in the z plane; they are real where zeta is 1 or more."""
+    root = np.sqrt(complex(zeta**2 - 1.0))
+    return np.asarray(np.exp(wn_rad_s * sample_time_s * (-zeta + np.array([root, -root]))))
+
+
 def damping_lines() -> list[Complexes]:
     """Return five lines of constant zeta, 0.1 to 0.9, in the upper half of the z plane, (60,)."""
     lines = []

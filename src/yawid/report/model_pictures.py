@@ -21,7 +21,7 @@ from yawid.errors import YawidError
 from yawid.models.fitted import Judged, Model
 from yawid.physics.frequency_response import FrequencyResponse, frequency_response
 from yawid.physics.model_response import step_response
-from yawid.physics.modes import Complexes, damping_lines, discrete_poles
+from yawid.physics.modes import Complexes, damping_lines, discrete_poles, pair_poles
 from yawid.report.picture import Picture, band, log_axis
 from yawid.sinks.base import Grid
 from yawid.sinks.palette import BAD, BARE, DATA, MODEL, NEUTRAL
@@ -44,7 +44,9 @@ def poles_picture(model: Model, bare: DutchRoll | None = None) -> Picture:
     The Dutch roll of the bare airframe, where it is known, stands next to them.
     """
     z, spread = poles_with_sigma(model)
-    its_own = np.empty(0) if bare is None else bare_poles(bare, model.sample_time_s)
+    its_own: Complexes = np.empty(0, complex)
+    if bare is not None:
+        its_own = pair_poles(bare.wn_rad_s, bare.zeta, model.sample_time_s)
 
     def draw(figure: Figure) -> None:
         ax = figure.subplots()
@@ -59,7 +61,7 @@ def poles_picture(model: Model, bare: DutchRoll | None = None) -> Picture:
             markeredgewidth=1.6, label="zero",
         )  # fmt: skip
         if len(its_own):
-            x, y = np.real(its_own), np.imag(its_own)
+            x, y = its_own.real, its_own.imag
             ax.plot(x, y, "+", color=BARE, markersize=10, markeredgewidth=2, label="bare airframe")
         figure.legend(loc="outside upper right", ncols=3)
 
@@ -70,13 +72,6 @@ def poles_picture(model: Model, bare: DutchRoll | None = None) -> Picture:
     if bare is not None:
         look += " +: the Dutch roll of the bare airframe, without its roll loop."
     return Picture("poles", "Poles and zeros", look, draw)
-
-
-def bare_poles(bare: DutchRoll, sample_time_s: float) -> Complexes:
-    """Return the two poles (2,) of a Dutch roll in the z plane."""
-    zeta = complex(bare.zeta)
-    s = bare.wn_rad_s * (-zeta + np.array([1.0, -1.0]) * np.sqrt(zeta**2 - 1.0))
-    return np.asarray(np.exp(s * sample_time_s))
 
 
 def _plane(ax: Axes) -> None:

@@ -25,9 +25,10 @@ from sinks.sink_blocks import (
     unanswered,
 )
 
+from yawid.answers.run_summary import Bare, DutchRoll, ReasonSummary, VerdictSummary
 from yawid.blocks import Held, Noted, Status
 from yawid.errors import SinkError
-from yawid.sinks.palette import BAD, METHODS, RUDDER
+from yawid.sinks.palette import BAD, BARE, METHODS, RUDDER
 from yawid.sinks.rerun.documents import verdict_markdown
 from yawid.sinks.rerun.sink import RerunSink
 
@@ -284,6 +285,49 @@ def test_the_bar_of_a_manoeuvre_that_is_not_usable_is_of_one_colour_and_has_no_b
     np.testing.assert_allclose(bar, [[10.2], [10.2], [np.nan]])
     [[colour]] = statics(tmp_path / "a.rrd", "/dutch_roll/wn/refused", "SeriesLines:colors")
     assert f"#{colour >> 8:06x}" == BAD
+
+
+KNOWN = Bare(
+    dutch_roll=DutchRoll(wn_rad_s=10.0, wn_std=0.3, zeta=0.6, zeta_std=0.02),
+    used=[1], verdict=VerdictSummary(usable=True, reasons=[]),
+)  # fmt: skip
+WHY = ReasonSummary("bare_unknown", "warning", "the aileron is a copy")
+UNKNOWN = Bare(used=[2], verdict=VerdictSummary(usable=False, reasons=[WHY]))
+
+
+def test_the_bare_airframe_is_a_bar_next_to_its_manoeuvre_and_poles_and_cells(
+    tmp_path: Path,
+) -> None:
+    """s = -6 +- 8i at 10 rad/s and 0.6, so that z = exp(-6 Ts) (cos 8 Ts +- i sin 8 Ts)."""
+    samples, *rest = make_blocks(n=400)
+    sink = RerunSink("save", name="flight", warn=fail, path=tmp_path / "a.rrd")
+    sink.start(GRID)
+    sink.write(samples, *rest)
+    for n, known in ((1, KNOWN), (2, UNKNOWN)):
+        found, span_ns = make_manoeuvre(samples, 100 * n, 100 * n + 60, n)
+        sink.manoeuvre(found, span_ns)
+        sink.lateral(n, known, span_ns)
+    sink.abort()
+
+    path = tmp_path / "a.rrd.part"
+    entities = recorded(path)
+    line = entities["/dutch_roll/wn/bare"]
+    np.testing.assert_allclose(line["Scalars:scalars"][:2], [[10.0, 9.4, 10.6]] * 2)
+    assert np.isnan(line["Scalars:scalars"][2]).all()
+    edges = [samples.boot_us[at] for at in (100, 160)]
+    assert [t // 1000 for t in line["boot_time"]][:2] == edges
+    assert len(line["boot_time"]) == 3  # of the second there is no number
+    [colours] = statics(path, "/dutch_roll/wn/bare", "SeriesLines:colors")
+    assert f"#{colours[0] >> 8:06x}" == BARE
+    [crosses] = entities["/z_plane/bare"]["LineStrips2D:strips"]
+    size, angle = np.exp(-6 * SAMPLE_TIME_S), 8 * SAMPLE_TIME_S
+    middles = [np.mean(np.asarray(cross)[[0, 1]], axis=0) for cross in crosses]
+    expected = [size * np.array([np.cos(angle), -side * np.sin(angle)]) for side in (1.0, -1.0)]
+    np.testing.assert_allclose(middles, expected, atol=1e-6)
+    [table] = statics(path, "/manoeuvres", "TextDocument:text")[-1]
+    rows = [row for row in table.splitlines() if "FBWA" in row]
+    assert rows[0].endswith("| 10.00 ± 0.30 | 0.600 ± 0.020 |")
+    assert rows[1].endswith("| none | none |")
 
 
 def test_manoeuvres_are_a_table_below_what_the_flight_says(flown: Path) -> None:

@@ -106,12 +106,17 @@ def manoeuvres_markdown(found: Sequence[Manoeuvre], flights: Sequence[Flight] = 
     if not found:
         return "No manoeuvre.\n"
     lines = [line for flight in flights for line in (flight_line(flight), "")]
-    lines += ["| | mode | loop | V m/s | ωn rad/s | ζ | usable |", "|-:|-|-|-:|-:|-:|-|"]
+    has_bare = any(each.lateral for each in found)
+    heads, ruler = (" ωn, bare | ζ, bare |", "-:|-:|") if has_bare else ("", "")
+    lines.append(f"| | mode | loop | V m/s | ωn rad/s | ζ | usable |{heads}")
+    lines.append(f"|-:|-|-|-:|-:|-:|-|{ruler}")
     for each in found:
         speed = "" if each.airspeed_m_s is None else f"{each.airspeed_m_s:.1f}"
         cells = [str(each.n), each.mode or "", loop_of(each.loop).name, speed]
         again = f", {tried(each)}" if each.tries else ""
         cells += [*numbers(dutch_roll_in(each, flights)), f"{_usable(each.verdict)}{again}"]
+        if has_bare:
+            cells += numbers(None if each.lateral is None else each.lateral.dutch_roll)
         lines.append(f"| {' | '.join(cells)} |")
     means = sigma_means(each.dutch_roll for each in found)
     notes = filter(None, (f"± is one sigma{means}", refitted(flights)))

@@ -13,22 +13,28 @@ from pathlib import Path
 from typing import Final
 from urllib.parse import urlsplit
 
+import msgspec
 import numpy as np
 import pyarrow as pa
 
 import rerun as rr
 from rerun.encodings import TensorDataBatch
-from yawid.answers.run_summary import Manoeuvre, RunSummary
+from yawid.answers.run_summary import Bare, DutchRoll, Manoeuvre, RunSummary
 from yawid.blocks import EstimateBlock, Floats, Ints, ModesBlock, SampleBlock
+from yawid.physics.modes import pair_poles
 from yawid.quantities.units import HALF_TRAVEL
 from yawid.sinks.base import Grid, LogLevel, Sink
-from yawid.sinks.palette import BAD, MODEL, NEUTRAL, RUDDER, rgba
+from yawid.sinks.palette import BAD, BARE, MODEL, NEUTRAL, RUDDER, rgba
 from yawid.sinks.rerun.blueprint import TIMELINE, blueprint, log_furniture, points
 from yawid.sinks.rerun.derived_panels import LAGS, Change, Marks, Plane, Rolls, Whiteness
 from yawid.sinks.rerun.documents import manoeuvres_markdown, verdict_markdown
 from yawid.sinks.rerun.file_pipe import FilePipe
 from yawid.sinks.rerun.series import (
+    OF_BARE,
+    REFUSED,
+    USABLE,
     Style,
+    bare_styles,
     group_rows,
     is_known,
     manoeuvre_rows,
@@ -59,7 +65,7 @@ class RerunView(Sink):
         self._bound = 0.0
         self._boot_offset_us: int | None = None  # boot time minus Unix time
         self._manoeuvres: list[Manoeuvre] = []
-        self._has_bars = False
+        self._bars: set[str] = set()
         self._rudder_unit = HALF_TRAVEL
         self._colours: dict[str, dict[str, str]] = {}
         # It comes first: it also loads code for which a live run's first rows would wait 0.2 s.
@@ -91,6 +97,8 @@ class RerunView(Sink):
         zeros = rr.Points2D.from_fields(colors=rgba(MODEL), radii=rr.Radius.ui_points(4.0))
         self._recording.log("z_plane/poles", poles, static=True)
         self._recording.log("z_plane/zeros", zeros, static=True)
+        bare = rr.LineStrips2D.from_fields(colors=rgba(BARE), radii=rr.Radius.ui_points(1.2))
+        self._recording.log("z_plane/bare", bare, static=True)
 
     def write(
         self, samples: SampleBlock, estimates: Mapping[str, EstimateBlock], modes: ModesBlock
@@ -115,8 +123,7 @@ class RerunView(Sink):
         """Show a manoeuvre: a state in its lane, its Dutch roll as bars, a row in the table."""
         self._manoeuvres.append(found)
         self._show("manoeuvres", manoeuvres_markdown(self._manoeuvres))
-        boot_us = np.rint(np.array([found.from_s, found.to_s]) * 1e6).astype(np.int64)
-        unix_ns = np.array(span_ns, np.int64)
+        boot_us, unix_ns = _span(found, span_ns)
         usable = found.verdict.usable
         state = f"{found.n} usable" if usable else f"{found.n} not usable"
         self._colour("manoeuvre", state, RUDDER if usable else BAD)
@@ -125,14 +132,23 @@ class RerunView(Sink):
         self._recording.send_columns("state/manoeuvre", times, lane)
         if found.dutch_roll is None or found.answer is None:
             return
-        if not self._has_bars:
-            self._has_bars = True
-            for entity, style in manoeuvre_styles(found.answer.method).items():
-                self._style(entity, style)
-        after = [_boot_times(np.append(boot_us, boot_us[1] + 1))]
-        after.append(_unix_times(np.append(unix_ns, unix_ns[1] + 1000)))
-        for entity, rows in manoeuvre_rows(found.dutch_roll, usable=usable).items():
-            self._recording.send_columns(entity, after, rr.Scalars.columns(scalars=rows))
+        self._styles_once("manoeuvre", manoeuvre_styles(found.answer.method))
+        self._send_bars_of(found.dutch_roll, USABLE if usable else REFUSED, boot_us, unix_ns)
+
+    def lateral(self, n: int, bare: Bare, span_ns: tuple[int, int]) -> None:
+        """Show the bare airframe of manoeuvre ``n``: bars next to its Dutch roll, and poles."""
+        at = next(i for i, each in enumerate(self._manoeuvres) if each.n == n)
+        self._manoeuvres[at] = msgspec.structs.replace(self._manoeuvres[at], lateral=bare)
+        self._show("manoeuvres", manoeuvres_markdown(self._manoeuvres))
+        if (roll := bare.dutch_roll) is None:
+            return
+        boot_us, unix_ns = _span(self._manoeuvres[at], span_ns)
+        self._styles_once("bare", bare_styles())
+        self._send_bars_of(roll, OF_BARE, boot_us, unix_ns)
+        z = points(pair_poles(roll.wn_rad_s, roll.zeta, self._grid.sample_time_s))
+        columns = rr.LineStrips2D.columns(strips=list(z[:, None, :] + _CROSS)).partition([len(z)])
+        end = [_boot_times(boot_us[1:]), _unix_times(unix_ns[1:])]
+        self._recording.send_columns("z_plane/bare", end, columns)
 
     def log(self, unix_ns: int, level: LogLevel, text: str) -> None:
         """Add a line to the log, also on the vehicle's clock once that is known."""
@@ -183,6 +199,19 @@ class RerunView(Sink):
             aggregation_policy=rr.components.AggregationPolicy.MinMax,
         )
         self._recording.log(entity, lines, static=True)
+
+    def _styles_once(self, kind: str, styles: Mapping[str, Style]) -> None:
+        if kind not in self._bars:
+            self._bars.add(kind)
+            for entity, style in styles.items():
+                self._style(entity, style)
+
+    def _send_bars_of(self, roll: DutchRoll, kind: str, boot_us: Ints, unix_ns: Ints) -> None:
+        """Send the bars of a manoeuvre, which end with it."""
+        after = [_boot_times(np.append(boot_us, boot_us[1] + 1))]
+        after.append(_unix_times(np.append(unix_ns, unix_ns[1] + 1000)))
+        for entity, rows in manoeuvre_rows(roll, kind).items():
+            self._recording.send_columns(entity, after, rr.Scalars.columns(scalars=rows))
 
     def _show(self, entity: str, markdown: str) -> None:
         document = rr.TextDocument(markdown, media_type=rr.MediaType.MARKDOWN)
@@ -268,6 +297,12 @@ class RerunView(Sink):
             # Rerun writes in its own thread; without this, waiting rows would fill the memory.
             self._recording.flush(timeout_sec=FINISH_S)
             self._file.check()
+
+
+def _span(found: Manoeuvre, span_ns: tuple[int, int]) -> tuple[Ints, Ints]:
+    """Return the boot times in us and Unix times in ns (2,) of a manoeuvre's begin and end."""
+    boot_us = np.rint(np.array([found.from_s, found.to_s]) * 1e6).astype(np.int64)
+    return boot_us, np.array(span_ns, np.int64)
 
 
 def _times(samples: SampleBlock, rows: Ints) -> list[rr.TimeColumn]:

@@ -10,7 +10,7 @@ from yawid.answers.run_summary import DutchRoll
 from yawid.blocks import EstimateBlock, Floats, ModesBlock, SampleBlock, Status
 from yawid.quantities.flying_qualities import LEVELS
 from yawid.sinks.base import Grid
-from yawid.sinks.palette import BAD, DATA, INPUTS, LINES, METHODS, MODEL, NEUTRAL, Rgba, rgba
+from yawid.sinks.palette import BAD, BARE, DATA, INPUTS, LINES, METHODS, MODEL, NEUTRAL, Rgba, rgba
 
 PALE_ALPHA, UNDER_ALPHA, BAR_ALPHA = 90, 130, 190
 LINE_WIDTH, BAND_WIDTH, BAR_WIDTH, UNDER_WIDTH = 1.5, 0.7, 4.0, 4.0
@@ -18,6 +18,8 @@ LINE_WIDTH, BAND_WIDTH, BAR_WIDTH, UNDER_WIDTH = 1.5, 0.7, 4.0, 4.0
 BAND: Final = "2 sigma of noise"
 BAND_OF_MANOEUVRE: Final = "2 sigma"
 """The name of a manoeuvre's bounds: total sigmas, in files of older versions of noise alone."""
+USABLE, REFUSED, OF_BARE = "manoeuvre", "refused", "bare"
+"""The kinds of bars: of a manoeuvre's answer, of one that is not usable, of the bare airframe."""
 UNKNOWN: Final = 0.2
 """The sigma, of wn relative to wn and of zeta, from which on no line is drawn: its values would
 stretch the axis."""
@@ -109,24 +111,33 @@ def manoeuvre_styles(method: str) -> dict[str, Style]:
     bar = rgba(METHODS.get(method, NEUTRAL), BAR_ALPHA)  # lines are visible through the bar
     styles = {}
     for entity, name in names.items():
-        used, refused = (f"dutch_roll/{entity}/{kind}" for kind in ("manoeuvre", "refused"))
+        used, refused = (f"dutch_roll/{entity}/{kind}" for kind in (USABLE, REFUSED))
         styles[used] = _banded(name, bar, BAR_WIDTH, BAND_OF_MANOEUVRE)
         styles[refused] = Style([f"{name}, not usable"], [rgba(BAD, BAR_ALPHA)], [BAR_WIDTH])
     return styles
 
 
-def manoeuvre_rows(roll: DutchRoll, *, usable: bool) -> dict[str, Floats]:
+def bare_styles() -> dict[str, Style]:
+    """Return the styles of the bars of the bare airframe."""
+    names = {"wn": "wn of the bare airframe [rad/s]", "zeta": "zeta of the bare airframe"}
+    bar = rgba(BARE, BAR_ALPHA)
+    return {
+        f"dutch_roll/{entity}/{OF_BARE}": _banded(name, bar, BAR_WIDTH, BAND_OF_MANOEUVRE)
+        for entity, name in names.items()
+    }
+
+
+def manoeuvre_rows(roll: DutchRoll, kind: str) -> dict[str, Floats]:
     """Return the values (3, m) of every entity: at a manoeuvre's begin, its end, and NaN after it.
 
-    Only a usable answer has a band: the sigma of the others means nothing.
+    ``kind`` is USABLE, REFUSED or OF_BARE; a refused one has no band, as its sigma means nothing.
     """
     pairs = (roll.wn_rad_s, roll.wn_std), (roll.zeta, roll.zeta_std)
     rows = {}
     for name, (value, std) in zip(("wn", "zeta"), pairs, strict=True):
         bar = np.array([value, np.nan if std is None else std])
-        line = _with_band(bar[:1], 2.0 * bar[1:]) if usable else bar[None, :1]
-        entity = f"dutch_roll/{name}/{'manoeuvre' if usable else 'refused'}"
-        rows[entity] = np.vstack([line, line, np.full_like(line, np.nan)])
+        line = bar[None, :1] if kind == REFUSED else _with_band(bar[:1], 2.0 * bar[1:])
+        rows[f"dutch_roll/{name}/{kind}"] = np.vstack([line, line, np.full_like(line, np.nan)])
     return rows
 
 
