@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import json
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict
@@ -9,8 +10,9 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
-from finished_runs import messages
+from finished_runs import messages, replayed
 from flightlog import FlightLog
 from flights.surgery import split
 from lateral.flown import AIRSPEED_M_S, COMMAND_STEP_S, DERIVATIVES, airframe, flown, modes
@@ -34,6 +36,7 @@ from yawid.runs.replay import StopFlag, replay
 from yawid.sinks.base import Sink
 from yawid.sinks.mcap.reader import open_run
 from yawid.sources.open_log import TlogBytes
+from yawid.tables.run import load
 
 START_S, TRAVEL_US = 20.0, 400
 WN, ZETA, ROLL_S = modes(airframe(DERIVATIVES)[0])
@@ -273,17 +276,58 @@ def test_a_record_is_refused_without_a_fit_as_its_commands_are_on_its_rows(
     assert np.allclose(attitude[:, 2], m.p[-len(attitude) :], atol=1e-9)
 
 
-def test_the_report_draws_the_airframe_next_to_the_motion_measured(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+@pytest.fixture(scope="module")
+def mcap(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("run")
+    (folder / "log.tlog").write_bytes(log())
+    return replayed(folder / "log.tlog", folder, "--lateral", "auto", "--servo-lag", 0)
+
+
+@pytest.mark.parametrize("suffix", ["csv", "parquet"])
+def test_an_export_has_the_motion_and_its_replay_says_why_it_has_no_airframe(
+    mcap: Path, suffix: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ):
-    """It runs free, so that what is left is the measurements' noise and the rounding to 1 us."""
-    (tmp_path / "log.tlog").write_bytes(log())
-    main(["replay", str(tmp_path / "log.tlog"), "--lateral", "auto", "--servo-lag", "0",
-          "--out", str(tmp_path)])  # fmt: skip
+    """Each column is the messages' own on straight lines; the answer as flown stays the same."""
+    path = tmp_path / f"flight.{suffix}"
+    assert main(["export", str(mcap), "-o", str(path)]) == 0
     capsys.readouterr()
-    run = open_run(tmp_path / "log.mcap")
-    blocks = [each for each in run.samples_and_motion() if isinstance(each, MotionBlock)]
-    motion = MotionBlock.joined(blocks)
+    main(["replay", str(path), "--lateral", "auto", "--json", "--out", str(tmp_path)])
+    again = json.loads(capsys.readouterr().out)
+    flight, run = load(mcap), load(tmp_path / "flight.mcap")
+
+    said = again["bare"]["verdict"]["reasons"][0]["text"]
+    assert said == "the commands are known on the grid of the samples only"
+    own = flight.summary.manoeuvres or pytest.fail("there are manoeuvres")
+    for one, two in zip(own, run.summary.manoeuvres or (), strict=True):
+        assert one.dutch_roll is not None
+        assert two.dutch_roll is not None
+        sigma = one.dutch_roll.wn_std
+        assert sigma is not None
+        assert two.dutch_roll.wn_rad_s == pytest.approx(one.dutch_roll.wn_rad_s, abs=0.3 * sigma)
+    m, samples = motion(), flight.record
+    at = 0.02 * np.arange(0, len(m.p), 2)  # an attitude is sent with every second row
+    inside = (samples["t"] >= START_S) & (samples["t"] < START_S + at[-1])
+    expected = np.interp(samples["t"][inside] - START_S, at, m.p[::2])
+    np.testing.assert_allclose(samples["p"][inside], expected, rtol=0, atol=1e-7)
+    for name, values in read(path).items():
+        np.testing.assert_array_equal(values, samples[name])
+
+
+def read(path: Path) -> dict[str, np.ndarray]:
+    names = ("p", "pitch", "q", "ay", "roll")
+    if path.suffix == ".parquet":
+        found = pq.read_table(path)
+        return {name: found[name].to_numpy() for name in names}
+    with path.open(encoding="utf-8") as stream:
+        rows = list(csv.DictReader(stream))[1:]
+    return {name: np.array([float(row[name] or "nan") for row in rows]) for name in names}
+
+
+def test_the_report_draws_the_airframe_next_to_the_motion_measured(mcap: Path):
+    """It runs free, so that what is left is the measurements' noise and the rounding to 1 us."""
+    run = open_run(mcap)
+    motion = run.motion()
+    assert motion is not None
     assert run.summary.bare is not None
     rows = [part.select(part.t_us > 1e6 * START_S) for part in (motion.attitude, motion.commands)]
 

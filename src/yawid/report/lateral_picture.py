@@ -12,7 +12,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from yawid.answers.run_summary import Bare, Manoeuvre, RunSummary
-from yawid.blocks import Floats, MotionBlock, StampedRows
+from yawid.blocks import Floats, StampedRows
 from yawid.quantities.airspeed import GRAVITY
 from yawid.report.picture import Picture
 from yawid.report.time_pictures import TIME_LABEL
@@ -33,10 +33,8 @@ def lateral_picture(run: McapRun) -> Picture | None:
         SourceError: the file is damaged.
     """
     found = _first(run.summary)
-    if found is None or found.lateral is None or not run.has_motion:
+    if found is None or found.lateral is None or (motion := run.motion()) is None:
         return None
-    blocks = [each for each in run.samples_and_motion() if isinstance(each, MotionBlock)]
-    motion = MotionBlock.joined(blocks)
     attitude, commands = _own(motion.attitude, found), _own(motion.commands, found, lead_s=1.0)
     if min(len(attitude), len(commands)) < _LEAST_ROWS:
         return None

@@ -15,9 +15,12 @@ from yawid.blocks import (
     Array,
     Bools,
     EstimateBlock,
+    Floats,
     Held,
+    MotionBlock,
     Noted,
     SampleBlock,
+    StampedRows,
     Status,
     flag_names,
 )
@@ -85,6 +88,29 @@ def further_columns(samples: SampleBlock, known: Units) -> Iterator[Column]:
     )
 
 
+def motion_columns(samples: SampleBlock, motion: MotionBlock | None) -> Iterator[Column]:
+    """Yield the lateral motion at the samples, on lines between its own times, if it was kept."""
+    if motion is None:
+        return
+    for rows, names in ((motion.attitude, MOTION), (motion.acceleration, {"ay": 0})):
+        for name, place in names.items():
+            row = quantity(name)
+            values = _between(samples, rows, place)
+            yield Column(name, values, row.unit, row.words)
+
+
+def _between(samples: SampleBlock, rows: StampedRows, place: int) -> Floats:
+    """Return a value of rows at the samples (n,), NaN outside and where over two were lost."""
+    if len(rows) < 2:
+        return np.full(len(samples), np.nan)
+    begin_ns = rows.unix_ns[0]  # Unix times, as a reboot does not set them back
+    at, times = samples.unix_ns - begin_ns, rows.unix_ns - begin_ns
+    after = np.clip(np.searchsorted(times, at), 1, len(times) - 1)
+    apart = times[after] - times[after - 1]
+    known = (apart <= MOST_LOST * np.median(np.diff(times))) & (at >= 0) & (at <= times[-1])
+    return np.where(known, np.interp(at, times, rows.values[:, place]), np.nan)
+
+
 def _channel(name: str, samples: SampleBlock, grid: Grid) -> Column:
     row, made = quantity(name), _MADE.get(name)
     values = getattr(samples, name) if made is None else made(samples, grid)
@@ -107,6 +133,10 @@ def _dates(samples: SampleBlock) -> Array:
     return np.where(samples.unix_ns < FIRST_DATE_NS, np.datetime64("NaT"), time)
 
 
+MOTION: Final[Mapping[str, int]] = {"pitch": 1, "p": 2, "q": 3}
+"""The places in an attitude of what samples do not have."""
+MOST_LOST: Final = 3.5
+"""The longest interval between messages that is bridged, in usual ones: two may be lost."""
 _FIRST: Final = tuple(CHANNELS)[: 1 + list(CHANNELS).index("held")]
 """The channels that come before the results in an exported file."""
 _MADE: Final[Mapping[str, Callable[[SampleBlock, Grid], Array]]] = {
@@ -166,13 +196,17 @@ def dutch_roll_columns(rows: RunRows, known: Units) -> Iterator[Column]:
         yield known.column(name, rows.modes.dutch_roll[:, i], says)
 
 
-def record_columns(rows: RunRows, known: Units) -> list[Column]:
-    """Return the exported columns: the first ones of a record, the results, the remaining ones."""
+def record_columns(rows: RunRows, known: Units, motion: MotionBlock | None = None) -> list[Column]:
+    """Return the exported columns: the first ones of a record, the results, the remaining ones.
+
+    ``motion`` is that of the whole run.
+    """
     columns = [*sample_columns(rows.samples, known)]
     for estimate in list(rows.estimates.values())[:1]:  # the primary one; without a grid none
         *fit, _, status = fit_columns(estimate, known)
         columns += [*fit, *dutch_roll_columns(rows, known), status]
-    return [*columns, *further_columns(rows.samples, known)]
+    motions = motion_columns(rows.samples, motion)
+    return [*columns, *further_columns(rows.samples, known), *motions]
 
 
 def manoeuvre_columns(summary: RunSummary, known: Units) -> Iterator[Column]:

@@ -3,7 +3,7 @@
 The columns are those of a record and the results (:func:`yawid.tables.columns.record_columns`).
 Their units are the fields' metadata in Parquet, a second row in CSV, and JSON in .npz. Files are
 written block by block, so that a long run needs no more memory than a short one, except .npz,
-which needs all of it.
+which needs all of it, and the lateral motion, if the run kept it.
 """
 
 import json
@@ -64,9 +64,11 @@ def export(
     if run.grid is None or first is None:
         raise SourceError(f"{mcap} holds no sample: there is nothing to export")
     known = Units(run.grid, run.config)
-    tables: Tables = (record_columns(rows, known) for rows in _groups(chain([first], blocks)))
+    motion = run.motion() if what == "samples" else None
+    groups = _groups(chain([first], blocks))
+    tables: Tables = (record_columns(rows, known, motion) for rows in groups)
     if what == "modes":
-        tables = ([*mode_columns(rows, known)] for rows in _groups(chain([first], blocks)))
+        tables = ([*mode_columns(rows, known)] for rows in groups)
     elif what == "manoeuvres":
         if not run.summary.manoeuvres:
             raise SourceError(f"{mcap} holds no manoeuvre: there is nothing to export")

@@ -11,7 +11,7 @@ import numpy as np
 
 from yawid.answers.heard import PARAMETERS, parameters_in
 from yawid.answers.run_summary import RunSummary
-from yawid.blocks import EstimateBlock, ModesBlock, SampleBlock
+from yawid.blocks import EstimateBlock, ModesBlock, MotionBlock, SampleBlock
 from yawid.config.names import RecursiveName
 from yawid.errors import ConfigError, YawidError
 from yawid.sinks.base import Grid, Relay, Sink
@@ -138,6 +138,7 @@ class Kept(Relay):
     def __init__(self) -> None:
         self._calls: list[Callable[[Sink], None]] = []
         self._parts: list[RunRows] = []
+        self._motion: list[MotionBlock] = []
         self._grid: Grid | None = None
         self._summary: RunSummary | None = None
         self._attachments: Mapping[str, bytes] = {}
@@ -153,7 +154,8 @@ class Kept(Relay):
         rows = joined(self._parts) if self._parts else None
         config = read_config(self._attachments["configuration.toml"])
         known = parameters_in(self._attachments.get(PARAMETERS, b""))
-        return Run(path, self._summary, config, self._grid, rows, known, self._calls)
+        motion = MotionBlock.joined(self._motion) if self._motion else None
+        return Run(path, self._summary, config, self._grid, rows, known, self._calls, motion)
 
     def start(self, grid: Grid) -> None:
         """See :class:`Sink`."""
@@ -170,6 +172,11 @@ class Kept(Relay):
         }
         self._parts.append(RunRows(samples, kept, modes))
         super().write(samples, kept, modes)
+
+    def motion(self, block: MotionBlock) -> None:
+        """See :class:`Sink`."""
+        self._motion.append(block)
+        super().motion(block)
 
     def finish(self, summary: RunSummary, attachments: Mapping[str, bytes]) -> None:
         """See :class:`Sink`."""

@@ -13,7 +13,7 @@ import numpy as np
 
 from yawid.answers.heard import PARAMETERS, parameters_in
 from yawid.answers.run_summary import Bare, Flight, ReasonSummary, RunSummary, VerdictSummary
-from yawid.blocks import ModesBlock, SampleBlock
+from yawid.blocks import ModesBlock, MotionBlock, SampleBlock
 from yawid.config.run import RunConfig
 from yawid.quantities.airspeed import SEA_LEVEL_DENSITY, density_ratio
 from yawid.sinks.base import Call, Grid
@@ -25,6 +25,7 @@ from yawid.tables.columns import (
     further_columns,
     manoeuvre_columns,
     mode_columns,
+    motion_columns,
     record_columns,
     sample_columns,
 )
@@ -53,11 +54,13 @@ class Run:
         rows: RunRows | None,
         parameters: Mapping[str, float] | None = None,
         calls: Sequence[Call] = (),
+        motion: MotionBlock | None = None,
     ) -> None:
         self.path: Place = path
         self.summary, self.config = summary, config
         self.parameters = {} if parameters is None else parameters
         self._rows, self._calls = no_rows() if rows is None else rows, calls
+        self._motion = motion
         if grid is None:
             grid = Grid((), config.inputs, (), math.nan, config.unit_of_rudder)
         self._known = Units(grid, config)
@@ -102,7 +105,7 @@ class Run:
         """The measured channels, a row for each sample, also for held ones."""
         samples, known = self._rows.samples, self._known
         columns = [*sample_columns(samples, known), *further_columns(samples, known)]
-        return Table("samples", columns)
+        return Table("samples", [*columns, *motion_columns(samples, self._motion)])
 
     @cached_property
     def estimates(self) -> Mapping[str, Table]:
@@ -142,7 +145,8 @@ class Run:
     @cached_property
     def record(self) -> Table:
         """The samples with the primary method's results, as ``yawid export`` writes them."""
-        return self._made_of("samples and results", record_columns(self._rows, self._known))
+        columns = record_columns(self._rows, self._known, self._motion)
+        return self._made_of("samples and results", columns)
 
     def _made_of(self, title: str, columns: Iterable[Column]) -> Table:
         """Return a table of results, whose title marks a run that is not usable."""
@@ -275,10 +279,10 @@ def load(path: str | PathLike[str]) -> Run:
     place = place_of(fspath(path))
     with brought(place) as local:
         run = open_run(local)
-        parts = list(run.blocks())
+        parts, motion = list(run.blocks()), run.motion()
     rows = joined(parts) if parts else None
     known = parameters_in(run.attachments.get(PARAMETERS, b""))
-    return Run(place, run.summary, run.config, run.grid, rows, known)
+    return Run(place, run.summary, run.config, run.grid, rows, known, motion=motion)
 
 
 def no_rows() -> RunRows:

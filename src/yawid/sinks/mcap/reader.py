@@ -140,6 +140,17 @@ class McapRun:
         if samples is not None:
             yield samples
 
+    def motion(self) -> MotionBlock | None:
+        """Return all of the lateral motion, None where the run kept none.
+
+        Raises:
+            SourceError: the file is damaged.
+        """
+        if not self.has_motion:
+            return None
+        found = [each for each in self.samples_and_motion() if isinstance(each, MotionBlock)]
+        return MotionBlock.joined(found) if found else None
+
     def _motion(self, waiting: Waiting) -> MotionBlock:
         with _damage_reported(self.path):
             motion = motion_from(waiting)
