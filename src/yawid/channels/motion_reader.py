@@ -18,8 +18,12 @@ from yawid.quantities.airspeed import GRAVITY
 
 COLUMNS = ("roll", "pitch", "p", "q", "r")
 """The columns of an attitude."""
-ACCELERATIONS = {"HIGHRES_IMU": 1.0, "SCALED_IMU": 1e-3 * GRAVITY, "RAW_IMU": 1e-3 * GRAVITY}
-"""The messages with ``yacc``, and its unit in m/s^2; RAW_IMU is in mg as ArduPilot sends it."""
+ACCELERATIONS = {
+    "ACCELERATION": 1.0, "HIGHRES_IMU": 1.0,
+    "SCALED_IMU": 1e-3 * GRAVITY, "RAW_IMU": 1e-3 * GRAVITY,
+}  # fmt: skip
+"""The messages with ``yacc``, and its unit in m/s^2; RAW_IMU is in mg as ArduPilot sends it. The
+first is that of on-board logs."""
 MARGIN_US = 1_000_000
 """The rows kept before --from and after --to: the commands before a manoeuvre belong to it."""
 APART_US = 2_000_000

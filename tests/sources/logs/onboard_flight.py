@@ -11,6 +11,7 @@ from flightlog import FlightLog, Samples
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from scipy.signal import cont2discrete
 
+from yawid.blocks import MotionBlock
 from yawid.channels.stage import Channels
 from yawid.config.run import RunConfig
 
@@ -39,6 +40,19 @@ def samples_from(reader: Any, config: RunConfig | None = None) -> Samples:
     for _, frames in reader.read(hashlib.sha256()):
         blocks += [] if frames is None else channels.feed(frames)
     return Samples(channels, blocks + channels.finish())
+
+
+def lateral_accelerations(reader: Any) -> tuple[list[int], list[float]]:
+    """Return times in us and values in m/s^2 of the lateral motion that a log's reader yields."""
+    channels, found = Channels(RunConfig(lateral="auto")), []
+    for _, frames in reader.read(hashlib.sha256()):
+        if frames is not None:
+            channels.feed(frames)
+        found.append(channels.motion())
+    channels.finish()
+    found.append(channels.motion())
+    rows = MotionBlock.joined([each for each in found if each is not None]).acceleration
+    return rows.t_us.tolist(), rows.values[:, 0].tolist()
 
 
 @dataclass(frozen=True)

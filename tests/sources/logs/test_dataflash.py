@@ -26,7 +26,12 @@ from sources.logs.dataflash_flight import (
     written,
 )
 from sources.logs.dataflash_writer import DataflashLog
-from sources.logs.onboard_flight import assert_same_samples, flown, samples_from
+from sources.logs.onboard_flight import (
+    assert_same_samples,
+    flown,
+    lateral_accelerations,
+    samples_from,
+)
 
 from yawid.runs.job import open_log
 from yawid.runs.outputs import Outputs
@@ -241,6 +246,23 @@ def test_without_rates_the_heading_stands_in(tmp_path: Path):
     degrees = np.rad2deg(flight().yaw[::5]) % 360.0
     heading = mine["GLOBAL_POSITION_INT"]["hdg"] / 100.0
     np.testing.assert_allclose(np.angle(np.exp(1j * np.deg2rad(heading - degrees))), 0, atol=1e-4)
+
+
+def test_the_first_imu_s_lateral_acceleration_is_in_the_motion_at_its_own_times(tmp_path: Path):
+    log = logged(flown(20.0), rates="RATE")
+    for k in range(100):
+        log.add("IMU", us(39.0) + 10_000 * k + 700, 0, 0.0, 0.0, 0.0, 1.0, 0.5 + k / 64, -9.8)
+        log.add("IMU", us(39.0) + 10_000 * k + 800, 1, 0.0, 0.0, 0.0, 1.0, 99.0, -9.8)
+        if k % 2 == 0:
+            log.add("RATE", us(39.0) + 10_000 * k + 5000, *[0.0] * 12)
+            log.add("RCOU", us(39.0) + 10_000 * k + 6000, *[1500] * 4)
+    reader = DataflashReader(written(tmp_path, log.data))
+
+    t_us, found = lateral_accelerations(reader)
+
+    known = [each for each in zip(t_us, found, strict=True) if each[1] != 0.0]
+    assert known == [(us(39.0) + 10_000 * k + 700, 0.5 + k / 64) for k in range(len(known))]
+    assert len(known) > 90
 
 
 def test_sticks_come_as_rc_channels(tmp_path: Path):

@@ -17,7 +17,12 @@ from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 from printed import why_invalid
 from pymavlink import mavutil
-from sources.logs.onboard_flight import assert_same_samples, flown, samples_from
+from sources.logs.onboard_flight import (
+    assert_same_samples,
+    flown,
+    lateral_accelerations,
+    samples_from,
+)
 from sources.logs.ulog_flight import (
     PARAMETERS,
     UNIX_S,
@@ -284,6 +289,23 @@ def test_a_mode_without_a_name_is_its_number_and_no_other_mode():
     modes = px4_custom_modes(np.arange(256))
     assert len(set(modes.tolist())) == 256
     assert mode_name(PX4, 1, modes[21]) == "mode 21"
+
+
+@pytest.mark.parametrize("topic", ["vehicle_acceleration", "sensor_combined"])
+def test_the_lateral_acceleration_is_in_the_motion_at_its_own_times(topic: str, tmp_path: Path):
+    """A filtered acceleration has the time of its sample, which is before that of publication."""
+    log = logged(flown(20.0))
+    for k in range(100):
+        acceleration, now = [1.0, 0.5 + k / 64, -9.8], us(21.0) + 10_000 * k
+        if topic == "vehicle_acceleration":
+            log.add(topic, now + 900, now + 300, acceleration)
+        else:
+            log.add(topic, now + 300, [0.0, 0.0, 0.0], acceleration)
+
+    t_us, found = lateral_accelerations(UlogReader(written(tmp_path, log.data)))
+
+    assert t_us == [us(21.0) + 10_000 * k + 300 for k in range(100)]
+    assert found == [0.5 + k / 64 for k in range(100)]
 
 
 def test_rates_of_older_logs_come_from_the_gyro(tmp_path: Path):

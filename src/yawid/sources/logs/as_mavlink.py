@@ -2,6 +2,7 @@
 
 Each dtype has those fields of the MAVLink message of its name that the channels read and that a log
 can report. Times have 64 bits of microseconds in all of them, since the logs are that exact.
+ACCELERATION, in m/s^2, is no MAVLink message: one of an IMU would be a source of the yaw rate, too.
 """
 
 from collections.abc import Iterable
@@ -35,6 +36,7 @@ DTYPES = {
         + [(name, "<f8") for name in ("roll", "pitch", "yaw")]
         + [(name, "<f8") for name in ("rollspeed", "pitchspeed", "yawspeed")]
     ),
+    "ACCELERATION": np.dtype([_TIME, ("yacc", "<f8")]),
     "GLOBAL_POSITION_INT": np.dtype([_TIME, ("hdg", "<f8")]),
     "SERVO_OUTPUT_RAW": np.dtype(
         [_TIME, ("port", "u1")] + [(f"servo{i}_raw", "<f4") for i in range(1, 17)]

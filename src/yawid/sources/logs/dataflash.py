@@ -9,6 +9,7 @@
 | CTUN or ARSP, GPS, POS | VFR_HUD |
 | STAT | EXTENDED_SYS_STATE |
 | RATE or IMU, ATT | ATTITUDE |
+| IMU | ACCELERATION, the lateral one |
 
 ATTITUDE has a row for each row of RATE or IMU, with their body rates and with the angles of ATT,
 which are interpolated between two of its rows. ArduPlane writes RATE only in VTOL modes. IMU is the
@@ -17,6 +18,7 @@ of ATT is used, which is coarse, as GLOBAL_POSITION_INT.
 """
 
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -133,6 +135,8 @@ class DataflashReader:
             yield self._attitude(offsets, low, high)
         elif not self._rates and self._index.has("ATT", "Yaw"):
             yield self._heading(self._between("ATT", low, high))
+        if self._index.has("IMU", "AccY"):
+            yield self._acceleration(self._between("IMU", low, high))
 
     def _between(self, name: str, low: int, high: int, more: int = 0) -> Ints:
         """Return where messages of this name start in [low, high), plus ``more`` on each side."""
@@ -167,6 +171,11 @@ class DataflashReader:
         angles = self._angles(index.times(log, offsets), low, high)
         known = dict(zip(("roll", "pitch", "yaw"), angles, strict=True))
         return self._timed("ATTITUDE", log, offsets, rollspeed=p, pitchspeed=q, yawspeed=r, **known)
+
+    def _acceleration(self, offsets: Ints) -> MessageBlock:
+        lateral = self._index.si("IMU", self._index.rows("IMU", offsets), "AccY")
+        made = self._timed("ACCELERATION", "IMU", offsets, yacc=lateral)
+        return replace(made, order=made.order + 1)  # after the ATTITUDE of the same row
 
     def _angles(self, t_us: Ints, low: int, high: int) -> Floats:
         index = self._index

@@ -10,6 +10,7 @@
 | airspeed, ground speed, altitude | VFR_HUD |
 | vehicle_land_detected, vtol_vehicle_status | EXTENDED_SYS_STATE |
 | vehicle_angular_velocity, vehicle_attitude | ATTITUDE |
+| vehicle_acceleration, or sensor_combined | ACCELERATION, the lateral one |
 
 ACTUATOR_CONTROL_TARGET of a VTOL is the fixed-wing's instance. ATTITUDE has a row for each row of
 vehicle_angular_velocity, at its sampling time, with the angles of vehicle_attitude interpolated
@@ -65,6 +66,7 @@ _TRUE = "true_airspeed_m_s"
 _GPS = ("vehicle_gps_position", "sensor_gps")
 _TOPICS = (
     *("vehicle_attitude", "vehicle_angular_velocity", "sensor_combined", "vehicle_status"),
+    "vehicle_acceleration",
     *("actuator_outputs", "actuator_outputs_sim", "actuator_controls_0", "actuator_controls_1"),
     *("vehicle_torque_setpoint", "input_rc", "airspeed_validated", "airspeed"),
     *("vehicle_local_position", "vehicle_global_position", "vehicle_air_data", *_GPS),
@@ -139,6 +141,7 @@ class UlogReader:
         yield "VFR_HUD", self._hud()
         yield "EXTENDED_SYS_STATE", system_state(self._topics)
         yield "ATTITUDE", self._attitude()
+        yield "ACCELERATION", self._acceleration()
         yield "SERVO_OUTPUT_RAW", self._servos()
         yield "ACTUATOR_CONTROL_TARGET", self._controls()
         simulated = self._topics.get(("actuator_outputs_sim", 0))
@@ -288,6 +291,17 @@ class UlogReader:
                 known |= {rate: topic[c] for rate, c in zip(names, columns, strict=True)}
                 return published(topic), table("ATTITUDE", len(t_us), time_usec=t_us, **known)
         return _NONE, table("ATTITUDE", 0)
+
+    def _acceleration(self) -> PlacedFields:
+        for name, column in (
+            ("vehicle_acceleration", "xyz[1]"), ("sensor_combined", "accelerometer_m_s2[1]"),
+        ):  # fmt: skip
+            topic = self._topics.get((name, 0), {})
+            if column in topic:
+                t_us, lateral = sampled(topic), topic[column]
+                rows = table("ACCELERATION", len(t_us), time_usec=t_us, yacc=lateral)
+                return published(topic), rows
+        return _NONE, table("ACCELERATION", 0)
 
     def _servos(self) -> PlacedFields:
         parts = []
