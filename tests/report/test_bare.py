@@ -7,6 +7,7 @@ import re
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from yawid.answers.heard import LinkCounts
 from yawid.answers.run_summary import (
@@ -18,8 +19,10 @@ from yawid.answers.run_summary import (
     Value,
     VerdictSummary,
 )
+from yawid.blocks import StampedRows
 from yawid.physics.modes import pair_poles
 from yawid.report.bare import bare_section
+from yawid.report.lateral_picture import acceleration
 from yawid.sinks.rerun.documents import verdict_markdown
 from yawid.sinks.words import bare_rows
 from yawid.tables.page import answer
@@ -89,6 +92,29 @@ def test_the_pole_map_has_the_bare_airframe_next_to_the_model():
     assert np.angle(z) == pytest.approx(
         [0.05 * 2.41 * math.sqrt(1 - 0.12**2), -0.05 * 2.41 * math.sqrt(1 - 0.12**2)]
     )
+
+
+@pytest.mark.parametrize(("y_beta", "explained"), [(-0.3, True), (-0.6, False)])
+def test_the_acceleration_is_that_of_the_side_force_at_the_sensor_s_place(
+    y_beta: float, explained: bool
+):
+    """50 (Y_beta beta + 0.1 dr) + 0.5 r' - 0.2 p' + 0.04; the place and the offset are sought."""
+    t = np.arange(0.0, 20.0, 0.02)
+    beta, p, r, dr = 0.1 * np.sin(2.0 * t), 0.3 * np.sin(3.0 * t), np.sin(5.0 * t), np.cos(7.0 * t)
+    ay = 50.0 * (-0.3 * beta + 0.1 * dr)
+    ay += 0.5 * 5.0 * np.cos(5.0 * t) - 0.2 * 0.9 * np.cos(3.0 * t) + 0.04
+    values = {"Y_beta": Value(y_beta, 0.1), "Y_delta_r": Value(0.1, 0.01)}
+    bare = replace(KNOWN, derivatives=values, airspeed_m_s=50.0)
+    t_us = np.rint(1e6 * t).astype(np.int64)
+    rows = StampedRows(t_us, 1000 * t_us, np.column_stack([ay, t_us]))
+
+    found = acceleration(
+        bare, t_us, np.column_stack([beta, p, r, r]), np.column_stack([dr, dr]), rows
+    )
+
+    assert found is not None
+    left = np.std((ay - found)[1:-1]) / np.std(ay)  # a difference quotient is one-sided at the ends
+    assert left < 0.01 if explained else left > 0.1
 
 
 def test_the_viewers_text_and_python_have_it_next_to_the_answer():

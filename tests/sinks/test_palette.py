@@ -17,7 +17,9 @@ MEET = (
     ("data", "model", "rudder", "neutral"),
     ("els", "rml", "model", "bad", "neutral"),
     ("rudder", "aileron"),
-    ("model", "bare"),
+    ("model", "neutral", "bare"),
+    ("data", "bare"),
+    ("els", "rml", "oe", "bad", "neutral", "bare"),
 )
 """Lines of one picture."""
 # Severity 1.0 of Machado, Oliveira and Fernandes (2009), on linear RGB.

@@ -1,7 +1,9 @@
 """The picture of a manoeuvre's lateral motion: p, r and roll as measured, and by the bare airframe.
 
 The model runs free: eq. 21 from the commands of rudder and aileron after the servos' lag. Where it
-starts and how it is trimmed is not known, and is fitted by least squares.
+starts and how it is trimmed is not known, and is fitted by least squares. The lateral acceleration,
+which the estimate does not use, is a check: V (Y_beta beta + Y_delta_r dr) + x r' - z p' + c, with
+the place (x, z) of the sensor and its offset c fitted.
 """
 
 import math
@@ -12,7 +14,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from yawid.answers.run_summary import Bare, Manoeuvre, RunSummary
-from yawid.blocks import Floats, StampedRows
+from yawid.blocks import Floats, Ints, StampedRows
 from yawid.quantities.airspeed import GRAVITY
 from yawid.report.picture import Picture
 from yawid.report.time_pictures import TIME_LABEL
@@ -39,19 +41,27 @@ def lateral_picture(run: McapRun) -> Picture | None:
     if min(len(attitude), len(commands)) < _LEAST_ROWS:
         return None
     t, measured = attitude.t_us / 1e6, attitude.values[:, _AT]
-    simulated = free_run(found.lateral, attitude, commands)
+    states, surfaces = free_states(found.lateral, attitude, commands)
+    ay = _own(motion.acceleration, found)
+    felt = acceleration(found.lateral, attitude.t_us, states, surfaces, ay)
+    panels = [
+        (each, "rad" if each == "roll" else "rad/s", t, measured[:, i], states[:, i + 1])
+        for i, each in enumerate(SHOWN)
+    ]
+    if felt is not None:
+        panels.append(("ay", "m/s²", ay.t_us / 1e6, ay.values[:, 0], felt))
 
     def draw(figure: Figure) -> None:
-        axes = figure.subplots(4, 1, height_ratios=(0.9, 1.4, 1.4, 1.4))
+        axes = figure.subplots(len(panels) + 1, 1, height_ratios=(0.9, *[1.4] * len(panels)))
         for i, (name, colour) in enumerate((("rudder", RUDDER), ("aileron", AILERON))):
             axes[0].plot(commands.t_us / 1e6, commands.values[:, i], color=colour, label=name)
         axes[0].set_ylabel("commands")
-        for i, name in enumerate(SHOWN):
-            ax = axes[i + 1]
-            ax.plot(t, measured[:, i], color=DATA, linewidth=2.4, label="measured" if not i else "")
-            said = "bare airframe" if not i else ""
-            ax.plot(t, simulated[:, i], color=BARE, linewidth=1.1, label=said)
-            ax.set_ylabel(f"{name}\n[{'rad' if name == 'roll' else 'rad/s'}]")
+        said = ("measured", "bare airframe")
+        for ax, (name, unit, at, own, modelled) in zip(axes[1:], panels, strict=True):
+            ax.plot(at, own, color=DATA, linewidth=2.4, label=said[0])
+            ax.plot(at, modelled, color=BARE, linewidth=1.1, label=said[1])
+            ax.set_ylabel(f"{name}\n[{unit}]")
+            said = ("", "")
         for ax in axes:
             ax.set_xlim(t[0], t[-1])
             ax.tick_params(labelbottom=ax is axes[-1])
@@ -63,6 +73,12 @@ def lateral_picture(run: McapRun) -> Picture | None:
         "The bare airframe runs free from the commands of both surfaces; start and trim are "
         "fitted. It knows no gusts, and in roll every small error adds up: there the two part."
     )
+    if felt is not None:
+        share = 1.0 - np.var(ay.values[:, 0] - felt) / np.var(ay.values[:, 0])
+        look += (
+            " The lateral acceleration was not used: the airframe explains "
+            f"{100.0 * max(share, 0.0):.0f} % of its variance."
+        )
     title = f"Manoeuvre {found.n}: the lateral motion as measured, and of the bare airframe"
     return Picture("lateral", title, look, draw, (5.6, 5.4))
 
@@ -84,8 +100,8 @@ def _own(rows: StampedRows, found: Manoeuvre, lead_s: float = 0.0) -> StampedRow
     return rows.select(chosen)
 
 
-def free_run(bare: Bare, attitude: StampedRows, commands: StampedRows) -> Floats:
-    """Return p, r and roll (n, 3) of the airframe at the times of the attitudes (n,)."""
+def free_states(bare: Bare, attitude: StampedRows, commands: StampedRows) -> tuple[Floats, Floats]:
+    """Return sideslip, p, r, roll (n, 4) and rudder, aileron (n, 2) at the attitudes' times."""
     A, B = airframe(bare, float(attitude.values[:, _PITCH].mean()))
     t = (attitude.t_us - attitude.t_us[0]) / 1e6
     step_s = float(np.median(np.diff(t)))
@@ -103,15 +119,34 @@ def free_run(bare: Bare, attitude: StampedRows, commands: StampedRows) -> Floats
         states[k + 1] = move[:, :4] @ states[k]
         states[k + 1, :, 0] += move[:, 4:6] @ (0.5 * (u[k] + u[k + 1]))
         states[k + 1, :, 5:] += move[:, 6:]
-    seen = states[:, 1:].reshape(len(grid), 27)  # p, r and roll of each run
-    at_times = np.column_stack([np.interp(t, grid, x) for x in seen.T])
-    runs = at_times.reshape(len(t), 3, 9)
+    every = np.column_stack([states.reshape(len(grid), 36), u])
+    at_times = np.column_stack([np.interp(t, grid, x) for x in every.T])
+    runs = at_times[:, :36].reshape(len(t), 4, 9)
     measured = attitude.values[:, _AT]
     weights = 1.0 / np.maximum(measured.std(axis=0), 1e-6)
-    rest = ((measured - runs[:, :, 0]) * weights).ravel()
-    parts = (runs[:, :, 1:] * weights[None, :, None]).reshape(-1, 8)
+    rest = ((measured - runs[:, 1:, 0]) * weights).ravel()
+    parts = (runs[:, 1:, 1:] * weights[None, :, None]).reshape(-1, 8)
     start, *_ = np.linalg.lstsq(parts, rest, rcond=None)
-    return np.asarray(runs[:, :, 0] + runs[:, :, 1:] @ start, np.float64)
+    return runs[:, :, 0] + runs[:, :, 1:] @ start, at_times[:, 36:]
+
+
+def acceleration(
+    bare: Bare, t_us: Ints, states: Floats, surfaces: Floats, ay: StampedRows
+) -> Floats | None:
+    """Return the airframe's lateral acceleration in m/s^2 at the rows of ``ay`` (m,), if any.
+
+    ``states`` (n, 4) and ``surfaces`` (n, 2) are :func:`free_states` at the times ``t_us`` (n,).
+    """
+    if len(ay) < _LEAST_ROWS or not np.ptp(ay.values[:, 0]):
+        return None
+    of = {name: each.value or 0.0 for name, each in (bare.derivatives or {}).items()}
+    force = of.get("Y_beta", 0.0) * states[:, 0] + of.get("Y_delta_r", 0.0) * surfaces[:, 0]
+    p, r = (np.gradient(states[:, i], t_us / 1e6) for i in (1, 2))
+    columns = [(bare.airspeed_m_s or 0.0) * force, r, -p]
+    own, *place = (np.interp(ay.t_us, t_us, column) for column in columns)
+    placed = np.column_stack([*place, np.ones(len(ay))])
+    left, *_ = np.linalg.lstsq(placed, ay.values[:, 0] - own, rcond=None)
+    return np.asarray(own + placed @ left, np.float64)
 
 
 def airframe(bare: Bare, pitch: float) -> tuple[Floats, Floats]:

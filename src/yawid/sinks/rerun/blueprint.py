@@ -31,7 +31,7 @@ def blueprint() -> rrb.Blueprint:
         _whole_run(),
         row_shares=[3, 4, 3, 3, 1],
     )
-    dutch_roll = f"{OF_METHODS}; bars: manoeuvres, red: not usable, violet: bare; 2 sigma"
+    dutch_roll = f"{OF_METHODS}; bars: manoeuvres, red: not usable, turquoise: bare; 2 sigma"
     learnt = rrb.Vertical(
         _lines(f"wn [rad/s]: {dutch_roll}", "/dutch_roll/wn"),
         _lines("zeta, likewise; grey: levels 1 and 2 of MIL-F-8785C", "/dutch_roll/zeta"),
@@ -59,7 +59,7 @@ def _worth() -> rrb.Vertical:
             rrb.TextLogView(name="Log", origin="/log"),
         ),
         rrb.Spatial2DView(
-            name="Poles (x) and zeros (o), violet: bare airframe; imaginary axis up",
+            name="Poles (x) and zeros (o), turquoise: bare airframe; imaginary axis up",
             origin="/z_plane",
             visual_bounds=rrb.VisualBounds2D(x_range=[-1.35, 1.35], y_range=[-1.15, 1.15]),
         ),
