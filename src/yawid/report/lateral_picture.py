@@ -74,7 +74,7 @@ def lateral_picture(run: McapRun) -> Picture | None:
         "fitted. It knows no gusts, and in roll every small error adds up: there the two part."
     )
     if felt is not None:
-        share = 1.0 - np.var(ay.values[:, 0] - felt) / np.var(ay.values[:, 0])
+        share = float(1.0 - np.var(ay.values[:, 0] - felt) / np.var(ay.values[:, 0]))
         look += (
             " The lateral acceleration was not used: the airframe explains "
             f"{100.0 * max(share, 0.0):.0f} % of its variance."
