@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 
+import msgspec
 import numpy as np
 import pytest
 from msgspec.structs import replace
@@ -53,6 +54,17 @@ def test_the_report_has_modes_and_derivatives_with_their_sigmas():
         assert part in said, part
     assert "a_my^β" in said
     assert "two manoeuvres" in said or "2 manoeuvres: 1, 3" in said
+
+
+def test_the_report_names_the_derivatives_that_only_the_prior_gives():
+    guessed = msgspec.structs.replace(
+        KNOWN, derivatives={"Y_beta": Value(-0.07, 0.05)}, from_prior=["Y_beta", "alpha_rad"]
+    )
+
+    said = plain("".join(bare_section(summary(guessed))))
+
+    assert "What is known of aircraft beforehand gives Y_β/V, not the flight." in said
+    assert "beforehand" not in plain("".join(bare_section(summary(KNOWN))))
 
 
 def test_the_terminal_has_them_in_three_lines():

@@ -48,8 +48,17 @@ def bare_section(summary: RunSummary) -> Iterator[str]:
         "",
         "This is the airframe without the roll loop that it was flown with, from p, r, roll and "
         "the commands of rudder and aileron; a level of flying qualities is its own. One unit of "
-        "rudder or aileron is that of its channel. Ixz is folded into the derivatives.",
+        "rudder or aileron is that of its channel. Ixz is folded into the derivatives."
+        + _from_prior(bare),
     )
+
+
+def _from_prior(bare: Bare) -> str:
+    """Return a sentence on the derivatives that the flight does not show, "" without any."""
+    symbols = [SYMBOLS[name][0] for name in bare.from_prior or () if name in SYMBOLS]
+    if not symbols:
+        return ""
+    return f" What is known of aircraft beforehand gives {' and '.join(symbols)}, not the flight."
 
 
 def _modes(bare: DutchRoll, flown: DutchRoll | None) -> list[tuple[str, str, str]]:
