@@ -152,6 +152,18 @@ def test_when_a_rudder_jumped_between_two_messages_does_not_matter() -> None:
     assert found.roll_s.value == pytest.approx(roll_s, rel=0.06)
 
 
+def test_what_a_slower_rudder_servo_does_to_the_derivatives_is_in_their_sigma() -> None:
+    """The model has one lag for both, and gives the rest to the rudder's side force: -7 sigma."""
+    motion = flown(1, lag_s=0.1)
+    slower = np.roll(motion.rudder, 20)  # by 0.1 s
+
+    found = fit_airframe([replace(motion, rudder=slower)], servo_lag_s=0.1)
+
+    for name in ("Y_beta", "N_r", "L_r", "Y_delta_r"):
+        known = found.derivatives[name]
+        assert abs(known.value - DERIVATIVES[name]) < 3.0 * known.std, (name, known)
+
+
 def test_a_roll_angle_that_drifts_colours_nothing() -> None:
     """An estimator's roll differs from the integral of its rates, and is smoother than they are."""
     given = flown(seconds=20.0, amplitude=0.3, aileron=0.2, lag_s=0.1)
