@@ -149,8 +149,8 @@ def check_gain(effect: Floats, known: Floats, most_std: float = MOST_GAIN_STD) -
     if spread > most_std:
         most = 100 * most_std
         text = (
-            f"the rudder's effect at wn has a sigma of {100 * spread:.0f} %, and at most "
-            f"{most:g} % is needed"
+            f"the rudder's effect at wn has a sigma of {np.ceil(1e3 * spread) / 10:g} %, and at "
+            f"most {most:g} % is needed"
         )
         raise Refused("gain_uncertain", text, CARD)
 
