@@ -110,6 +110,19 @@ def test_a_real_pole_that_the_first_steps_lost_is_found_again():
     assert np.mean(wn) == pytest.approx(1.627, rel=0.015)
 
 
+def test_the_free_run_of_a_fit_is_kept_for_its_scores_and_for_no_other_theta():
+    """The slope needs it again: a second fit, and a copy of theta, have their own"""
+    u, y = driven(300, 0.02, 4)
+    fit = record(u, y)
+    found = output_error(fit, 1e-12)
+    kept, again = (free_run_residuals(fit, theta)[0] for theta in (found, found.copy()))
+    other = free_run_residuals(fit, TRUE)[0]
+
+    assert free_run_residuals(fit, found)[0] is kept
+    np.testing.assert_array_equal(kept, again)
+    assert not np.array_equal(other, kept)
+
+
 def test_gaps_begin_anew():
     u, y = driven(600, 0.005, 6)
     y[200:260] = np.nan

@@ -11,7 +11,7 @@ model the fit takes a gust for a response to the rudder.
 """
 
 import math
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import numpy as np
 
@@ -147,6 +147,14 @@ class _Run(NamedTuple):
     decays: _Basis
 
 
+class _Descent(NamedTuple):
+    """Where the steps of a fit end: theta (n_theta,), its loss, and its free run."""
+
+    theta: Floats
+    loss: float
+    runs: list[_Run]
+
+
 def output_error(record: RecordFit, settled: float) -> Floats:
     """Return the theta (n_theta,), C = 1, of least free-run error near that of least loss.
 
@@ -157,14 +165,15 @@ def output_error(record: RecordFit, settled: float) -> Floats:
     """
     begin = record.gauss_newton(max(settled, NEARLY))
     c_of(begin, record.orders)[:] = 0.0
-    found, loss = _descended(record, begin, settled)
-    poles = _with_real_poles(found[: record.orders.na])
+    found = _descended(record, begin, settled)
+    poles = _with_real_poles(found.theta[: record.orders.na])
     if poles is not None:
-        begin = np.concatenate([poles, np.zeros(len(found) - len(poles))])
-        other, other_loss = _descended(record, begin, settled)
-        if other_loss < loss and _with_real_poles(other[: len(poles)]) is None:
-            return other
-    return found
+        begin = np.concatenate([poles, np.zeros(len(begin) - len(poles))])
+        other = _descended(record, begin, settled)
+        if other.loss < found.loss and _with_real_poles(other.theta[: len(poles)]) is None:
+            found = other
+    record.ran = found.theta, found.runs
+    return found.theta
 
 
 def _with_real_poles(a: Floats) -> Floats | None:
@@ -184,8 +193,8 @@ def _with_real_poles(a: Floats) -> Floats | None:
     return np.asarray(np.poly(np.exp(poles)).real[1:])
 
 
-def _descended(record: RecordFit, theta: Floats, settled: float) -> tuple[Floats, float]:
-    """Return the theta (n_theta,) at which Levenberg's and Marquardt's steps end, and its loss.
+def _descended(record: RecordFit, theta: Floats, settled: float) -> _Descent:
+    """Return where Levenberg's and Marquardt's steps from ``theta`` (n_theta,) end.
 
     The initial state of each stretch is free and eliminated (Golub and Pereyra 1973).
     """
@@ -197,10 +206,11 @@ def _descended(record: RecordFit, theta: Floats, settled: float) -> tuple[Floats
         if not np.isfinite(information).all():
             break
         score = cross(psi, np.concatenate([each.left for each in runs]))
-        scale, better = np.diag(np.diag(information) + TINY), loss
+        scale, better = information.diagonal() + TINY, loss
         for _ in range(HALVINGS):
-            trial = theta.copy()
-            trial[free] += np.linalg.solve(information + damping * scale, score)
+            trial, damped = theta.copy(), information.copy()
+            damped.flat[:: len(free) + 1] += damping * scale
+            trial[free] += np.linalg.solve(damped, score)
             if is_stable(trial[: record.orders.na]):
                 tried = _runs(record, trial)
                 if (better := _loss(tried)) < loss:
@@ -213,7 +223,7 @@ def _descended(record: RecordFit, theta: Floats, settled: float) -> tuple[Floats
         theta, loss, runs = trial, better, tried
         if is_done:
             break
-    return theta, loss
+    return _Descent(theta, loss, runs)
 
 
 def free_run_residuals(record: RecordFit, theta: Floats) -> list[Floats]:
@@ -233,7 +243,10 @@ def output_error_scores(record: RecordFit, theta: Floats, residuals: list[Floats
 
 
 def _runs(record: RecordFit, theta: Floats) -> list[_Run]:
+    """Return the free run of each stretch; that of a fit's own theta is known already."""
     na, runs = record.orders.na, []
+    if record.ran[0] is theta:
+        return cast("list[_Run]", record.ran[1])
     driving = theta[record.without_c]
     driving[:na] = 0.0
     decayed = _decays(record, theta)

@@ -57,6 +57,8 @@ class RecordFit:
         self.y = np.concatenate([y for y, _ in stretches] or [np.empty(0)])
         self.weights = config.forgetting_factor ** np.arange(len(self.y))[::-1]
         self.prior = np.eye(config.n_theta) * RIDGE
+        self.ran: tuple[Floats | None, object] = None, None
+        """The theta of the last fit by free run, and its free run, which the scores need again."""
 
     @cached_property
     def without_c(self) -> Ints:

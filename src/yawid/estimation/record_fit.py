@@ -73,11 +73,12 @@ class FittedModel:
 
 
 @dataclass(frozen=True, slots=True)
-class _Record:
-    """A record prepared for a fit: ``good`` (samples,) are its rows without a NaN.
+class Record:
+    """A record prepared for fits of ``config``: ``good`` (samples,) are its rows without a NaN.
 
     ``breaks`` (n,) marks the good rows that follow a held one; ``factors`` (1 + n_inputs,) scale y
-    and the inputs; ``fit`` has the scaled stretches.
+    and the inputs; ``fit`` has the scaled stretches. ``is_enough`` says that it has more than two
+    samples for each parameter, and that y and every input move.
     """
 
     config: EstimatorConfig
@@ -85,6 +86,21 @@ class _Record:
     breaks: Bools
     factors: Floats
     fit: RecordFit
+    is_enough: bool
+
+    @classmethod
+    @np.errstate(all="ignore")
+    def of(cls, config: EstimatorConfig, u: Floats, y: Floats) -> "Record":
+        """Return the record ``u`` (samples, n_inputs), ``y`` (samples,), scaled and cut."""
+        good = np.isfinite(y) & np.isfinite(u).all(axis=1)
+        signals = np.column_stack([y, u])[good]
+        factors = _factors(signals)
+        breaks = np.diff(good.astype(int), prepend=0)[good] > 0
+        rows = np.column_stack([breaks, signals * factors])
+        fit = RecordFit(config, list(stretches_of(config, rows)))
+        # The standard deviation of a constant is rounding error, and not always 0.
+        is_enough = len(fit.y) > 2 * config.n_theta and bool(np.ptp(signals, axis=0).all())
+        return cls(config, good, breaks, factors, fit, is_enough)
 
 
 def fit_record(
@@ -98,35 +114,21 @@ def fit_record(
     finds no theta the status is DIVERGED. A fit of least loss stops where a step reduces the loss
     by a smaller share than ``settled``.
     """
-    return fit_methods(config, [method or config.method], u, y, settled)[0]
+    return fit_methods(Record.of(config, u, y), [method or config.method], settled)[0]
 
 
 @np.errstate(all="ignore")
 def fit_methods(
-    config: EstimatorConfig, methods: Sequence[str], u: Floats, y: Floats, settled: float = SETTLED
+    record: Record, methods: Sequence[str], settled: float = SETTLED
 ) -> list[FittedModel]:
     """Fit a record by several methods from the same first guess; as :func:`fit_record` for each."""
-    record = _made_ready(config, u, y)
-    if record is None:
-        return [_nothing(config, len(y), Status.WARMING_UP) for _ in methods]
+    if not record.is_enough:
+        nothing = _nothing(record.config, len(record.good), Status.WARMING_UP)
+        return [nothing] * len(methods)
     return [_fitted_model(METHODS[method], record, settled) for method in methods]
 
 
-def _made_ready(config: EstimatorConfig, u: Floats, y: Floats) -> _Record | None:
-    """Return the record scaled and cut; None where it is too short or a signal does not move."""
-    good = np.isfinite(y) & np.isfinite(u).all(axis=1)
-    signals = np.column_stack([y, u])[good]
-    factors = _factors(signals)
-    breaks = np.diff(good.astype(int), prepend=0)[good] > 0
-    rows = np.column_stack([breaks, signals * factors])
-    fit = RecordFit(config, list(stretches_of(config, rows)))
-    # The standard deviation of a constant is rounding error, and not always 0.
-    if len(fit.y) <= 2 * config.n_theta or not np.ptp(signals, axis=0).all():
-        return None
-    return _Record(config, good, breaks, factors, fit)
-
-
-def _fitted_model(method: Method, record: _Record, settled: float) -> FittedModel:
+def _fitted_model(method: Method, record: Record, settled: float) -> FittedModel:
     config, fit, good, factors = record.config, record.fit, record.good, record.factors
     n = len(fit.y)
     least = _least(method, fit, settled)
@@ -147,17 +149,16 @@ def _fitted_model(method: Method, record: _Record, settled: float) -> FittedMode
 
 @np.errstate(all="ignore")
 def rudder_effect(
-    model: FittedModel, u: Floats, y: Floats, shifts: tuple[int, int] | None = None
+    model: FittedModel, record: Record, shifts: tuple[int, int] | None = None
 ) -> RudderEffect:
-    """Return what the rudder adds to a ``model`` of the record u (samples, n_inputs), y (samples,).
+    """Return what the rudder adds to a ``model`` of a record.
 
     ``shifts`` are the least and the most samples by which the rudder is shifted for comparison;
     without them it is not. B = 0 is tested by Wald's chi-square, with the covariance of the fit.
     """
     config, orders = model.config, model.config.orders
     b = slice(orders.na, orders.na + orders.nb[0])
-    record = _made_ready(config, u, y)
-    if record is None or not (np.isfinite(model.covariance).all() and model.theta.any()):
+    if not (record.is_enough and np.isfinite(model.covariance).all() and model.theta.any()):
         return RudderEffect(math.nan, math.nan, math.nan)
     theta = model.theta / _units(config, record.factors)
     try:
@@ -199,13 +200,13 @@ def held_back_pct(
     if first < LEAST_PER_PARAMETER * config.n_theta:
         return float("nan")
     row = int(used[first])
-    record = _made_ready(config, u[:row], y[:row])
+    record = Record.of(config, u[:row], y[:row])
     row_of = METHODS[method or config.method]
-    least = None if record is None else _least(row_of, record.fit, settled)
-    if record is None or least is None:
+    least = _least(row_of, record.fit, settled) if record.is_enough else None
+    if least is None:
         return float("nan")
     theta, u, y = least[0] * _units(config, record.factors), u[row:], y[row:]
-    if row_of.runs_free and (rest := _made_ready(config, u, y)) is not None:
+    if row_of.runs_free and (rest := Record.of(config, u, y)).is_enough:
         residuals = row_of.residuals(rest.fit, theta / _units(config, rest.factors))
         return fit_percent(rest.fit.y, rest.fit.y - np.concatenate(residuals))
     return fit_percent(y, simulate(theta, config.orders, config.bias, u, y))
@@ -223,9 +224,8 @@ def _least(method: Method, fit: RecordFit, settled: float) -> tuple[Floats, list
     if theta is None:
         return None
     residuals = method.residuals(fit, theta)
-    return (
-        (theta, residuals) if fit.loss(theta, residuals) < fit.loss(np.zeros_like(theta)) else None
-    )
+    nothing = fit.loss(np.zeros_like(theta), [y for y, _ in fit.stretches])
+    return (theta, residuals) if fit.loss(theta, residuals) < nothing else None
 
 
 def _factors(signals: Floats) -> Floats:
@@ -255,7 +255,7 @@ def _fitted(config: EstimatorConfig, breaks: Bools) -> Bools:
 
 
 def _covariances(
-    method: Method, record: _Record, theta: Floats, residuals: list[Floats]
+    method: Method, record: Record, theta: Floats, residuals: list[Floats]
 ) -> tuple[Floats, Floats] | None:
     """Return theta's covariance and its scatter (n, n): (Z' psi)^-1 S (psi' Z)^-1 with two S.
 

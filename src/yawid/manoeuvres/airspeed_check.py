@@ -169,16 +169,18 @@ class AirspeedCheck:
         if self._since % EVERY:
             return
         rows, self._new = np.concatenate([self._open, self._new]), []
-        boots = np.append(0, np.flatnonzero(np.diff(rows[:, 0]) < 0.0) + 1)
-        rows = rows[boots[-1] :]
+        before = np.diff(rows[:, 0]) < 0.0
+        if before.any():  # another boot
+            rows = rows[np.flatnonzero(before)[-1] + 1 :]
         rows = self._open = rows[t_s - rows[:, 0] <= LONGEST_S]
         if len(rows) < LEAST_ROWS:
             return
         _, speeds, yaws, grounds = rows.T
         cos, sin = np.cos(yaws), np.sin(yaws)
+        if not math.hypot(cos.mean(), sin.mean()) < MOST_MEAN:
+            return
         moments = np.array([[cos @ cos, cos @ sin], [cos @ sin, sin @ sin]]) / len(rows)
-        is_wide = math.hypot(cos.mean(), sin.mean()) < MOST_MEAN
-        if not is_wide or float(np.linalg.eigvalsh(moments)[0]) < LEAST_SPREAD:
+        if float(np.linalg.eigvalsh(moments)[0]) < LEAST_SPREAD:
             return
         factor = factor_of(speeds, yaws, grounds)
         if factor is not None and factor.value > 0.0 and factor.sigma < MOST_SIGMA * factor.value:

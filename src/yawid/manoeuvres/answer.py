@@ -21,8 +21,8 @@ from yawid.estimation.grids import Narrow, as_held, narrowed
 from yawid.estimation.methods import IN_CALM_AIR, OF_STRUCTURES, of_a_record
 from yawid.estimation.record_fit import (
     FittedModel,
+    Record,
     fit_methods,
-    fit_record,
     held_back_pct,
     rudder_effect,
 )
@@ -148,7 +148,8 @@ class Fits:
         self.u = self._mean_u if narrow else as_held(self._mean_u, samples.rudder_moves == 1.0)
         forgetting_nothing = replace(config, memory=None, forgetting=1.0)
         self.estimator = forgetting_nothing.estimator(config.method, self.sample_time_s)
-        models: list[FittedModel] = fit_methods(self.estimator, self.methods, self.u, self.y)
+        self._record = Record.of(self.estimator, self.u, self.y)
+        models: list[FittedModel] = fit_methods(self._record, self.methods)
         self.estimators = dict(zip(self.methods, models, strict=True))
 
     def in_calm_air(self) -> None:
@@ -157,7 +158,7 @@ class Fits:
         wn = float(dutch_roll_in(self, first, self.estimators[first].theta)[0])
         if first != OF_STRUCTURES or not wn > 0.0:
             return
-        model = fit_record(self.estimator, self.u, self.y, method=IN_CALM_AIR)
+        (model,) = fit_methods(self._record, [IN_CALM_AIR])
         left, innovations = (self.y - each.y_hat for each in (model, self.estimators[first]))
         if is_calm(left, innovations, self.u[:, 0], self.y, wn, self.sample_time_s):
             self.methods = (IN_CALM_AIR, *others)
@@ -206,7 +207,7 @@ class Fits:
         model = self.estimators.get(OF_STRUCTURES, self.estimators[self.methods[0]])
         nb = model.config.orders.nb[0]
         shifts = rudder_shifts(wn_rad_s, self.sample_time_s, nb) if shifted else None
-        return rudder_effect(model, self.u, self.y, shifts)
+        return rudder_effect(model, self._record, shifts)
 
     def simulation_pct(self) -> float:
         """Return the free-running fit in percent of the method that answers."""

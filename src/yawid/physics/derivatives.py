@@ -221,7 +221,8 @@ def numerator_polynomial(p: Complexes, residues: Complexes) -> Floats:
         term[:, 0] = residues[:, i]
         for j in range(na):
             if j != i:
-                shifted = np.roll(term, 1, axis=1)
+                shifted = np.zeros_like(term)
+                shifted[:, 1:] = term[:, :-1]  # the degree stays below na: nothing is lost
                 term = shifted - p[:, j, None] * term
         total += term
     return total.real

@@ -13,7 +13,7 @@ weighted mean square of the distances from the answer.
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import lru_cache, partial
 
 import numpy as np
 
@@ -202,9 +202,17 @@ def _apart(opinion: Opinion | None, wn: float, zeta: float) -> Floats:
     return np.asarray(np.abs(opinion.dutch_roll[[0, 2]] - (wn, zeta)))
 
 
-def _forgetting_nothing(config: RunConfig, sample_time_s: float) -> EstimatorConfig:
-    """Return the settings to fit the configuration's orders by the structures' method."""
-    return replace(config, memory=None, forgetting=1.0).estimator(OF_STRUCTURES, sample_time_s)
+@lru_cache(maxsize=64)
+def _with_orders(
+    config: RunConfig, orders: tuple[int, int, int, int], sample_time_s: float
+) -> tuple[RunConfig, EstimatorConfig]:
+    """Return the configuration with these orders, and its fit by the structures' method.
+
+    All manoeuvres of a run need the same ones, and each is checked when it is made.
+    """
+    other = replace(config, orders=orders, memory=None, forgetting=1.0)
+    fit = other.estimator(OF_STRUCTURES, sample_time_s)
+    return replace(config, orders=orders), fit
 
 
 def _opinion(
@@ -282,7 +290,8 @@ def spread_of(
         slower = others([orders], 2)
     own, own_opinion = answer, None
     if own is None:
-        own = fit_record(_forgetting_nothing(config, sample_time_s), u, y, NEAR_ENOUGH, method)
+        _, settings = _with_orders(config, config.four_orders, sample_time_s)
+        own = fit_record(settings, u, y, NEAR_ENOUGH, method)
         own_opinion = _opinion(config, sample_time_s, own, u, y, 1, method)
     if own_opinion is not None:
         opinions, held_back = [*opinions, own_opinion], own_opinion.held_back_pct
@@ -308,9 +317,7 @@ def hidden_share(
     each other. How far its zeta is from that of the answer ``wn_zeta`` is what the answer's
     structure leaves out. Where no such pair is found it is HIDDEN_ZETA.
     """
-    settings = _forgetting_nothing(
-        replace(config, orders=(*NEXT, config.four_orders[3])), sample_time_s
-    )
+    _, settings = _with_orders(config, (*NEXT, config.four_orders[3]), sample_time_s)
     model = fit_record(settings, u, roll, NEAR_ENOUGH, method)
     orders, (wn, zeta) = model.config.orders, wn_zeta
     poles = poles_of(model.theta[None, : orders.na], orders, sample_time_s).s[0]
@@ -353,9 +360,8 @@ def _others(
     sample_time_s *= every
     found = []
     for each in structures:
-        other = replace(config, orders=(*each, nk))
+        other, settings = _with_orders(config, (*each, nk), sample_time_s)
         if every > 1 or other.orders != config.orders:
-            settings = _forgetting_nothing(other, sample_time_s)
             model = fit_record(settings, u, y, NEAR_ENOUGH, method)
             found.append(_opinion(other, sample_time_s, model, u, y, every, method))
     return [each for each in found if each is not None]
