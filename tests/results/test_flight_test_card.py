@@ -118,13 +118,44 @@ def test_manoeuvres_that_disagree_give_no_answer_but_a_reason():
     assert card.lacks[0].startswith("manoeuvres_disagree: manoeuvre 2")
 
 
+AILERON = ChannelFound("servo1", min_us=1100.0, trim_us=1500.0, max_us=1900.0)
+FLOWN = Flown(airspeed_m_s=(20.0, 21.0, 22.0))
+
+
 def test_where_every_manoeuvre_had_a_roll_loop_it_asks_for_an_aileron_doublet():
-    loops = {manoeuvre.loop for manoeuvre in four_of_a_flight().manoeuvres or ()}
-    page = " ".join(" ".join(page_of(four_of_a_flight(), card_of(four_of_a_flight()))).split())
+    """At 10.21 rad/s and .624 a swing lasts .788 s; 15 % of 400 us are 60; .15 * 45 is 7."""
+    summary = replace(four_of_a_flight(), channels={"rudder": RUDDER, "aileron": AILERON})
+    loops = {manoeuvre.loop for manoeuvre in summary.manoeuvres or ()}
+    card = card_of(summary, flown=FLOWN)
+    page = " ".join(" ".join(page_of(summary, card)).split())
 
     assert loops == {"with_roll_loop"}
-    assert "one with an aileron doublet after the rudder's" in page
-    assert "--lateral auto" in page
+    assert card.aileron is not None
+    assert card.aileron.side_s == pytest.approx(0.788 / 4, rel=1e-3)
+    assert card.aileron.expected.wn_std == pytest.approx(0.012 * 10.21)
+    assert card.aileron.expected.zeta_std == pytest.approx(0.03 * 0.624)
+    assert "right 0.2 s, left 0.2 s, neutral; 15 % = 1440 / 1560 us" in page
+    assert "With --lateral auto expect of the bare airframe wn ± 0.12, zeta ± 0.019" in page
+    assert "DOUBLET_MAGNITUDE = 7, DOUBLET_TIME = 394 (in the rudder's 788)" in page
+    assert "or one with the aileron's doublet of part 3" in page
+
+
+def test_it_asks_for_none_where_the_airframe_would_stay_unknown_or_is_known_by_itself():
+    """At 13 rad/s more than a quarter of a radian passes between two messages at 50 Hz."""
+    summary = four_of_a_flight()
+    assert summary.flight is not None
+    assert summary.flight.dutch_roll is not None
+    fast = replace(summary.flight.dutch_roll, wn_rad_s=13.0)
+    bare = [replace(each, loop="airframe") for each in summary.manoeuvres or ()]
+    others = {
+        "no airspeed": (summary, Flown()),
+        "fast": (replace(summary, flight=replace(summary.flight, dutch_roll=fast)), FLOWN),
+        "without a loop": (replace(summary, manoeuvres=bare), FLOWN),
+        "no answer": (none_usable(), FLOWN),
+    }
+
+    assert card_of(summary, flown=FLOWN).aileron is not None
+    assert [name for name, (of, flown) in others.items() if card_of(of, flown=flown).aileron] == []
 
 
 @pytest.mark.parametrize("autopilot", [3, 12, 0, None])
@@ -132,7 +163,7 @@ def test_where_every_manoeuvre_had_a_roll_loop_it_asks_for_an_aileron_doublet():
 def test_it_is_one_page_of_80_columns_and_60_lines(make, autopilot: int | None):
     vehicle = None if autopilot is None else VehicleSeen(1, 1, 1, autopilot)
     summary = replace(make(), vehicle=vehicle)
-    page = page_of(summary, card_of(summary))
+    page = page_of(summary, card_of(summary, flown=FLOWN))
 
     assert len(page) <= 60
     assert max(map(len, page)) <= 80

@@ -32,8 +32,8 @@ class Expected(Part, frozen=True, kw_only=True):
     zeta_std: Number | None = None
 
 
-class RudderMove(Part, frozen=True, kw_only=True):
-    """How far to move the rudder: in percent of half its travel, as pulses, and as an angle."""
+class SurfaceMove(Part, frozen=True, kw_only=True):
+    """How far to move rudder or aileron: in percent of half its travel, as pulses, as an angle."""
 
     percent: Number
     low_us: Number | None = None
@@ -79,14 +79,29 @@ class ManoeuvreToFly(Part, frozen=True, kw_only=True):
     rest_s: Number
     manoeuvre_s: Number
     total_s: Number
-    amplitude: list[RudderMove]
+    amplitude: list[SurfaceMove]
+
+
+class AileronDoublet(Part, frozen=True, kw_only=True):
+    """The doublet of the aileron after a manoeuvre's last rudder doublet, for the bare airframe.
+
+    It begins ``after_s`` after that one and has ``side_s`` to each side. Attitude and servo outputs
+    are needed at ``ask_hz``. ``expected`` has the sigmas of the bare airframe after one.
+    """
+
+    after_s: Number
+    side_s: Positive
+    amplitude: SurfaceMove
+    ask_hz: Positive
+    expected: Expected
 
 
 class FlightTestCard(Part, frozen=True, kw_only=True):
     """The card: message rates, parameters, airspeeds, modes, the manoeuvre, and expected sigmas.
 
-    ``answer`` is the log's own answer, ``answered`` the numbers of its manoeuvres; ``lacks`` says
-    what the log cannot answer yet, and ``live`` is the command for a live session.
+    ``answer`` is the log's own answer, ``answered`` the numbers of its manoeuvres; ``aileron`` is
+    there where it would make the bare airframe known. ``lacks`` says what the log cannot answer
+    yet, and ``live`` is the command for a live session.
     """
 
     vehicle: str
@@ -99,6 +114,7 @@ class FlightTestCard(Part, frozen=True, kw_only=True):
     parameters: list[ParameterToSet]
     conditions: ConditionsToFly
     manoeuvre: ManoeuvreToFly
+    aileron: AileronDoublet | None = None
     answer: DutchRoll | None = None
     answered: list[int]
     expected: list[Expected]

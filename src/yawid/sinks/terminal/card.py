@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import TextIO
 
-from yawid.answers.flight_test_card import FlightTestCard, ParameterToSet, RudderMove
+from yawid.answers.flight_test_card import FlightTestCard, ParameterToSet, SurfaceMove
 from yawid.answers.inspection import Inspection
 from yawid.quantities.airspeed import GROUND_SPEED
 from yawid.quantities.vehicles import AIRFRAME, ARDUPILOT, PX4
@@ -155,6 +155,7 @@ def _manoeuvre(card: FlightTestCard) -> Iterator[Row]:
         yield "or 3-2-1-1", f"left, right, left, right for {pieces} s, three times with pauses"
     else:
         yield "", f"(a 3-2-1-1, its 1 lasting {unit}, is only for a script)"
+    yield from _aileron(card)
     minutes = f"{math.ceil(asked.total_s / 60.0)} min"
     length = minutes if len(card.conditions.airspeeds_m_s) > 1 else f"{minutes} an airspeed"
     yield ("repeat", f"{asked.manoeuvres} manoeuvres at each airspeed, in one mode: about {length}")
@@ -175,6 +176,21 @@ def _manoeuvre(card: FlightTestCard) -> Iterator[Row]:
     yield "abort", text
 
 
+def _aileron(card: FlightTestCard) -> Iterator[Row]:
+    """Yield the aileron's doublet that makes the bare airframe known."""
+    asked = card.aileron
+    if asked is None:
+        return
+    side, zeta_std = f"{asked.side_s:.2g} s", asked.expected.zeta_std or 0.0
+    text = (
+        f"once, {asked.after_s:.2g} s after the last doublet: right {side}, left {side}, neutral; "
+        f"{_far(asked.amplitude)}, bank 10 deg at most. ATTITUDE and outputs at {asked.ask_hz:g} "
+        f"Hz. With --lateral auto expect of the bare airframe wn ± {asked.expected.wn_std:.2g}, "
+        f"zeta ± {zeta_std:.2g}"
+    )
+    yield "aileron", text
+
+
 def _automatic(card: FlightTestCard) -> Iterator[Row]:
     """Yield how the autopilot itself can fly the manoeuvre, by a script or its autotune."""
     asked = card.manoeuvre
@@ -187,6 +203,15 @@ def _automatic(card: FlightTestCard) -> Iterator[Row]:
             f"doublet RC6 high {high_s:.2g} s (DOUBLET FINISHED), low, at once high again"
         )
         yield "by script", text
+        if card.aileron is not None:
+            share = SCRIPT_STEPS * card.aileron.amplitude.percent / 100.0
+            text = (
+                "its aileron, RC7 low: in its elevator's branch K_AILERON for K_ELEVATOR, "
+                f"trim_funcs = {{K_RUDDER}}, DOUBLET_MAGNITUDE = {share:.0f}, DOUBLET_TIME = "
+                f"{2e3 * card.aileron.side_s:.0f} (in the rudder's {1e3 * asked.period_s:.0f}), "
+                "doublet_srv_trim = SRV_Channels:get_output_pwm(K_AILERON) (there of K_RUDDER)"
+            )
+            yield "", text
     elif card.autopilot == PX4:
         hz = 1.0 / asked.period_s
         text = (
@@ -197,7 +222,7 @@ def _automatic(card: FlightTestCard) -> Iterator[Row]:
         yield "autotune", text
 
 
-def _far(move: RudderMove) -> str:
+def _far(move: SurfaceMove) -> str:
     text = f"{move.percent:g} %"
     if move.low_us is not None and move.high_us is not None:
         text += f" = {move.low_us:g} / {move.high_us:g} us"
