@@ -10,10 +10,13 @@ from lateral.flown import DERIVATIVES, airframe, flown, modes
 from scipy.linalg import expm
 
 from yawid.lateral.airframe import Airframe, Known
+from yawid.lateral.criterion import Criterion
+from yawid.lateral.fit import fit, guess_from
 from yawid.lateral.fit_airframe import autocorrelation, fit_airframe
 from yawid.lateral.gates import GATES, failed_gates
 from yawid.lateral.motion import COMMAND_STEP_S, Motion
 from yawid.lateral.record import Record
+from yawid.lateral.start import band
 from yawid.plant.lateral import LateralCoefficients, lateral_motion
 
 WN, ZETA, ROLL_S = modes(airframe(DERIVATIVES)[0])
@@ -177,6 +180,19 @@ def test_a_roll_angle_that_drifts_colours_nothing() -> None:
     assert found.wn_rad_s.value == pytest.approx(WN, rel=0.005)
     assert found.zeta.value == pytest.approx(ZETA, abs=0.005)
     assert found.roll_s.value == pytest.approx(ROLL_S, rel=0.02)
+
+
+def test_a_start_that_comes_near_to_where_another_ended_ends_there() -> None:
+    records = [Record(flown(seed=3, seconds=12.0))]
+    w = band(records)
+    first, second = (Criterion(records, guess_from(records, lag_s, w), {}) for lag_s in (0.04, 0.1))
+    ended = fit(first)
+
+    alone, there = fit(second), fit(second, [ended])
+
+    assert alone.criterion == pytest.approx(ended.criterion, abs=0.2)
+    assert alone is not ended
+    assert there is ended
 
 
 def test_manoeuvres_of_one_speed_are_pooled() -> None:

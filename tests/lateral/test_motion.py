@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 
 from yawid.errors import ConfigError
-from yawid.lateral.motion import COMMAND_STEP_S, Motion
+from yawid.lateral.model import RUDDER
+from yawid.lateral.motion import COMMAND_STEP_S, LEAD_S, Motion
+from yawid.lateral.record import Record
 
 
 def motion(**changed: Any) -> Motion:
@@ -43,3 +45,25 @@ def test_the_commands_times_begin_before_the_measurements() -> None:
 def test_a_motion_that_cannot_be_fitted_is_refused(changed: dict[str, Any], words: str) -> None:
     with pytest.raises(ConfigError, match=words):
         motion(**changed)
+
+
+@pytest.mark.parametrize("lag_s", [0.0, 0.002, 0.05])
+@pytest.mark.parametrize("delay_s", [0.0, 0.0099, 0.0101])
+def test_what_a_late_jump_adds_is_that_of_jumps_anywhere_in_a_sample(
+    lag_s: float, delay_s: float
+) -> None:
+    """A regression on the lateness of jumps that are spread evenly over a sample of 0.1 s."""
+    times = np.arange(round(1.5 / COMMAND_STEP_S)) * COMMAND_STEP_S - LEAD_S
+    late = (np.arange(20) - 9.5) * COMMAND_STEP_S
+    line = np.interp(times, [0.5, 0.6], [0.0, 1.0])
+    jumps = [np.interp(times - 0.55 - x, [-0.0025, 0.0025], [0.0, 1.0]) for x in late]
+
+    inputs = np.array([Record(motion(rudder=u)).inputs(lag_s, delay_s) for u in jumps])
+    expected = np.tensordot(late, inputs, 1) / np.sum(late**2)
+    expected -= expected[0]  # of the commands' mean, which is taken away
+
+    record = Record(motion(rudder=line))
+    found = record.later(lag_s, delay_s)[0]
+    assert [jump[0] for jump in record.jumps] == [RUDDER]
+    np.testing.assert_allclose(found[:, RUDDER], expected[:, RUDDER], atol=0.1)
+    np.testing.assert_allclose(found[:, 4 + RUDDER], expected[:, 4 + RUDDER], atol=2.0)

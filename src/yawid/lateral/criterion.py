@@ -136,32 +136,23 @@ def _part(record: Record, theta: Floats) -> Part:
     y[0], u[0], u[9:] = record.y, inputs, later
     own = np.eye(9 + len(later), 8, -1)  # one run with the record, one of each unit
     runs = whitened(predictor, y, u, record.missing, own[:, :4], own[:, 4:]).reshape(len(u), -1)
-    prior = np.eye(len(u), len(later), -9) * _noise(runs) / record.jump_std_s
-    runs = np.hstack([runs, prior])
     size = np.linalg.norm(runs[1:], axis=1) + np.finfo(float).tiny
-    columns = np.ascontiguousarray((runs[1:] / size[:, None]).T)
-    power, found = _explained(columns, runs[0])
-    e, own_found = runs[0] + columns @ found, found / size
-    return Part(predictor, pair, _inputs(record, pair, own_found[8:]), own_found, columns, power, e)
+    e, columns = runs[0], np.ascontiguousarray((runs[1:] / size[:, None]).T)
+    power = cross(columns, columns) + _RIDGE * np.eye(len(size))
+    slope = cross(columns, e)
+    if len(later):
+        noise = math.sqrt(float(np.mean((e - columns @ np.linalg.solve(power, slope)) ** 2)))
+        known = np.eye(len(later), len(size), 8) * (noise / record.jump_std_s) / size
+        e, columns = np.append(e, np.zeros(len(later))), np.vstack([columns, known])
+        power += known.T @ known
+    found = -np.linalg.solve(power, slope)
+    inputs = inputs + np.tensordot(found[8:] / size[8:], later, 1)
+    return Part(predictor, pair, inputs, found / size, columns, power, e + columns @ found)
 
 
 def _inputs(record: Record, pair: tuple[float, float], later_s: Floats) -> Floats:
     """Return the inputs (n, 8) with jumps later by ``later_s`` (j,)."""
     return record.inputs(*pair) + np.tensordot(later_s, record.later(*pair), 1)
-
-
-def _noise(runs: Floats) -> float:
-    """Return the rms of the first run (c, l) less what the other runs explain of it."""
-    size = np.linalg.norm(runs[1:], axis=1) + np.finfo(float).tiny
-    columns = (runs[1:] / size[:, None]).T
-    left = runs[0] + columns @ _explained(columns, runs[0])[1]
-    return float(np.sqrt(np.mean(left**2)))
-
-
-def _explained(columns: Floats, e: Floats) -> tuple[Floats, Floats]:
-    """Return the columns' products, and what of each makes e least."""
-    power = cross(columns, columns) + _RIDGE * np.eye(columns.shape[1])
-    return power, np.asarray(-np.linalg.solve(power, columns.T @ e), np.float64)
 
 
 def _pair(theta: Floats) -> tuple[float, float]:

@@ -21,6 +21,8 @@ _SHRINK, _GROW = 0.95, 20.0
 """The largest share by which a variance falls and grows in a step."""
 _SMALL_GAIN = 0.02
 """The expected gain of twice the log-likelihood below which the steps end."""
+_SAME = 0.1
+"""The expected gain of twice the log-likelihood below which a fit ends where another one did."""
 _EARLY = 5
 """Steps after which what the noise would still gain no longer counts."""
 
@@ -78,8 +80,8 @@ def _fine(x: Floats) -> float:
     return float(1.4826 * np.median(np.abs(d - np.median(d)))) if len(d) else 0.0
 
 
-def fit(criterion: Criterion) -> Fit:
-    """Return the fit from the criterion's start.
+def fit(criterion: Criterion, others: Sequence[Fit] = ()) -> Fit:
+    """Return the fit from the criterion's start, or the one of ``others`` that it comes near to.
 
     The Hessian's block of the noise parameters is doubled: Gauss and Newton's has half of their
     information. Parameters at their least value stay there while the criterion would push them on.
@@ -89,6 +91,9 @@ def fit(criterion: Criterion) -> Fit:
     """
     at, damping, settled = criterion.at(criterion.start()), _DAMPING, False
     for step in range(ITERATIONS + 1):
+        for other in others:
+            if other.settled and _apart(other, at.x * criterion.scale) < _SAME:
+                return other
         variance = float(at.e @ at.e) / criterion.count
         loss = at.loss(variance)
         H, score = _curvature(criterion, at, variance)
@@ -114,6 +119,12 @@ def fit(criterion: Criterion) -> Fit:
         if loss - after > 0.5 * expected:
             damping = max(damping / _SOFTER, _LEAST)
     return _ended(criterion, at, H, settled, step)
+
+
+def _apart(fit: Fit, theta: Floats) -> float:
+    """Return what twice the log-likelihood should lose from a fit's end to ``theta`` (n,)."""
+    apart = theta / fit.of.scale - fit.x
+    return float(apart @ np.linalg.solve(fit.covariance, apart))
 
 
 def _ended(criterion: Criterion, at: Point, H: Floats, settled: bool, steps: int) -> Fit:

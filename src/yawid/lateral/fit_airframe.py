@@ -62,7 +62,10 @@ def fit_airframe(motions: Sequence[Motion], *, servo_lag_s: float | None = None)
     given = servo_lag_s is not None
     lags = (servo_lag_s,) if servo_lag_s is not None else START_LAGS_S
     w = band(records)
-    fits = [found for lag_s in lags if (found := _from(records, lag_s, given, w)) is not None]
+    fits: list[Fit] = []
+    for lag_s in lags:
+        if (found := _from(records, lag_s, given, w, fits)) is not None:
+            fits.append(found)
     if not fits:
         raise ValueError("the fit of the bare airframe found no predictor from any start")
     fits.sort(key=lambda each: each.criterion)
@@ -79,11 +82,13 @@ def floor(name: str, value: float) -> float:
     return math.hypot(share * value, least)
 
 
-def _from(records: Sequence[Record], lag_s: float, given: bool, w: Floats) -> Fit | None:
+def _from(
+    records: Sequence[Record], lag_s: float, given: bool, w: Floats, others: Sequence[Fit]
+) -> Fit | None:
     """Return the fit from one start; None if there is no predictor there."""
     priors = {"servo_lag": (lag_s, GIVEN_LAG_STD_S)} if given else {}
     try:
-        return fit(Criterion(records, guess_from(records, lag_s, w), priors))
+        return fit(Criterion(records, guess_from(records, lag_s, w), priors), others)
     except np.linalg.LinAlgError:
         return None
 

@@ -125,17 +125,27 @@ class Record:
     def later(self, lag_s: float, delay_s: float) -> Floats:
         """Return what a jump that is later by 1 s adds to the inputs (j, n, 8), for each jump.
 
-        It takes away an impulse at the jump, which lasts as long as the servo's lag.
+        The jump may be anywhere in a sample. The step that is expected for a jump that is known to
+        be late differs from the line by a parabola over that sample. The parabola then goes through
+        the servo's lag, as in ``_lines``.
         """
         step_s, lag_s = self.sample_time_s, max(lag_s, _NO_LAG_S)
         jumped_s = self.motion.commands_start_s + COMMAND_STEP_S * np.array(
             [at for _, at, _ in self.jumps]
         )
         edges = np.append(self.times_s, self.times_s[-1] + step_s) - delay_s
-        since = edges - jumped_s[:, None]
-        after = np.maximum(since, 0.0)
-        stays = np.exp(-after / lag_s)
-        area, moment = np.diff(1.0 - stays), np.diff(lag_s * (1.0 - stays) - after * stays)
+        since = edges - jumped_s[:, None] + 0.5 * step_s
+        into = np.clip(since, 0.0, step_s)
+        high = 6.0 / step_s**3
+
+        def settled(t: Floats) -> Floats:
+            return high * (t * (step_s - t) - lag_s * (step_s - 2.0 * t) - 2.0 * lag_s**2)
+
+        lagged = settled(into) - settled(np.zeros(1)) * np.exp(-into / lag_s)
+        lagged *= np.exp(-np.maximum(since - step_s, 0.0) / lag_s)
+        area = high * into**2 * (step_s / 2.0 - into / 3.0) - lag_s * lagged
+        moment = high * into**3 * (step_s / 3.0 - into / 4.0) - lag_s * (since * lagged - area)
+        area, moment = np.diff(area), np.diff(moment)
         middle = 0.5 * (since[:, 1:] + since[:, :-1])
         slope = (moment - middle * area) * 12.0 / step_s**3
         found = np.zeros((len(self.jumps), len(self.times_s), 8))
