@@ -164,10 +164,10 @@ def test_a_structure_weighs_by_its_held_back_fit_one_for_the_best():
 
 def test_what_a_closed_roll_loop_hides_adds_to_zeta_and_nothing_to_wn():
     alone = spread(told(6.1, 0.33))
-    closed = replace(alone, hidden=0.04)
+    closed, barely = (replace(alone, hidden=each) for each in (0.04, 1e-4))
 
-    apart = [each.beyond("zeta", 0.5) for each in (alone, closed)]
-    assert apart[1] == pytest.approx(math.hypot(apart[0], 0.02))
+    said = [each.beyond("zeta", 0.5) for each in (alone, closed, barely)]
+    assert said == pytest.approx([math.hypot(0.17, each) for each in (0.005, 0.02, 0.003)])
     assert closed.beyond("wn_rad_s", 6.0) == alone.beyond("wn_rad_s", 6.0)
 
 
@@ -204,22 +204,43 @@ def by_roll_hold(name: str) -> tuple[Floats, Floats, Floats, float]:
 def test_roll_shows_what_three_poles_of_the_yaw_rate_leave_out(name, least, most):
     """The part of zeta by which the answer is wrong, where two pairs are near each other or not"""
     u, roll, r, true = by_roll_hold(name)
-    wn, _, zeta, _ = dutch_roll(by_output_error(u, r))
-    assert least <= abs(zeta - true) <= most
+    found = dutch_roll(by_output_error(u, r))
+    assert least <= abs(found[2] - true) <= most
 
-    said = hidden_share(RunConfig(orders=OWN), TS_S, u, roll, (wn, zeta), "oe")
-    assert said * zeta == pytest.approx(abs(zeta - true), abs=0.004)
+    said = hidden_share(RunConfig(orders=OWN), TS_S, u, roll, found, "oe")
+    assert said * found[2] == pytest.approx(abs(found[2] - true), abs=0.004)
+
+
+def test_a_difference_below_the_sigma_of_roll_is_chance():
+    """Then 1.5 sigmas of the answer's own noise stay, which are 4 % of zeta at most"""
+    u, roll, _, true = by_roll_hold("T37")
+    noisy = roll + 0.1 * roll.std() * np.random.default_rng(2).standard_normal(len(roll))
+    config = RunConfig(orders=(4, 4, 3, 1), memory=None, forgetting=1.0)
+    model = fit_record(config.estimator("rml", TS_S), u, noisy, 1e-9, method="oe")
+    seen = dutch_roll(model)
+    scatter = modes(model.row(model.scatter), model.config.orders, TS_S).dutch_roll[-1]
+    sigma = max(seen[3], scatter[3])
+    assert seen[2] == pytest.approx(true, abs=0.01)
+
+    def share(sigmas: float, noise: float) -> float:
+        answer = np.array([seen[0], 0.0, seen[2] + sigmas * sigma, noise * seen[2]])
+        return hidden_share(RunConfig(orders=OWN), TS_S, u, noisy, answer, "oe") * answer[2]
+
+    assert share(1.0, 0.0) == pytest.approx(sigma)
+    assert share(0.5, 0.01) == pytest.approx(0.015 * seen[2])
+    assert share(0.5, 0.1) == pytest.approx(HIDDEN_ZETA * (seen[2] + 0.5 * sigma))
 
 
 def test_roll_that_the_rudder_does_not_explain_shows_nothing():
     """And no more than .11 of zeta is believed"""
     u, roll, r, true = by_roll_hold("T38")
-    wn, _, zeta, _ = dutch_roll(by_output_error(u, r))
+    found = dutch_roll(by_output_error(u, r))
 
     for unlike in (np.random.default_rng(1).standard_normal(len(roll)), np.full(len(roll), np.nan)):
-        said = hidden_share(RunConfig(orders=OWN), TS_S, u, unlike, (wn, zeta), "oe")
+        said = hidden_share(RunConfig(orders=OWN), TS_S, u, unlike, found, "oe")
         assert said == HIDDEN_ZETA
-    far = hidden_share(RunConfig(orders=OWN), TS_S, u, roll, (wn, 0.5 * true), "oe")
+    found[2] = 0.5 * true
+    far = hidden_share(RunConfig(orders=OWN), TS_S, u, roll, found, "oe")
     assert far == MOST_HIDDEN
 
 

@@ -53,7 +53,7 @@ from yawid.results.structures import (
     hidden_share,
     spread_of,
 )
-from yawid.results.summary import as_summary, described, dutch_roll_in
+from yawid.results.summary import as_summary, described, dutch_roll_in, modes_in
 
 OTHER_ORDERS = (*NEXT, 1)
 """Second candidate orders; one of the two is chosen for the whole flight, from all manoeuvres."""
@@ -196,11 +196,11 @@ class Fits:
         In a band it does not show it, since a band leaves roll as it is.
         """
         first = self.methods[0]
-        wn, zeta = dutch_roll_in(self, first, self.estimators[first].theta).tolist()
-        if self._is_narrow or not (wn > 0.0 and zeta > 0.0):
+        dutch_roll = modes_in(self, first).dutch_roll[-1]
+        if self._is_narrow or not (dutch_roll[0] > 0.0 and dutch_roll[2] > 0.0):
             return HIDDEN_ZETA
         roll = np.where(np.isfinite(self.y), self._samples.roll, np.nan)
-        return hidden_share(self.config, self.sample_time_s, self.u, roll, (wn, zeta), first)
+        return hidden_share(self.config, self.sample_time_s, self.u, roll, dutch_roll, first)
 
     def rudder_effect(self, wn_rad_s: float, *, shifted: bool) -> RudderEffect:
         """Return what the rudder adds to the fit of all; it is also ``shifted`` if asked."""

@@ -23,7 +23,7 @@ from yawid.config.run import RATE_SLACK, RunConfig
 from yawid.estimation.methods import OF_STRUCTURES
 from yawid.estimation.record_fit import FittedModel, fit_record, held_back_pct
 from yawid.physics.derivatives import summary_of
-from yawid.physics.modes import modes, poles_of
+from yawid.physics.modes import modes
 from yawid.quantities.table import REDUCTION_ERROR
 from yawid.results.judge_samples import LOW_RATE_HZ, LOW_RATIO, UNCERTAIN_WN
 
@@ -44,6 +44,8 @@ MOVED = ("wn_rad_s", "zeta")
 """The numbers whose shift by a structure or a rate a warning gives, in the order of the shifts."""
 LEAST = {"wn_rad_s": 0.005, "zeta": 0.005}
 """The sigma that is left where all structures agree: relative for wn, absolute for zeta."""
+LEAST_BY_ROLL = 0.003
+"""The same for zeta where roll shows what a closed roll loop hides."""
 HIDDEN_ZETA, MOST_HIDDEN = 0.04, 0.11
 """The part of zeta that a closed roll loop may hide where roll does not show it, and the most that
 roll may say of it. The loop's own poles are one pair more than a model of three poles has, and in
@@ -52,6 +54,9 @@ with a roll hold, at 20 airspeeds, three poles are .036 of zeta off (RMS), those
 SEEN_IN_ROLL, SAME_MODE = 0.2, 1.2
 """Of a fit to roll: the part of roll that its errors stay below, and the factor within which its
 pair has the answer's wn."""
+SHOWN, UNSEEN = 0.7, 1.5
+"""A difference of zeta in roll of fewer sigmas than the first is chance. At least the second times
+the answer's sigma of noise may be hidden, up to HIDDEN_ZETA. Both were chosen on 180 flights."""
 NEAR_ENOUGH = 1e-9
 """The relative gain in loss that ends these fits: a thousandth of sigma, in half the time."""
 SPREAD_MEMORIES, NEWEST = 2.0, 2**13
@@ -163,9 +168,10 @@ class Spread:
         total = sum(w for w, _ in known)
         squares = sum(w * (x - value) ** 2 for w, x in known)
         apart = math.sqrt(squares / total) if total > 0.0 else 0.0
-        share = abs(value) if name == "wn_rad_s" else 1.0
-        hidden = self.hidden * value if name == "zeta" else 0.0
-        return math.hypot(apart, LEAST.get(name, 0.0) * share, hidden)
+        least = LEAST.get(name, 0.0) * (abs(value) if name == "wn_rad_s" else 1.0)
+        if name == "zeta" and self.hidden > 0.0:
+            least = max(LEAST_BY_ROLL, self.hidden * value)
+        return math.hypot(apart, least)
 
     def beyond(self, name: str, value: float) -> float:
         """Return the part of a value's sigma that noise does not explain.
@@ -307,29 +313,34 @@ def hidden_share(
     sample_time_s: float,
     u: Floats,
     roll: Floats,
-    wn_zeta: tuple[float, float],
+    dutch_roll: Floats,
     method: str,
 ) -> float:
     """Return the part of zeta that a closed roll loop hides from the yaw rate, as roll shows it.
 
     Yaw rate and roll have the same poles. Roll swings far with the loop's own pair, so that a fit
     of two pairs to ``roll`` (n,) in rad and ``u`` (n, inputs) finds both even where they are near
-    each other. How far its zeta is from that of the answer ``wn_zeta`` is what the answer's
-    structure leaves out. Where no such pair is found it is HIDDEN_ZETA.
+    each other. How far its zeta is from that of the answer ``dutch_roll`` (4,), whose sigmas are of
+    noise, is what the answer's structure leaves out. Where roll has no such pair it is HIDDEN_ZETA.
     """
     _, settings = _with_orders(config, (*NEXT, config.four_orders[3]), sample_time_s)
     model = fit_record(settings, u, roll, NEAR_ENOUGH, method)
-    orders, (wn, zeta) = model.config.orders, wn_zeta
-    poles = poles_of(model.theta[None, : orders.na], orders, sample_time_s).s[0]
-    pairs = poles[poles.imag > 0.0]
+    wn, _, zeta, noise = dutch_roll.tolist()
+    own = wn * complex(-zeta, math.sqrt(max(1.0 - zeta**2, 0.0)))
+    found, scatter = (
+        modes(model.row(each), model.config.orders, sample_time_s)
+        for each in (model.covariance, model.scatter)
+    )
+    pairs = np.flatnonzero(found.poles[0].imag > 0.0)
     if not len(pairs) or not model.innovation_std < SEEN_IN_ROLL * np.nanstd(roll):
         return HIDDEN_ZETA
-    own = wn * complex(-zeta, math.sqrt(max(1.0 - zeta**2, 0.0)))
-    seen = pairs[np.argmin(np.abs(np.log(pairs / own)))]
-    shown = -seen.real / abs(seen)
-    if not 1.0 / SAME_MODE < abs(seen) / wn < SAME_MODE:
+    pair = int(pairs[np.argmin(np.abs(np.log(found.poles[0, pairs] / own)))])
+    if not 1.0 / SAME_MODE < found.wn[0, pair] / wn < SAME_MODE:
         return HIDDEN_ZETA
-    return float(min(abs(shown - zeta) / zeta, MOST_HIDDEN))
+    apart = abs(float(found.zeta[0, pair]) - zeta)
+    sigma = float(np.fmax(found.zeta_std[0, pair], scatter.zeta_std[0, pair]))
+    shown = min(apart / zeta, MOST_HIDDEN) if apart > SHOWN * sigma else 0.0
+    return float(max(shown, min(UNSEEN * noise / zeta, HIDDEN_ZETA)))
 
 
 def _is_slow(config: RunConfig, sample_time_s: float, wn: float) -> bool:

@@ -24,7 +24,7 @@ from yawid.answers.run_summary import (
     Value,
     VerdictSummary,
 )
-from yawid.blocks import WINDOW_S, Floats, Held, finite, strokes, window_of, words
+from yawid.blocks import WINDOW_S, Floats, Held, ModesBlock, finite, strokes, window_of, words
 from yawid.config.run import RunConfig
 from yawid.estimation.bank import Bank, PastModels, SampleHistory
 from yawid.estimation.fit import LEAST_SAMPLES, TRAINING, fit_percent, simulate
@@ -217,8 +217,7 @@ def described(
     """
     estimator, last = bank.estimators[method], bank.last[method]
     orders, sample_time_s = estimator.config.orders, bank.sample_time_s
-    mean_output = bank.config.output == "yaw"
-    found = modes(last, orders, sample_time_s, mean_output=mean_output)
+    found = modes_in(bank, method)
     noise, theta = found.dutch_roll[-1], last.theta[-1]
     wn, wn_noise, zeta, zeta_noise = noise.tolist()
     spread = spread.around(wn)
@@ -300,6 +299,12 @@ def stream_spread(bank: Bank, history: SampleHistory) -> Spread:
     rows = min(NEWEST, math.ceil(SPREAD_MEMORIES / forgotten) if forgotten > 0.0 else NEWEST)
     u, y = history.u[-rows:], history.y[-rows:]
     return spread_of(bank.config, bank.sample_time_s, u, y, wn)
+
+
+def modes_in(bank: Estimates, method: str) -> ModesBlock:
+    """Return the modes of a method's last estimate, with sigmas of noise, as a block of one row."""
+    orders, mean_output = bank.estimators[method].config.orders, bank.config.output == "yaw"
+    return modes(bank.last[method], orders, bank.sample_time_s, mean_output=mean_output)
 
 
 def dutch_roll_in(bank: Estimates, method: str, theta: Floats) -> Floats:
