@@ -100,8 +100,8 @@ def steady_covariance(Phi: Floats, C: Floats, Q: Floats, R: Floats) -> Floats:
     one = np.eye(len(STATES))
     A, G, H = Phi.swapaxes(1, 2), C.swapaxes(1, 2) @ np.linalg.inv(R) @ C, Q
     for _ in range(_MOST_DOUBLINGS):
-        AW = A @ np.linalg.inv(one + G @ H)
-        more = A.swapaxes(1, 2) @ H @ np.linalg.solve(one + G @ H, A)
+        W = np.linalg.inv(one + G @ H)
+        AW, more = A @ W, A.swapaxes(1, 2) @ H @ W @ A
         G = G + AW @ G @ A.swapaxes(1, 2)
         A = AW @ A
         G, H = 0.5 * (G + G.swapaxes(1, 2)), H + 0.5 * (more + more.swapaxes(1, 2))

@@ -58,6 +58,7 @@ class Record:
         self.aileron_moves = motion.aileron_known and bool(self.commands[0, inside].std() > AT_REST)
         self.given = self.commands
         self.law, self.fed_back = self._roll_law(times, inside)
+        self._sums = [_sums(u) for u in self.commands]
         its = [RUDDER] if self.fed_back > FOLLOWS else [AILERON, RUDDER]
         jumps = [jump for surface in its for jump in self._jumps(surface, inside)]
         self.jump_std_s = self.sample_time_s / math.sqrt(12.0)
@@ -172,9 +173,10 @@ class Record:
         at, into = self._places(np.asarray(edges, np.float64))
         begins, ends = COMMAND_STEP_S * at, COMMAND_STEP_S * at + into
         means, slopes = [], []
-        for u, x in zip(self.commands, _lagged(self.commands, lag_s), strict=True):
+        lagged = _lagged(self.commands, lag_s)
+        for u, x, sums in zip(self.commands, lagged, self._sums, strict=True):
             value, slope = _between(u, x, at, into, lag_s)
-            area, moment = (sums[at] for sums in _sums(u))
+            area, moment = (each[at] for each in sums)
             some = into * (u[at] + 0.5 * into * slope)
             moment = moment + begins * some + into**2 * (u[at] / 2.0 + slope * into / 3.0)
             area = area + some - lag_s * value
