@@ -6,6 +6,7 @@ import json
 import math
 from pathlib import Path
 
+import numpy as np
 import pytest
 from printed import printed
 
@@ -92,6 +93,39 @@ def test_a_simulation_is_not_written_over_a_file_that_exists(suffix: str, tmp_pa
     assert main(arguments) == 6
     assert out.stat().st_size == size
     assert main([*arguments, "--force"]) == 0
+
+
+def test_the_airframe_of_the_lateral_plant_is_found_in_its_tlog(tmp_path: Path, capsys):
+    """Eq. 21 with the reference coefficients; beta, p, r and roll positive to the right."""
+    log = tmp_path / "lateral.tlog"
+    options = ["--noise", "0.002", "--seconds", "40"]
+    assert main(["simulate", "lateral", "--out", str(log), *options]) == 0
+    capsys.readouterr()
+    lateral = ["--lateral", "auto", "--servo-lag", "0"]
+    assert main(["replay", str(log), "--out", str(tmp_path), "--json", *lateral]) == 0
+    found = json.loads(capsys.readouterr().out)["bare"]
+
+    motion = [[-0.3, 0, -1, 9.80665 / 50], [-15, -8, 1.5, 0], [5.5, -0.2, -0.7, 0], [0, 1, 0, 0]]
+    poles = np.linalg.eigvals(motion)
+    pair, fastest = poles[poles.imag > 0.0][0], poles.real.min()
+    assert found["dutch_roll"]["wn_rad_s"] == pytest.approx(abs(pair), rel=0.005)
+    assert found["dutch_roll"]["zeta"] == pytest.approx(-pair.real / abs(pair), abs=0.002)
+    roll = found["roll_mode"]  # the rudder alone hardly shows it
+    assert roll["time_constant_s"] == pytest.approx(-1.0 / fastest, abs=2.0 * roll["std"])
+
+
+def test_the_lateral_plant_s_table_has_every_channel_and_its_acceleration(tmp_path: Path, capsys):
+    """5.5 beta is what r' has beyond -0.2 p - 0.7 r + 4 dr, and ay = -0.3 beta 50 m/s."""
+    out = tmp_path / "lateral.csv"
+    assert main(["simulate", "lateral", "--out", str(out), "--seconds", "30", "--rate", "200"]) == 0
+
+    named = np.genfromtxt(out, delimiter=",", names=True)[1:]
+    assert set(named.dtype.names) >= {"p", "q", "r", "roll", "pitch", "ay", "aileron", "airspeed"}
+    r, p = ((x[1:] + x[:-1]) / 2 for x in (named["r"], named["p"]))
+    u = named["rudder"][:-1]  # held
+    beta = (np.diff(named["r"]) * 200 + 0.2 * p + 0.7 * r - 4.0 * u) / 5.5
+    ay = (named["ay"][1:] + named["ay"][:-1]) / 2
+    assert np.abs(ay - -0.3 * 50 * beta).max() < 1e-3 * np.abs(ay).max()
 
 
 @pytest.mark.parametrize(

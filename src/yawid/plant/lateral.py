@@ -21,8 +21,8 @@ from yawid.errors import ConfigError
 from yawid.plant.linear import LinearPlant
 
 INPUTS = ("-delta_b", "-delta_h", "beta_b")
-OUTPUTS = ("psi", "psi_rate", "gamma", "beta")
-"""The outputs of eq. 21 in rad, psi_rate in rad/s; the inputs are in rad too."""
+OUTPUTS = ("psi", "psi_rate", "gamma", "beta", "gamma_rate")
+"""The outputs of eq. 21 in rad, rates in rad/s; the inputs are in rad too."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -65,7 +65,7 @@ def lateral_motion(c: LateralCoefficients) -> LinearPlant:
     B[0, 2] = c.a_z_beta - c.a_z_beta_b
     B[2] = c.a_mx_delta_b, 0.0, -c.a_mx_beta
     B[4] = 0.0, c.a_my_delta_h, -c.a_my_beta
-    C = np.stack([np.eye(5)[3], np.eye(5)[4], np.eye(5)[1], beta])
-    D = np.zeros((4, 3))
+    C = np.stack([np.eye(5)[3], np.eye(5)[4], np.eye(5)[1], beta, np.eye(5)[2]])
+    D = np.zeros((5, 3))
     D[3, 2] = 1.0
     return LinearPlant(A, B, C, D, INPUTS, OUTPUTS)

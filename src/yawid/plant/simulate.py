@@ -34,13 +34,19 @@ REFERENCE_FLIGHT = SteadyFlight(
 )
 
 
+ANGLE_NOISE_S = 0.05
+"""The noise of the lateral plant's roll in rad over that of its rates in rad/s. The bare airframe
+is not found where roll is the integral of p to the last bit, as no estimator's is."""
+
+
 @dataclass(frozen=True, slots=True)
 class Simulation:
     """Input and outputs (n,) of a simulation at ``t`` = k Ts in s.
 
     ``u`` is the rudder in rad, positive nose right, held over [t_k, t_k+1); ``y`` the yaw rate in
-    rad/s at t_k with noise; ``yaw`` and ``roll`` in rad have no noise. roll is 0 where the plant
-    has none.
+    rad/s at t_k with noise; ``yaw`` and ``roll`` in rad. roll is 0 where the plant has none. The
+    lateral plant has the roll rate ``p`` in rad/s, with noise, and the lateral acceleration ``ay``
+    in m/s^2, without; the others have None.
     """
 
     t: Floats
@@ -48,6 +54,8 @@ class Simulation:
     y: Floats
     yaw: Floats
     roll: Floats
+    p: Floats | None = None
+    ay: Floats | None = None
 
 
 def simulate_plant(
@@ -62,7 +70,8 @@ def simulate_plant(
 ) -> Simulation:
     """Simulate a plant from rest: "yaw" eq. 22-23, "lateral" eq. 21, "rigid-body" eq. 17-18.
 
-    All three have the same coefficients. White noise of ``noise_std`` rad/s is added to y.
+    All three have the same coefficients. White noise of ``noise_std`` rad/s is added to y
+    and p, and to the lateral plant's roll ANGLE_NOISE_S of it.
 
     Raises:
         ConfigError: the plant is unknown, a value is outside its limits, or the rudder moves so
@@ -79,15 +88,19 @@ def simulate_plant(
     count = round(duration_s / sample_time_s)
     u = excitation.samples(count, sample_time_s)
     minus_delta_h = rudder_from_paper(u)
-    psi, psi_rate, gamma = _RUNS[name](flight, minus_delta_h, sample_time_s)
-    noise = noise_std * np.random.default_rng(seed).standard_normal(count)
-    y = np.asarray(yaw_from_paper(psi_rate) + noise, dtype=np.float64)
+    psi, psi_rate, gamma, *others = _RUNS[name](flight, minus_delta_h, sample_time_s)
+    rng = np.random.default_rng(seed)
+    y = yaw_from_paper(psi_rate) + noise_std * rng.standard_normal(count)
     t = np.asarray(np.arange(count) * sample_time_s, dtype=np.float64)
-    return Simulation(t, u, y, yaw_from_paper(psi), gamma)
+    if others:
+        others[0] = others[0] + noise_std * rng.standard_normal(count)
+        gamma = gamma + ANGLE_NOISE_S * noise_std * rng.standard_normal(count)
+    return Simulation(t, u, y, yaw_from_paper(psi), gamma, *others)
 
 
-Run = Callable[[SteadyFlight, Floats, float], tuple[Floats, Floats, Floats]]
-"""A function of flight, -delta_h (n,) in rad and Ts in s: psi, psi' and gamma (n,)."""
+Run = Callable[[SteadyFlight, Floats, float], tuple[Floats, ...]]
+"""A function of flight, -delta_h (n,) in rad and Ts in s: psi, psi' and gamma (n,), and of the
+lateral plant p and ay (n,)."""
 
 
 def _run_yaw(flight: SteadyFlight, u: Floats, ts: float) -> tuple[Floats, Floats, Floats]:
@@ -96,12 +109,13 @@ def _run_yaw(flight: SteadyFlight, u: Floats, ts: float) -> tuple[Floats, Floats
     return psi, rate, np.zeros(len(u))
 
 
-def _run_lateral(flight: SteadyFlight, u: Floats, ts: float) -> tuple[Floats, Floats, Floats]:
+def _run_lateral(flight: SteadyFlight, u: Floats, ts: float) -> tuple[Floats, ...]:
     plant = lateral_motion(flight.coefficients)
     controls = np.zeros((len(u), len(INPUTS)))
     controls[:, INPUTS.index("-delta_h")] = u
-    outputs = plant.simulate(controls, ts)
-    return outputs[:, 0], outputs[:, 1], outputs[:, 2]
+    psi, psi_rate, gamma, beta, p = plant.simulate(controls, ts).T
+    # The side force turns the direction of flight, which is positive to the left, and ay is not.
+    return psi, psi_rate, gamma, p, -flight.speed * flight.coefficients.a_z_beta * beta
 
 
 def _run_rigid_body(flight: SteadyFlight, u: Floats, ts: float) -> tuple[Floats, Floats, Floats]:

@@ -7,12 +7,14 @@ from pathlib import Path
 
 import numpy as np
 
+from yawid.blocks import Floats
 from yawid.channels.stage import WANTED
 from yawid.config.run import RunConfig
 from yawid.errors import ConfigError
 from yawid.pipeline import Pipeline
 from yawid.plant.excitation import Excitation, Kind
 from yawid.plant.simulate import SPEED_M_S, PlantName, Simulation, simulate_plant
+from yawid.quantities.units import HALF_TRAVEL
 from yawid.results.summary import summarise
 from yawid.runs.job import feed_all
 from yawid.runs.outputs import Outputs, finish, open_mcap, parameters_of, whole_or_none
@@ -34,6 +36,8 @@ COLUMNS = {
 """A record's columns: name of each, with the field of :class:`Simulation` and the unit.
 
 A record with these units needs no option to be replayed."""
+OF_LATERAL = {"p": ("p", "rad/s"), "ay": ("ay", "m/s^2")}
+"""The further columns of the lateral plant, whose aileron and pitch rest."""
 STDOUT = Path("-")
 MOST_SAMPLES = 5_000_000
 """The largest number of samples: about a day at 50 Hz, which fits into a small machine's memory."""
@@ -90,13 +94,25 @@ def simulate_to_file(
         write_whole({out: writers[out.suffix](simulation)}, force=force)
 
 
+def _columns(simulation: Simulation) -> dict[str, tuple[Floats, str]]:
+    """Return values (n,) and unit of each column of a record."""
+    wanted = COLUMNS | ({} if simulation.p is None else OF_LATERAL)
+    found = {name: (getattr(simulation, field), unit) for name, (field, unit) in wanted.items()}
+    if simulation.p is not None:
+        rest = np.zeros(len(simulation.t))
+        found |= {"aileron": (rest, HALF_TRAVEL), "airspeed": (rest + SPEED_M_S, "m/s")}
+        found |= {"pitch": (rest, "rad"), "q": (rest, "rad/s")}
+    return found
+
+
 def _csv(simulation: Simulation) -> bytes:
     text = io.StringIO(newline="")
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(COLUMNS)
-    writer.writerow([unit for _, unit in COLUMNS.values()])
-    columns = [getattr(simulation, name).tolist() for name, _ in COLUMNS.values()]
-    writer.writerows([f"{value:.12g}" for value in row] for row in zip(*columns, strict=True))
+    columns = _columns(simulation)
+    writer.writerow(columns)
+    writer.writerow([unit for _, unit in columns.values()])
+    rows = zip(*(values.tolist() for values, _ in columns.values()), strict=True)
+    writer.writerows([f"{value:.12g}" for value in row] for row in rows)
     return text.getvalue().encode()
 
 
@@ -104,9 +120,10 @@ def _parquet(simulation: Simulation) -> bytes:
     import pyarrow as pa  # seldom needed
     import pyarrow.parquet as pq
 
-    units = {name: {"unit": unit} for name, (_, unit) in COLUMNS.items()}
+    columns = _columns(simulation)
+    units = {name: {"unit": unit} for name, (_, unit) in columns.items()}
     fields = [pa.field(name, pa.float64(), metadata=unit) for name, unit in units.items()]
-    arrays = [pa.array(getattr(simulation, name)) for name, _ in COLUMNS.values()]
+    arrays = [pa.array(values) for values, _ in columns.values()]
     out = io.BytesIO()
     pq.write_table(pa.Table.from_arrays(arrays, schema=pa.schema(fields)), out)
     return out.getvalue()
@@ -119,7 +136,7 @@ def _tlog(simulation: Simulation) -> bytes:
             "the rudder exceeds 25 degrees, its full travel in a tlog: choose a smaller --amplitude"
         )
     y, yaw, roll = simulation.y, simulation.yaw, simulation.roll
-    return tlog_of(SimulatedFlight(simulation.t, share, y, yaw, roll, SPEED_M_S))
+    return tlog_of(SimulatedFlight(simulation.t, share, y, yaw, roll, SPEED_M_S, simulation.p))
 
 
 def _mcap(simulation: Simulation, out: Path, rate_hz: float, force: bool) -> None:

@@ -17,7 +17,8 @@ TRAVEL_US = 400
 class SimulatedFlight:
     """A flight: times ``t`` (n,) in s from 0, and rudder ``u`` (n,) in -1..1.
 
-    The yaw rate is in rad/s, yaw and roll are in rad, all (n,).
+    The yaw rate is in rad/s, yaw and roll are in rad, all (n,). With a roll rate ``p`` in rad/s
+    there is an aileron, too, which rests.
     """
 
     t: Floats
@@ -26,6 +27,7 @@ class SimulatedFlight:
     yaw: Floats
     roll: Floats
     airspeed_m_s: float
+    p: Floats | None = None
 
 
 def tlog_of(flight: SimulatedFlight) -> bytes:
@@ -46,16 +48,19 @@ def tlog_of(flight: SimulatedFlight) -> bytes:
         send(t_s, mavlink.MAVLink_vfr_hud_message(speed, speed, 0, 50, 100.0, 0.0))
 
     each_second(BOOT_S)
-    for name, value in (("FUNCTION", 21), ("MIN", 1100), ("TRIM", 1500), ("MAX", 1900)):
-        named = f"SERVO4_{name}".encode()
-        send(BOOT_S, mavlink.MAVLink_param_value_message(named, float(value), 9, 4, 0))
+    for servo, function in ((4, 21), *([(1, 4)] if flight.p is not None else [])):
+        travel = ("FUNCTION", function), ("MIN", 1100), ("TRIM", 1500), ("MAX", 1900)
+        for name, value in travel:
+            named = f"SERVO{servo}_{name}".encode()
+            send(BOOT_S, mavlink.MAVLink_param_value_message(named, float(value), 9, 4, 0))
+    p = np.zeros(len(flight.t)) if flight.p is None else flight.p
     wrapped = (flight.yaw + np.pi) % (2.0 * np.pi) - np.pi
     seconds = np.floor(flight.t).astype(int)
     for k, t in enumerate((BOOT_S + flight.t).tolist()):
         if k and seconds[k] != seconds[k - 1]:
             each_second(t)
         ms, us = round(1000 * t), round(1e6 * t)
-        attitude = (flight.roll[k], 0.0, wrapped[k], 0.0, 0.0, flight.yaw_rate[k])
+        attitude = (flight.roll[k], 0.0, wrapped[k], p[k], 0.0, flight.yaw_rate[k])
         send(t, mavlink.MAVLink_attitude_message(ms, *map(float, attitude)))
         pulse = round(1500 + TRAVEL_US * float(np.clip(flight.u[k], -1.0, 1.0)))
         send(
