@@ -60,7 +60,8 @@ def linearised(flight: SteadyFlight) -> LinearPlant:
 
     def outputs(x: Floats, u: Floats) -> Floats:
         beta = math.asin(x[2] / float(np.linalg.norm(x[:3]))) + u[2]
-        return np.array([x[6], angle_rates(x[6:], x[3:6])[0], x[8], beta])
+        turn = angle_rates(x[6:], x[3:6])
+        return np.array([x[6], turn[0], x[8], beta, turn[2]])
 
     A, C = _slopes(lambda x: rates(x, u0), x0), _slopes(lambda x: outputs(x, u0), x0)
     B, D = _slopes(lambda u: rates(x0, u), u0), _slopes(lambda u: outputs(x0, u), u0)
