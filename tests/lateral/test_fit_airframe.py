@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 from lateral.flown import DERIVATIVES, airframe, flown, modes
 from scipy.linalg import expm
 
+from yawid.blocks import Floats
 from yawid.lateral.airframe import Airframe, Known
 from yawid.lateral.criterion import Criterion
-from yawid.lateral.fit import fit, guess_from
+from yawid.lateral.fit import after_bend, fit, guess_from
 from yawid.lateral.fit_airframe import autocorrelation, fit_airframe
 from yawid.lateral.gates import GATES, failed_gates
 from yawid.lateral.motion import COMMAND_STEP_S, Motion
@@ -193,6 +196,21 @@ def test_a_start_that_comes_near_to_where_another_ended_ends_there() -> None:
     assert alone.criterion == pytest.approx(ended.criterion, abs=0.2)
     assert alone is not ended
     assert there is ended
+
+
+def test_a_step_follows_a_bent_valley() -> None:
+    """The innovations 2 (a - 1) and b - a^2, which are least along b = a^2."""
+
+    def at(x: Floats) -> SimpleNamespace:
+        return SimpleNamespace(x=x, e=np.array([2.0 * (x[0] - 1.0), x[1] - x[0] ** 2]))
+
+    valley: Any = SimpleNamespace(at=at, is_noise=np.zeros(2, bool), least=np.full(2, -np.inf))
+    start: Any = at(np.zeros(2))
+    J = np.diag([2.0, 1.0])
+
+    moved = after_bend(valley, start, np.array([0.4, 0.0]), J, J.T @ J)
+
+    np.testing.assert_allclose(moved, [0.4, 0.16], atol=1e-12)
 
 
 def test_manoeuvres_of_one_speed_are_pooled() -> None:

@@ -16,6 +16,8 @@ from yawid.lateral.start import equation_error
 ITERATIONS, TRIALS = 30, 8
 LONGEST_STEP = 2.0
 """Of a parameter in its scales."""
+_PROBE = 0.1
+"""The part of a step after which it is seen how the innovations bend."""
 _DAMPING, _HARDER, _SOFTER, _LEAST = 1e-3, 6.0, 8.0, 1e-9
 _SHRINK, _GROW = 0.95, 20.0
 """The largest share by which a variance falls and grows in a step."""
@@ -89,14 +91,15 @@ def fit(criterion: Criterion, others: Sequence[Fit] = ()) -> Fit:
     Raises:
         numpy.linalg.LinAlgError: there is no predictor at the start.
     """
-    at, damping, settled = criterion.at(criterion.start()), _DAMPING, False
+    at, damping, settled, bends = criterion.at(criterion.start()), _DAMPING, False, False
     for step in range(ITERATIONS + 1):
         for other in others:
             if other.settled and _apart(other, at.x * criterion.scale) < _SAME:
                 return other
         variance = float(at.e @ at.e) / criterion.count
         loss = at.loss(variance)
-        H, score = _curvature(criterion, at, variance)
+        J = criterion.slopes(at)
+        H, score = _curvature(criterion, at, J, variance)
         held = _held(criterion, at.x, H, score)
         gain, motion_gain = _gains(H, score, held, criterion.is_noise)
         settled = gain < _SMALL_GAIN or (step >= _EARLY and motion_gain < _SMALL_GAIN)
@@ -104,13 +107,16 @@ def fit(criterion: Criterion, others: Sequence[Fit] = ()) -> Fit:
             break
         better = None
         for _ in range(TRIALS):
-            moved = _moved(criterion, at.x, _step(criterion, at.x, H, score, held, damping))
+            damped = H + damping * np.diag(np.diag(H))
+            moved = _moved(criterion, at.x, _step(criterion, at.x, damped, score, held))
+            if bends:
+                moved = after_bend(criterion, at, moved, J, damped * variance)
             tried = _at_or_none(criterion, moved)
             after = math.inf if tried is None else tried.loss(variance)
             if after < loss:
                 better = tried
                 break
-            damping = max(damping * _HARDER, _DAMPING)
+            damping, bends = max(damping * _HARDER, _DAMPING), True
         if better is None:
             settled = gain < 1.0  # nothing is gained within the rounding of the slopes
             break
@@ -146,9 +152,13 @@ def _at_or_none(criterion: Criterion, x: Floats) -> Point | None:
         return None
 
 
-def _curvature(criterion: Criterion, at: Point, variance: float) -> tuple[Floats, Floats]:
-    """Return the Hessian (n, n) and the slope (n,) of half the criterion, over the variance."""
-    J = criterion.slopes(at)
+def _curvature(
+    criterion: Criterion, at: Point, J: Floats, variance: float
+) -> tuple[Floats, Floats]:
+    """Return the Hessian (n, n) and the slope (n,) of half the criterion, over the variance.
+
+    ``J`` (l, n) are the slopes of the innovations.
+    """
     H, score = cross(J, J) / variance, cross(J, at.e) / variance
     H[np.ix_(criterion.is_noise, criterion.is_noise)] *= 2.0
     H += np.diag(1.0 / (criterion.spread / criterion.scale) ** 2)
@@ -175,6 +185,24 @@ def _moved(criterion: Criterion, x: Floats, step: Floats) -> Floats:
     return np.asarray(np.maximum(tried, criterion.least), np.float64)
 
 
+def after_bend(criterion: Criterion, at: Point, moved: Floats, J: Floats, H: Floats) -> Floats:
+    """Return where a step of the motion's parameters to ``moved`` (n,) ends in a bent valley.
+
+    How the innovations bend along it shows a point a tenth of the way (Transtrum and Sethna 2012).
+    ``J`` (l, n) are their slopes, ``H`` (n, n) is the damped Hessian of half their squares.
+    """
+    motion = ~criterion.is_noise
+    step = np.where(motion, moved - at.x, 0.0)
+    if (probe := _at_or_none(criterion, at.x + _PROBE * step)) is None:
+        return moved
+    bend = 2.0 / _PROBE * ((probe.e - at.e) / _PROBE - J @ step)
+    more = _solved(H, cross(J, bend), motion & (moved > criterion.least), np.zeros(len(step)))
+    size = np.diag(H)
+    if more**2 @ size > step**2 @ size:
+        return moved
+    return np.asarray(np.maximum(moved + 0.5 * more, criterion.least), np.float64)
+
+
 def _share_of(step: Floats) -> float:
     return LONGEST_STEP / max(LONGEST_STEP, float(np.abs(step).max()))
 
@@ -189,10 +217,10 @@ def _held(criterion: Criterion, x: Floats, H: Floats, score: Floats) -> np.ndarr
 
 
 def _step(
-    criterion: Criterion, x: Floats, H: Floats, score: Floats, held: np.ndarray, damping: float
+    criterion: Criterion, x: Floats, damped: Floats, score: Floats, held: np.ndarray
 ) -> Floats:
-    """Return the damped step (n,); what would go below its least value goes there."""
-    damped, step, on = H + damping * np.diag(np.diag(H)), np.zeros(len(x)), ~held
+    """Return the step (n,) of a damped Hessian; what would go below its least value goes there."""
+    step, on = np.zeros(len(x)), ~held
     to_least = criterion.least - x
     while True:
         step = _solved(damped, score, on, step)
