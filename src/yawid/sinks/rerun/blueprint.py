@@ -31,10 +31,12 @@ def blueprint() -> rrb.Blueprint:
         _whole_run(),
         row_shares=[3, 4, 3, 3, 1],
     )
-    dutch_roll = f"{OF_METHODS}; bars: manoeuvres, red: not usable, turquoise: bare; 2 sigma"
     learnt = rrb.Vertical(
-        _lines(f"wn [rad/s]: {dutch_roll}", "/dutch_roll/wn"),
-        _lines("zeta, likewise; grey: levels 1 and 2 of MIL-F-8785C", "/dutch_roll/zeta"),
+        _lines(f"wn [rad/s]: {OF_METHODS}; turquoise: bare; 2 sigma", "/dutch_roll/wn"),
+        _lines(
+            "zeta, likewise; bars: manoeuvres, red: not usable; grey: levels 1, 2 (MIL-F-8785C)",
+            "/dutch_roll/zeta",
+        ),
         _lines("Parameters a; 2 sigma of noise", "/parameters/a", legend=True),
         _lines(
             "Parameters b [rad/s per unit of input], bias [rad/s]", "/parameters/b", legend=True
