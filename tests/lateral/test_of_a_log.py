@@ -19,6 +19,7 @@ from lateral.flown import AIRSPEED_M_S, COMMAND_STEP_S, DERIVATIVES, airframe, f
 from live_link import listening, send, tlog_size, wait_for_size
 from msgspec import convert
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
+from sinks.rerun.rerun_reading import recorded
 
 from yawid.answers.run_summary import Bare
 from yawid.blocks import MotionBlock
@@ -321,6 +322,18 @@ def read(path: Path) -> dict[str, np.ndarray]:
     with path.open(encoding="utf-8") as stream:
         rows = list(csv.DictReader(stream))[1:]
     return {name: np.array([float(row[name] or "nan") for row in rows]) for name in names}
+
+
+def test_the_view_of_a_run_has_its_airframes(mcap: Path, tmp_path: Path):
+    """It had the manoeuvres alone, and the recording of a replay both."""
+    assert main(["view", str(mcap), "--save", str(tmp_path / "view.rrd")]) == 0
+
+    found = recorded(tmp_path / "view.rrd")["/dutch_roll/wn/bare"]["Scalars:scalars"]
+
+    laterals = [each.lateral for each in open_run(mcap).summary.manoeuvres or ()]
+    expected = [each.dutch_roll.wn_rad_s for each in laterals if each and each.dutch_roll]
+    assert len(expected) == 3
+    assert [row[0] for row in found[::3]] == expected
 
 
 def test_the_report_draws_the_airframe_next_to_the_motion_measured(mcap: Path):

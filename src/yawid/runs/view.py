@@ -185,7 +185,10 @@ def _show(run: McapRun, sink: RerunSink) -> None:
     times = np.concatenate(boot_us), np.concatenate(unix_ns)
     for found in run.summary.manoeuvres or ():
         try:
-            sink.manoeuvre(found, _span_ns(found, *times))
+            span_ns = _span_ns(found, *times)
+            sink.manoeuvre(found, span_ns)
+            if found.lateral is not None:
+                sink.lateral(found.n, found.lateral, span_ns)
         except (ValueError, OverflowError) as error:
             what = f"the times of manoeuvre {found.n}: {error}"
             raise SourceError(f"{run.path} is not a file as yawid writes it: {what}") from error
