@@ -94,6 +94,19 @@ def test_only_manoeuvres_that_pass_are_used():
     assert bare.dutch_roll.wn_rad_s == 2.4
 
 
+def test_where_none_passes_the_cause_is_that_of_the_best_known():
+    """It was that of the fewest gates: a hand-flown log's was an unusable manoeuvre's."""
+    noise = airframe(std=100.0, failed=(FailedGate("not_settled", 1.0, 30.0),))
+    gates = FailedGate("coloured", 0.67, 0.35), FailedGate("too_slow", 0.49, 0.25)
+    seen = airframe(std=0.5, failed=gates)
+
+    bare = bare_of([found(1, noise), found(2, seen), found(3, None, "no attitude")], None)
+
+    assert bare is not None
+    assert bare.used == [2]
+    assert bare.verdict.reasons[0].text.startswith("the innovations predict 0.67")
+
+
 def test_a_manoeuvre_that_a_gate_stops_has_its_words_and_no_number():
     told = lateral_of(found(4, airframe(failed=(FailedGate("coloured", 0.5, 0.35),))))
 

@@ -207,8 +207,8 @@ def _constant(known: Known) -> TimeConstant | None:
 def bare_of(found: Sequence[Fitted], servo_lag_s: float | None) -> Bare | None:
     """Return the airframe of a flight at the median airspeed of the manoeuvres used.
 
-    None is returned where there is no manoeuvre. Where no airframe is known the reason is that of
-    the manoeuvre with the fewest.
+    None is returned where there is no manoeuvre. Where no airframe is known the reasons are those
+    of the manoeuvre whose fit knows wn best.
     """
     if not found:
         return None
@@ -216,13 +216,18 @@ def bare_of(found: Sequence[Fitted], servo_lag_s: float | None) -> Bare | None:
     if not known:
         known = [pair for group in _of_one_speed(found) if (pair := _together(group, servo_lag_s))]
     if not known:
-        tried = [each for each in found if each.airframe is not None]
-        best = min(tried, key=lambda each: len(each.airframe.failed), default=found[0])  # type: ignore[union-attr]  # tried have one
-        return lateral_of(best)
+        return lateral_of(min(found, key=_uncertainty))
     airframes = [each for each, _ in known]
     one = len(known) == 1
     answer = _answer(*known[0]) if one else _pooled(airframes, [n for _, ns in known for n in ns])
     return _with_correlations(answer, airframes)
+
+
+def _uncertainty(found: Fitted) -> float:
+    """Return the sigma of wn over wn, infinite where there is none."""
+    wn = Known() if found.airframe is None else found.airframe.wn_rad_s
+    share = wn.std / wn.value
+    return share if math.isfinite(share) else math.inf
 
 
 def _with_correlations(found: Bare, airframes: Sequence[Airframe]) -> Bare:
