@@ -44,7 +44,7 @@ MOVED = ("wn_rad_s", "zeta")
 """The numbers whose shift by a structure or a rate a warning gives, in the order of the shifts."""
 LEAST = {"wn_rad_s": 0.005, "zeta": 0.005}
 """The sigma that is left where all structures agree: relative for wn, absolute for zeta."""
-LEAST_BY_ROLL = 0.003
+LEAST_BY_ROLL = 0.002
 """The same for zeta where roll shows what a closed roll loop hides."""
 HIDDEN_ZETA, MOST_HIDDEN = 0.04, 0.11
 """The part of zeta that a closed roll loop may hide where roll does not show it, and the most that
