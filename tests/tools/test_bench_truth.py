@@ -11,8 +11,10 @@ from bench import truth as bench
 from bench.table import write_csv
 from checks.judge import Row, compared
 from hand_flights import estimate, manoeuvre, plain_summary, roll_of, verdict
+from msgspec.structs import replace
 
 from yawid.answers.run_summary import (
+    Bare,
     DutchRoll,
     Flight,
     Manoeuvre,
@@ -77,6 +79,30 @@ def test_each_estimate_is_held_to_its_own_truth_by_both_sigmas() -> None:
     assert flight["wn_error_pct"] == pytest.approx(2.0)
 
 
+def test_the_bare_airframe_is_held_to_the_truth_without_the_roll_loop() -> None:
+    roll = DutchRoll(wn_rad_s=1.9, wn_std=0.04, zeta=0.2, zeta_std=0.04)
+    bare = Bare(dutch_roll=roll, used=[1], verdict=VerdictSummary(usable=True, reasons=[]))
+    summary = plain_summary(
+        manoeuvres=[replace(found(1, 40.0, 2.1, verdict()), lateral=bare)], flight=refused()
+    )
+    loops = {"dutch_roll": 2.0, "dutch_roll_open_loop": 1.85}
+    modes = {
+        name: {"wn_rad_s": wn, "wn_std": 0.03, "zeta": 0.2, "zeta_std": 0.0}
+        for name, wn in loops.items()
+    }
+    truth = {"manoeuvres": [{"from_s": 100.0, "to_s": 140.0, **modes}]}
+
+    [row] = bench.of_kind(compared(summary, truth), "bare")
+
+    assert row["usable"]
+    assert row["wn_error_pct"] == pytest.approx(100.0 * 0.05 / 1.85)
+    assert row["wn_z"] == pytest.approx(0.05 / 0.05)  # .04 and the truth's .03
+    said = [row | CONDITIONS, row | CONDITIONS | {"usable": False}]
+    assert next(each for each in bench.bare_lines(said) if "all" in each).startswith(
+        "| all | 2 | 50 |"
+    )
+
+
 def test_the_figures_of_two_rows_are_those_by_hand() -> None:
     pair = found(1, 40.0, 2.128, verdict()), found(2, 50.0, 2.5, verdict())
     unfit = found(1, 40.0, 2.128, verdict("poor_fit"))
@@ -128,9 +154,9 @@ def test_a_wrong_flight_must_be_warned_of_or_refused_and_a_right_one_must_not() 
 
 
 def test_a_flight_is_flown_once_and_has_a_row_for_every_estimate(tmp_path: Path) -> None:
-    rows = bench.flight_rows(161, tmp_path, 2)
+    rows = bench.flight_rows(161, False, tmp_path, 2)
     stamp = (tmp_path / "002.tlog").stat().st_mtime_ns
-    again = bench.flight_rows(161, tmp_path, 2)
+    again = bench.flight_rows(161, False, tmp_path, 2)
     write_csv(tmp_path / "rows.csv", rows)
 
     streams = {"stream rml", "stream els"}
@@ -146,4 +172,4 @@ def test_a_flight_is_flown_once_and_has_a_row_for_every_estimate(tmp_path: Path)
             [row["wn_true"] for row in rows], rel=1e-5
         )
     with pytest.raises(SystemExit, match="is flight 2 of seed 161"):
-        bench.flight_rows(162, tmp_path, 2)
+        bench.flight_rows(162, False, tmp_path, 2)

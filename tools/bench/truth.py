@@ -1,11 +1,12 @@
 """Flies JSBSim's aircraft in all conditions, and compares estimate and sigma with the truth.
 
-    python tools/bench.py truth [--seed 162] [--flights N] [--logs DIR] [--jobs 2]
+    python tools/bench.py truth [--seed 162] [--flights N] [--lateral] [--logs DIR] [--jobs 2]
                                 [--csv FILE] [--readme]
 
 The flights are the grid of flights/moved.py, replayed with the default options; with --logs they
 stay in DIR and are not flown again. Below the tables of the READMEs come the criteria and the worst
 answer of each aircraft. (Recorded flights: the bench ``real``.)
+With --lateral the bare airframe of each manoeuvre is looked for, too, and has a table by itself.
 The exit code is 1 if a criterion is not met. --csv has a row for each flight and estimate.
 
 z is (estimate - truth) / sqrt(sigma^2 + sigma of the truth^2). The figures of the answer, of RML
@@ -24,6 +25,7 @@ from checks.judge import METHODS, Row, judged, kept
 from flights.moved import COUNT, GYROS, PLACES, RATES_HZ, SEVERITIES, SHAPES, TABLE, of_grid
 
 from bench.table import FLOWN, all_rows, column, head, known, line, options_of, rms, within
+from yawid.config.run import RunConfig
 
 CONDITIONS = (
     "number", "aircraft", "speed_kt", "manoeuvre", "severity", "gyro", "rate_hz", "amplitude",
@@ -220,7 +222,16 @@ def criteria_lines(found: Sequence[Criterion]) -> Iterator[str]:
         yield line(what, needed, said, ("yes" if met else "NO") if needed else "")
 
 
-def flight_rows(seed: int, folder: Path, number: int) -> list[Row]:
+def bare_lines(rows: Sequence[Row]) -> Iterator[str]:
+    """Yield the table of the bare airframe's figures, over the manoeuvres that pass its gates."""
+    yield from head("bare airframe", ("manoeuvres", "known %", *COLUMNS[2:]))
+    for name in ("all", *ANSWERED_PCT):
+        its = of_kind([row for row in rows if GROUPS[name](row)], "bare")
+        share = f"{100.0 * known(np.mean, column(its, 'usable')):.0f}"
+        yield line(name, len(its), share, *cells(its, ("bare",)))
+
+
+def flight_rows(seed: int, lateral: bool, folder: Path, number: int) -> list[Row]:
     """Return the rows of one flight of the grid; fly it if the folder does not have it yet.
 
     Raises:
@@ -230,7 +241,8 @@ def flight_rows(seed: int, folder: Path, number: int) -> list[Row]:
     if (truth["seed"], truth["number"]) != (seed, number):
         raise SystemExit(f"{log} is flight {truth['number']} of seed {truth['seed']}, not {seed}")
     conditions = {name: truth[name] for name in CONDITIONS}
-    return [conditions | row for row in judged(log, truth)]
+    config = RunConfig(lateral="auto" if lateral else None)
+    return [conditions | row for row in judged(log, truth, config)]
 
 
 def main(arguments: list[str]) -> Generator[str, None, str | None]:
@@ -238,9 +250,10 @@ def main(arguments: list[str]) -> Generator[str, None, str | None]:
 
     Return which criteria are not met, None if all are.
     """
-    options = options_of("truth", __doc__, arguments, seed=TABLE, flights=COUNT, **FLOWN)
+    own = {"seed": TABLE, "flights": COUNT, "lateral": False}
+    options = options_of("truth", __doc__, arguments, **own, **FLOWN)
     numbers = sorted(i * STRIDE % COUNT for i in range(min(options.flights, COUNT)))
-    rows = all_rows(options, partial(flight_rows, options.seed), numbers)
+    rows = all_rows(options, partial(flight_rows, options.seed, options.lateral), numbers)
     found = list(criteria(rows))
     air = ("all", *ANSWERED_PCT)
     yield from condition_lines("", rows, air)
@@ -253,5 +266,8 @@ def main(arguments: list[str]) -> Generator[str, None, str | None]:
     yield from criteria_lines(found)
     yield ""
     yield from worst_lines(rows)
+    if options.lateral:
+        yield ""
+        yield from bare_lines(rows)
     failed = [what for what, _, _, met in found if not met]
     return f"not met: {'; '.join(failed)}" if failed else None

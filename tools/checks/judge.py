@@ -62,13 +62,17 @@ def judged(log: Path, truth: Truth, config: RunConfig | None = None) -> list[Row
         return [{"kind": "flight"} | _judged(None, None, verdict) | {"fatal": type(error).__name__}]
 
 
+BARE = ("aileron",)
+"""The input with which a truth is that of the bare airframe."""
+
+
 def true_at(truth: Truth, from_s: float, to_s: float, inputs: Sequence[str]) -> Known | None:
     """Return the truth between two boot times, or None if it is unknown.
 
     With the aileron as an input, the roll hold is not part of the model, and the truth is that of
     the bare airframe.
     """
-    bare = "aileron" in inputs
+    bare = BARE[0] in inputs
     if "lines" in truth:
         line = truth["lines"]["dutch_roll_open_loop" if bare else "dutch_roll"]
         flown = np.array(truth["flown"])
@@ -142,6 +146,9 @@ def _manoeuvre_rows(
         roll = None if estimate is None else estimate.dutch_roll
         yield {"kind": method} | where | _judged(roll, known, found.verdict)
     yield {"kind": "manoeuvre"} | where | _judged(found.dutch_roll, known, found.verdict)
+    if (bare := found.lateral) is not None:
+        of_bare = true_at(truth, found.from_s, found.to_s, BARE)
+        yield {"kind": "bare"} | where | _judged(bare.dutch_roll, of_bare, bare.verdict)
 
 
 def _flight_row(
