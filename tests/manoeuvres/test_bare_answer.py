@@ -11,7 +11,7 @@ import pytest
 from lateral.flown import flown
 from msgspec.structs import replace as msgspec_replace
 
-from yawid.answers.run_summary import DutchRoll
+from yawid.answers.run_summary import DutchRoll, ReasonSummary
 from yawid.lateral.airframe import Airframe, FailedGate, Known
 from yawid.lateral.motion import Motion
 from yawid.manoeuvres import bare_answer
@@ -153,6 +153,22 @@ def test_as_it_was_flown_the_airframe_must_be_within_both_sigmas_of_the_answer(
     told = lateral_of(against_flown(found(1, own), flown))
 
     assert told.verdict.usable == known
+
+
+@pytest.mark.parametrize(
+    ("reason", "known"),
+    [("not_excited", False), ("mode_not_driven", False), ("not_converged", True)],
+)
+def test_a_rudder_that_did_not_drive_the_yaw_shows_no_airframe(reason: str, known: bool):
+    """Rudder and aileron together often leave the yaw alone unresolved, and the airframe known."""
+    said = ReasonSummary(reason, "fatal", "for the test")
+    flown = hand_flights.manoeuvre(1, 2.4, loop="with_roll_loop", reason=said)
+
+    told = lateral_of(against_flown(found(1, airframe()), flown))
+
+    assert told.verdict.usable == known
+    if not known:
+        assert told.verdict.reasons[0].text.endswith(f"the answer as flown is {reason}")
 
 
 def test_a_motion_that_is_missing_is_the_cause():
