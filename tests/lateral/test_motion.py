@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
+from lateral.flown import flown
 
 from yawid.errors import ConfigError
 from yawid.lateral.model import RUDDER
@@ -67,3 +69,20 @@ def test_what_a_late_jump_adds_is_that_of_jumps_anywhere_in_a_sample(
     assert [jump[0] for jump in record.jumps] == [RUDDER]
     np.testing.assert_allclose(found[:, RUDDER], expected[:, RUDDER], atol=0.1)
     np.testing.assert_allclose(found[:, 4 + RUDDER], expected[:, 4 + RUDDER], atol=2.0)
+
+
+def test_a_roll_angle_of_another_time_than_its_rates_is_taken_in_time() -> None:
+    """Roll is 10 ms early, as where the gyros are filtered; taken as it is, it is 3e-3 rad off."""
+    fine = flown(seconds=12.0, rate_hz=200.0, amplitude=0.3)
+    n = len(fine.p) // 4 - 1
+
+    def sampled(early: int) -> Record:
+        its = {x: getattr(fine, x)[: 4 * n : 4] for x in ("p", "r", "pitch", "q")}
+        roll = fine.roll[early : 4 * n + early : 4]
+        return Record(replace(fine, sample_time_s=0.02, roll=roll, **its))
+
+    early, in_time = sampled(2), sampled(0)
+
+    assert in_time.roll_delay_s == 0.0
+    assert early.roll_delay_s == pytest.approx(-0.010, abs=0.001)
+    np.testing.assert_allclose(early.y[2:-2, 2], in_time.y[2:-2, 2], atol=2e-5)

@@ -13,13 +13,13 @@ from yawid.lateral.model import NAMES, Guess
 from yawid.lateral.record import Record
 from yawid.lateral.start import equation_error
 
-ITERATIONS, TRIALS = 30, 8
+ITERATIONS, TRIALS = 40, 8
 LONGEST_STEP = 2.0
 """Of a parameter in its scales."""
 _PROBE = 0.1
 """The part of a step after which it is seen how the innovations bend."""
 _DAMPING, _HARDER, _SOFTER, _LEAST = 1e-3, 6.0, 8.0, 1e-9
-_SHRINK, _GROW = 0.95, 20.0
+_SHRINK, _GROW = 0.95, 3.0
 """The largest share by which a variance falls and grows in a step."""
 _SMALL_GAIN = 0.02
 """The expected gain of twice the log-likelihood below which the steps end."""
@@ -179,9 +179,9 @@ def _moved(criterion: Criterion, x: Floats, step: Floats) -> Floats:
     """
     others = ~criterion.is_size
     step = np.where(others, step * _share_of(step[others]), step)
-    twice, step = 2.0 * criterion.scale, np.clip(step, -LONGEST_STEP, LONGEST_STEP)
+    twice = 2.0 * criterion.scale
     share = np.log1p(np.clip(twice * step, -_SHRINK, _GROW)) / twice
-    tried = np.where(criterion.is_size, x + share, x + step)
+    tried = x + np.where(criterion.is_size, share, np.clip(step, -LONGEST_STEP, LONGEST_STEP))
     return np.asarray(np.maximum(tried, criterion.least), np.float64)
 
 

@@ -144,7 +144,8 @@ def _airframe(fits: Sequence[Fit], records: Sequence[Record], airspeed_m_s: floa
         derivatives={name: by_name[name] for name in DERIVATIVES},
         alpha_rad=by_name["alpha"], correlations=_correlations(whole[4:, 4:]),
         from_prior=tuple(_from_prior(best)), servo_lag_s=by_name["servo_lag"],
-        delay_s=by_name["delay"], roll_delay_s=by_name["roll_delay"], rudder_mix=mix,
+        delay_s=by_name["delay"], roll_delay_s=_roll_delay(by_name["roll_delay"], records),
+        rudder_mix=mix,
         gust_std_rad=gust, rho1=autocorrelation(best.errors, records),
         airspeed_m_s=airspeed_m_s, aileron_fed_back=max(each.fed_back for each in records),
         names=best.of.names, theta=best.x * best.of.scale,
@@ -152,6 +153,11 @@ def _airframe(fits: Sequence[Fit], records: Sequence[Record], airspeed_m_s: floa
         criterion=best.criterion,
         as_flown=_as_flown(best, records[0]) if len(records) == 1 else None,
     )  # fmt: skip
+
+
+def _roll_delay(left: Known, records: Sequence[Record]) -> Known:
+    """Return by how many s roll comes later than its rates; ``left`` is what the fit had of it."""
+    return Known(left.value + float(np.mean([each.roll_delay_s for each in records])), left.std)
 
 
 def _mix(found: Fit, airspeed_m_s: float) -> Known:
