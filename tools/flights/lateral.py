@@ -27,7 +27,7 @@ SEVERITIES = (0, 1, 2)
 COUNT = len(PLACES) * len(SEVERITIES) * len(AILERONS)
 """Number of conditions: from this number of a flight on they come again, with other noise."""
 MANOEUVRES_S = 30.0
-DT_S, SENSED_S, LOGGED_S = 0.004, 0.02, 0.04
+DT_S, SENSED_S, LOGGED_S = 0.001, 0.02, 0.04
 AMPLITUDES = {"J3Cub": 0.08, "t6texan2": 0.12}
 RUDDER, AILERON = 0.15, 0.08
 """Amplitudes in half travels, where ``AMPLITUDES`` has no other."""
