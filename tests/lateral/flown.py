@@ -68,6 +68,7 @@ def flown(
     derivatives: dict[str, float] = DERIVATIVES,
     hold: tuple[float, float] = (0.0, 0.0),
     aileron: float = 0.1,
+    roll_lag_s: float = 0.0,
     damper: float = 0.0,
     pitch: float = 0.0,
     ramp_s: float = 0.08,
@@ -76,8 +77,8 @@ def flown(
     """Return a motion; without a seed it has no noise. ``hold`` are the roll hold's two gains.
 
     The state is exact for commands on lines between the points of their grid. Gusts have the
-    sideslip ``gust`` in rad. The roll hold hears what is measured, and so does a yaw damper with
-    the gain ``damper``. With a ``pitch`` it climbs as steeply.
+    sideslip ``gust`` in rad. The roll hold hears what is measured, the roll angle behind a lag,
+    and so does a yaw damper with the gain ``damper``. With a ``pitch`` it climbs as steeply.
     """
     lead, every = round(1.0 / COMMAND_STEP_S), round(1.0 / rate_hz / COMMAND_STEP_S)
     n = lead + round(seconds / COMMAND_STEP_S) + 1
@@ -101,10 +102,12 @@ def flown(
     kicks = np.sqrt(2.0 * COMMAND_STEP_S * np.array([GUST_RATE, ROLL_GUST_RATE]))
     kicks = kicks * gust * np.array([1.0, 5.0])
     x, commands, seen = np.zeros(8), np.stack([own, rudder]), []
+    held_roll, follows = 0.0, -np.expm1(-COMMAND_STEP_S / max(roll_lag_s, 1e-12))
     for k in range(n):
         heard = x[[P, R, ROLL]] + sizes * rng.normal(size=3)
         if any(hold):
-            commands[0, k] = own[k] - hold[0] * heard[2] - hold[1] * heard[0]
+            held_roll += follows * (heard[2] - held_roll)
+            commands[0, k] = own[k] - hold[0] * held_roll - hold[1] * heard[0]
         commands[1, k] = rudder[k] - damper * heard[1]
         if k >= lead and (k - lead) % every == 0:
             seen.append(heard)

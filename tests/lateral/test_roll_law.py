@@ -7,20 +7,22 @@ import pytest
 from lateral.flown import DERIVATIVES, ROLL, P, R, airframe, flown
 
 from yawid.lateral.fit_airframe import fit_airframe
+from yawid.lateral.model import AT, NAMES, Law
 from yawid.lateral.record import Record
-from yawid.lateral.roll_law import roll_law
+from yawid.lateral.roll_law import roll_law, yaw_rate_closed
 
 HOLD = (0.6, 0.2)
 
 
-def closed(lag_s: float) -> tuple[float, float]:
-    """Return wn and zeta under HOLD behind a lag: the aileron is the fifth state."""
+def closed(lag_s: float, roll_lag_s: float) -> tuple[float, float]:
+    """Return wn and zeta under HOLD: the aileron and the roll angle heard are two more states."""
     A, controls = airframe(DERIVATIVES)
-    whole = np.zeros((5, 5))
+    whole = np.zeros((6, 6))
     whole[:4, :4], whole[:4, 4], whole[4, 4] = A, controls[:, 0], -1.0 / lag_s
-    whole[4, ROLL], whole[4, P] = -HOLD[0] / lag_s, -HOLD[1] / lag_s
+    whole[4, 5], whole[4, P] = -HOLD[0] / lag_s, -HOLD[1] / lag_s
+    whole[5, ROLL], whole[5, 5] = 1.0 / roll_lag_s, -1.0 / roll_lag_s
     poles, vectors = np.linalg.eig(whole)
-    response = vectors[R] * np.linalg.solve(vectors, np.append(controls[:, 1], 0.0))
+    response = vectors[R] * np.linalg.solve(vectors, np.append(controls[:, 1], [0.0, 0.0]))
     energy = np.where(poles.imag > 0.0, np.abs(response) ** 2 / np.abs(poles.real), 0.0)
     pair = poles[np.argmax(energy)]
     return float(abs(pair)), float(-pair.real / abs(pair))
@@ -43,17 +45,46 @@ def test_an_aileron_that_rests_has_a_law_without_gains_and_one_that_moves_by_its
     assert roll_law(Record(flown(3, aileron=0.2))) is None
 
 
-def test_closed_with_the_law_the_airframe_is_the_aircraft_as_flown():
+def test_the_lag_of_the_roll_angle_in_the_hold_is_found():
+    motion = flown(
+        3, seconds=30.0, amplitude=0.3, aileron=0.2, hold=HOLD, lag_s=0.1, roll_lag_s=0.1
+    )
+
+    law = roll_law(Record(motion))
+
+    assert law is not None
+    assert law.roll_lag_s == 0.1
+    assert (law.roll_gain, law.rate_gain) == pytest.approx(HOLD, rel=0.1)
+
+
+@pytest.mark.parametrize("roll_lag_s", [1e-3, 0.1])
+def test_closed_with_the_law_the_airframe_is_the_aircraft_as_flown(roll_lag_s: float):
     """Without its roll hold its damping is another."""
-    motion = flown(3, seconds=30.0, amplitude=0.3, aileron=0.2, hold=HOLD, lag_s=0.1)
+    motion = flown(
+        3, seconds=30.0, amplitude=0.3, aileron=0.2, hold=HOLD, lag_s=0.1, roll_lag_s=roll_lag_s
+    )
 
     found = fit_airframe([motion], servo_lag_s=0.1)
 
     assert found.as_flown is not None
-    (wn, zeta), (own_wn, own_zeta) = closed(0.1), found.as_flown
+    (wn, zeta), (own_wn, own_zeta) = (
+        closed(0.1, roll_lag_s), (found.as_flown.wn_rad_s, found.as_flown.zeta),
+    )  # fmt: skip
     assert abs(own_wn.value - wn) < min(2.0 * own_wn.std, 0.02 * wn)
     assert abs(own_zeta.value - zeta) < min(2.0 * own_zeta.std, 0.02)
-    assert abs(found.zeta.value - zeta) > 0.03
+    assert abs(found.zeta.value - zeta) > 0.025
+
+
+def test_under_the_law_the_airframe_yaws_as_measured_by_the_rudder_alone():
+    """The airframe is known from a flight whose aileron moved; in this one it only follows."""
+    found = fit_airframe([flown(amplitude=0.3, lag_s=0.1)], servo_lag_s=0.1)
+    theta = np.zeros(len(NAMES))
+    theta[[AT[name] for name in found.names]] = found.theta
+    motion = flown(amplitude=0.3, aileron=0.0, hold=HOLD, lag_s=0.1, roll_lag_s=0.1)
+
+    yaw_rate = yaw_rate_closed(theta, Record(motion), Law(*HOLD, 0.1))
+
+    assert np.std(yaw_rate - motion.r) < 0.02 * np.std(motion.r)
 
 
 def test_pitch_and_angle_of_attack_are_two_things():

@@ -23,6 +23,20 @@ class FailedGate:
     limit: float
 
 
+@dataclass(frozen=True, slots=True)
+class AsFlown:
+    """The airframe closed with the roll law found: its Dutch roll, and how it answers the rudder.
+
+    ``rudder`` (n,) are the commands, means from one sample to the next, and ``yaw_rate`` (n,) in
+    rad/s is what these commands alone make of it at each sample.
+    """
+
+    wn_rad_s: Known
+    zeta: Known
+    rudder: Floats
+    yaw_rate: Floats
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Airframe:
     """The bare airframe at one airspeed. Inputs are in the unit of their channel.
@@ -61,8 +75,8 @@ class Airframe:
     covariance: Floats
     criterion: float
     """Twice the negative logarithm of the likelihood, up to a constant."""
-    as_flown: tuple[Known, Known] | None = None
-    """wn in rad/s and zeta of the Dutch roll closed with the roll law found; None without one."""
+    as_flown: AsFlown | None = None
+    """None where no roll law is found."""
     failed: tuple[FailedGate, ...] = ()
 
     @property

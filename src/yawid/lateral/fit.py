@@ -19,7 +19,7 @@ LONGEST_STEP = 2.0
 _PROBE = 0.1
 """The part of a step after which it is seen how the innovations bend."""
 _DAMPING, _HARDER, _SOFTER, _LEAST = 1e-3, 6.0, 8.0, 1e-9
-_SHRINK, _GROW = 0.95, 3.0
+_SHRINK, _GROW = 0.95, 20.0
 """The largest share by which a variance falls and grows in a step."""
 _SMALL_GAIN = 0.02
 """The expected gain of twice the log-likelihood below which the steps end."""

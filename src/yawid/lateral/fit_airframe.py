@@ -7,30 +7,30 @@ from dataclasses import replace
 import numpy as np
 
 from yawid.blocks import Floats
-from yawid.lateral.airframe import Airframe, Known
+from yawid.lateral.airframe import Airframe, AsFlown, Known
 from yawid.lateral.criterion import Criterion
 from yawid.lateral.fit import Fit, fit, guess_from
 from yawid.lateral.gates import failed_gates
 from yawid.lateral.mix import rudder_mixes
-from yawid.lateral.model import AT, DERIVATIVES, NAMES, modes
+from yawid.lateral.model import AT, DERIVATIVES, NAMES, RUDDER, modes
 from yawid.lateral.motion import Motion
 from yawid.lateral.record import Record
-from yawid.lateral.roll_law import dutch_roll_closed, roll_law
+from yawid.lateral.roll_law import dutch_roll_closed, roll_law, yaw_rate_closed
 from yawid.lateral.start import band
 
 START_LAGS_S = (0.04, 0.1, 0.16)
 GIVEN_LAG_STD_S = 0.005
 """How well a servo lag is known that the user gives."""
 FLOORS = {
-    "wn_rad_s": (0.01, 0.0), "zeta": (0.03, 0.007), "roll_mode": (0.1, 0.0),
+    "wn_rad_s": (0.008, 0.0), "zeta": (0.03, 0.005), "roll_mode": (0.1, 0.0),
     "L_delta_a": (0.05, 0.0),
 }  # fmt: skip
 """Least sigma as a share of the value, and as itself: what a linear model of an aircraft is worth,
 measured on flights of JSBSim."""
-IN_GUSTS = 1.4
-"""Errors over the sigma of noise in JSBSim's turbulence of severity 2, seed 701. The innovations
-are white there, and a covariance that allows for colour is no larger: gusts also change airspeed
-and angle of attack, and with them the airframe that is sought."""
+IN_GUSTS, ZETA_IN_GUSTS = 1.3, 1.1
+"""Errors over the sigma of noise in JSBSim's turbulence of severity 2, seeds 701 and 812. The
+innovations are white there, and a covariance that allows for colour is no larger: gusts also change
+airspeed and angle of attack, and with them the airframe that is sought; zeta changes least."""
 NATS = 3.0
 """Starts whose log-likelihood is this near to the best one's count as answers, too."""
 AGREES_SIGMAS = 0.5
@@ -125,7 +125,10 @@ def _airframe(fits: Sequence[Fit], records: Sequence[Record], airspeed_m_s: floa
     values, slopes = _values(best, airspeed_m_s)
     near = [each for each in fits if each.criterion - best.criterion < 2.0 * NATS]
     others = np.array([_values(each, airspeed_m_s)[0] for each in near]) - values
-    whole = IN_GUSTS**2 * slopes @ best.covariance @ slopes.T + others.T @ others / len(near)
+    in_gusts = np.full((len(values), 1), IN_GUSTS)
+    in_gusts[1] = ZETA_IN_GUSTS
+    slopes = in_gusts * slopes
+    whole = slopes @ best.covariance @ slopes.T + others.T @ others / len(near)
     side = _to_prior(best, "Y_delta_r", airspeed_m_s)[4:] - values[4:]
     whole[4:, 4:] += np.outer(side, side)
     variances = np.diag(whole).copy()
@@ -163,12 +166,12 @@ def _roll_delay(left: Known, records: Sequence[Record]) -> Known:
 def _mix(found: Fit, airspeed_m_s: float) -> Known:
     """Return the rudder mix; its sigma also has the scatter between rolls of different lengths."""
     rolls, covariance = _of_theta(found, lambda theta: rudder_mixes(theta, airspeed_m_s))
-    variance = covariance.mean() + np.var(rolls, ddof=1)
+    variance = IN_GUSTS**2 * covariance.mean() + np.var(rolls, ddof=1)
     return Known(float(rolls.mean()), math.sqrt(max(float(variance), 0.0)))
 
 
-def _as_flown(found: Fit, record: Record) -> tuple[Known, Known] | None:
-    """Return wn and zeta closed with the roll law of the manoeuvre; None where none is found."""
+def _as_flown(found: Fit, record: Record) -> AsFlown | None:
+    """Return the airframe closed with the roll law of the manoeuvre; None where none is found."""
     law = roll_law(record)
     if law is None:
         return None
@@ -176,8 +179,11 @@ def _as_flown(found: Fit, record: Record) -> tuple[Known, Known] | None:
         found, lambda theta: dutch_roll_closed(theta, record.airspeed_m_s, law)
     )
     least = [floor(name, x) for name, x in zip(("wn_rad_s", "zeta"), pair.tolist(), strict=True)]
-    stds = np.sqrt(np.diag(covariance) + np.square(least))
-    return Known(float(pair[0]), float(stds[0])), Known(float(pair[1]), float(stds[1]))
+    in_gusts = np.array([IN_GUSTS, ZETA_IN_GUSTS])
+    stds = np.sqrt(in_gusts**2 * np.diag(covariance) + np.square(least))
+    wn, zeta = map(Known, pair.tolist(), stds.tolist())
+    yaw_rate = yaw_rate_closed(found.of.theta(found.x[None])[0], record, law)
+    return AsFlown(wn, zeta, record.inputs(0.0, 0.0)[:, RUDDER], yaw_rate)
 
 
 def _of_theta(found: Fit, function: Callable[[Floats], Floats]) -> tuple[Floats, Floats]:
@@ -185,7 +191,7 @@ def _of_theta(found: Fit, function: Callable[[Floats], Floats]) -> tuple[Floats,
     points = np.vstack([found.x, found.x + _STEP * np.eye(len(found.x))])
     values = function(found.of.theta(points))
     slopes = (values[1:] - values[0]).T / _STEP
-    return values[0], IN_GUSTS**2 * slopes @ found.covariance @ slopes.T
+    return values[0], slopes @ found.covariance @ slopes.T
 
 
 def _correlations(covariance: Floats) -> Floats:

@@ -11,8 +11,8 @@ from yawid.lateral.fit import ITERATIONS
 from yawid.lateral.record import Record
 
 COPIED, COLOURED, TOO_COARSE = 0.98, 0.35, 0.25
-WN_KNOWN, AILERON_KNOWN, RUDDER_SIGMAS = 0.05, 0.25, 3.0
-FED_BACK, WN_KNOWN_FED_BACK = 0.85, 0.025
+WN_KNOWN, AILERON_KNOWN, RUDDER_SIGMAS = 0.04, 0.25, 3.0
+FED_BACK, WN_KNOWN_FED_BACK = 0.85, 0.022
 """Where roll and p explain the aileron by more, sigma of wn must be smaller: it was too small by up
 to eight times in flights of a Cessna whose aileron followed the roll hold alone, and nearly three
 times in one of SITL at 0.89."""

@@ -158,10 +158,14 @@ DERIVATIVES = (
 
 @dataclass(frozen=True, slots=True)
 class Law:
-    """A roll law found in the aileron: da = -roll_gain roll - rate_gain p + what is left of it."""
+    """A roll law found in the aileron: da = -roll_gain roll - rate_gain p + what is left of it.
+
+    An autopilot may filter the roll angle: it then goes through a lag of first order before.
+    """
 
     roll_gain: float = 0.0
     rate_gain: float = 0.0
+    roll_lag_s: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -189,7 +189,7 @@ class Record:
     def commanded(self, lag_s: float, delay_s: float) -> Floats:
         """Return aileron and rudder (n, 2) at each instant, the aileron with its feedback."""
         at, into = self._places(np.asarray(self.times_s - delay_s, np.float64))
-        lagged = _lagged(self.given, lag_s)
+        lagged = lagged_lines(self.given, lag_s, COMMAND_STEP_S)
         pairs = zip(self.given, lagged, strict=True)
         return np.stack([_between(u, x, at, into, lag_s)[0] for u, x in pairs], axis=1)
 
@@ -204,7 +204,7 @@ class Record:
         at, into = self._places(np.asarray(edges, np.float64))
         begins, ends = COMMAND_STEP_S * at, COMMAND_STEP_S * at + into
         means, slopes = [], []
-        lagged = _lagged(self.commands, lag_s)
+        lagged = lagged_lines(self.commands, lag_s, COMMAND_STEP_S)
         for u, x, sums in zip(self.commands, lagged, self._sums, strict=True):
             value, slope = _between(u, x, at, into, lag_s)
             area, moment = (each[at] for each in sums)
@@ -232,13 +232,13 @@ def _sums(u: Floats) -> tuple[Floats, Floats]:
     return np.append(0.0, np.cumsum(area)), np.append(0.0, np.cumsum(moment))
 
 
-def _lagged(commands: Floats, lag_s: float) -> Floats:
-    """Return commands (2, m), linear between their instants, after a lag of first order."""
+def lagged_lines(signals: Floats, lag_s: float, step_s: float) -> Floats:
+    """Return signals (s, m), linear between instants a step apart, after a lag of first order."""
     if lag_s < _NO_LAG_S:
-        return commands
-    stays = math.exp(-COMMAND_STEP_S / lag_s)
-    mean = lag_s / COMMAND_STEP_S * (1.0 - stays)
-    u = commands.T
+        return signals
+    stays = math.exp(-step_s / lag_s)
+    mean = lag_s / step_s * (1.0 - stays)
+    u = signals.T
     before = np.vstack([u[:1], u[:-1]])
     drive = (mean - stays) * before + (1.0 - mean) * u
     return np.asarray(all_pole(np.array([-stays]), drive, u[:1]).T, np.float64)

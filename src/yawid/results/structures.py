@@ -17,13 +17,14 @@ from functools import lru_cache, partial
 
 import numpy as np
 
+from yawid.answers.run_summary import Orders
 from yawid.blocks import EstimateBlock, Floats
-from yawid.config.estimator import EstimatorConfig
+from yawid.config.estimator import ArmaxOrders, EstimatorConfig
 from yawid.config.run import RATE_SLACK, RunConfig
-from yawid.estimation.methods import OF_STRUCTURES
+from yawid.estimation.methods import IN_CALM_AIR, OF_STRUCTURES
 from yawid.estimation.record_fit import FittedModel, fit_record, held_back_pct
 from yawid.physics.derivatives import summary_of
-from yawid.physics.modes import modes
+from yawid.physics.modes import dutch_roll_of, modes
 from yawid.quantities.table import REDUCTION_ERROR
 from yawid.results.judge_samples import LOW_RATE_HZ, LOW_RATIO, UNCERTAIN_WN
 
@@ -341,6 +342,17 @@ def hidden_share(
     sigma = float(np.fmax(found.zeta_std[0, pair], scatter.zeta_std[0, pair]))
     shown = min(apart / zeta, MOST_HIDDEN) if apart > SHOWN * sigma else 0.0
     return float(max(shown, min(UNSEEN * noise / zeta, HIDDEN_ZETA)))
+
+
+def seen_in(orders: Orders, sample_time_s: float, u: Floats, y: Floats) -> Floats:
+    """Return wn in rad/s and zeta (2,) that a model of these orders sees; NaN without.
+
+    It is the one nearest in output error to the yaw rate ``y`` (n,) of the rudder ``u`` (n, 1).
+    """
+    of = ArmaxOrders(orders.na, (orders.nb,), orders.nc, (orders.nk,))
+    settings = EstimatorConfig(orders=of, sample_time_s=sample_time_s)
+    model = fit_record(settings, u, y, NEAR_ENOUGH, IN_CALM_AIR)
+    return dutch_roll_of(model.theta, of, sample_time_s)
 
 
 def _is_slow(config: RunConfig, sample_time_s: float, wn: float) -> bool:
