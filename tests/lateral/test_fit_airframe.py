@@ -238,6 +238,20 @@ def test_the_colour_of_the_innovations_is_that_over_40_ms(
     assert autocorrelation(e.ravel(), [record]) == pytest.approx(correlated, abs=0.06)
 
 
+def test_a_jump_after_which_nothing_is_measured_changes_nothing() -> None:
+    """It comes in the last samples, in which p is missing."""
+    motion = flown(3)
+    p, times_s = motion.p.copy(), motion.command_times_s()
+    p[-5:] = np.nan
+    jumped = motion.rudder + 0.3 * (times_s >= motion.sample_time_s * (len(p) - 2))
+
+    found = fit_airframe([replace(motion, p=p, rudder=jumped)], servo_lag_s=0.0)
+
+    as_before = fit_airframe([replace(motion, p=p)], servo_lag_s=0.0)
+    assert found.wn_rad_s.value == pytest.approx(as_before.wn_rad_s.value, rel=1e-3)
+    assert found.zeta.value == pytest.approx(as_before.zeta.value, abs=1e-3)
+
+
 def test_a_fit_that_does_not_settle_says_after_how_many_steps() -> None:
     """The text once said "within nan steps"."""
     motion = flown(seed=3, seconds=12.0)

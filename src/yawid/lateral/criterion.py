@@ -19,6 +19,8 @@ from yawid.lateral.record import Record
 
 _RIDGE = 1e-13
 """Of start, trims and times, as a share of their power: it holds what the record does not show."""
+_NOTHING = 1e-12
+"""The length below which what a jump adds is nothing, as that of a jump in the last sample."""
 _DIFFERENCE = 1e-5
 """Step of the slopes in scales."""
 
@@ -136,7 +138,7 @@ def _part(record: Record, theta: Floats) -> Part:
     y[0], u[0], u[9:] = record.y, inputs, later
     own = np.eye(9 + len(later), 8, -1)  # one run with the record, one of each unit
     runs = whitened(predictor, y, u, record.missing, own[:, :4], own[:, 4:]).reshape(len(u), -1)
-    size = np.linalg.norm(runs[1:], axis=1) + np.finfo(float).tiny
+    size = np.maximum(np.linalg.norm(runs[1:], axis=1), _NOTHING)
     e, columns = runs[0], np.ascontiguousarray((runs[1:] / size[:, None]).T)
     power = cross(columns, columns) + _RIDGE * np.eye(len(size))
     slope = cross(columns, e)
