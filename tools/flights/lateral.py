@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -24,8 +25,16 @@ from flights.truth import LATERAL, lateral, linear_dutch_rolls
 
 AILERONS = ("moved", "feedback")
 SEVERITIES = (0, 1, 2)
-COUNT = len(PLACES) * len(SEVERITIES) * len(AILERONS)
-"""Number of conditions: from this number of a flight on they come again, with other noise."""
+FRESH = (
+    ("global5000", 15000.0, 230.0), ("global5000", 15000.0, 280.0), ("B747", 15000.0, 260.0),
+    ("B747", 15000.0, 310.0), ("787-8", 15000.0, 260.0), ("787-8", 15000.0, 310.0),
+    ("Concorde", 15000.0, 300.0), ("Concorde", 15000.0, 350.0), ("MD11", 15000.0, 270.0),
+    ("MD11", 15000.0, 320.0),
+)  # fmt: skip
+"""Places as PLACES, of aircraft on which nothing was ever chosen. Pulse and linearisation agree."""
+PER_PLACE = len(SEVERITIES) * len(AILERONS)
+"""Number of conditions at a place: after all of them they come again, with other noise."""
+Place = tuple[str, float, float]
 MANOEUVRES_S = 30.0
 DT_S, SENSED_S, LOGGED_S = 0.001, 0.02, 0.04
 AMPLITUDES = {"J3Cub": 0.08, "t6texan2": 0.12}
@@ -37,11 +46,11 @@ SAME_SPEED = 0.003
 TURN_IN_S = 3.0
 
 
-def of_number(seed: int, number: int) -> dict[str, Any]:
+def of_number(seed: int, number: int, places: Sequence[Place]) -> dict[str, Any]:
     """Return flight ``number`` (from 0) of a seed as arrays, ``truth`` as JSON."""
-    rest, place = divmod(number % COUNT, len(PLACES))
+    rest, place = divmod(number % (len(places) * PER_PLACE), len(places))
     aileron, severity = divmod(rest, len(SEVERITIES))
-    name, feet, knots = PLACES[place]
+    name, feet, knots = places[place]
     plan = FlightPlan(aircraft=name, altitude_ft=feet, speed_kt=knots)
     mode = linear_dutch_rolls(replace(plan, roll_gain=0.0, roll_rate_gain=0.0))["dutch_roll"]
     assert mode is not None, plan
@@ -68,12 +77,13 @@ def in_turn(place: int, bank: float, seed: int) -> dict[str, Any]:
     return flown | {"truth": json.dumps({"manoeuvres": [{"start_s": LEAD_IN_S}]})}
 
 
-def kept(folder: Path, seed: int, number: int) -> dict[str, Any]:
+def kept(folder: Path, seed: int, number: int, places: Sequence[Place]) -> dict[str, Any]:
     """Return a flight from the folder; fly it and keep it if it is not there yet."""
-    path = folder / f"lateral_{seed}_{number:03d}.npz"
+    name = "fresh" if places == FRESH else "lateral"
+    path = folder / f"{name}_{seed}_{number:03d}.npz"
     if not path.exists():
         part = path.with_suffix(".part.npz")
-        np.savez(part, **of_number(seed, number))
+        np.savez(part, **of_number(seed, number, places))
         part.replace(path)
     with np.load(path) as found:
         return {name: found[name] for name in found.files}
