@@ -86,3 +86,9 @@ def test_a_roll_angle_of_another_time_than_its_rates_is_taken_in_time() -> None:
     assert in_time.roll_delay_s == 0.0
     assert early.roll_delay_s == pytest.approx(-0.010, abs=0.001)
     np.testing.assert_allclose(early.y[2:-2, 2], in_time.y[2:-2, 2], atol=2e-5)
+
+
+def test_noise_is_no_other_time_of_the_roll_angle() -> None:
+    """The aircraft hardly moves, so that only noise says when roll is measured."""
+    for seed in range(20):
+        assert Record(flown(seed, amplitude=0.003, aileron=0.0)).roll_delay_s == 0.0

@@ -30,6 +30,9 @@ LEAST_DELAY_S, MOST_DELAY_S = 0.007, 0.05
 """Roll is taken at the times of its rates where it is later or earlier by this much. The model has
 the rest to first order: of 12 ms in SITL, whose rates are filtered, it made the roll mode 18 % too
 slow."""
+SURELY_LATE = 10.0
+"""The least delay in sigmas of white noise. Noise that is integrated has up to four of them by
+chance, where roll hardly moves; in SITL it is over a hundred."""
 _DRIFT = 5
 """The powers of time in a slow drift of roll from the integral of its rates."""
 _NO_LAG_S = 1e-9
@@ -89,8 +92,13 @@ class Record:
         rate = p + np.tan(pitch) * (q * np.sin(roll) + r * np.cos(roll))
         turned = np.append(0.0, np.cumsum(0.5 * step_s * (rate[1:] + rate[:-1])))
         columns = np.column_stack([rate, np.vander(np.linspace(-1.0, 1.0, len(k)), _DRIFT)])
-        delay_s = -float(np.linalg.lstsq(columns, roll - turned, rcond=None)[0][0])
-        if len(k) < _DRIFT or not LEAST_DELAY_S < abs(delay_s) < MOST_DELAY_S:
+        if len(k) <= columns.shape[1]:
+            return 0.0
+        found, *_ = np.linalg.lstsq(columns, roll - turned, rcond=None)
+        delay_s, left = -float(found[0]), roll - turned - columns @ found
+        power = float(np.linalg.pinv(columns.T @ columns)[0, 0])
+        least_s = max(LEAST_DELAY_S, SURELY_LATE * math.sqrt(left.var() * power))
+        if not least_s < abs(delay_s) < MOST_DELAY_S:
             return 0.0
         at = k + delay_s / step_s
         whole = np.clip(np.floor(at), 1, len(k) - 3)
