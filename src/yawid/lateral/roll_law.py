@@ -36,7 +36,7 @@ def roll_law(record: Record) -> Law | None:
     if not record.aileron_moves:
         return Law()
     aileron, known = record.commanded(0.0, 0.0)[:, :1], ~record.missing
-    best = (LEAST_EXPLAINED, None)
+    best: tuple[float, Law | None] = LEAST_EXPLAINED, None
     for lag_s in ROLL_LAGS_S:
         roll = lagged_lines(record.y[:, 2][None], lag_s, record.sample_time_s)[0]
         rows = np.column_stack([aileron, roll, record.y[:, 0]])[known]
