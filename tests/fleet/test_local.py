@@ -60,15 +60,14 @@ def hanging_fleet(place: Path) -> Iterator[subprocess.Popen[str]]:
         yield run
 
 
-def children_of(run: subprocess.Popen[str]) -> list[psutil.Process]:
-    """Return the processes below a fleet once both of its children replay."""
+def children_of(run: subprocess.Popen[str], hook: Path) -> list[psutil.Process]:
+    """Return the processes below a fleet once both of its children are at logs that never end."""
     end_s = time.monotonic() + 60.0
     while True:
         assert run.poll() is None
         assert time.monotonic() < end_s
         below = psutil.Process(run.pid).children(recursive=True)
-        busy = [each for each in below if "yawid.fleet.child" in each.cmdline()]
-        if len(busy) == 2 and all(psutil.Process(each.pid).cpu_times().user > 0.3 for each in busy):
+        if sum((hook / f"hung-{each.pid}").exists() for each in below) == 2:
             return below
         time.sleep(0.05)
 
@@ -77,7 +76,7 @@ def test_no_process_of_a_local_fleet_listens_and_ctrl_c_leaves_none_behind(tmp_p
     with socket.create_server(("127.0.0.1", 0)):  # what is sought would be found
         assert len(listening([psutil.Process()])) == 1
     with hanging_fleet(tmp_path) as run:
-        below = children_of(run)
+        below = children_of(run, tmp_path / "hook")
 
         assert listening([psutil.Process(run.pid), *below]) == []
 

@@ -34,12 +34,14 @@ def bad(event, arguments):
         if "killer" in name:
             os.kill(os.getpid(), signal.SIGSEGV)
         if "hangs" in name:
+            open(os.path.join(os.path.dirname(__file__), f"hung-{os.getpid()}"), "w").close()
             time.sleep(3600)
 
 if "yawid.fleet.child" in sys.orig_argv:
     sys.addaudithook(bad)
 """
-"""Makes a log kill or block the child that opens it. No log is known to do so, but one may come."""
+"""Makes a log kill or block the child that opens it. No log is known to do so, but one may come.
+A child that is blocked leaves a file ``hung-PID`` next to the hook."""
 
 
 @dataclass
