@@ -30,7 +30,7 @@ def airframe(v: float = 50.0, wn: float = 2.4, std: float = 0.02, **changed: Any
         "wn_rad_s": Known(wn, std), "zeta": Known(0.2, 0.01), "roll_s": Known(0.25, 0.02),
         "spiral_s": Known(40.0, 10.0), "derivatives": dict.fromkeys(NAMES, Known(1.0, 0.1)),
         "servo_lag_s": Known(0.1, 0.01), "delay_s": Known(0.0, 0.01),
-        "roll_delay_s": Known(0.0, 0.01), "rudder_mix": Known(0.3, 0.05), "gust_std_rad": 0.01,
+        "rudder_mix": Known(0.3, 0.05), "gust_std_rad": 0.01,
         "rho1": 0.1, "airspeed_m_s": v,
         "alpha_rad": Known(0.05, 0.01), "correlations": np.eye(14), "from_prior": (),
         "aileron_fed_back": 0.0, "names": (), "theta": np.zeros(0), "covariance": np.zeros((0, 0)),

@@ -62,7 +62,6 @@ class Airframe:
     from_prior: tuple[str, ...]
     """Those of them whose sigma is nearly that of what is known beforehand."""
     delay_s: Known
-    roll_delay_s: Known
     rudder_mix: Known
     """The rudder per aileron that rolls with the least sideslip."""
     gust_std_rad: float

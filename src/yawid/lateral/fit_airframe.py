@@ -27,7 +27,8 @@ FLOORS = {
 }  # fmt: skip
 """Least sigma as a share of the value, and as itself: what a linear model of an aircraft is worth,
 measured on flights of JSBSim."""
-IN_GUSTS, ZETA_IN_GUSTS = 1.3, 1.1
+IN_GUSTS = 1.3
+OTHERS_IN_GUSTS = {"zeta": 1.1}
 """Errors over the sigma of noise in JSBSim's turbulence of severity 2, seeds 701 and 812. The
 innovations are white there, and a covariance that allows for colour is no larger: gusts also change
 airspeed and angle of attack, and with them the airframe that is sought; zeta changes least."""
@@ -82,6 +83,17 @@ def floor(name: str, value: float) -> float:
     return math.hypot(share * value, least)
 
 
+def _in_gusts(names: Sequence[str]) -> Floats:
+    """Return the errors of numbers (n,) over their sigma of noise."""
+    return np.array([OTHERS_IN_GUSTS.get(name, IN_GUSTS) for name in names])
+
+
+def _at_least(names: Sequence[str], values: Floats, variances: Floats) -> Floats:
+    """Return sigma (n,) of numbers with these variances, and with what a linear model is worth."""
+    least = [floor(*each) for each in zip(names, values.tolist(), strict=True)]
+    return np.asarray(np.sqrt(variances + np.square(least)), np.float64)
+
+
 def _from(
     records: Sequence[Record], lag_s: float, given: bool, w: Floats, others: Sequence[Fit]
 ) -> Fit | None:
@@ -125,16 +137,12 @@ def _airframe(fits: Sequence[Fit], records: Sequence[Record], airspeed_m_s: floa
     values, slopes = _values(best, airspeed_m_s)
     near = [each for each in fits if each.criterion - best.criterion < 2.0 * NATS]
     others = np.array([_values(each, airspeed_m_s)[0] for each in near]) - values
-    in_gusts = np.full((len(values), 1), IN_GUSTS)
-    in_gusts[1] = ZETA_IN_GUSTS
-    slopes = in_gusts * slopes
+    names = ("wn_rad_s", "zeta", "roll_mode", "spiral", *NAMES)
+    slopes = _in_gusts(names)[:, None] * slopes
     whole = slopes @ best.covariance @ slopes.T + others.T @ others / len(near)
     side = _to_prior(best, "Y_delta_r", airspeed_m_s)[4:] - values[4:]
     whole[4:, 4:] += np.outer(side, side)
-    variances = np.diag(whole).copy()
-    names = ("wn_rad_s", "zeta", "roll_mode", "spiral", *NAMES)
-    variances += [floor(*each) ** 2 for each in zip(names, values.tolist(), strict=True)]
-    stds = np.sqrt(variances)
+    stds = _at_least(names, values, np.diag(whole))
     wn, zeta, roll, spiral = map(Known, values[:4].tolist(), stds[:4].tolist())
     by_name = dict(zip(NAMES, map(Known, values[4:].tolist(), stds[4:].tolist()), strict=True))
     by_name["Y_beta"] = by_name["log_Y_beta"]
@@ -147,8 +155,7 @@ def _airframe(fits: Sequence[Fit], records: Sequence[Record], airspeed_m_s: floa
         derivatives={name: by_name[name] for name in DERIVATIVES},
         alpha_rad=by_name["alpha"], correlations=_correlations(whole[4:, 4:]),
         from_prior=tuple(_from_prior(best)), servo_lag_s=by_name["servo_lag"],
-        delay_s=by_name["delay"], roll_delay_s=_roll_delay(by_name["roll_delay"], records),
-        rudder_mix=mix,
+        delay_s=by_name["delay"], rudder_mix=mix,
         gust_std_rad=gust, rho1=autocorrelation(best.errors, records),
         airspeed_m_s=airspeed_m_s, aileron_fed_back=max(each.fed_back for each in records),
         names=best.of.names, theta=best.x * best.of.scale,
@@ -156,11 +163,6 @@ def _airframe(fits: Sequence[Fit], records: Sequence[Record], airspeed_m_s: floa
         criterion=best.criterion,
         as_flown=_as_flown(best, records[0]) if len(records) == 1 else None,
     )  # fmt: skip
-
-
-def _roll_delay(left: Known, records: Sequence[Record]) -> Known:
-    """Return by how many s roll comes later than its rates; ``left`` is what the fit had of it."""
-    return Known(left.value + float(np.mean([each.roll_delay_s for each in records])), left.std)
 
 
 def _mix(found: Fit, airspeed_m_s: float) -> Known:
@@ -178,9 +180,8 @@ def _as_flown(found: Fit, record: Record) -> AsFlown | None:
     pair, covariance = _of_theta(
         found, lambda theta: dutch_roll_closed(theta, record.airspeed_m_s, law)
     )
-    least = [floor(name, x) for name, x in zip(("wn_rad_s", "zeta"), pair.tolist(), strict=True)]
-    in_gusts = np.array([IN_GUSTS, ZETA_IN_GUSTS])
-    stds = np.sqrt(in_gusts**2 * np.diag(covariance) + np.square(least))
+    names = ("wn_rad_s", "zeta")
+    stds = _at_least(names, pair, _in_gusts(names) ** 2 * np.diag(covariance))
     wn, zeta = map(Known, pair.tolist(), stds.tolist())
     yaw_rate = yaw_rate_closed(found.of.theta(found.x[None])[0], record, law)
     return AsFlown(wn, zeta, record.inputs(0.0, 0.0)[:, RUDDER], yaw_rate)

@@ -87,9 +87,9 @@ class Record:
         Its difference from their integral is regressed on their sum and a slow drift. Between
         samples roll is a cubic.
         """
-        p, r, roll, pitch, q = self._filled
+        p, _, roll, *_ = self._filled
         step_s, k = self.sample_time_s, np.arange(len(p))
-        rate = p + np.tan(pitch) * (q * np.sin(roll) + r * np.cos(roll))
+        rate = p + self._turning()
         turned = np.append(0.0, np.cumsum(0.5 * step_s * (rate[1:] + rate[:-1])))
         columns = np.column_stack([rate, np.vander(np.linspace(-1.0, 1.0, len(k)), _DRIFT)])
         if len(k) <= columns.shape[1]:
@@ -110,6 +110,11 @@ class Record:
         )
         return delay_s
 
+    def _turning(self) -> Floats:
+        """Return what q and r add to the rate (n,) in rad/s of the roll angle."""
+        _, r, roll, pitch, q = self._filled
+        return np.asarray(np.tan(pitch) * (q * np.sin(roll) + r * np.cos(roll)), np.float64)
+
     def _alpha(self) -> float:
         """Return the mean angle of attack in rad that the flight path implies."""
         roll, pitch = self._filled[2:4]
@@ -117,9 +122,9 @@ class Record:
         return float(np.mean(np.arctan((np.sin(pitch) - math.sin(self.motion.climb)) / lift)))
 
     def _turn(self) -> tuple[Floats, Floats]:
-        _, r, roll, pitch, q = self._filled
+        _, r, roll, pitch, _ = self._filled
         force = np.cos(pitch) * np.sin(roll) - math.cos(self.pitch) * roll
-        rolling = np.tan(pitch) * (q * np.sin(roll) + r * np.cos(roll)) - math.tan(self.pitch) * r
+        rolling = self._turning() - math.tan(self.pitch) * r
         both = np.stack([force, rolling], axis=1)
         both -= both.mean(axis=0)
         after = np.vstack([both[1:], both[-1:]])
