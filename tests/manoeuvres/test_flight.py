@@ -274,20 +274,13 @@ LOOPS = {"a": "airframe", "r": "with_roll_loop", "u": "unknown"}
 
 
 @pytest.mark.parametrize(
-    ("flown", "wn_std", "first"),
-    [
-        ("arr", {"a": 0.05, "r": 0.05}, "a"),  # hypot(.05, .15, .15) = .218 is 1.17 times .187
-        ("ar", {"a": 0.30, "r": 0.01}, "r"),
-        ("ar", {"a": 0.25, "r": 0.25}, "a"),
-        ("uurr", {"u": 0.05, "r": 0.05}, "u"),
-        ("uurrr", {"u": 0.05, "r": 0.06}, "r"),  # alike: that from more manoeuvres
-        ("uaarr", {"u": 0.05, "a": 0.9, "r": 0.05}, "r"),
-    ],
+    ("flown", "first"), [("arr", "r"), ("raa", "a"), ("ar", "a"), ("uurr", "u"), ("uurrr", "r")]
 )
-def test_each_loop_has_an_answer_and_the_surest_is_the_headline(
-    flown: str, wn_std: dict[str, float], first: str
+def test_each_loop_has_an_answer_and_that_of_most_manoeuvres_is_the_headline(
+    flown: str, first: str
 ):
-    """The airframe's where sigmas are within 20 % of the smallest, then the one from more"""
+    """However sure each is; of as many manoeuvres as long the loop that was flown first"""
+    wn_std = {"a": 0.05, "r": 0.3, "u": 0.5}
     manoeuvres = [
         answered(n, 10.0, wn_std=wn_std[each], loop=LOOPS[each])
         for n, each in enumerate(flown, start=1)
@@ -304,15 +297,6 @@ def test_each_loop_has_an_answer_and_the_surest_is_the_headline(
         assert (each.dutch_roll.level is not None) == (each.loop == "airframe")
         alone = [m for m in manoeuvres if m.found.loop == each.loop]
         assert each == together(*alone)
-
-
-def test_an_answer_that_is_not_usable_is_no_headline_before_one_that_is():
-    """Two of the airframe disagree, though they are surer than the one with the roll loop"""
-    bare = [answered(n, wn, wn_std=0.01) for n, wn in ((1, 10.0), (2, 15.0))]
-    one, other = by_loop(*bare, answered(3, 11.0, wn_std=0.6, loop="with_roll_loop"))
-
-    assert (one.loop, one.verdict.usable) == ("with_roll_loop", True)
-    assert (other.loop, other.verdict.usable) == ("airframe", False)
 
 
 def test_derivatives_are_pooled_over_the_power_of_the_airspeed_with_which_they_go():

@@ -52,8 +52,6 @@ POWERS: Final = {
 """The power of V with which each number of eq. 22-23 goes at constant air density: derivatives of
 moments by angles as V^2, those by rates and of forces as V; T is 1 / a_z, K is a_delta a_z / wn^2.
 """
-CLOSE: Final = 1.2
-"""Sigmas of wn by so small a factor apart do not choose between the airframe and its loops."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,9 +100,10 @@ def flights_of(
 ) -> list[tuple[Flight, Verdict]]:
     """Return an answer for each loop with a usable manoeuvre, the headline first.
 
-    Its verdict includes the reasons ``of_the_log``. ``untrue`` says why the airspeed cannot be
-    true: then it is not reported. If no manoeuvre is usable, the one answer says why; without any
-    manoeuvre there is none.
+    The headline is the loop in which most usable manoeuvres were flown, by number, then by time: by
+    how well each is known, a setting that changes sigma would make it another aircraft. A verdict
+    includes the reasons ``of_the_log``. ``untrue`` says why the airspeed cannot be true: then it is
+    not reported. If no manoeuvre is usable, the one answer says why; without any there is none.
     """
     if not answered:
         return []
@@ -116,26 +115,12 @@ def flights_of(
     by_loop: dict[str, list[Answered]] = {}
     for each in usable:
         by_loop.setdefault(each.found.loop, []).append(each)
-    found = [_together(alike, of_the_log, untrue) for alike in by_loop.values()]
-    headline = _headline(found)
-    return [headline, *(each for each in found if each is not headline)]
 
+    def flown(alike: list[Answered]) -> tuple[int, float]:
+        return len(alike), sum(each.found.duration_s for each in alike)
 
-def _headline(found: Sequence[tuple[Flight, Verdict]]) -> tuple[Flight, Verdict]:
-    """Return the answer to show first, a usable one if there is one.
-
-    It is that with the smallest sigma of wn; of those within 20 % of it the airframe's, else that
-    from the most manoeuvres.
-    """
-
-    def sigma(each: tuple[Flight, Verdict]) -> float:
-        roll = each[0].dutch_roll
-        return math.inf if roll is None or roll.wn_std is None else roll.wn_std
-
-    known = [each for each in found if each[1].usable] or found
-    least = min(map(sigma, known))
-    near = [each for each in known if sigma(each) <= CLOSE * least]
-    return max(near, key=lambda e: (e[0].loop == AIRFRAME, len(e[0].used), -sigma(e)))
+    in_turn = sorted(by_loop.values(), key=flown, reverse=True)
+    return [_together(alike, of_the_log, untrue) for alike in in_turn]
 
 
 def _refused(answered: Sequence[Answered], of_the_log: list[Reason]) -> tuple[Flight, Verdict]:
