@@ -138,6 +138,16 @@ def table_of(table: Table, rows: Sequence[ReadRow]) -> pa.Table:
     return pa.Table.from_pylist(clean, _without_ids(table.schema))
 
 
+def misfit(entry: Entry) -> str | None:
+    """Return why an entry does not fit the tables, None where it does."""
+    try:
+        for name, rows in entry.items():
+            table_of(TABLES[name], rows)
+    except (pa.ArrowException, ValueError, TypeError, OverflowError) as error:
+        return f"its rows do not fit the tables: {error}"
+    return None
+
+
 def _without_ids(schema: pa.Schema) -> pa.Schema:
     """Return a schema with strings in place of dictionaries, which can be sorted and joined."""
     fields = [each.with_type(pa.string()) if each.type == ID else each for each in schema]

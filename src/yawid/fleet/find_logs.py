@@ -3,6 +3,7 @@
 import glob
 import hashlib
 import os
+import stat
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,11 +22,13 @@ class FoundLog:
     """A log file: where it is, and its size and state when it was found."""
 
     path: str
-    """The absolute path or the URL."""
+    """The absolute path or the URL, with backslash codes for what no table can hold."""
     size: int
     """The size in bytes."""
     modified: str
     """The time of the last change in ns since 1970, or what a store reports instead (an ETag)."""
+    failure: str | None = None
+    """Why it is not read, where only its name makes it a log."""
 
 
 def find_logs(paths: Iterable[str], *, with_records: bool = False) -> list[FoundLog]:
@@ -139,25 +142,35 @@ def own_bytes(log: FoundLog) -> bytes | None:
 
 
 def _below(path: str, ends: tuple[str, ...]) -> Iterator[FoundLog]:
-    if os.path.isfile(path):
-        yield _local(path)
-    elif os.path.isdir(path):
+    if os.path.isdir(path):
         for folder, _, names in os.walk(path, onerror=_cannot_list):
             yield from (_local(os.path.join(folder, name)) for name in names if is_log(name, ends))
+    elif os.path.lexists(path):
+        yield _local(path)
     elif _WILD & set(path):
         for each in glob.iglob(path, recursive=True):
-            if is_log(each, ends) and os.path.isfile(each):
+            if is_log(each, ends) and not os.path.isdir(each):
                 yield _local(each)
     else:
         raise SourceError(f"{path}: no such file or folder")
 
 
 def _local(path: str) -> FoundLog:
+    whole = os.path.abspath(path)
     try:
         about = os.stat(path)
     except OSError as error:
-        raise SourceError(f"{path}: {error.strerror}") from error
-    return FoundLog(os.path.abspath(path), about.st_size, str(about.st_mtime_ns))
+        return _named(whole, 0, "unknown", f"it cannot be read: {error.strerror}")
+    what = None if stat.S_ISREG(about.st_mode) else "it is not a regular file: only those are read"
+    return _named(whole, about.st_size, str(about.st_mtime_ns), what)
+
+
+def _named(path: str, size: int, modified: str, failure: str | None = None) -> FoundLog:
+    """Return a log found; the tables hold UTF-8, so that one with another name is not read."""
+    text = path.encode("utf-8", "backslashreplace").decode()
+    if text != path:
+        failure = failure or "its name is not UTF-8: rename the file or its folder"
+    return FoundLog(text, size, modified, failure)
 
 
 def _cannot_list(error: OSError) -> None:
@@ -177,7 +190,7 @@ def _below_url(url: str, ends: tuple[str, ...]) -> Iterator[FoundLog]:
         for name, about in names.items():
             if name == root or (about.get("type") == "file" and is_log(name, ends)):
                 size = int(about.get("size") or 0)
-                yield FoundLog(store.unstrip_protocol(name), size, _modified(about))
+                yield _named(store.unstrip_protocol(name), size, _modified(about))
     except Exception as error:  # a store's library may raise anything
         raise SourceError(f"{url}: {type(error).__name__}: {error}") from error
 

@@ -1,10 +1,10 @@
 """The journal of a fleet: one line for each log that is finished and not merged yet.
 
-``finished.jsonl`` grows by one line when a log ends, so that a kill loses no finished log
-and leaves none half written. The lines are merged into Parquet files when there are many of them,
-at the end of the run, after an interrupt, and at the start of the next run. A last line that is
-incomplete is ignored: its log is run again. It lies in the data set's folder; of a data set in a
-store, which cannot append to a file, in a folder of the user.
+``finished.jsonl`` grows by one line when a log ends, so that a kill loses no finished log and
+leaves none half written. The lines are merged into Parquet files when there are many of them, at
+the end of the run, after an interrupt, and at the start of the next run. A last line that is
+incomplete is ignored, as is one that does not fit the tables: its log is run again. It lies in the
+data set's folder; of a data set in a store, which cannot append to a file, in a folder of the user.
 """
 
 import hashlib
@@ -15,12 +15,13 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO, Final
 
-from yawid.dataset.files import completed, merge, read_table
+from yawid.dataset.files import completed, merge, misfit, read_table
 from yawid.dataset.places import MANIFEST, read_manifest
 from yawid.dataset.schema import TABLES
 from yawid.dataset.values import Entry, ReadRow
 from yawid.errors import SinkError, SourceError
 from yawid.fleet.hold import Hold
+from yawid.sinks.door import say
 from yawid.system.files import lock
 from yawid.system.part_file import os_errors_as_sink_error
 from yawid.system.stores import Place, StoredPath
@@ -90,7 +91,12 @@ class Journal:
             self._stream = None
         if self._hold is not None:
             self._hold.check()
-        entries = list(_lines(self._path))
+        entries = []
+        for entry in _lines(self._path):
+            if (text := misfit(entry)) is None:
+                entries.append(entry)
+            else:
+                say(f"{entry['logs'][0].get('path')!a}: {text}; left out, the log is run again")
         if entries:
             merge(self.folder, entries)
         else:
@@ -177,7 +183,7 @@ def _lines(path: Path) -> Iterator[Entry]:
             try:
                 entry: Entry = json.loads(line)
                 is_ours = set(entry) <= set(TABLES) and len(entry["logs"]) == 1
-            except (ValueError, KeyError, TypeError):
+            except (ValueError, KeyError, TypeError, RecursionError):
                 is_ours = False
             if not is_ours:
                 raise SourceError(

@@ -9,18 +9,16 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
-import pyarrow as pa
-
 from yawid.config.run import OF_RECORDS
-from yawid.dataset.files import table_of
+from yawid.dataset.files import misfit
 from yawid.dataset.places import MANIFEST, read_manifest
-from yawid.dataset.schema import ANALYSIS_VERSION, TABLES
+from yawid.dataset.schema import ANALYSIS_VERSION
 from yawid.dataset.values import FAILED, USAGE, Entry, ReadRow, Row, failed
 from yawid.errors import SinkError, SourceError
 from yawid.fleet.cluster import check_installed, workers_of
 from yawid.fleet.find_logs import FoundLog, check_apart, find_logs, own_bytes, sha256_of
 from yawid.fleet.journal import Journal, check_ours, opened, peek
-from yawid.fleet.local import local_workers
+from yawid.fleet.local import HERE, local_workers
 from yawid.fleet.spec import Spec
 from yawid.fleet.worker import Task
 from yawid.runs.stop import Interrupted, StopFlag
@@ -139,7 +137,11 @@ def _is_known(log: FoundLog, row: ReadRow | None, config_hash: str, run: FleetRu
     now = (config_hash, ANALYSIS_VERSION, log.size)
     if row is None or (row["config_hash"], row["analysis_version"], row["size_bytes"]) != now:
         return False
-    if row["outcome"] == FAILED or (run.retry and row["outcome"] in TRIED_AGAIN):
+    if (
+        log.failure is not None
+        or row["outcome"] == FAILED
+        or (run.retry and row["outcome"] in TRIED_AGAIN)
+    ):
         return False
     if run.verify and row["file_sha256"] is not None:
         return bool(sha256_of(log) == row["file_sha256"])
@@ -218,7 +220,24 @@ def _run(
     found = {log.path: log for log in plan.todo}
     own = {"config_hash": run.spec.config_hash, "analysis_version": ANALYSIS_VERSION}
     address = run.scheduler
-    tasks = (Task(log.path, run.spec, run.timeout_s, own_bytes(log)) for log in plan.todo)
+    readable = (log for log in plan.todo if log.failure is None)
+    tasks = (Task(log.path, run.spec, run.timeout_s, own_bytes(log)) for log in readable)
+
+    def add(log: FoundLog, rows: Any, address: str) -> None:
+        entry = _entry(log, rows, own, address)
+        row = entry["logs"][0]
+        if row["outcome"] == FAILED:
+            progress.why_failed = progress.why_failed or f"{log.path}: {row['text']}"
+        if row["outcome"] == USAGE:
+            progress.why_usage = progress.why_usage or f"{log.path}: {row['text']}"
+        elif row["outcome"] != FAILED or log.path not in plan.answered:
+            journal.add(entry)  # a failure does not replace an earlier answer
+        progress.add(row["outcome"], log.size)
+        show(progress)
+
+    for log in plan.todo:
+        if log.failure is not None:
+            add(log, failed(FAILED, log.failure), HERE)
     with local_workers(run.workers) if address is None else workers_of(address) as workers:
         progress.start_s = time.monotonic()
         with closing(workers.run(tasks, stop)) as done:
@@ -226,19 +245,9 @@ def _run(
                 progress.threads = workers.threads
                 if ended is None:
                     show(progress)
-                    continue
-                task, rows = ended
-                log = found[task.path]
-                entry = _entry(log, rows, own, workers.address)
-                row = entry["logs"][0]
-                if row["outcome"] == FAILED:
-                    progress.why_failed = progress.why_failed or f"{log.path}: {row['text']}"
-                if row["outcome"] == USAGE:
-                    progress.why_usage = progress.why_usage or f"{log.path}: {row['text']}"
-                elif row["outcome"] != FAILED or log.path not in plan.answered:
-                    journal.add(entry)  # a failure does not replace an earlier answer
-                progress.add(row["outcome"], log.size)
-                show(progress)
+                else:
+                    task, rows = ended
+                    add(found[task.path], rows, workers.address)
 
 
 def _entry(log: FoundLog, rows: Any, own: Mapping[str, str], address: str) -> Entry:
@@ -247,7 +256,7 @@ def _entry(log: FoundLog, rows: Any, own: Mapping[str, str], address: str) -> En
     ``rows`` are None where the worker found no such file, and a text where the workers died.
     """
     if rows is None:
-        if Path(log.path).exists():
+        if Path(log.path).is_file():
             raise SinkError(
                 f"a worker of {address} does not see {log.path}: all machines need the same "
                 "files below the same paths, or URLs"
@@ -256,13 +265,8 @@ def _entry(log: FoundLog, rows: Any, own: Mapping[str, str], address: str) -> En
     elif isinstance(rows, str):
         rows = failed("crashed", rows)
     entry = with_keys(log, rows, own)
-    try:
-        for name, each in entry.items():
-            table_of(TABLES[name], each)
-    except (pa.ArrowException, ValueError, TypeError, OverflowError) as error:
-        text = f"its rows do not fit the tables: {error}"
-        return with_keys(log, failed("crashed", text), own)
-    return entry
+    text = misfit(entry)
+    return entry if text is None else with_keys(log, failed("crashed", text), own)
 
 
 def with_keys(log: FoundLog, rows: Any, own: Mapping[str, str]) -> Entry:
