@@ -9,10 +9,12 @@ import shutil
 import tomllib
 from dataclasses import fields
 from pathlib import Path
+from typing import Any
 
 import pytest
 from places import C172P, ROOT, SRC
 
+import yawid
 from yawid.blocks import AIRSPEED_SHARE
 from yawid.channels import command, surface_reader
 from yawid.cli import main as command_line
@@ -127,14 +129,42 @@ def own_record(record: Path, own: Path) -> None:
     own.write_text(f"{names.replace(',rudder,r,', ',delta_r,Rate,')}\n{rest}", encoding="utf-8")
 
 
-@pytest.mark.parametrize("name", [name for name in PAGES if ">>>" in PAGES[name]])
-def test_examples_in_python_do_what_they_show(name: str):
-    example = doctest.DocTestParser().get_doctest(PAGES[name], {}, name, name, 0)
+@pytest.mark.parametrize("name", [name for name in PAGES if re.search("```py", PAGES[name])])
+def test_python_on_a_page_runs_and_does_what_it_shows(name: str, tmp_path: Path, monkeypatch):
+    """Each page from the top in a namespace of its own, with two runs in yawid-out."""
+    monkeypatch.chdir(tmp_path)
+    Path("replay_logs").symlink_to(ROOT / "replay_logs")
+    run = yawid.replay(C172P)
+    Path("yawid-out").mkdir()
+    shutil.copy(run.mcap(Path("yawid-out")), "yawid-out/second.mcap")
+    known: dict[str, Any] = {}
+    blocks = re.findall(r"```(pycon|python)\n(.*?)```", PAGES[name], re.DOTALL)
+    assert len(blocks) >= 4
+    for kind, code in blocks:
+        if kind == "python":
+            exec(code, known)
+            continue
+        example = doctest.DocTestParser().get_doctest(code, known, name, name, 0)
+        found = doctest.DocTestRunner().run(example, clear_globs=False)
+        assert (found.attempted > 0, found.failed) == (True, 0)
+        known = example.globs
+    assert known["changed"] == []
+    (dutch_roll,) = {each[1] for each in known["points"]}
+    assert dutch_roll == run.flight.dutch_roll.zeta
 
-    found = doctest.DocTestRunner().run(example)
 
-    assert found.attempted >= 10
-    assert found.failed == 0
+def test_the_first_flight_says_which_logs_inspect_takes(tmp_path: Path, capsys):
+    run = yawid.replay(C172P).mcap(tmp_path)
+    (section,) = re.findall(r"## 1\. (.*?)\n## 2", PAGES["first_flight.md"], re.DOTALL)
+    (log,) = re.findall(r"A log is .*?\.\s", section, re.DOTALL)
+    assert command_line.main(["inspect", str(C172P)]) == 0
+    assert ".tlog" in log
+
+    assert command_line.main(["inspect", str(run)]) == 6
+
+    assert "is an MCAP file, not a telemetry log" in capsys.readouterr().err
+    assert "MCAP" not in log
+    assert "MCAP of an earlier run; `inspect` needs the log" in " ".join(section.split())
 
 
 def test_the_settings_file_has_every_option_with_its_default():

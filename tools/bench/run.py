@@ -32,7 +32,7 @@ BENCHES = (
     "lateral",
     "damper",
 )
-PLACES = {"truth": ("truth", "truth_by", "truth_short")}
+PLACES = {"truth": ("truth", "truth_by")}
 """The markers of a bench's first tables. A bench that is not here writes its first table, below the
 marker of its own name."""
 

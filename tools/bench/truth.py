@@ -118,9 +118,9 @@ def condition_line(name: str, rows: Sequence[Row]) -> str:
     return line(name, flights, f"{answered_pct(rows):.0f}", *cells(rows, TABLED))
 
 
-def condition_lines(first: str, rows: Sequence[Row], names: Iterable[str]) -> Iterator[str]:
+def condition_lines(rows: Sequence[Row], names: Iterable[str]) -> Iterator[str]:
     """Yield a table with a row for each condition, answer / RML."""
-    yield from head(first, COLUMNS)
+    yield from head("", COLUMNS)
     for name in names:
         if some := [row for row in rows if GROUPS[name](row)]:
             yield condition_line(name, some)
@@ -246,7 +246,7 @@ def flight_rows(seed: int, lateral: bool, folder: Path, number: int) -> list[Row
 
 
 def main(arguments: list[str]) -> Generator[str, None, str | None]:
-    """Yield two tables of tools/README.md, that of README.md and the others, blank lines between.
+    """Yield two tables of tools/README.md and the others, blank lines between.
 
     Return which criteria are not met, None if all are.
     """
@@ -256,12 +256,10 @@ def main(arguments: list[str]) -> Generator[str, None, str | None]:
     rows = all_rows(options, partial(flight_rows, options.seed, options.lateral), numbers)
     found = list(criteria(rows))
     air = ("all", *ANSWERED_PCT)
-    yield from condition_lines("", rows, air)
+    yield from condition_lines(rows, air)
     yield line("needed", *NEEDED)
     yield ""
     yield from across_lines(rows, [name for name in GROUPS if name not in air])
-    yield ""
-    yield from condition_lines("JSBSim, answer / RML", rows, air)
     yield ""
     yield from criteria_lines(found)
     yield ""

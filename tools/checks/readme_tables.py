@@ -8,19 +8,19 @@ tests/test_readme.py checks that what is made from the tree is up to date.
 
 from __future__ import annotations
 
-import io
 import re
+import shlex
+import subprocess
+import sys
 import tomllib
 from collections.abc import Callable
-from contextlib import redirect_stdout
 from functools import cache, partial
-from itertools import takewhile
+from itertools import dropwhile, takewhile
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from mutate import DEFECTS
 
-from yawid.cli.main import main
 from yawid.errors import EXIT_CODES
 from yawid.results.reasons import KINDS
 
@@ -34,6 +34,9 @@ HOMES = {
     "answer": "README.md",
     "refusal": "README.md",
     "good": "src/yawid/manual/first_flight.md",
+    "bare": "src/yawid/manual/bare_airframe.md",
+    "gain": "src/yawid/manual/what_now.md",
+    "mix": "src/yawid/manual/what_now.md",
 }
 """The files of some tables; all others are in tools/README.md."""
 _BELOW = r"(?:```\n(?s:.*?)```\n|(?:\|[^\n]*\n)*)"
@@ -101,26 +104,70 @@ def exit_codes() -> str:
     return "\n".join(["| exit code | what it says |", "|---|---|", *rows])
 
 
+def truth_short() -> str:
+    """Return the first table of the bench ``truth`` for users: without its command and its aims."""
+    head, *rows = written("truth").splitlines()
+    head = "| JSBSim, answer / RML |" + head.split("|", 2)[2]
+    return "\n".join([head, *(row for row in rows if not row.startswith("| needed"))])
+
+
 @cache
-def _printed(case: str) -> list[str]:
-    """Return the lines that a replay of a case's log prints for people, after the log's path."""
-    log = ROOT / "replay_logs" / case / "log.tlog"
-    with TemporaryDirectory() as folder, redirect_stdout(io.StringIO()) as said:
-        main(["replay", str(log), "--out", folder])
-    return [line.rstrip() for line in said.getvalue().splitlines()[1:]]
+def _folder() -> TemporaryDirectory[str]:
+    """Return the folder in which lines are typed; it has the cases."""
+    folder = TemporaryDirectory()
+    (Path(folder.name) / "replay_logs").symlink_to(ROOT / "replay_logs")
+    return folder
 
 
-def _output(case: str, until: str) -> str:
-    """Return the beginning of what is printed, up to a line that begins so."""
-    lines = takewhile(lambda line: not line.startswith(until), _printed(case))
-    return "\n".join(["```", *lines, "```"])
+@cache
+def _printed(line: str) -> list[str]:
+    """Return the lines that a command prints for people, after the log's path."""
+    program, *arguments = shlex.split(line)
+    said = subprocess.run(
+        [sys.executable, "-m", program, *arguments],
+        cwd=_folder().name, stdout=subprocess.PIPE, check=False, encoding="utf-8",
+    )  # fmt: skip
+    return [line.rstrip() for line in said.stdout.splitlines()[1:]]
 
 
+def _output(line: str, until: str, since: str = "") -> str:
+    """Return what a command prints from a line that begins so, up to one that begins so."""
+    lines = dropwhile(lambda each: not each.startswith(since), _printed(line))
+    shown = takewhile(lambda each: not each.startswith(until), lines)
+    return "\n".join(["```", *shown, "```"])
+
+
+def typed(name: str) -> list[str]:
+    """Return the lines to type in the last block before a marker.
+
+    Raises:
+        SystemExit: no such block stands before it.
+    """
+    before = (ROOT / HOMES[name]).read_text(encoding="utf-8").split(f"<!-- {name} -->")[0]
+    blocks = re.findall(r"```sh\n(.*?)```", before, re.DOTALL)
+    if not blocks:
+        raise SystemExit(f"{HOMES[name]} has no lines to type before {name}")
+    return str(blocks[-1]).splitlines()
+
+
+def _shown(name: str, until: str, since: str = "") -> str:
+    """Return what the last of the lines before a marker prints when all of them are typed."""
+    *before, last = typed(name)
+    for line in before:
+        _printed(line)
+    return _output(last, until, since)
+
+
+_FLIGHT = "yawid replay replay_logs/{}/log.tlog --out {}".format
 TABLES: dict[str, Callable[[], str]] = {
     "cases": cases, "mutations": mutations, "reasons": reasons, "exit_codes": exit_codes,
-    "answer": partial(_output, "c172p_3211", "n from-to"),
-    "good": partial(_output, "c172p_3211", "the stream"),
-    "refusal": partial(_output, "sitl_auto", "± is one sigma"),
+    "truth_short": truth_short,
+    "answer": partial(_output, _FLIGHT("c172p_3211", "answer"), "n from-to"),
+    "good": partial(_output, _FLIGHT("c172p_3211", "answer"), "the stream"),
+    "refusal": partial(_output, _FLIGHT("sitl_auto", "refusal"), "± is one sigma"),
+    "bare": partial(_shown, "bare", "n from-to"),
+    "gain": partial(_shown, "gain", "mix "),
+    "mix": partial(_shown, "mix", "± is one sigma", "mix "),
 }  # fmt: skip
 
 
