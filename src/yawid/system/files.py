@@ -10,8 +10,13 @@ SAFE_OPEN: Final = sum(
     getattr(os, name, 0) for name in ("O_NOFOLLOW", "O_CLOEXEC", "O_NONBLOCK", "O_BINARY")
 )
 """Flags that open a regular file, unchanged, without following a link or waiting for a pipe."""
+RENAMES_OPEN: Final = sys.platform != "win32"
+"""Whether a file that is open can be renamed and removed."""
 HAS_DESCRIPTOR_NAMES: Final = sys.platform != "win32"
 """Whether ``/dev/fd/N`` opens the descriptor N."""
+_FAR: Final = 0x7FFFFFFE
+"""The byte that Windows locks: nobody can read or write it meanwhile, so it is far behind the end.
+"""
 _FOR_OTHERS = stat.S_IWGRP | stat.S_IWOTH
 
 
@@ -24,8 +29,9 @@ def lock(descriptor: int) -> None:
     if sys.platform == "win32":
         import msvcrt
 
-        os.lseek(descriptor, 0, os.SEEK_SET)  # the lock is that of the first byte
+        os.lseek(descriptor, _FAR, os.SEEK_SET)
         msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)
+        os.lseek(descriptor, 0, os.SEEK_SET)
     else:
         import fcntl
 

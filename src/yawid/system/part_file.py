@@ -2,11 +2,12 @@
 
 import os
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import BinaryIO
 
 from yawid.errors import SinkError
+from yawid.system.files import RENAMES_OPEN, lock
 from yawid.system.stores import Place
 
 
@@ -21,22 +22,89 @@ def os_errors_as_sink_error(path: Place) -> Iterator[None]:
         raise SinkError(f"cannot write {path}: {error.strerror or error}") from error
 
 
-def open_part(path: Path, *, force: bool, suffix: str = ".part") -> tuple[Path, BinaryIO]:
-    """Open ``<path><suffix>``, the name that a file has until it is finished.
+class Part:
+    """A file that this process alone writes, as ``<path><suffix>`` until it is finished.
+
+    It is locked while ``stream`` is open, so that a second run with ``force`` is refused; of a
+    killed run the system drops the lock, and a run with ``force`` writes it again.
 
     Raises:
-        SinkError: the file or its part exists and ``force`` is not set, or it cannot be written.
+        SinkError: the file or its part exists and ``force`` is not set, another run writes the
+        part, or it cannot be written.
     """
-    part = path.with_name(path.name + suffix)
-    check_free(path, force=force)
-    with os_errors_as_sink_error(part):
+
+    def __init__(self, path: Path, *, force: bool, suffix: str = ".part") -> None:
+        self._force, self._has_name = force, False
+        self.place = path.with_name(path.name + suffix)
+        check_free(path, force=force)
+        with os_errors_as_sink_error(self.place):
+            self.stream = self._opened()
+
+    def _opened(self) -> BinaryIO:
+        flags = os.O_WRONLY | os.O_CREAT | getattr(os, "O_BINARY", 0)
+        while True:
+            try:
+                file = os.open(self.place, flags if self._force else flags | os.O_EXCL, 0o666)
+            except FileExistsError as error:
+                raise SinkError(
+                    f"{self.place} exists, as a run is still writing it or was cut off: move it "
+                    "away or use --force"
+                ) from error
+            stream = os.fdopen(file, "wb")
+            try:
+                self._lock(file)
+                about = os.fstat(file)
+                # Whoever had it may have renamed or removed it before it was locked here.
+                with suppress(FileNotFoundError):
+                    if os.path.samestat(about, self.place.stat()):
+                        if about.st_size:
+                            os.truncate(file, 0)
+                        return stream
+            except BaseException:
+                stream.close()
+                raise
+            stream.close()
+
+    def _lock(self, file: int) -> None:
         try:
-            return part, part.open("wb" if force else "xb")
-        except FileExistsError as error:
+            lock(file)
+        except (BlockingIOError, PermissionError) as error:
             raise SinkError(
-                f"{part} exists, as a run is still writing it or was cut off: move it away or use "
-                "--force"
+                f"another run is writing {self.place}: wait until it has ended, or choose another "
+                "name"
             ) from error
+        except OSError:
+            pass  # a file system without locks
+
+    def take_name(self, path: Path) -> None:
+        """Give the file, of which everything is written, its final name.
+
+        Raises:
+            SinkError: another file has got that name meanwhile and ``force`` is not set, or
+            renaming fails.
+        """
+        check_free(path, force=self._force)
+        with os_errors_as_sink_error(path):
+            if not RENAMES_OPEN:
+                self.stream.close()
+            self.place.replace(path)
+            self._has_name = True
+            self.stream.close()  # no other run could lock it before
+
+    def remove(self) -> None:
+        """Remove the file, unless it has its name."""
+        if self._has_name:
+            return
+        if not RENAMES_OPEN:
+            self.leave()
+        with suppress(OSError):
+            self.place.unlink(missing_ok=True)
+        self.leave()
+
+    def leave(self) -> None:
+        """Close the file under its unfinished name."""
+        with suppress(OSError):  # the failure to write has been reported already
+            self.stream.close()
 
 
 def check_free(path: Path, *, force: bool) -> None:
@@ -51,38 +119,26 @@ def check_free(path: Path, *, force: bool) -> None:
         raise SinkError(f"{path} exists: --force overwrites it")
 
 
-def take_name(part: Path, path: Path, *, force: bool) -> None:
-    """Give a finished file its final name.
-
-    Raises:
-        SinkError: another file has got that name meanwhile and ``force`` is not set, or renaming
-        fails.
-    """
-    check_free(path, force=force)
-    with os_errors_as_sink_error(path):
-        part.replace(path)
-
-
 def write_whole(files: Mapping[Path, bytes], *, force: bool = False) -> None:
     """Write all files under ``.part`` names, then rename each: all are written whole, or none is.
 
     Raises:
         SinkError: one exists and ``force`` is not set, or one cannot be written.
     """
-    parts: dict[Path, Path] = {}
+    parts: list[Part] = []
     try:
         for path, data in files.items():
-            parts[path], stream = open_part(path, force=force)
-            with stream, os_errors_as_sink_error(path):
-                stream.write(data)
-                sync(stream)
-        for path in parts:
+            parts.append(part := Part(path, force=force))
+            with os_errors_as_sink_error(path):
+                part.stream.write(data)
+                sync(part.stream)
+        for path in files:
             check_free(path, force=force)
-        for path, part in parts.items():
-            take_name(part, path, force=force)
+        for path, part in zip(files, parts, strict=True):
+            part.take_name(path)
     finally:
-        for part in parts.values():
-            part.unlink(missing_ok=True)
+        for part in parts:
+            part.remove()
 
 
 @contextmanager
@@ -92,14 +148,14 @@ def written_whole(path: Path, *, force: bool = False, suffix: str = ".part") -> 
     Raises:
         SinkError: it exists and ``force`` is not set, or it cannot be written.
     """
-    part, stream = open_part(path, force=force, suffix=suffix)
+    part = Part(path, force=force, suffix=suffix)
     try:
-        with os_errors_as_sink_error(path), stream:
-            yield stream
-            sync(stream)
-        take_name(part, path, force=force)
+        with os_errors_as_sink_error(path):
+            yield part.stream
+            sync(part.stream)
+        part.take_name(path)
     finally:
-        part.unlink(missing_ok=True)
+        part.remove()
 
 
 class Disk:

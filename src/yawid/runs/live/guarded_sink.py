@@ -7,7 +7,7 @@ from pathlib import Path
 from yawid.errors import SinkError
 from yawid.runs.live.bulkhead import Bulkhead
 from yawid.sinks.base import Call, Pace, Relay, Sink
-from yawid.system.part_file import open_part, os_errors_as_sink_error, sync, take_name
+from yawid.system.part_file import Part, os_errors_as_sink_error, sync
 
 LOOK_S = 1.0
 
@@ -88,10 +88,10 @@ class TlogRecorder(Guard):
     without = "its tlog"
 
     def __init__(self, path: Path, say: Callable[[str], None], *, force: bool) -> None:
-        part, self._stream = open_part(path, force=force)
-        super().__init__(part, say)
+        self._file = Part(path, force=force)
+        self._stream = self._file.stream
+        super().__init__(self._file.place, say)
         self._path = path
-        self._force = force
 
     def write(self, data: bytes) -> None:
         """Add whole records and hand them to the operating system at once."""
@@ -108,8 +108,7 @@ class TlogRecorder(Guard):
 
     def _close(self) -> None:
         """Close the file under its unfinished name: it keeps what was recorded."""
-        with contextlib.suppress(OSError):  # the failure to write has been reported already
-            self._stream.close()
+        self._file.leave()
 
     def _write(self, data: bytes) -> None:
         self._stream.write(data)
@@ -117,5 +116,4 @@ class TlogRecorder(Guard):
 
     def _finish(self) -> None:
         sync(self._stream)
-        self._stream.close()
-        take_name(self._part, self._path, force=self._force)
+        self._file.take_name(self._path)

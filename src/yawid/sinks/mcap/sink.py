@@ -42,7 +42,7 @@ from yawid.sinks.mcap.schemas import (
     schema_data,
     units,
 )
-from yawid.system.part_file import Disk, open_part, os_errors_as_sink_error, take_name
+from yawid.system.part_file import Disk, Part, os_errors_as_sink_error
 from yawid.version import __version__
 
 LIBRARY: Final = f"yawid {__version__}"
@@ -99,9 +99,9 @@ class McapSink(Sink):
         disk: Disk | None = None,
     ) -> None:
         self.path: Path = path
-        self._force = force
         self._disk = disk or Disk()
-        self._part, self._stream = open_part(path, force=force)
+        self._file = Part(path, force=force)
+        self._part, self._stream = self._file.place, self._file.stream
         self._pace = Pace(FLUSH_S)
         self._schemas: dict[str, int] = {}
         self._records: set[str] = set()
@@ -298,11 +298,19 @@ class McapSink(Sink):
             self._writer.finish()
             self._writer.close()
             self._disk.sync_now(self._stream)
-            self._stream.close()
-        take_name(self._part, self.path, force=self._force)
+        self._file.take_name(self.path)
 
     def abort(self) -> None:
         """See :meth:`yawid.sinks.base.Sink.abort`."""
+        self._write_last()
+        self._file.leave()
+
+    def discard(self) -> None:
+        """See :meth:`yawid.sinks.base.Sink.discard`."""
+        self._write_last()
+        self._file.remove()
+
+    def _write_last(self) -> None:
         # The error that led to this call has been reported already.
         if not self._stream.closed:
             with contextlib.suppress(OSError, SinkError):
@@ -310,15 +318,8 @@ class McapSink(Sink):
                 self._write_motion()
             with contextlib.suppress(OSError):
                 self._writer.finish()
-        for closed in (self._writer, self._stream):
-            with contextlib.suppress(OSError):
-                closed.close()
-
-    def discard(self) -> None:
-        """See :meth:`yawid.sinks.base.Sink.discard`."""
-        self.abort()
         with contextlib.suppress(OSError):
-            self._part.unlink(missing_ok=True)
+            self._writer.close()
 
     def _open(self, metadata: Mapping[str, str | Mapping[str, object]]) -> None:
         with os_errors_as_sink_error(self._part):

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Final
 from yawid.answers.run_summary import RunSummary
 from yawid.errors import SinkError, without_viewer
 from yawid.sinks.base import Call, Pace, Relay
-from yawid.system.part_file import open_part, take_name
+from yawid.system.part_file import Part
 
 if TYPE_CHECKING:
     from yawid.sinks.rerun.recording import RerunView
@@ -43,16 +43,14 @@ class RerunSink(Relay):
         self._needed = needed
         self._pace = Pace(FLUSH_S)
         self._view: RerunView | None = None
-        self._force = force
         self.path = path if target == "save" else None
-        self._part: Path | None = None
+        self._file: Part | None = None
         if target == "save":
             if path is None:
                 raise SinkError("a recording that is saved needs a file name")
-            self._part, stream = open_part(path, force=force)
-            stream.close()  # the file exists and can be written; rerun opens it again
+            self._file = Part(path, force=force)  # rerun opens it again
         try:
-            self._view = _open_view(self._part or target, name)
+            self._view = _open_view(self._file.place if self._file else target, name)
         except BaseException as error:  # also a signal
             self.discard()  # the file is empty and would block the next run
             if not isinstance(error, Exception):
@@ -68,21 +66,25 @@ class RerunSink(Relay):
         """See :meth:`yawid.sinks.base.Sink.finish`."""
         super().finish(summary, attachments)
         self._view = None
-        if self._part is not None and self.path is not None:
-            take_name(self._part, self.path, force=self._force)
+        if self._file is not None and self.path is not None:
+            self._file.take_name(self.path)
 
     def abort(self) -> None:
         """See :meth:`yawid.sinks.base.Sink.abort`."""
-        with contextlib.suppress(SinkError):
-            super().abort()
-        self._view = None
+        self._close_view()
+        if self._file is not None:
+            self._file.leave()
 
     def discard(self) -> None:
         """See :meth:`yawid.sinks.base.Sink.discard`."""
-        self.abort()
-        if self._part is not None:
-            with contextlib.suppress(OSError):
-                self._part.unlink(missing_ok=True)
+        self._close_view()
+        if self._file is not None:
+            self._file.remove()
+
+    def _close_view(self) -> None:
+        with contextlib.suppress(SinkError):
+            super().abort()
+        self._view = None
 
     def _hand(self, call: Call) -> None:
         if self._view is None:
@@ -101,8 +103,8 @@ class RerunSink(Relay):
         self._view = None
         needed = without_viewer(error)
         reason = needed or str(error).partition("\n")[0]
-        if self._part is not None:
-            raise SinkError(f"cannot write {self._part}: {reason}") from error
+        if self._file is not None:
+            raise SinkError(f"cannot write {self._file.place}: {reason}") from error
         if self._needed and needed is not None:
             raise SinkError(needed) from error
         if self._needed:
