@@ -26,6 +26,18 @@ MILSPEC = 3
 """The value of JSBSim's atmosphere/turb-type for MIL-F-8785C."""
 PITCH_GAIN, PITCH_RATE_GAIN = 1.0, 0.3
 """Elevator units per rad and per rad/s that hold the nose as trimmed, and so the airspeed."""
+MISSING = {
+    "f104": ("systems/radar/range",),
+    "L17": ("fcs/flaps-pos-deg",),
+    "fokker100": (
+        "/gear/gear/wow",
+        *(f"/sim/model/pushback/{name}" for name in ("position-norm", "ki", "kp", "kd")),
+    ),
+}
+"""Properties that an aircraft of JSBSim's reads and only FlightGear makes: without them it does not
+load."""
+STOPPED = ("c182",)
+"""Aircraft of JSBSim's whose engine stops in ``run_ic``: it is started again before the trim."""
 SENSED_MS = 20
 """The autopilot reads its sensors at 50 Hz, as ArduPlane's loop does: their noise changes then."""
 SENSED = (
@@ -66,6 +78,8 @@ def trimmed(plan: FlightPlan) -> Any:
     fdm = jsbsim.FGFDMExec(jsbsim.get_default_root_dir())
     fdm.set_debug_level(0)
     fdm.disable_output()
+    for name in MISSING.get(plan.aircraft, ()):
+        fdm[name] = 0.0
     if not fdm.load_model(plan.aircraft):
         raise FlightError(f"JSBSim cannot load {plan.aircraft!r}")
     fdm.set_dt(STEP_S)
@@ -76,6 +90,8 @@ def trimmed(plan: FlightPlan) -> Any:
     fdm["gear/gear-cmd-norm"] = 0.0
     fdm["propulsion/set-running"] = -1
     fdm.run_ic()
+    if plan.aircraft in STOPPED:
+        fdm["propulsion/set-running"] = -1
     try:
         fdm.do_trim(FULL_TRIM)
     except jsbsim.TrimFailureError as error:
