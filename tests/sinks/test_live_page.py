@@ -122,18 +122,9 @@ def test_a_window_too_small_for_the_page_has_the_line() -> None:
     assert drawn(LINK, 50, 10)[0].strip() == "yawid: 1 vehicle, 9 msg/s"
 
 
-def coloured(facts: LiveFacts) -> str:
-    out = io.StringIO()
-    console = Console(file=out, width=80, height=24, force_terminal=True, color_system="standard")
-    console.print(Page(facts, ()))
-    return out.getvalue()
-
-
-def test_a_verdict_of_more_than_two_seconds_ago_is_dim_and_says_its_age() -> None:
-    now = coloured(with_vehicles(replace(FLYING, flights=(), verdict_age_s=1.9)))
-    assert "\x1b[1;31mNOT USABLE\x1b[0m (of the stream" in now
-    old = coloured(with_vehicles(replace(FLYING, flights=(), verdict_age_s=7.4)))
-    assert "\x1b[2mNOT USABLE\x1b[0m\x1b[2m, 7 s old (of the stream" in old
+def test_before_a_manoeuvre_is_answered_there_is_no_verdict() -> None:
+    text = " ".join(drawn(with_vehicles(replace(FLYING, flights=(), manoeuvres=(), verdict=None))))
+    assert "VERDICT none yet: no manoeuvre has been answered" in " ".join(text.split())
 
 
 def test_where_nothing_was_heard_the_sender_s_line_is_there() -> None:

@@ -7,12 +7,10 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from yawid.answers.run_summary import DutchRoll
 from yawid.blocks import EstimateBlock, Floats, Status
 from yawid.config.run import RunConfig
 from yawid.estimation.bank import Bank, SampleHistory
 from yawid.estimation.methods import METHODS
-from yawid.physics.modes import modes
 from yawid.results.coherence import Coherence, coherence_at, coherence_reasons
 from yawid.results.excitation import LEAST_STROKE, Movement, around, excitation
 from yawid.results.hidden import UNSEEN, Cause, what_hides
@@ -416,25 +414,3 @@ def bank_verdict(
     if not (first_answers and answers in judged.refused):
         reasons += agreement_reasons(evidence, judged.refused, answers)
     return Verdict.of(reasons, answers)
-
-
-def answering(bank: Bank) -> tuple[str, Status, DutchRoll | None]:
-    """Return the method that answers now, its status and its Dutch roll with sigmas of noise.
-
-    The method asked for answers unless it has no Dutch roll or has diverged, or another one's sigma
-    of wn is less than half as large. The verdict at the end also judges what would take too long
-    here.
-    """
-    found = {}
-    for method, block in bank.last.items():
-        newest = EstimateBlock(block.rows[-1:], block.p)
-        orders = bank.config.armax_orders()
-        mean_output = bank.config.output == "yaw"
-        roll = modes(newest, orders, bank.sample_time_s, mean_output=mean_output).dutch_roll[0]
-        found[method] = method, Status(int(newest.status[0])), roll
-    sound = [m for m, (_, s, roll) in found.items() if s in SOUND and math.isfinite(roll[0])]
-    chosen = sound[0] if sound else bank.config.method
-    for method in sound[1:]:
-        if found[method][2][1] < BETTER * found[chosen][2][1]:
-            chosen = method
-    return chosen, found[chosen][1], DutchRoll.of(found[chosen][2])

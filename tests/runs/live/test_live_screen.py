@@ -18,6 +18,7 @@ import pytest
 from checks.children import free_udp_port
 from live_link import CONFIG, frames, send
 
+from yawid.config.run import RunConfig
 from yawid.runs.live import LiveOptions, live
 from yawid.runs.outputs import Outputs
 from yawid.runs.replay import StopFlag
@@ -31,8 +32,8 @@ class Terminal:
         self._master, slave = pty.openpty()
         self.resize(24)
         self.stream = open(slave, "w", encoding="utf-8")  # noqa: PTH123, SIM115 # closed below
-        self.written = b""
-        """Since what was waited for last."""
+        self.written = self.all = b""
+        """Since what was waited for last, and all of it."""
 
     def resize(self, lines: int) -> None:
         fcntl.ioctl(self._master, termios.TIOCSWINSZ, struct.pack("HHHH", lines, 80, 0, 0))
@@ -42,7 +43,8 @@ class Terminal:
         while text.encode() not in self.written:
             assert time.monotonic() < late_s, f"{text!r} is not in {self.written[-2000:]!r}"
             if select.select([self._master], [], [], 0.1)[0]:
-                self.written += os.read(self._master, 65536)
+                read = os.read(self._master, 65536)
+                self.written, self.all = self.written + read, self.all + read
         self.written = self.written[self.written.index(text.encode()) :]
 
     def close(self) -> None:
@@ -81,6 +83,32 @@ def test_the_screen_says_a_dead_link_at_once_and_leaves_the_terminal_clean(
     terminal.wait_for("yawid: said meanwhile")
     terminal.wait_for("VERDICT")
     session.join(60.0)
+
+
+def test_before_the_first_manoeuvre_the_screen_has_no_verdict_and_no_advice_for_logs(
+    tmp_path: Path, terminal: Terminal, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of a rudder that rests a replay says that another log is needed; time runs tenfold here."""
+    monotonic = time.monotonic
+    monkeypatch.setattr(time, "monotonic", lambda: 10.0 * monotonic())
+    port, stop = free_udp_port(), StopFlag()
+    options = LiveOptions(f"udpin:127.0.0.1:{port}", seconds=6000.0)
+    given = options, RunConfig(), Outputs(tmp_path, "live"), stop, console_for(terminal.stream)
+    session = threading.Thread(target=live, args=given, daemon=True)
+    session.start()
+    try:
+        terminal.wait_for("listening on", 600.0)
+        send(frames(20.0, doublet_s=99.0), port)
+        terminal.wait_for("RECORDING", 600.0)
+        terminal.wait_for(" 28 s ", 600.0)  # the run's time: the stream was judged meanwhile
+        shown = terminal.all.decode()
+    finally:
+        stop.is_set = True
+        session.join(60.0)
+    assert "VERDICT" in shown
+    assert "not known yet" in shown
+    for said in ("NOT USABLE", "not_excited", "next:", "replay", "log"):
+        assert said not in shown
 
 
 @pytest.mark.parametrize("why", ["no terminal", "dumb", "small"])

@@ -29,7 +29,6 @@ from yawid.runs.live.running_answer import Answer, RunningAnswer
 from yawid.runs.live.screen_facts import Gatherer
 from yawid.runs.outputs import Outputs
 from yawid.runs.replay import StopFlag, replay
-from yawid.sinks.terminal.live_facts import VehicleFacts
 from yawid.sources.mavlink.decoder import Decoder
 from yawid.sources.mavlink.signing import SigningKey
 from yawid.sources.open_log import ReadOptions
@@ -216,26 +215,13 @@ def test_the_stream_s_answer_is_its_summary_s_as_it_stood_when_it_was_asked_for(
     assert summarise(pipeline, decoder.link, "", "")[0].dutch_roll != found.dutch_roll
 
 
-def test_the_screen_s_verdict_has_its_age_and_is_none_in_the_first_ten_seconds(monkeypatch):
-    config = replace(CONFIG, manoeuvres="off")
-    decoder, pipeline, worker, now = Decoder(WANTED), Pipeline(config), Later(), [1000.0]
-    monkeypatch.setattr(time, "monotonic", lambda: now[0])
+def test_the_screen_marks_a_rudder_that_was_assumed():
+    decoder, pipeline = Decoder(WANTED), Pipeline(CONFIG)
     heard = [f for f in SENT if int.from_bytes(f[7:10], "little") != PARAM_VALUE]
     records = [pack(">Q", 1_700_000_000_000_000 + 6_000 * i) + f for i, f in enumerate(heard)]
     pipeline.feed(decoder.feed(b"".join(records)))
-    gatherer = Gatherer(worker)
 
-    def look(at_s: float) -> VehicleFacts:
-        now[0] = at_s
-        return gatherer.facts(pipeline, decoder.link, "", closely=True)
-
-    assert look(1000.0).verdict is None
-    worker.done.set_result(worker.act())
-    assert look(1009.9).verdict is None  # judged, but of the first seconds
-    known = look(1012.0)
-    assert known.verdict is not None
-    assert known.verdict_age_s == pytest.approx(12.0)
-    assert known.rudder == (
+    assert Gatherer().facts(pipeline, decoder.link, "", None, closely=True).rudder == (
         'SERVO_OUTPUT_RAW.servo4_raw (assumed: no parameters were heard; in MAVProxy type "param '
         'fetch")'
     )

@@ -9,20 +9,10 @@ import threading
 import time
 from pathlib import Path
 
-import pytest
 from live_link import Screen, frames, listening, send
-from places import C172P
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from yawid.channels.stage import WANTED
-from yawid.config.run import RunConfig
-from yawid.pipeline import Pipeline
-from yawid.results.summary import summarise
-from yawid.runs.job import feed_all
 from yawid.runs.live import Console
-from yawid.runs.live.standing import Standing
-from yawid.sources.mavlink.decoder import Decoder
-from yawid.sources.open_log import TlogBytes
 
 
 class Terminal(io.StringIO):
@@ -120,35 +110,3 @@ def test_a_vehicle_that_falls_silent_beside_its_ground_station_is_not_tracking(t
 def test_a_link_nobody_has_sent_on_is_waited_for(tmp_path: Path):
     with listening(tmp_path) as session:
         session.screen.wait_for("lost 0, dropped 0, waiting for rudder and yaw rate")
-
-
-def test_before_there_is_a_dutch_roll_the_line_says_so_and_shows_no_nan():
-    pipeline = Pipeline(RunConfig(rate=10.0))
-    decoder = Decoder(WANTED)
-    pipeline.feed(decoder.feed(C172P.read_bytes()[:38_000]))
-    assert pipeline.modes is not None
-    assert pipeline.newest is not None
-
-    line = Standing().line(pipeline, decoder.link, int(pipeline.newest.received_us[-1]), "0")
-
-    assert "wn: not yet" in line
-    assert "nan" not in line
-
-
-def test_the_line_shows_the_method_that_answers_as_the_verdict_does():
-    pipeline = Pipeline(RunConfig(rate=10.0, forgetting=1.0))
-    source = TlogBytes([C172P.read_bytes()], WANTED)
-    feed_all(source, pipeline)
-    assert pipeline.newest is not None
-    summary, _ = summarise(pipeline, source.link, "log.tlog", "")
-    of_stream = summary.verdict.method
-    answer = summary.estimates[of_stream].dutch_roll
-    assert of_stream == "rml" != pipeline.config.method
-
-    line = Standing().line(pipeline, source.link, int(pipeline.newest.received_us[-1]), "2")
-
-    noise = answer.wn_std if answer.wn_std_noise is None else answer.wn_std_noise
-    assert noise == pytest.approx(0.0061, abs=5e-5)  # two digits, and wn to as many decimals
-    assert f"wn {answer.wn_rad_s:.4f} ± 0.0061 rad/s" in line
-    assert line.endswith(f"by RML, {pipeline.samples} samples, ± is one sigma of noise alone")
-    assert ", lost 0, dropped 2, wn " in line

@@ -6,14 +6,14 @@ from collections.abc import Callable, Sequence
 from functools import partial
 
 from yawid.answers.run_summary import Manoeuvre
-from yawid.runs.live.running_answer import Answer, RunningAnswer
-from yawid.runs.live.screen_facts import SETTLE_S
+from yawid.runs.live.running_answer import Answer
 from yawid.runs.live.vehicle_session import LiveSession
-from yawid.runs.live.worker import Worker
 from yawid.sinks.words import dutch_roll, says
 from yawid.sources.link.publisher import INFO, LONGEST_TEXT, NOTICE, Publisher
 
 ROUND_S = 1.0
+SETTLE_S = 10.0
+"""No verdict on the stream is sent in its first seconds, when few data have arrived."""
 SILENT_US = 5_000_000
 """Nothing is published for a vehicle that has been silent for this long."""
 REASON_S = 15.0
@@ -23,8 +23,7 @@ REASON_S = 15.0
 class Published:
     """The state of what has been published of one session."""
 
-    def __init__(self, worker: Worker) -> None:
-        self.answer = RunningAnswer(worker)
+    def __init__(self) -> None:
         self.round_s = -math.inf
         self.manoeuvres = 0
         self.since_s = math.inf
@@ -38,10 +37,9 @@ class Publish:
     ``reached_us`` returns the stamp up to which all that arrived has been read.
     """
 
-    def __init__(self, publisher: Publisher, worker: Worker, reached_us: Callable[[], int]) -> None:
+    def __init__(self, publisher: Publisher, reached_us: Callable[[], int]) -> None:
         self._publisher = publisher
         self.sender_of = publisher.sender_of
-        self._worker = worker
         self._reached_us = reached_us
         self._known: dict[tuple[int, int], Published] = {}
         self._next_s = -math.inf
@@ -61,7 +59,7 @@ class Publish:
             if (vehicle := session.vehicle) is not None and self._may_speak(vehicle, session)
         }
         for vehicle, session in speaking.items():
-            known = self._known.setdefault(vehicle, Published(self._worker))
+            known = self._known.setdefault(vehicle, Published())
             report = partial(self._report_manoeuvres, vehicle[0], session, known)
             session.publishing.attempt(report, None)
         if speaking:
@@ -98,7 +96,7 @@ class Publish:
 
     def _send_round(self, vehicle: tuple[int, int], session: LiveSession, now_s: float) -> None:
         known, pipeline = self._known[vehicle], session.pipeline
-        answer = known.answer.look(pipeline, session.decoder.link)
+        answer = session.answer.look(pipeline, session.decoder.link)
         known.since_s = min(known.since_s, now_s)
         if answer is not None and now_s - known.since_s >= SETTLE_S:
             self._report_change(vehicle[0], answer, known, now_s)
@@ -134,7 +132,7 @@ def values_of(answer: Answer | None) -> dict[str, float]:
     ``yaw_ok`` is 1.0 where the answer is usable, else 0.0. A number that is unknown is left out.
     """
     roll = None if answer is None else answer.dutch_roll
-    usable = answer is not None and answer.verdict.usable
+    usable = answer is not None and answer.known is not None
     values: dict[str, float | None] = {}
     if roll is not None:
         values |= {"yaw_wn": roll.wn_rad_s, "yaw_wn_sd": roll.wn_std}

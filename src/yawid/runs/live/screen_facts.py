@@ -3,47 +3,48 @@
 import time
 from collections import deque
 
-from yawid.answers.run_summary import Flight
-from yawid.blocks import Held, Status, words
+from yawid.blocks import Held, words
 from yawid.pipeline import Pipeline
 from yawid.quantities.link import LinkStats
 from yawid.quantities.vehicles import type_name
 from yawid.results.advice import OFTEN, Situation, next_step
-from yawid.results.judge_estimate import answering
 from yawid.results.reasons import Verdict
-from yawid.results.summary import as_summary, basis_of, of_the_log
-from yawid.runs.live.running_answer import SHARE_SHOWN, RunningAnswer
-from yawid.runs.live.standing import SILENT, running, state
-from yawid.runs.live.worker import Worker
+from yawid.results.summary import as_summary
+from yawid.runs.live.running_answer import Answer, said
+from yawid.runs.live.standing import SILENT, state
 from yawid.sinks.terminal.live_facts import VehicleFacts
 
 WINDOW_S = 2.0
 """Rates are counted over this time; where no sample is used for this long, the reason is shown."""
-SETTLE_S = 10.0
-"""No verdict on the stream is shown or sent in its first seconds, when few data have arrived."""
 ASSUMED = ' (assumed: no parameters were heard; in MAVProxy type "param fetch")'
 
 
 class Gatherer:
-    """Gathers the facts of one session; it keeps the counts that rates are made from.
+    """Gathers the facts of one session; it keeps the counts that rates are made from."""
 
-    With ``worker`` the stream is also judged from time to time, outside the loop, until a
-    manoeuvre has been answered.
-    """
-
-    def __init__(self, worker: Worker | None = None) -> None:
+    def __init__(self) -> None:
         self._counts: deque[tuple[float, int, int, int, int]] = deque()
-        self._first_s: float | None = None
-        self._of_stream = None if worker is None else RunningAnswer(worker, SHARE_SHOWN)
 
     def facts(
-        self, pipeline: Pipeline, link: LinkStats, quiet: str, *, closely: bool
+        self,
+        pipeline: Pipeline,
+        link: LinkStats,
+        quiet: str,
+        answer: Answer | None,
+        *,
+        closely: bool,
     ) -> VehicleFacts:
-        """Return the facts; ``closely``: also the slower ones, rudder and running estimate."""
+        """Return the facts; ``closely``: also how the rudder moves, which is slower.
+
+        The verdict is the flight's: a stream's is for a log that has ended, and would advise a
+        pilot in the air to use another log.
+        """
         channels, vehicle = pipeline.channels, pipeline.channels.lock.vehicle
         rates, unused = self._rates(pipeline, link)
         progress, unanswered = pipeline.progress(closely=closely)
-        flights, verdict, age_s = self._answer(pipeline, link)
+        flights = () if answer is None else answer.flights
+        verdict = answer.verdict if answer is not None and flights else None
+        status = state(pipeline)
         name = ""
         if vehicle is not None:
             kind = type_name(vehicle.type)
@@ -73,10 +74,9 @@ class Gatherer:
             unanswered=unanswered,
             manoeuvres=tuple(pipeline.manoeuvres or ()),
             flights=flights,
-            stream=_stream(pipeline) if closely else "",
-            state=SILENT if quiet else state(pipeline),
+            stream=status if flights or not status else f"{said(answer)}, {status}",
+            state=SILENT if quiet else status,
             verdict=None if verdict is None else verdict.usable,
-            verdict_age_s=age_s,
             why=tuple(map(str, fatal or reasons)),
             next=_next(pipeline, verdict),
         )
@@ -94,25 +94,6 @@ class Gatherer:
         rates = tuple((after - before) / max(lasted_s, 1e-9) for before, after in counted)
         return rates, lasted_s >= WINDOW_S and now[4] == first[4]
 
-    def _answer(
-        self, pipeline: Pipeline, link: LinkStats
-    ) -> tuple[tuple[Flight, ...], Verdict | None, float]:
-        """Return the flight's answers, the verdict that decides, and that verdict's age in s.
-
-        Without a flight the verdict is the stream's, None in the first ``SETTLE_S`` of it.
-        """
-        found = pipeline.flights(of_the_log(basis_of(pipeline, link).reasons))
-        if found:
-            return tuple(flight for flight, _ in found), found[0][1], 0.0
-        if self._of_stream is None or not link.frames:
-            return (), None, 0.0
-        now_s = time.monotonic()
-        self._first_s = now_s if self._first_s is None else self._first_s
-        answer = self._of_stream.look(pipeline, link)
-        if answer is None or now_s - self._first_s < SETTLE_S:
-            return (), None, 0.0
-        return (), answer.verdict, self._of_stream.stream_age_s
-
 
 def _next(pipeline: Pipeline, verdict: Verdict | None) -> str:
     """Return what to do about the first fatal reason, empty where there is none."""
@@ -128,14 +109,3 @@ def _held(pipeline: Pipeline) -> str:
     if pipeline.newest is None:
         return ""
     return ", ".join(words(flag) for flag in Held(int(pipeline.newest.held[-1])))
-
-
-def _stream(pipeline: Pipeline) -> str:
-    """Return the running estimate in words, "" before the first."""
-    if pipeline.bank is None or not pipeline.bank.last:
-        return ""
-    method, status, roll = answering(pipeline.bank)
-    said = running(roll)
-    if roll is not None:
-        said += f" by {method.upper()} (± of noise)"
-    return said if status == Status.TRACKING else f"{said}, {words(status)}"

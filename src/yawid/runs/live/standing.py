@@ -4,12 +4,10 @@ import time
 
 import numpy as np
 
-from yawid.answers.run_summary import DutchRoll
 from yawid.blocks import Ints, Status, words
 from yawid.pipeline import Pipeline
 from yawid.quantities.link import LinkStats
-from yawid.results.judge_estimate import answering
-from yawid.sinks.words import dutch_roll
+from yawid.runs.live.running_answer import Answer, said
 
 QUIET_S = 1.5
 """After this long without data or samples, the last estimate is no longer shown as current."""
@@ -28,8 +26,15 @@ class Standing:
         self._rate_from = time.monotonic(), 0
         self._is_idle = False
 
-    def line(self, pipeline: Pipeline, link: LinkStats, now_us: int, dropped: str) -> str:
-        """Return the line: rate, losses, running estimate; ``dropped`` is a number as text.
+    def line(
+        self,
+        pipeline: Pipeline,
+        link: LinkStats,
+        now_us: int,
+        dropped: str,
+        answer: Answer | None = None,
+    ) -> str:
+        """Return the line: rate, losses, the answer once there is one; ``dropped`` is a number.
 
         The least important part is the last one: a narrow terminal cuts it off.
         """
@@ -42,12 +47,9 @@ class Standing:
         samples = f"{pipeline.samples} samples"
         if pipeline.bank is None or not pipeline.bank.last:
             return ", ".join([*parts, "waiting for rudder and yaw rate", samples])
-        method, status, roll = answering(pipeline.bank)
-        parts.append(running(roll))
+        parts.append(said(answer))
         if not quiet:
-            parts.append(words(status))
-        if roll is not None:
-            samples = f"by {method.upper()}, {samples}, ± is one sigma of noise alone"
+            parts.append(state(pipeline))
         return ", ".join([*parts, samples])
 
     def word(self, pipeline: Pipeline, now_us: int) -> str:
@@ -66,11 +68,6 @@ class Standing:
         if self.received_us and (quiet_s > QUIET_S or ends_with_samples):
             return f"nothing received for {quiet_s:.0f} s"
         return f"no sample for {idle_s:.0f} s" if idle_s else ""
-
-
-def running(roll: DutchRoll | None) -> str:
-    """Return the running estimate's wn and zeta in words."""
-    return "wn: not yet" if roll is None else dutch_roll(roll)
 
 
 def state(pipeline: Pipeline) -> str:

@@ -19,6 +19,7 @@ from yawid.results.reasons import Reason, Verdict
 from yawid.results.summary import summarise
 from yawid.runs.live.bulkhead import Bulkhead, cause_of
 from yawid.runs.live.guarded_sink import Guarded, TlogRecorder
+from yawid.runs.live.running_answer import RunningAnswer
 from yawid.runs.live.saved_state import StateFile, of_vehicle
 from yawid.runs.live.screen_facts import Gatherer
 from yawid.runs.live.standing import Latency, Standing
@@ -65,6 +66,7 @@ class Setting(NamedTuple):
     disk: SharedDisk
     viewers: Worker | None
     lateral: Worker | None
+    answer: Callable[[], RunningAnswer]
 
 
 class LiveSession:
@@ -103,8 +105,8 @@ class LiveSession:
         self._others: set[int] = set()
         self._signing_said = setting.read_options.key is not None
         self._standing = Standing()
-        # With several vehicles the streams are not judged for the screen during the flight.
-        self._gatherer = Gatherer(None if label else setting.fits)
+        self.answer = setting.answer()
+        self._gatherer = Gatherer()
         self._estimating = Bulkhead(
             "the estimation",
             "it is no longer estimated, but recorded as before",
@@ -197,7 +199,13 @@ class LiveSession:
         """Return the session's state in one line; ``dropped`` is the tap's count as text."""
         now_us = self._setting.reached_us()
         stands = self._shown(
-            lambda: self._standing.line(self.pipeline, self.decoder.link, now_us, dropped),
+            lambda: self._standing.line(
+                self.pipeline,
+                self.decoder.link,
+                now_us,
+                dropped,
+                self.answer.look(self.pipeline, self.decoder.link),
+            ),
             f"{FAILED}, dropped {dropped}",
         )
         return f"{self._label}{stands}"
@@ -211,7 +219,9 @@ class LiveSession:
 
     def _facts(self, *, closely: bool) -> VehicleFacts:
         quiet = self._standing.quiet(self.pipeline, self._setting.reached_us())
-        return self._gatherer.facts(self.pipeline, self.decoder.link, quiet, closely=closely)
+        link = self.decoder.link
+        answer = self.answer.look(self.pipeline, link)
+        return self._gatherer.facts(self.pipeline, link, quiet, answer, closely=closely)
 
     def word(self) -> str:
         """Return the session's state in one or two words."""

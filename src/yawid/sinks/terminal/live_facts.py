@@ -17,10 +17,10 @@ class VehicleFacts:
     where that is unknown; ``rests_s`` is how long it has rested. The manoeuvre that is recorded
     began at ``from_s`` since boot (None: there is none) and has lasted ``lasted_s``; ``is_excited``
     is True once the rudder has moved far enough. ``unanswered`` manoeuvres have ended and are being
-    estimated; ``finds`` is False where manoeuvres are not looked for. ``stream`` is the running
-    estimate in words, ``state`` its status in one or two. ``verdict`` says whether the answer is
-    usable, the flight's or before that the stream's, None where unknown, and ``verdict_age_s`` how
-    old that is; ``why`` lists its reasons and ``next`` says what to do about the first fatal one.
+    estimated; ``finds`` is False where manoeuvres are not looked for. ``stream`` is the stream
+    in words: its status, and its numbers if they are the answer; ``state`` is its status in one or
+    two. ``verdict`` says whether the flight's answer is usable, None before a manoeuvre is
+    answered; ``why`` lists its reasons and ``next`` says what to do about the first fatal one.
     """
 
     sysid: int = 0
@@ -45,7 +45,6 @@ class VehicleFacts:
     stream: str = ""
     state: str = ""
     verdict: bool | None = None
-    verdict_age_s: float = 0.0
     why: tuple[str, ...] = ()
     next: str = ""
 

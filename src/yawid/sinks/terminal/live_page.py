@@ -20,8 +20,6 @@ LEAST_WIDTH, LEAST_HEIGHT = 72, 20
 """A smaller window has no room for the page and shows one line."""
 DEAD_S = 1.2
 """A link with no data for this long is shown as dead, so that a person sees it within 2 s."""
-OLD_S = 2.0
-"""An older verdict is dimmed, and its age is shown."""
 NAME_WIDTH = 10
 SCALE = 0.5
 """The end of the meter's scale, as a part of half the travel."""
@@ -108,7 +106,7 @@ def _one(facts: LiveFacts, width: int, room: int) -> Group:
         _row("NEXT", Text(*what_to_do(vehicle))),
         _row("RECORDING", _recording(vehicle)),
     ]
-    stream = _wrapped("STREAM", vehicle.stream or "wn: not yet", width)
+    stream = _wrapped("STREAM", vehicle.stream or "nothing is estimated yet", width)
     foot = [*_answer(vehicle, width), *stream]
     rows = room - len(head) - len(foot) - 3
     newest = vehicle.manoeuvres[-max(rows, 1) :]
@@ -261,17 +259,13 @@ def _answer(vehicle: VehicleFacts, width: int) -> Iterator[Text]:
         of = f"of {whose(flight)}" if len(vehicle.flights) > 1 else ""
         yield from _wrapped("", ", ".join(filter(None, (of, where, count))), width)
     if vehicle.verdict is None:
-        yield _row("VERDICT", Text("none yet"))
+        yield _row("VERDICT", Text("none yet: no manoeuvre has been answered"))
         return
-    is_old = vehicle.verdict_age_s > OLD_S
     word = Text("usable", "bold green") if vehicle.verdict else Text("NOT USABLE", "bold red")
-    word, rest = (Text(word.plain, "dim"), "dim") if is_old else (word, "")
-    of = "" if vehicle.flights else " (of the stream: no manoeuvre has been answered yet)"
-    age = f", {vehicle.verdict_age_s:.0f} s old" if is_old else ""
-    said = "; ".join((f"{word.plain}{age}{of}", *vehicle.why))
+    said = "; ".join((word.plain, *vehicle.why))
     why = wrap(said, width - NAME_WIDTH, max_lines=MOST_WHY)
-    yield _row("VERDICT", Text().append_text(word).append(why[0][len(word.plain) :], rest))
-    yield from (_row("", Text(line, rest)) for line in why[1:])
+    yield _row("VERDICT", Text().append_text(word).append(why[0][len(word.plain) :]))
+    yield from (_row("", Text(line)) for line in why[1:])
     if vehicle.next:
         yield from _wrapped("", f"{NEXT} {vehicle.next}", width)
 
