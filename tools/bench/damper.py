@@ -119,8 +119,8 @@ def place_rows(gains: int, folder: Path, place: int) -> list[Row]:
         row = {name: truth[name] for name in conditions}
         row |= {"gain": gain, "added": added, "closed": after["closed"], "open": truth["open"]}
         found = before.damper(gains=[gain])
-        if fatal := found.report.verdict.fatal:
-            rows.append(row | {"refused": fatal[0].id})
+        if found.predicted is None:
+            rows.append(row | {"refused": found.report.verdict.reasons[0].id})
         else:
             rows.append(row | _compared(found, before, after_log, after))
     return rows

@@ -7,6 +7,7 @@ for zeta .30 gave .26 to .32 there.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from statistics import NormalDist
 from typing import Final
 
 import numpy as np
@@ -26,6 +27,8 @@ BOUND_PCT: Final = 5.0
 AIM: Final = (0.3, 0.4)
 """The damping ratios aimed at."""
 AIM_HALF: Final = 0.05
+SURE: Final = NormalDist().inv_cdf(1.0 - BOUND_PCT / 100.0)
+"""The sigmas by which zeta must exceed the aim, so that it does with the same 95 %."""
 FIRST_STEP: Final = 0.1
 """The most zeta that a first step from no damper may add."""
 MOST_RAISED: Final = 2.0
@@ -127,6 +130,11 @@ class Predicted:
     pilot: Floats
 
 
+def aimed(aim: float | None) -> tuple[float, float]:
+    """Return the lowest and the highest zeta that are aimed at."""
+    return AIM if aim is None else (aim - AIM_HALF, aim + AIM_HALF)
+
+
 def closed_with(
     aircraft: Aircraft, laws: Sequence[Law], gains: Floats, airspeeds_m_s: Sequence[float],
     sample_time_s: float,
@@ -172,7 +180,7 @@ def recommended(closed: Closed, flown: float, aim: float | None) -> Recommended 
     ``closed`` has finely spaced gains from 0 on. A gain may be recommended where it and all lower
     ones have the margins and add damping at every airspeed, 95 % sure.
     """
-    low_aim, high_aim = AIM if aim is None else (aim - AIM_HALF, aim + AIM_HALF)
+    low_aim, high_aim = aimed(aim)
     gains = closed.gains
     allowed = np.logical_and.accumulate((closed.stable_enough & closed.damps).all(axis=0))
     zeta = np.where(np.isnan(closed.middle(closed.zeta)), np.inf, closed.middle(closed.zeta))

@@ -21,6 +21,7 @@ from yawid.damper.refusals import (
     Refused,
     autopilot_of,
     check_input,
+    check_known,
     check_loop,
     gain_flown,
     usable_flight,
@@ -67,7 +68,8 @@ class _Side:
         Raises:
             Refused: the answer is not usable, or not good enough for a prediction.
         """
-        flight, known = usable_flight(self.facts.summary, MOST_WN_STD), self.facts.parameters
+        flight, known = usable_flight(self.facts.summary), self.facts.parameters
+        check_known(flight, MOST_WN_STD)
         check_input(self.facts.summary, self.facts.config)
         turn = None if self.autopilot.turn is None else known.get(self.autopilot.turn, 1.0)
         rows = [self.rows[each.n] for each in _used(self.facts)]

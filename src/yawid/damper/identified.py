@@ -6,9 +6,10 @@ from functools import partial
 from math import radians
 from typing import Final
 
+from yawid.answers.more_manoeuvres import MORE, of_mean
 from yawid.answers.run_summary import Flight
 from yawid.damper.autopilots import Autopilot, Law, law_at
-from yawid.damper.refusals import MOST_GAIN_STD, Refused, check_gain, turn_share
+from yawid.damper.refusals import MOST_GAIN_STD, Refused, gain_uncertain, turn_share
 from yawid.models.draws import Aircraft, central, drawn_aircraft, fits
 from yawid.models.identify import Recorded
 from yawid.models.refit import Drawn, Rows
@@ -65,7 +66,7 @@ def identified(
         Refused: they do not give the flight's answer, the gain at wn is not known well enough, or
             the wanted turn is too large a part of the yaw rate.
     """
-    assert flight.orders is not None  # usable_flight refuses others
+    assert flight.orders is not None  # check_known refuses others
     assert flight.dutch_roll is not None
     na, nb, nc, nk = (getattr(flight.orders, name) for name in ("na", "nb", "nc", "nk"))
     other = RICHER[1] if (na, nb, nc) != RICHER[1] else RICHER[0]
@@ -78,13 +79,26 @@ def identified(
             turn = turn_factor
             own = of(structures[0], turn)
     richer = of(structures[1], turn)
-    models = ([(each.model, speed) for each, speed in some] for some in (own, richer))
+    models = [[(each.model, speed) for each, speed in some] for some in (own, richer)]
     held = facts.config.rudder_is == "commanded"
-    aircraft = drawn_aircraft(flight, *models, held=held, mean_output=facts.config.output == "yaw")
+
+    def drawn(more: int) -> Aircraft | None:
+        """Return the draws, with the sigmas of the mean after more manoeuvres."""
+        mean, output = of_mean(flight, more), facts.config.output
+        return drawn_aircraft(mean, *models, held=held, mean_output=output == "yaw")
+
+    aircraft = drawn(0)
     if aircraft is None:
         text = "the manoeuvres, fitted again, do not give the flight's answer"
         raise Refused("not_fitted", text, "replay the log with this version")
-    effect = aircraft.G.effect
-    check_gain(effect, effect[aircraft.own], most_gain_std)
+    n = len(flight.used)
+    if (std := aircraft.effect_std(n)) > most_gain_std:
+        later = {more: drawn(more) for more in MORE}
+        # Draws are few: what they say of later may be more than now, and sigma does not grow.
+        falls = {
+            more: None if each is None else min(std, each.effect_std(n + more))
+            for more, each in later.items()
+        }
+        raise gain_uncertain(std, falls, most_gain_std)
     left = 0.0 if facts.config.turn == "remove" else (turn_factor or 0.0) - turn
     return Identified(aircraft, central(aircraft, flight), own[0][0], left)

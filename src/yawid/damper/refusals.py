@@ -7,8 +7,8 @@ from typing import Final
 import numpy as np
 
 from yawid.answers.heard import gains_between
+from yawid.answers.more_manoeuvres import MORE, of_mean
 from yawid.answers.run_summary import Flight, Manoeuvre, ReasonSummary, RunSummary
-from yawid.blocks import Floats
 from yawid.config.run import RunConfig
 from yawid.damper.autopilots import AUTOPILOTS, Autopilot, first
 from yawid.models.refit import Drawn
@@ -27,6 +27,8 @@ MOST_WN_STD, MOST_GAIN_STD, MOST_TURN = 0.05, 0.2, 0.2
 NEAR_WN: Final = (0.7, 1.4)
 """The frequencies, over wn, at which the turn's term is compared with the yaw rate."""
 CARD: Final = "fly more manoeuvres at this airspeed: yawid inspect LOG --card says which"
+Falls = Mapping[int, float | None]
+"""A sigma, as a part of its number, after so many more manoeuvres; None where that is unknown."""
 
 
 class Refused(Exception):  # noqa: N818  it names a finding, not a fault
@@ -38,12 +40,11 @@ class Refused(Exception):  # noqa: N818  it names a finding, not a fault
         self.to_do = to_do
 
 
-def usable_flight(summary: RunSummary, most_wn_std: float = MOST_WN_STD) -> Flight:
+def usable_flight(summary: RunSummary) -> Flight:
     """Return the flight's answer.
 
     Raises:
-        Refused: it is not usable, wn is not known well enough, its manoeuvres have different
-            orders, or the airspeed is not known.
+        Refused: it is not usable.
     """
     flight = summary.flight
     if flight is None or flight.dutch_roll is None or not flight.verdict.usable:
@@ -51,19 +52,53 @@ def usable_flight(summary: RunSummary, most_wn_std: float = MOST_WN_STD) -> Flig
         why = ", ".join(reason.name for reason in fatal) or "no manoeuvre was found"
         text = f"the log has no usable answer of a flight ({why})"
         raise Refused("not_usable", text, summary.deciding.next or CARD)
-    roll = flight.dutch_roll
+    return flight
+
+
+def check_known(flight: Flight, most_wn_std: float = MOST_WN_STD) -> None:
+    """Check that a usable flight gives one model, at a known airspeed, of a wn known well enough.
+
+    Raises:
+        Refused: it does not; its manoeuvres may have different orders.
+    """
+    roll = of_mean(flight).dutch_roll
+    assert roll is not None  # usable_flight() has seen to it
     if roll.wn_std is None or not roll.wn_std <= most_wn_std * roll.wn_rad_s:
-        std = roll.wn_std
-        known = "no sigma" if std is None else f"a sigma of {100 * std / roll.wn_rad_s:.1f} %"
+        part = roll.wn_std and roll.wn_std / roll.wn_rad_s
+        known = "no sigma" if part is None else f"a sigma of {percent(part)} %"
         text = f"wn has {known}, and at most {100 * most_wn_std:g} % is needed"
-        raise Refused("wn_uncertain", text, CARD)
+        raise Refused("wn_uncertain", text, fly_more(_wn_after(flight), most_wn_std))
     if flight.orders is None:
         text = "the manoeuvres were answered with different orders, and one model is needed"
         raise Refused("not_fitted", text, "replay the log with the --orders of one of them")
     if flight.airspeed_m_s is None or flight.airspeed_source != "airspeed":
         text = "the airspeed of the manoeuvres is not known, and the damper is scaled by it"
         raise Refused("airspeed_unknown", text, "fly with an airspeed in the log")
-    return flight
+
+
+def _wn_after(flight: Flight) -> Falls:
+    rolls = {more: of_mean(flight, more).dutch_roll for more in MORE}
+    return {
+        more: None if roll is None or roll.wn_std is None else roll.wn_std / roll.wn_rad_s
+        for more, roll in rolls.items()
+    }
+
+
+def fly_more(falls: Falls, most: float) -> str:
+    """Return whether more manoeuvres would bring a sigma to ``most``, and what to do."""
+    for more, std in falls.items():
+        if std is not None and std <= most:
+            return f"{CARD}; {more} more should bring this sigma to {percent(std)} %"
+    last = max(falls)
+    if (std := falls[last]) is None:
+        return CARD
+    left = f"{last} more manoeuvres like these would leave this sigma at {percent(std)} %"
+    return f"{left}: keep the gain that was flown"
+
+
+def percent(part: float) -> str:
+    """Return a sigma in percent, rounded up to a tenth, so that it never seems to pass a limit."""
+    return f"{np.ceil(1e3 * part) / 10:g}"
 
 
 def autopilot_of(summary: RunSummary, name: str | None) -> Autopilot:
@@ -136,23 +171,17 @@ def gain_flown(summary: RunSummary, manoeuvre: Manoeuvre, name: str, last: float
     return values.pop() if len(values) == 1 else None
 
 
-def check_gain(effect: Floats, known: Floats, most_std: float = MOST_GAIN_STD) -> None:
-    """Check that the gain at wn is known, by the draws' effect of the rudder on the pair (n,).
+def gain_uncertain(std: float, falls: Falls, most_std: float) -> Refused:
+    """Return the reason where sigma of the rudder's effect on the pair is above ``most_std``.
 
     The gain itself is that over zeta wn, and its sigma mostly zeta's, which the predictions have
-    already. ``known`` are the draws that answer.
-
-    Raises:
-        Refused: its sigma is larger than ``most_std``.
+    already. ``falls`` says what to do about it.
     """
-    spread = float(np.sqrt(np.mean((effect / np.median(known) - 1.0) ** 2)))
-    if spread > most_std:
-        most = 100 * most_std
-        text = (
-            f"the rudder's effect at wn has a sigma of {np.ceil(1e3 * spread) / 10:g} %, and at "
-            f"most {most:g} % is needed"
-        )
-        raise Refused("gain_uncertain", text, CARD)
+    text = (
+        f"the rudder's effect at wn has a sigma of {percent(std)} %, and at most "
+        f"{100 * most_std:g} % is needed"
+    )
+    return Refused("gain_uncertain", text, fly_more(falls, most_std))
 
 
 def turn_share(fits: Sequence[Drawn], wn: float, factor: float) -> float:

@@ -1,19 +1,49 @@
 """What the predictions of a damper say to the pilot, in sentences and warnings."""
 
 from collections.abc import Iterable, Sequence
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
 from yawid.answers.damper_report import Recommended
-from yawid.answers.run_summary import ReasonSummary
-from yawid.damper.advice import AIM, AIM_HALF, Closed, Predicted
+from yawid.answers.run_summary import DutchRoll, ReasonSummary
+from yawid.damper.advice import SURE, Closed, Predicted, aimed
 
 MOSTLY_FEEDBACK: Final = 1.2
 """With a larger |L(j wn)| the rudder moves mostly by feedback; there answers were 9 to 12 % off."""
 PREDICTION: Final = (
     "This is a prediction: fly it in steps, at a safe height, ready to set the old value again."
 )
+
+
+class Without(NamedTuple):
+    """In words how far above the aim zeta is without a damper, and whether none is needed."""
+
+    text: str
+    suffices: bool
+
+
+def without_damper(roll: DutchRoll, aim: float | None) -> Without | None:
+    """Return how far above the aim zeta is without a damper, None where it is not above it.
+
+    ``roll`` has the sigma of the mean. No damper is needed where zeta is above the aim with 95 %.
+    """
+    low, high = aimed(aim)
+    std, above = roll.zeta_std, roll.zeta - high
+    if above <= 0.0:
+        return None
+    sigmas = above / std if std else 0.0
+    known = f"{roll.zeta:.2f} ± {std:.2f}" if std else f"{roll.zeta:.2f}, of unknown sigma"
+    by = f"{sigmas:.1f} sigma above the aim of {low:g} to {high:g}"
+    if sigmas >= SURE:
+        return Without(f"None is needed: without a damper zeta is {known}, {by}.", True)
+    text = f"Without a damper zeta is {known}, {by}; {SURE:.1f} are needed to be sure."
+    return Without(text, suffices=False)
+
+
+def leave_out(name: str, flown: float) -> str:
+    """Return what to do with the parameter of a damper that is not needed."""
+    return f"Leave {name} at 0." if flown == 0.0 else f"{name} can be 0; it was {flown:g}."
 
 
 def warnings(
@@ -53,21 +83,27 @@ def takes_damping(closed: Closed) -> bool:
 
 
 def sentences(
-    predicted: Predicted, name: str, flown: float, found: Recommended | None, aim: float | None
-) -> Iterable[str]:
+    predicted: Predicted, name: str, flown: float, found: Recommended | None, aim: float | None,
+    without: Without | None,
+) -> Iterable[str]:  # fmt: skip
     """Yield what the predictions mean: the band, the next step, and what to look for in flight."""
     closed = predicted.closed
     zeta, std, wn = closed.middle(closed.zeta), closed.std(closed.zeta), closed.middle(closed.wn)
-    low_aim, high_aim = AIM if aim is None else (aim - AIM_HALF, aim + AIM_HALF)
+    low_aim, _ = aimed(aim)
     at = int(np.argmin(np.abs(closed.gains - flown)))
     felt = f"wn {wn[0, at]:.3g} rad/s and zeta {zeta[0, at]:.2f}"
+    enough = without is not None and without.suffices
+    if without is not None and enough:
+        yield without.text
+        yield leave_out(name, flown)
     yield "The answer is the aircraft without its damper" + (
         f"; {name} was {flown:g}, with which the pilot felt {felt}." if flown > 0.0 else "."
     )
     if takes_damping(closed):
         yield _with_more_gain(predicted, name)
     if found is None:
-        yield _why_none(closed, name, high_aim)
+        if not enough:
+            yield _why_none(closed, name, without)
         return
     least = zeta[:, int(np.argmin(np.abs(closed.gains - found.high)))].min()
     if least < low_aim:
@@ -91,10 +127,9 @@ def sentences(
     yield PREDICTION
 
 
-def _why_none(closed: Closed, name: str, high_aim: float) -> str:
-    zeta = closed.middle(closed.zeta)
-    if zeta[:, 0].min() > high_aim:
-        return f"Without a damper zeta is {zeta[:, 0].min():.2f}: none is needed or recommended."
+def _why_none(closed: Closed, name: str, without: Without | None) -> str:
+    if without is not None:
+        return f"No gain is recommended. {without.text}"
     if not closed.damps[:, 1].all():
         return "No gain is recommended, as none surely adds damping."
     return (

@@ -7,7 +7,8 @@ from typing import Any, Final
 import numpy as np
 
 from yawid.answers.damper_report import DamperReport, Recommended
-from yawid.answers.run_summary import Flight, Manoeuvre, VerdictSummary
+from yawid.answers.more_manoeuvres import of_mean
+from yawid.answers.run_summary import Flight, Manoeuvre, ReasonSummary, VerdictSummary
 from yawid.blocks import Floats
 from yawid.damper.advice import (
     FINE,
@@ -28,11 +29,12 @@ from yawid.damper.refusals import (
     Refused,
     autopilot_of,
     check_input,
+    check_known,
     check_loop,
     gain_flown,
     usable_flight,
 )
-from yawid.damper.sentences import sentences, warnings
+from yawid.damper.sentences import Without, leave_out, sentences, warnings, without_damper
 from yawid.errors import ConfigError
 from yawid.models.draws import few
 from yawid.models.refit import Drawn
@@ -100,12 +102,17 @@ def study(facts: Facts, asked: Asked) -> Study:
     """
     known: dict[str, float] = {**facts.parameters, **asked.parameters}
     said: dict[str, Any] = {"log": facts.summary.log}
+    without = None
     try:
         flight = usable_flight(facts.summary)
+        check_input(facts.summary, facts.config)
+        roll = of_mean(flight).dutch_roll
+        assert roll is not None  # usable_flight() has seen to it
+        without = without_damper(roll, asked.aim)
+        check_known(flight)
         autopilot = autopilot_of(facts.summary, asked.autopilot)
         said |= {"autopilot": autopilot.words, "parameter": autopilot.gain}
         said["mix"] = mix_of(facts.summary, autopilot, known.get(autopilot.mix), facts.half_travel)
-        check_input(facts.summary, facts.config)
         loop_hz = asked.loop_rate_hz or known.get(autopilot.loop_rate, 0.0)
         check_loop(autopilot, known, loop_hz)
         used = [each for each in facts.summary.manoeuvres or () if each.n in flight.used]
@@ -118,16 +125,32 @@ def study(facts: Facts, asked: Asked) -> Study:
         said |= {"flown": flown, "loop_rate_hz": loop_hz}
         predicted = _predicted(facts, flight, used, autopilot, known, loop_hz, asked)
     except Refused as refused:
-        verdict = VerdictSummary(usable=False, reasons=[refused.reason], next=refused.to_do)
-        return Study(DamperReport(**said, gains=[], says=[], verdict=verdict))
+        return Study(DamperReport(**said, **_refused(refused, without, said)))
     found = recommended(predicted.closed, flown, asked.aim)
-    says = list(sentences(predicted, autopilot.gain, flown, found, asked.aim))
+    says = list(sentences(predicted, autopilot.gain, flown, found, asked.aim, without))
     reasons = list(warnings(predicted, autopilot.gain, flown, seen))
     verdict = VerdictSummary(method=flight.method, usable=True, reasons=reasons)
     rows = _shown(predicted.closed, found, flown, asked.gains)
     gains = [each for i, each in enumerate(table(predicted.closed)) if i in rows]
     report = DamperReport(**said, gains=gains, recommended=found, says=says, verdict=verdict)
     return Study(report, predicted)
+
+
+def _refused(refused: Refused, without: Without | None, said: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the sentences and the verdict where no gain can be predicted.
+
+    An aircraft that needs no damper needs no gain: then the reason is only a warning.
+    """
+    if without is None or not without.suffices:
+        verdict = VerdictSummary(usable=False, reasons=[refused.reason], next=refused.to_do)
+        return {"gains": [], "says": [], "verdict": verdict}
+    text = f"no gain was predicted: {refused.reason.text}"
+    warned = ReasonSummary(refused.reason.id, "warning", text)
+    says = [without.text]
+    if "flown" in said:
+        says.append(leave_out(said["parameter"], said["flown"]))
+    verdict = VerdictSummary(usable=True, reasons=[warned])
+    return {"gains": [], "says": says, "verdict": verdict}
 
 
 def _predicted(

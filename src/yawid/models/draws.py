@@ -35,17 +35,29 @@ class Aircraft:
 
     ``own`` (n,) says which have the answer's own structure. ``lag`` (n,) is the column of the real
     pole that stays where it is at another airspeed, -1 in half of the draws: whether it is the
-    servo's or the aircraft's is not known.
+    servo's or the aircraft's is not known. ``scatter`` is the sigma of the rudder's effect on the
+    pair in the draws of the own structure as they were fitted, one manoeuvre each, over its median.
     """
 
     G: Transfer
     own: Bools
     lag: Floats
     airspeed_m_s: float
+    scatter: float
 
     def at(self, airspeed_m_s: float) -> Transfer:
         """Return the transfer functions at another equivalent airspeed."""
         return self.G.faster(airspeed_m_s / self.airspeed_m_s, self.lag)
+
+    def effect_std(self, manoeuvres: int) -> float:
+        """Return the sigma of the rudder's effect on the pair, over its median in the own draws.
+
+        What one manoeuvre scatters by falls with 1/sqrt(n) in the mean over ``manoeuvres``; what
+        the structures and the sigmas of wn and zeta make of it is common to all.
+        """
+        effect, own = self.G.effect, self.scatter**2
+        total = float(np.mean((effect / np.median(effect[self.own]) - 1.0) ** 2))
+        return float(np.sqrt(max(total - own, 0.0) + own / manoeuvres))
 
 
 def few(manoeuvres: Sequence[Manoeuvre]) -> list[Manoeuvre]:
@@ -109,9 +121,11 @@ def drawn_aircraft(
     own_rows = np.concatenate([np.full(len(each), is_own) for each, is_own in parts])
     if np.count_nonzero(own_rows) < DRAWS // 4:
         return None
+    fitted = G.effect[own_rows]
     G = G.with_pair(_as_answered(flight, G.dutch_roll, own_rows, rng))
     lag = np.where(np.arange(len(G)) % 2 == 0, _fastest_real(G), -1)
-    return Aircraft(G, own_rows, lag, speed)
+    scatter = float(np.std(fitted) / np.median(fitted))
+    return Aircraft(G, own_rows, lag, speed, scatter)
 
 
 def central(aircraft: Aircraft, flight: Flight) -> Transfer:

@@ -24,12 +24,10 @@ from yawid.answers.flight_test_card import (
     SurfaceMove,
 )
 from yawid.answers.heard import VehicleSeen
+from yawid.answers.more_manoeuvres import MANOEUVRES, expected
 from yawid.answers.run_summary import (
-    TAU_WN_SHARE,
-    TAU_ZETA,
     ChannelFound,
     DutchRoll,
-    Flight,
     Manoeuvre,
     RunSummary,
     VerdictSummary,
@@ -55,8 +53,6 @@ LOW_PCT, HIGH_PCT = 15.0, 30.0
 """Percent of half the rudder's travel to move it by: to begin with, and at most."""
 DOUBLETS: Final = 3
 """Doublets in a manoeuvre, left first and right first in turn: three separate mode and noise."""
-MANOEUVRES: Final = 4
-"""Manoeuvres at each airspeed. Up to four, at least 1.5 % of wn is taken as their scatter."""
 LONGEST_PAUSE_S: Final = 3.5
 """The longest pause between doublets, in s: after five seconds of rest a manoeuvre has ended."""
 REST_S: Final = 10.0
@@ -170,7 +166,7 @@ def make_card(
         aileron=aileron,
         answer=roll,
         answered=[manoeuvre.n for manoeuvre in used],
-        expected=list(_expected(flight)),
+        expected=list(expected(flight)),
         lacks=list(_lacks(summary, used, aileron)),
         live=live,
     )
@@ -334,35 +330,6 @@ def _move(percent: float, surface: ChannelFound | None, max_deg: float | None) -
             high = round(trim + percent / 100.0 * (most - trim))
     deg = None if max_deg is None else percent / 100.0 * max_deg
     return SurfaceMove(percent=percent, low_us=low, high_us=high, deg=deg)
-
-
-def _expected(flight: Flight | None) -> Iterator[Expected]:
-    """Yield the sigmas after more manoeuvres: noise falls with 1/sqrt(n), the common part stays."""
-    roll = None if flight is None else flight.dutch_roll
-    if flight is None or roll is None or roll.wn_std is None or flight.between_std is None:
-        return
-    n = len(flight.used)
-    floors = (
-        (roll.wn_std, roll.wn_std_noise, flight.between_std.wn_rad_s, TAU_WN_SHARE * roll.wn_rad_s),
-        (roll.zeta_std, roll.zeta_std_noise, flight.between_std.zeta, TAU_ZETA),
-    )
-    for more in (MANOEUVRES, 2 * MANOEUVRES):
-        wn, zeta = (_after(n, more, *each) for each in floors)
-        if wn is not None:
-            yield Expected(more=more, wn_std=wn, zeta_std=zeta)
-
-
-def _after(
-    n: int, more: int, std: float | None, noise: float | None, tau: float | None, floor: float
-) -> float | None:
-    """Return the sigma after ``more`` manoeuvres in addition to the n that gave ``std``."""
-    if std is None or noise is None or tau is None:
-        return None
-    common = max(std**2 - noise**2 - tau**2, 0.0)
-    # A scatter at its floor was not measured: the floor sinks as more manoeuvres measure it.
-    now, later = (floor * min(1.0, (3.0 / max(count - 1, 1)) ** 0.5) for count in (n, n + more))
-    tau = later if tau <= 1.001 * now else tau
-    return math.sqrt(common + noise**2 * n / (n + more) + tau**2)
 
 
 def _spread(used: Sequence[Manoeuvre]) -> float:

@@ -28,8 +28,12 @@ def print_damper(report: DamperReport, stream: TextIO) -> None:
     text = "none is recommended" if found is None else (
         f"aim at {found.low:g} to {found.high:g}, fly {found.next:g} next"
     )  # fmt: skip
-    console.print(Text(f"{report.parameter}  {text}", style="bold"))
+    name = f"{report.parameter}  " if report.parameter else ""
+    console.print(Text(f"{name}{text}", style="bold"))
     _indented(console, [*report.says, *map(str, report.verdict.reasons)])
+    if not report.gains:
+        _print_mix(console, report)
+        return
     table = Table(box=None, pad_edge=False)
     heads = (report.parameter, "V m/s", "wn rad/s", "zeta", "GM dB", "PM deg", "")
     for heading in heads:
