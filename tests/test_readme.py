@@ -6,6 +6,8 @@ import argparse
 import json
 import re
 import shlex
+import shutil
+import socket
 from pathlib import Path
 
 import check
@@ -146,6 +148,35 @@ def test_every_line_to_type_is_one_that_the_parser_takes():
     for line in lines:
         words = shlex.split(re.sub(r"\[(.*)\]", r"\1", line), comments=True)
         assert parsed(parser, words).run, line
+
+
+CODES = {"sitl_auto": {5}, "yawid live": {3}, "yawid damper": {2}, "yawid trend": {0, 5}}
+"""The exit codes of lines that do not end with 0: nobody sends anything, the log has no parameters,
+and one flight shows no change."""
+
+
+@pytest.mark.slow
+def test_the_lines_of_the_readme_typed_in_order_work(tmp_path: Path, monkeypatch, capfd):
+    monkeypatch.chdir(tmp_path)
+    Path("replay_logs").symlink_to(ROOT / "replay_logs")
+    Path("logs").mkdir()
+    shutil.copy(C172P, "flight.tlog")
+    shutil.copy(C172P, "logs")
+    lines = re.findall(r"^(?:.*/bin/)?(yawid .*)$|`(yawid replay [^`]+)`", FOR_USERS, re.MULTILINE)
+    typed = [line for line in map("".join, lines) if line.split()[1] in parsers()]
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+
+    assert len(typed) >= 11
+    for line in typed:
+        bounded = line.replace(":14560", f":{port} --seconds 0.5")
+        code = command_line.main(shlex.split(bounded, comments=True)[1:])
+        expected = next((each for words, each in CODES.items() if words in line), {0})
+        assert code in expected, (line, capfd.readouterr().err)
+    for name in ("flight.mcap", "flight.rrd", "flight.html", "log.mcap"):
+        assert (tmp_path / "yawid-out" / name).stat().st_size > 10_000
+    assert not list(tmp_path.rglob("*-2.*"))
 
 
 def test_the_accuracy_is_that_of_the_table():

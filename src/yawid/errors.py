@@ -1,7 +1,7 @@
 """The exceptions that yawid raises on purpose, with exit codes; only ``cli/`` prints them."""
 
 from collections.abc import Iterable
-from typing import Final
+from typing import Any, Final
 
 UNFORESEEN: Final = 70
 EXIT_CODES: Final = {
@@ -45,6 +45,14 @@ class ChannelError(YawidError):
 
 class SinkError(YawidError):
     """A file or viewer that cannot be written."""
+
+
+class UnwrittenError(SinkError):
+    """A run that has an answer, a ``RunSummary``, which could not be written."""
+
+    def __init__(self, text: str, summary: Any) -> None:
+        super().__init__(text)
+        self.summary = summary
 
 
 class CompilerError(YawidError):

@@ -41,11 +41,10 @@ from yawid.cli.program import add_completion, add_schema, add_warm
 from yawid.cli.regress import add_regress
 from yawid.cli.standard_streams import bring_out, make_ready
 from yawid.cli.trend import add_trend
-from yawid.errors import UNFORESEEN, SinkError, YawidError, without_viewer
+from yawid.errors import UNFORESEEN, SinkError, UnwrittenError, YawidError, without_viewer
 from yawid.runs.stop import Interrupted, StopFlag
 from yawid.sinks.door import DEBUG, mute, print_answer, print_line, print_page, say, show_traceback
 from yawid.sources.formats import RUN, recorded
-from yawid.system.part_file import check_free
 from yawid.system.stores import Place, place_of
 from yawid.version import __version__
 
@@ -192,8 +191,7 @@ def _fly(whole: argparse.ArgumentParser, arguments: argparse.Namespace) -> int:
     settings, read_options = settings_of(arguments), read_options_of(arguments)
     [name] = output_names([arguments.log])
     outputs = outputs_of(arguments, name)
-    for suffix in (".mcap", ".html"):
-        check_free(outputs.path(suffix), force=arguments.force)
+    answer = partial(_print_summary, verbose=arguments.verbose)
     _compile_behind()
     found, _ = inspect(arguments.log, settings, read_options)
     print_page(print_inspection, found)
@@ -201,8 +199,12 @@ def _fly(whole: argparse.ArgumentParser, arguments: argparse.Namespace) -> int:
         settings = settings_of(whole.parse_args(shlex.split(found.command)[1:]))
     print_line("")
     with StopFlag().installed() as stop:
-        summary, verdict = replay(arguments.log, settings, outputs, stop, read_options)
-    print_page(partial(_print_summary, verbose=arguments.verbose), summary)
+        try:
+            summary, verdict = replay(arguments.log, settings, outputs, stop, read_options)
+        except UnwrittenError as error:
+            print_page(answer, error.summary)
+            raise
+    print_page(answer, summary)
     page = write_report(Path((summary.files or {})["mcap"]), force=arguments.force)
     print_line(f"report: {page}")
     if not arguments.no_open and sys.stdout.isatty() and has_desktop():
@@ -278,6 +280,9 @@ def _run_and_print(
     """Do one run and print its result, as JSON or as a page; return its exit code."""
     try:
         summary, verdict = run()
+    except UnwrittenError as error:
+        print_answer(error.summary, page, as_json=as_json)
+        return _explained(error)
     except YawidError as error:
         return _explained(error)
     except (Interrupted, OSError):

@@ -1,6 +1,7 @@
 """The report's tables: the numbers of the models, the channels, the link, and their origin."""
 
 from collections.abc import Iterator, Mapping
+from pathlib import Path
 from typing import Final
 
 from yawid.answers.model_parts import Fit
@@ -10,7 +11,7 @@ from yawid.quantities.table import QUANTITIES, REDUCTION_ERROR, YAW_CHANNEL
 from yawid.report.data import ReportData
 from yawid.report.html import grid, note, symbol, table
 from yawid.sinks.base import Grid
-from yawid.sinks.mcap.reader import McapRun
+from yawid.sinks.mcap.reader import McapRun, log_sha256_of, reading_of
 from yawid.sinks.words import NONE, of_value, percent, plus_minus
 
 PAPER: Final = (
@@ -115,12 +116,23 @@ def provenance(run: McapRun, data: ReportData | None) -> Iterator[str]:
             "bands and model pictures are of the new estimate"
         )
     yield table("source", origin | {"signs": run.metadata.get("sign", {}).get("text", "")})
-    settings = run.metadata["configuration"].items()
+    yield _configuration(run)
+    yield table("versions", run.metadata.get("versions", {}))
+
+
+def _configuration(run: McapRun) -> str:
+    settings = {**run.metadata["configuration"], **reading_of(run)}.items()
     given = {
         name.replace("_", " "): value for name, value in settings if value not in ("null", "[]")
     }
-    yield table("configuration", given)
-    yield table("versions", run.metadata.get("versions", {}))
+    return table("configuration", given)
+
+
+def is_of(page: Path, run: McapRun) -> bool:
+    """Return whether a page is a report of the same log with the same options."""
+    sha256 = log_sha256_of(run)
+    said = page.read_text(encoding="utf-8", errors="replace")
+    return sha256 is not None and sha256 in said and _configuration(run) in said
 
 
 def folded(run: McapRun) -> str:

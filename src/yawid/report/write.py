@@ -15,7 +15,13 @@ from yawid.report.lateral_picture import lateral_picture
 from yawid.report.manoeuvres import flight_numbers, flight_section
 from yawid.report.model_pictures import bode_picture, poles_picture, residuals_picture, step_picture
 from yawid.report.picture import Picture
-from yawid.report.run_tables import channel_tables, folded, provenance, stream_numbers
+from yawid.report.run_tables import (
+    channel_tables,
+    folded,
+    is_of,
+    provenance,
+    stream_numbers,
+)
 from yawid.report.time_pictures import (
     fit_picture,
     link_picture,
@@ -39,12 +45,15 @@ def write_report(
     With ``png`` the pictures are also written into that folder, each named by its key. Equal runs
     give equal bytes.
 
+    A report of the same log with the same options is replaced.
+
     Raises:
         SourceError: the MCAP cannot be read, was not finished or is not the file of a run.
-        SinkError: a file exists and ``force`` is not set, or it cannot be written.
+        SinkError: another file exists and ``force`` is not set, or it cannot be written.
     """
     run = open_run(mcap)
     path = mcap.with_suffix(".html") if out is None else out
+    force = force or (path.is_file() and is_of(path, run))
     check_free(path, force=force)
     report = Report(run)
     alone = {} if png is None else {png / f"{each.key}.png": each for each in report.pictures()}

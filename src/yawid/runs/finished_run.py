@@ -22,7 +22,7 @@ from yawid.quantities.link import LinkStats
 from yawid.results.judge_estimate import bank_verdict
 from yawid.results.reasons import KINDS, Reason, Verdict
 from yawid.results.summary import as_summary, bank_summaries, concluded
-from yawid.sinks.mcap.reader import McapRun, open_run
+from yawid.sinks.mcap.reader import McapRun, log_sha256_of, open_run, reading_of
 from yawid.sources.formats import RUN
 from yawid.system.stores import Place
 
@@ -97,6 +97,15 @@ class FinishedRun:
     def parameters(self, pipeline: Pipeline) -> bytes:
         """Return the parameters that the file holds."""
         return self._run.attachments.get("parameters.txt", b"")
+
+    @property
+    def reading(self) -> Mapping[str, str]:
+        """How the run's log was read, where that was not the usual way."""
+        return reading_of(self._run)
+
+    def log_sha256(self) -> str | None:
+        """Return the hash of the run's log, None where it was not read to its end."""
+        return log_sha256_of(self._run)
 
     def conclude(self, pipeline: Pipeline, *, is_whole: bool) -> tuple[RunSummary, Verdict]:
         """Return the summary and the verdict; reasons that come from the log stay as they were.

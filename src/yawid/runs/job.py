@@ -5,6 +5,7 @@ with closing(open_log(path)) as source:
     summary, verdict = run(source, config, sinks).conclude()
 """
 
+import hashlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -49,6 +50,7 @@ class RecordedLog(Log):
         self, path: Path, options: ReadOptions | None = None, *, again: bool = False
     ) -> None:
         super().__init__(path, WANTED, options, again=again)
+        self._file = path
 
     def settled(self, settings: Mapping[str, Any]) -> RunConfig:
         """Return the configuration; for a record, with the rudder's unit, sign and travel in it.
@@ -102,6 +104,17 @@ class RecordedLog(Log):
     def parameters(self, pipeline: Pipeline) -> bytes:
         """Return the vehicle's parameters that were seen, as text; see :func:`parameters_of`."""
         return parameters_of(pipeline)
+
+    @property
+    def reading(self) -> dict[str, str]:
+        """How the log is read, where that is not the usual way."""
+        said = {} if self.options.form == "auto" else {"format": self.options.form}
+        return said | ({} if self.options.key is None else {"frames": "signed ones only"})
+
+    def log_sha256(self) -> str:
+        """Return the hash of the log before it is read."""
+        with self._file.open("rb") as stream:
+            return hashlib.file_digest(stream, "sha256").hexdigest()
 
     def conclude(self, pipeline: Pipeline, *, is_whole: bool) -> tuple[RunSummary, Verdict]:
         """Return the summary and the verdict of what was read."""

@@ -3,14 +3,16 @@
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
+from itertools import count
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import msgspec
 
 from yawid.answers.run_summary import ReasonSummary, RunSummary, VerdictSummary
 from yawid.config.run import RunConfig
-from yawid.errors import SinkError
+from yawid.errors import SinkError, YawidError
 from yawid.pipeline import Pipeline
 from yawid.results.advice import advised
 from yawid.results.reasons import Reason, Verdict
@@ -22,6 +24,9 @@ from yawid.sinks.rerun.sink import RerunSink
 from yawid.system.part_file import Disk, check_free
 from yawid.system.stores import Place
 
+if TYPE_CHECKING:
+    from yawid.runs.job import Recording
+
 SIGN = "positive rudder = nose right, positive yaw rate = nose right"
 
 
@@ -29,7 +34,8 @@ SIGN = "positive rudder = nose right, positive yaw rate = nose right"
 class Outputs:
     """Where a run writes: the folder, the name of its files, and which files are written.
 
-    Where ``sink`` is given no file is written: the sink takes everything.
+    Where ``sink`` is given no file is written: the sink takes everything. ``reading`` says how the
+    log is read where that is not the usual way.
     """
 
     folder: Path
@@ -38,6 +44,7 @@ class Outputs:
     force: bool = False
     record: bool = True
     sink: Sink | None = None
+    reading: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def has_viewer(self) -> bool:
@@ -65,6 +72,53 @@ def output_names(logs: Sequence[Place]) -> list[str]:
         count = names.count(name)
         names.append(f"{name}-{count + 1}" if count else name)
     return names
+
+
+def among_files(
+    outputs: Outputs, config: RunConfig, source: "Recording", file: Path
+) -> tuple[Outputs, str | None]:
+    """Return where a run may write next to files that exist, and why it may not, if so.
+
+    A run of the same log with the same options is replaced; one with other options stays, and the
+    new one gets the next number in its name. Everything else stays unless ``force`` is set.
+    ``file`` is the one that is being read, which is never replaced.
+    """
+    if outputs.sink is not None:
+        return outputs, None
+    outputs = replace(outputs, reading=source.reading)
+    for number in count(1):
+        named = replace(outputs, name=f"{outputs.name}-{number}") if number > 1 else outputs
+        mcap, written = named.path(".mcap"), [Path(path) for path in named.files().values()]
+        there = [path for path in written if path.exists()]
+        before, made = None, None
+        if there and not mcap.is_dir():
+            before, made = _made(mcap), (source.log_sha256(), source.reading, config)
+            is_other = before is None or before[0] is None or before[0] != made[0]
+            if number == 1 and not outputs.force and is_other:
+                what = "is of another log" if before else "is no run of this log"
+                return named, f"{there[0]} exists and {what}: --force overwrites it"
+            if before != made and not (number == 1 and outputs.force):
+                continue
+        if number > 1:
+            say(f"{outputs.path('.mcap')} was made with other options: this is {mcap.name}")
+        if any(path.samefile(file) for path in there):
+            return named, f"{file} would be overwritten by its own results: choose another --out"
+        others = {named.path(suffix) for suffix in (".rrd", ".html")} - {*written}
+        if before != made and (old := sorted(path.name for path in others if path.exists())):
+            say(f"{' and '.join(old)} stay, and are of another run than {mcap.name} now is")
+        return replace(named, force=outputs.force or bool(there)), None
+    raise AssertionError("names do not end")
+
+
+def _made(mcap: Path) -> tuple[str | None, Mapping[str, str], RunConfig] | None:
+    """Return the hash of a run's log, how it was read, and the options; None without a run."""
+    from yawid.sinks.mcap.reader import log_sha256_of, open_run, reading_of  # seldom needed
+
+    try:
+        run = open_run(mcap)
+    except YawidError:
+        return None
+    return log_sha256_of(run), reading_of(run), run.config
 
 
 def open_sinks(config: RunConfig, outputs: Outputs) -> list[Sink]:
@@ -117,6 +171,8 @@ def open_mcap(config: RunConfig, outputs: Outputs, disk: Disk | None = None) -> 
         "versions": versions(),
         "sign": SIGN,
     }
+    if outputs.reading:
+        metadata["reading"] = outputs.reading
     _make_folder(outputs.folder)
     return McapSink(outputs.path(".mcap"), metadata, force=outputs.force, disk=disk)
 

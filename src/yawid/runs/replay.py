@@ -3,19 +3,20 @@
 import sys
 from collections.abc import Mapping
 from contextlib import ExitStack
-from pathlib import Path
+from dataclasses import replace
 from typing import Any
 
-from msgspec.structs import replace
+import msgspec
 
 from yawid.answers.run_summary import RunSummary
 from yawid.config.run import RunConfig
-from yawid.errors import SinkError
+from yawid.errors import SinkError, UnwrittenError
 from yawid.results.reasons import Reason, Verdict
 from yawid.runs.choose_orders import with_orders
 from yawid.runs.job import Recording, open_log, run
 from yawid.runs.outputs import (
     Outputs,
+    among_files,
     finish,
     keep_as_interrupted,
     open_sinks,
@@ -23,6 +24,7 @@ from yawid.runs.outputs import (
     whole_or_none,
 )
 from yawid.runs.stop import StopFlag as StopFlag  # a user of replay() needs it and finds it here
+from yawid.sinks.base import Sink
 from yawid.sinks.door import say
 from yawid.sinks.terminal.progress import progress
 from yawid.sources.open_log import ReadOptions
@@ -46,6 +48,7 @@ def replay(
         Interrupted: ``stop`` was set before there was anything to keep.
         SourceError: the log cannot be read.
         SinkError: an output cannot be written.
+        UnwrittenError: the same, or it may not be overwritten, which shows after the answer.
         ConfigError: what is asked for does not fit the log.
     """
     with ExitStack() as stack:
@@ -54,12 +57,13 @@ def replay(
             source = open_log(local, read_options, again=settings.get("orders") == "auto")
         stack.callback(source.close)
         source.path = log
-        written = [Path(path) for path in outputs.files().values()]
-        if any(path.exists() and path.samefile(local) for path in written):
-            raise SinkError(f"{log} would be overwritten by its own results: choose another --out")
         with stop.raising():
             config = with_orders(source, source.settled(settings))
-        return to_files(source, config, outputs, stop)
+        outputs, why_not = among_files(outputs, config, source, local)
+        if why_not is None:
+            return to_files(source, config, outputs, stop)
+        summary, _ = to_files(source, config, replace(outputs, sink=Sink()), stop)
+        raise UnwrittenError(why_not, summary)
 
 
 def to_files(
@@ -68,7 +72,7 @@ def to_files(
     """Run a source and write its files; return the summary and the verdict.
 
     Raises:
-        Interrupted, SourceError, SinkError, ConfigError: as :func:`replay`.
+        Interrupted, SourceError, SinkError, UnwrittenError, ConfigError: as :func:`replay`.
     """
     sinks = open_sinks(config, outputs)
     with whole_or_none(sinks):
@@ -80,12 +84,16 @@ def to_files(
         files = outputs.files()
         if not job.is_whole:
             summary, verdict = _cut_short(summary, verdict, stop.name, (job.read, source.size))
-            files = keep_as_interrupted(sinks, outputs)
-        for sink in sinks:
-            for line in source.log_lines:
-                sink.log(line.unix_ns, line.level, line.text)
-        summary = finish(job.pipeline, summary, files, source.parameters(job.pipeline))
-    return summary, verdict
+        try:
+            if not job.is_whole:
+                files = keep_as_interrupted(sinks, outputs)
+            for sink in sinks:
+                for line in source.log_lines:
+                    sink.log(line.unix_ns, line.level, line.text)
+            written = finish(job.pipeline, summary, files, source.parameters(job.pipeline))
+        except SinkError as error:
+            raise UnwrittenError(str(error), summary) from error
+    return written, verdict
 
 
 def _cut_short(
@@ -97,5 +105,5 @@ def _cut_short(
     """
     read, total = read_bytes
     text = f"{signal} after {read / 1e6:.1f} of {total / 1e6:.1f} MB: the rest was not read"
-    part = replace(summary, sha256=None, bytes_read=read)
+    part = msgspec.structs.replace(summary, sha256=None, bytes_read=read)
     return refused(part, verdict, Reason("interrupted", text))

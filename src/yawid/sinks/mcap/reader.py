@@ -250,6 +250,16 @@ def open_run(path: Path) -> McapRun:
     return McapRun(path, summary, metadata, attachments, config, grid, log, *contents)
 
 
+def log_sha256_of(run: McapRun) -> str | None:
+    """Return the hash of the log that a run is of, None where it was not read to its end."""
+    return (run.summary.source or run.summary.own_source).sha256
+
+
+def reading_of(run: McapRun) -> Mapping[str, str]:
+    """Return how the log of a run was read, where that was not the usual way."""
+    return run.metadata.get("reading", {})
+
+
 @contextmanager
 def _damage_reported(path: Path) -> Iterator[None]:
     """Turn the errors that libraries raise on damaged bytes into a SourceError of one line."""
