@@ -10,8 +10,8 @@ EXIT_CODES: Final = {
     2: "usage or configuration: nothing was run",
     3: "no vehicle, no rudder or no yaw rate in the log",
     4: "the message rate is too low for an answer",
-    5: "not excited or not identifiable: the answer is shown and marked unusable; diff: nothing "
-    "could be compared",
+    5: "not excited or not identifiable: the answer is shown and marked unusable; trend, diff: "
+    "nothing could be judged",
     6: "input or output failed",
     7: "something changed: trend, diff",
     UNFORESEEN: "unforeseen: a fault of yawid; YAWID_DEBUG=1 shows where",

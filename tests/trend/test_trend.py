@@ -176,12 +176,12 @@ def test_a_vehicle_with_two_flights_has_a_level_and_neither_slope_nor_test(
 
     code, said = told(capsys, "trend", tmp_path)
 
-    assert code == 0
+    assert code == 5
     for each in said["followed"]:
         assert each["now"]["std"] > 0.0
         assert each["tested"] is False
         assert not {"slope_per_year", "between_std", "change"} & set(each)
-    assert main(["trend", str(tmp_path), "-o", str(tmp_path / "r.html")]) == 0
+    assert main(["trend", str(tmp_path), "-o", str(tmp_path / "r.html")]) == 5
     assert "too few days" in capsys.readouterr().out
 
 
@@ -194,7 +194,7 @@ def test_a_page_has_dates_whatever_they_span_and_says_what_an_id_is(
         row["vehicle"] = "sysid:1"
     rows[1]["date"] = rows[0]["date"] + span_us
     write_fleet(tmp_path, rows)
-    assert main(["trend", str(tmp_path), "-o", str(tmp_path / "r.html")]) == 0
+    assert main(["trend", str(tmp_path), "-o", str(tmp_path / "r.html")]) == 5
     assert "several aircraft may share" in " ".join(capsys.readouterr().out.split())
 
 
@@ -239,7 +239,7 @@ def test_a_vehicles_name_is_shown_and_never_obeyed(
         row |= {"vehicle": "[red]:x:<b>\x1b[2J"}
     write_fleet(tmp_path, rows)
 
-    assert main(["trend", str(tmp_path), "-o", str(tmp_path / "r.html")]) == 0
+    assert main(["trend", str(tmp_path), "-o", str(tmp_path / "r.html")]) == 5
     out, page = capsys.readouterr().out, (tmp_path / "r.html").read_text(encoding="utf-8")
     assert "[red]:x:<b>" in out
     assert "[red]:x:&lt;b&gt;" in page
@@ -247,13 +247,13 @@ def test_a_vehicles_name_is_shown_and_never_obeyed(
     assert "<b>" not in page
 
 
-def test_a_folder_that_is_no_data_set_is_one_line_and_6_an_empty_one_is_steady(
+def test_a_folder_that_is_no_data_set_is_one_line_and_6_an_empty_one_is_5(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["trend", str(tmp_path)]) == 6
     assert "is not a data set" in capsys.readouterr().err
     write_fleet(tmp_path, [])
-    assert main(["trend", str(tmp_path), "-o", str(tmp_path / "r.html")]) == 0
+    assert main(["trend", str(tmp_path), "-o", str(tmp_path / "r.html")]) == 5
     assert "0 flights" in capsys.readouterr().out
 
 

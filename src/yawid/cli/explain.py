@@ -75,6 +75,8 @@ def explained(parts: Parts, asked: str) -> str:
 
 def parts_of(whole: argparse.ArgumentParser) -> Parts:
     """Return all parts; the commands and options are those of the whole parser."""
+    from yawid.trend.history import OF_TREND
+
     facts = {
         "reasons": _reasons(), "exit codes": _exit_codes(), "commands": _commands(whole),
         "options": _options(whole), "quantities": _keys(quantities=True),
@@ -93,6 +95,7 @@ def parts_of(whole: argparse.ArgumentParser) -> Parts:
         ("reasons of yawid damper", word): f"{before}\n\n{sections['What it needs']}"
         for word, before in _of_damper()
     }
+    parts |= {("reasons of yawid trend", word): sections[word] for word in OF_TREND}
     parts |= {("terms", word): text for word, text in _sections(manual["glossary.md"])}
     return parts | {("pages of the manual", name): text for name, text in manual.items()}
 

@@ -45,6 +45,11 @@ def add_fleet(commands: Commands) -> None:
     text = "most seconds for a log (default: 600)"
     fleet.add_argument("--timeout", type=float, default=600.0, metavar="S", help=text)
     fleet.add_argument("--modes", action="store_true", help="also keep the modes of every second")
+    whose = fleet.add_mutually_exclusive_group()
+    text = "the aircraft of all logs (default: its serial number, or sysid:N)"
+    whose.add_argument("--vehicle", metavar="NAME", help=text)
+    text = "each log is of the aircraft that its folder is named after"
+    whose.add_argument("--vehicle-from", choices=("folder",), help=text)
     add_signing(fleet)
     add_estimator_options(fleet)
     add_log_options(fleet)
@@ -115,7 +120,14 @@ def _asked(arguments: argparse.Namespace) -> "FleetRun":
     return FleetRun(
         paths=arguments.paths,
         out=arguments.out,
-        spec=Spec(settings_of(arguments), options.form, key_file, arguments.modes),
+        spec=Spec(
+            settings_of(arguments),
+            options.form,
+            key_file,
+            arguments.modes,
+            arguments.vehicle,
+            arguments.vehicle_from,
+        ),
         workers=arguments.workers,
         scheduler=address,
         retry=arguments.retry,

@@ -26,6 +26,7 @@ from yawid.estimation.methods import METHODS
 from yawid.quantities.airspeed import Kind
 from yawid.quantities.table import QUANTITIES, REDUCTION_ERROR, RUDDER, YAW_CHANNEL, quantity
 from yawid.results.reasons import KINDS
+from yawid.trend.history import OF_TREND
 
 Schema = dict[str, Any]
 _PRINTED: Final = {
@@ -85,7 +86,7 @@ class _Keys:
         if (values := self.find("values", owner, key)) is not None:
             schema = {"enum": values}
         elif key == "id":
-            schema = {"enum": [*KINDS, *OF_DAMPER]}
+            schema = {"enum": [*KINDS, *OF_DAMPER, *OF_TREND]}
         elif key == "recommend":
             schema = self.options()
         elif key == "physics":

@@ -48,7 +48,9 @@ def _trend(arguments: argparse.Namespace) -> int:
 
         write_page(report, studied, arguments.out, force=arguments.force)
     print_answer(report, print_trend, as_json=arguments.json)
-    return CHANGED if report.changed else 0
+    if report.changed:
+        return CHANGED
+    return 0 if report.judged else NOTHING_COMPARED
 
 
 def _diff(arguments: argparse.Namespace) -> int:

@@ -50,7 +50,7 @@ _MADE_BY: Final[tuple[Column, ...]] = (
 )
 _KEYS: Final[tuple[Column, ...]] = (("log_sha256", ID, "of the log's bytes: see logs"), *_MADE_BY)
 _WHOSE: Final[tuple[Column, ...]] = (
-    ("vehicle", ID, "uuid:… or serial:… where the log has one, else sysid:N"),
+    ("vehicle", ID, "by fleet --vehicle or --vehicle-from; else uuid:… or serial:…, else sysid:N"),
     *_columns(COUNT, "sysid", "boot"),
 )
 _JUDGED: Final[tuple[Column, ...]] = (

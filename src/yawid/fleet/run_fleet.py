@@ -224,7 +224,7 @@ def _run(
     tasks = (Task(log.path, run.spec, run.timeout_s, own_bytes(log)) for log in readable)
 
     def add(log: FoundLog, rows: Any, address: str) -> None:
-        entry = _entry(log, rows, own, address)
+        entry = _entry(log, rows, own, address, run.spec.name_of(log.path))
         row = entry["logs"][0]
         if row["outcome"] == FAILED:
             progress.why_failed = progress.why_failed or f"{log.path}: {row['text']}"
@@ -250,7 +250,9 @@ def _run(
                     add(found[task.path], rows, workers.address)
 
 
-def _entry(log: FoundLog, rows: Any, own: Mapping[str, str], address: str) -> Entry:
+def _entry(
+    log: FoundLog, rows: Any, own: Mapping[str, str], address: str, name: str | None
+) -> Entry:
     """Return a log's rows with their keys, checked to fit the tables.
 
     ``rows`` are None where the worker found no such file, and a text where the workers died.
@@ -264,15 +266,23 @@ def _entry(log: FoundLog, rows: Any, own: Mapping[str, str], address: str) -> En
         rows = failed(FAILED, "it was removed before it was read")
     elif isinstance(rows, str):
         rows = failed("crashed", rows)
-    entry = with_keys(log, rows, own)
+    entry = with_keys(log, rows, own, name)
     text = misfit(entry)
     return entry if text is None else with_keys(log, failed("crashed", text), own)
 
 
-def with_keys(log: FoundLog, rows: Any, own: Mapping[str, str]) -> Entry:
-    """Return a log's rows with their keys; ``own`` are the keys that all logs of a run share."""
+def with_keys(log: FoundLog, rows: Any, own: Mapping[str, str], name: str | None = None) -> Entry:
+    """Return a log's rows with their keys; ``own`` are the keys that all logs of a run share.
+
+    ``name`` is that of the log's aircraft, None where none was given; where several vehicles fly
+    in one log, each has its id as well.
+    """
     row = rows["logs"][0]
     keys = {**own, "yawid_version": row["yawid_version"], "log_sha256": row.get("log_sha256")}
     found = {"path": log.path, "size_bytes": log.size, "modified": log.modified}
-    entry = {name: [each | keys for each in below] for name, below in rows.items()}
+    entry = {table: [each | keys for each in below] for table, below in rows.items()}
+    if name is not None:
+        several = len({each["sysid"] for each in rows.get("flights", ())}) > 1
+        for each in (each for below in entry.values() for each in below if "vehicle" in each):
+            each["vehicle"] = f"{name} sysid:{each['sysid']}" if several else name
     return entry | {"logs": [found | row | keys]}

@@ -28,7 +28,7 @@ from yawid.sinks.mcap.reader import McapRun, open_run
 from yawid.system.stores import Place, brought
 from yawid.trend.changes import scatter
 from yawid.trend.days import solve_tau2
-from yawid.trend.history import FOLLOWED, NO_LOOP, FlightRow, read_flights
+from yawid.trend.history import FOLLOWED, NO_LOOP, FlightRow, mixed, read_flights
 from yawid.trend.moderated import two_sided
 from yawid.trend.trend import FALSE_ALARMS, Studied, study
 
@@ -39,13 +39,18 @@ ALL: Final = 1e9
 """Degrees of freedom of a sigma that is assumed to be exact."""
 SAME_SPEED: Final = 0.02
 """Airspeeds that differ by at most this fraction count as equal."""
+CANNOT_TELL: Final = "cannot tell"
 EFFECT: Final = "effect_per_V2"
 """The size of the rudder's effect on the Dutch roll over V^2, compared where a damper was flown."""
 _RUN_QUANTITIES: Final = {"wn_rad_s": "wn_std"} | FOLLOWED
 
 
 class Difference(Part, frozen=True, kw_only=True):
-    """A number of both sides, and the difference B less A, also in sigmas of the difference."""
+    """A number of both sides, and the difference B less A, also in sigmas of the difference.
+
+    ``not_judged`` is why the difference says nothing; it begins with CANNOT_TELL where a side is
+    so uncertain that it may be 0, and no change shows: to agree with that would mean nothing.
+    """
 
     vehicle: str
     loop: str
@@ -133,9 +138,11 @@ def _compared(one: _Side, other: _Side) -> Diff:
         result = _result(one, other, list(_of_runs(one, other)), [])
         return result if flown is None else replace(result, damper=_of_dampers(result, flown))
     notes: list[str] = []
-    for run, fleet in ((one, other), (other, one)):
+    for run, fleet, name in ((one, other, "B"), (other, one, "A")):
         if fleet.run is None:
-            studied = study(read_flights(fleet.path, run.sha256))
+            flights = read_flights(fleet.path, run.sha256)
+            notes += [f"warning {each.id} in {name}: {each.text}" for each in mixed(flights)]
+            studied = study(flights)
             for each in studied:
                 key = (each.history.vehicle, each.history.loop, each.history.quantity)
                 fleet.numbers[key], fleet.dof[key] = each.followed.now, each.fitted.dof
@@ -295,11 +302,12 @@ def _result(a: _Side, b: _Side, facts: list[Fact], notes: list[str]) -> Diff:
     both = {key for key in a_numbers if key in b_numbers}
     pairs = [(key, a_numbers[key], b_numbers[key]) for key in a_numbers if key in both]
     why = [_not_judged(a, b, key, both) for key, *_ in pairs]
-    dofs = [min(side.dof.get(key, ALL) for side in (a, b)) for key, *_ in pairs]
-    why = [reason or (None if dof > 0 else "too few days flown")
+    dofs = [[side.dof.get(key, ALL) for side in (a, b)] for key, *_ in pairs]
+    why = [reason or (None if min(dof) > 0 else "too few days flown")
            for reason, dof in zip(why, dofs, strict=True)]  # fmt: skip
-    judged = sum(each is None for each in why)
-    numbers = [_difference(*each, judged) for each in zip(pairs, why, dofs, strict=True)]
+    count = sum(each is None for each in why)
+    numbers = [_difference(*each, count) for each in zip(pairs, why, dofs, strict=True)]
+    judged = sum(each.not_judged is None for each in numbers)
     if not numbers:
         notes.append("no number is in both A and B")
     return Diff(
@@ -357,19 +365,34 @@ def _airspeed(row: FlightRow) -> float | None:
 
 
 def _difference(
-    pair: tuple[tuple[str, str, str], Value, Value], not_judged: str | None, dof: float, judged: int
-) -> Difference:
+    pair: tuple[tuple[str, str, str], Value, Value], not_judged: str | None,
+    dofs: Sequence[float], judged: int,
+) -> Difference:  # fmt: skip
     (vehicle, loop, quantity), a, b = pair
     assert a.value is not None
     assert b.value is not None
     difference = b.value - a.value
     std = float(np.hypot(a.std or 0.0, b.std or 0.0))
     z = difference / std if std > 0.0 else None
-    p = None if z is None or not_judged else min(1.0, judged * two_sided(z, dof))
+    p = None if z is None or not_judged else min(1.0, judged * two_sided(z, min(dofs)))
+    changed = p is not None and p <= FALSE_ALARMS
+    if p is not None and not changed and (unknown := _may_be_0(a, b, dofs, judged)):
+        p, not_judged = None, f"{CANNOT_TELL}: {unknown}"
     return Difference(
         vehicle=vehicle, loop=loop, quantity=quantity, a=a, b=b, difference=difference, sigmas=z,
-        p=p, changed=p is not None and p <= FALSE_ALARMS, not_judged=not_judged,
+        p=p, changed=changed, not_judged=not_judged,
     )  # fmt: skip
+
+
+def _may_be_0(a: Value, b: Value, dofs: Sequence[float], judged: int) -> str:
+    """Return in words which sides may be 0 as far as their sigmas go, "" where none may."""
+    said = []
+    for side, name, dof in zip((a, b), "AB", dofs, strict=True):
+        size, std = abs(side.value or 0.0), side.std or 0.0
+        if std > 0.0 and judged * two_sided(size / std, dof) > FALSE_ALARMS:
+            percent = min(100.0 * std / size, 999.0) if size else 999.0
+            said.append(f"{name} has a sigma of {percent:.0f} %")
+    return " and ".join(said)
 
 
 def _of_runs(a: _Side, b: _Side) -> Iterator[Fact]:

@@ -5,28 +5,39 @@ history of its own. So is the bare airframe that ``--lateral auto`` finds under 
 """
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
 
+from yawid.answers.run_summary import ReasonSummary
 from yawid.blocks import Floats, Ints
 from yawid.dataset.files import read_flights_by_loop
 from yawid.dataset.schema import BARE
 from yawid.quantities.airspeed import density_ratio
+from yawid.quantities.vehicles import autopilot_name, type_name
 from yawid.system.stores import Place
 from yawid.trend.days import Track
 
 FOLLOWED: Final = {"kappa_rad_m": "kappa_std", "zeta": "zeta_std", "K_per_V": "K_per_V_std"}
 """The numbers that are followed, by their column, each with the column of its total sigma."""
+GAP: Final = 1.5
+"""Airspeeds that differ by a larger factor from the next ones are another range. One aircraft fills
+its own (a Cessna 172 flew at 39 to 62 m/s). Without this, a Cessna and a model aircraft of one
+sysid, which left 22 to 48 m/s empty, were one steady history."""
 MADE: Final = (
     "config_hash", "analysis_version", "yawid_version", "method", "na", "nb", "nc", "nk",
     "rudder_source", "yaw_source", "airspeed_source", "rate_hz",
 )  # fmt: skip
 """Columns that say how a flight was measured: if they change with a number, they may explain it."""
 _WHO: Final = ("vehicle", "loop", "vehicle_type", "date", "log_sha256", "sysid", "boot", "usable")
+OF_TREND: Final = ("several_aircraft",)
+"""The warnings that only a trend has."""
+_MIXED: Final = ("autopilot", "airspeed_m_s")
 NO_LOOP: Final = "unknown"
+BY_SYSID: Final = "sysid:"
+"""Begins the name of a vehicle of which only its MAVLink id is known."""
 BARE_AIRFRAME: Final = "bare"
 """The loop of a history of the bare airframe."""
 FlightRow = Mapping[str, Any]
@@ -64,7 +75,7 @@ def read_flights(folder: Place, without_sha: str | None = None) -> Flights:
         SourceError: there is no data set, or it cannot be read.
     """
     bare = [name for name, *_ in BARE]
-    columns = [*_WHO, *MADE, *FOLLOWED, *FOLLOWED.values(), *bare, "altitude_m"]
+    columns = [*_WHO, *MADE, *FOLLOWED, *FOLLOWED.values(), *bare, *_MIXED, "altitude_m"]
     table = read_flights_by_loop(folder, columns)
     dates = table["date"].cast("int64").to_pylist()
     rows = [row | {"date": date} for row, date in zip(table.to_pylist(), dates, strict=True)]
@@ -118,6 +129,42 @@ def flights_of(rows: Sequence[FlightRow]) -> Flights:
             if known:
                 histories.append(_history(vehicle, loop, quantity, rows, known))
     return Flights(list(rows), left_out, histories)
+
+
+def mixed(flights: Flights) -> Iterator[ReasonSummary]:
+    """Yield a warning for each MAVLink id under which several aircraft seem to fly.
+
+    They have several types of vehicle or autopilot, or airspeeds with a gap between them.
+    """
+    by_id: dict[str, list[FlightRow]] = {}
+    for row in flights.rows:
+        if row["vehicle"].startswith(BY_SYSID):
+            by_id.setdefault(shown(row["vehicle"]), []).append(row)
+    for vehicle, rows in by_id.items():
+        parts = (("flown as", _kinds(rows)), ("at", _ranges(rows)))
+        said = [f"{how} {' and '.join(kinds)}" for how, kinds in parts if len(kinds) > 1]
+        if said:
+            text = (
+                f"{vehicle} may be several aircraft, {', '.join(said)}: name them by "
+                "yawid fleet --vehicle-from folder or --vehicle NAME"
+            )
+            yield ReasonSummary(OF_TREND[0], "warning", text)
+
+
+def _kinds(rows: Sequence[FlightRow]) -> list[str]:
+    """Return the types of vehicle and autopilot of flights, in words."""
+    seen = {(row["vehicle_type"], row["autopilot"]) for row in rows}
+    known = sorted(each for each in seen if None not in each)
+    return [f"a {type_name(kind)} on {autopilot_name(by)}" for kind, by in known]
+
+
+def _ranges(rows: Sequence[FlightRow]) -> list[str]:
+    """Return the ranges of airspeed of flights, in words."""
+    known = [row["airspeed_m_s"] for row in rows if row["airspeed_source"] == "airspeed"]
+    speeds = np.sort([each for each in known if each])
+    parts = np.split(speeds, np.flatnonzero(speeds[1:] > GAP * speeds[:-1]) + 1)
+    ends = [dict.fromkeys((f"{each[0]:.0f}", f"{each[-1]:.0f}")) for each in parts if len(each)]
+    return [f"{' to '.join(each)} m/s" for each in ends]
 
 
 def shown(text: object) -> str:

@@ -47,8 +47,11 @@ def _sections(report: Trend, studied: Sequence[Studied]) -> Iterator[str]:
     sentence = f"{len(changed)} of {len(report.followed)} histories changed." if changed else (
         "Nothing changed beyond chance."
     )  # fmt: skip
+    if not report.judged:
+        sentence = f"{words.not_tested(report).capitalize()}."
     name, origin = Path(report.dataset).name, f"{report.dataset} · {words.flights_line(report)}"
-    yield head(name, origin, sentence, listed(_changes(report)), usable=not changed)
+    yield head(name, origin, sentence, listed(_changes(report)),
+               usable=not changed and report.judged > 0)  # fmt: skip
     if studied:
         by_vehicle: dict[tuple[str, str], list[Studied]] = {}
         for each in studied:
@@ -78,8 +81,8 @@ def _sections(report: Trend, studied: Sequence[Studied]) -> Iterator[str]:
         "",
         "± is one sigma. Now: the level after the last change. A year, a flight: slope of a "
         "straight line. Between flights: their scatter beyond their own sigmas. Next to others: "
-        "its distance in sigmas from the median of the vehicles of its type. "
-        f"{words.rate_line(report)}.",
+        "its distance in sigmas from the median of the vehicles of its type."
+        + (f" {words.rate_line(report)}." if report.judged else ""),
     )
     yield note("What this cannot do", " ".join(words.LIMITS))
 
@@ -93,6 +96,8 @@ def _changes(report: Trend) -> Iterator[tuple[str, str, str, str]]:
                 "Look at the flights on both sides of it, and at what was done to the aircraft."
             )  # fmt: skip
             yield "fatal", _whose(each), words.change_line(each.change), advice
+    for warning in report.warnings:
+        yield warning.weight, f"warning {warning.id}", warning.text, ""
     for each in report.followed:
         if each.may_be_season is not None:
             yield "", _whose(each), words.season_line(each.may_be_season), ""

@@ -14,7 +14,7 @@ from yawid.quantities.vehicles import AIRFRAME, WITH_ROLL_LOOP
 from yawid.sinks.door import page_console
 from yawid.sinks.words import LATIN
 from yawid.trend import words
-from yawid.trend.diff import DamperDiff, Diff
+from yawid.trend.diff import CANNOT_TELL, DamperDiff, Diff
 from yawid.trend.history import BARE_AIRFRAME, shown
 from yawid.trend.trend import Followed, Trend
 
@@ -29,7 +29,12 @@ def print_trend(report: Trend, stream: TextIO) -> None:
     console = page_console(stream)
     console.print(Text(report.dataset, "bold"), soft_wrap=True)
     changed = [each for each in report.followed if each.change is not None]
-    word = Text(f"{len(changed)} CHANGED", "bold red") if changed else Text("steady", "bold green")
+    if changed:
+        word = Text(f"{len(changed)} CHANGED", "bold red")
+    elif report.judged:
+        word = Text("steady", "bold green")
+    else:
+        word = Text(words.not_tested(report), "bold yellow")
     console.print(Text("verdict  ") + word)
     for each in changed:
         assert each.change is not None
@@ -41,6 +46,8 @@ def print_trend(report: Trend, stream: TextIO) -> None:
         if each.may_be_season is not None:
             _say(console, f"{each.vehicle} ({each.loop}) {_name(each.quantity)} "
                  f"{words.season_line(each.may_be_season)}", "yellow")  # fmt: skip
+    for warning in report.warnings:
+        _say(console, f"warning {warning.id}: {warning.text}", "yellow")
     _say(console, words.flights_line(report))
     steady = {id(each) for each in [e for e in report.followed if e.change is None][:MOST_ROWS]}
     rows = [each for each in report.followed if each.change is not None or id(each) in steady]
@@ -52,7 +59,7 @@ def print_trend(report: Trend, stream: TextIO) -> None:
     notes = [
         "± is one sigma; now: after the last change; a year: slope of a straight line; "
         "between: scatter of flights beyond their own sigmas" + _units(e.quantity for e in rows),
-        words.rate_line(report),
+        *([words.rate_line(report)] if report.judged else []),
     ]
     left = len(report.followed) - len(rows), len(outliers) - MOST_OUTLIERS
     for count, what in zip(left, ("histories", "outliers"), strict=True):
@@ -105,12 +112,16 @@ def print_diff(report: Diff, stream: TextIO) -> None:
         word = Text("CHANGED", "bold red")
     elif report.judged:
         word = Text("no change", "bold green")
+    elif any((each.not_judged or "").startswith(CANNOT_TELL) for each in report.numbers):
+        word = Text(CANNOT_TELL, "bold yellow")
     else:
         word = Text("nothing could be compared", "bold yellow")
     console.print(Text("verdict  ") + word)
     table = _table("A", "B", "B - A", "sigmas")
     for each in report.numbers:
-        result = f"not judged: {each.not_judged}" if each.not_judged else "agrees"
+        result = each.not_judged or "agrees"
+        if each.not_judged and not each.not_judged.startswith(CANNOT_TELL):
+            result = f"not judged: {result}"
         result = "CHANGED" if each.changed else result
         table.add_row(
             _named(each.vehicle, each.loop).strip(), _name(each.quantity),
@@ -127,12 +138,14 @@ def print_diff(report: Diff, stream: TextIO) -> None:
         _say(console, f"{fact.what}: {fact.a} in A, {fact.b} in B", style)
     for line in report.notes:
         _say(console, line)
-    rate = 100.0 * report.false_alarm_rate
-    notes = (
-        f"± is one total sigma; changed: beyond what both sigmas explain, at {rate:g} % false "
-        f"alarms over all {report.judged} numbers judged"
-        + _units(each.quantity for each in report.numbers)
-    )
+    notes = "± is one total sigma"
+    if report.judged:
+        rate = 100.0 * report.false_alarm_rate
+        notes += (
+            f"; changed: beyond what both sigmas explain, at {rate:g} % false alarms over all "
+            f"{report.judged} numbers judged"
+        )
+    notes += _units(each.quantity for each in report.numbers)
     console.print(Text(fill(notes, console.width, break_on_hyphens=False), "dim"))
 
 

@@ -15,13 +15,13 @@ from typing import Final
 import numpy as np
 
 from yawid.answers.part import Part
-from yawid.answers.run_summary import Value
+from yawid.answers.run_summary import ReasonSummary, Value
 from yawid.errors import ConfigError
 from yawid.quantities.table import QUANTITIES
 from yawid.system.stores import Place
 from yawid.trend.changes import Change, Fitted, fit_fleets, profile
 from yawid.trend.days import YEAR_US
-from yawid.trend.history import Flights, History, measured_otherwise, read_flights
+from yawid.trend.history import Flights, History, measured_otherwise, mixed, read_flights
 from yawid.trend.levels import Compared, Level, compare, level_of, slope_of
 from yawid.trend.moderated import two_sided
 
@@ -113,10 +113,15 @@ class Followed(Part, frozen=True, kw_only=True):
 
 
 class Trend(Part, frozen=True, kw_only=True):
-    """The trends of all vehicles in a data set."""
+    """The trends of all vehicles in a data set; ``judged`` is how many of ``followed`` were tested.
+
+    ``warnings`` name the ids under which several aircraft seem to fly.
+    """
 
     dataset: str
     changed: bool
+    judged: int
+    warnings: list[ReasonSummary]
     false_alarm_rate: float
     histories_tested: int
     numbers_tested: int
@@ -154,6 +159,8 @@ def trend(folder: Place, vehicle: str | None = None) -> tuple[Trend, list[Studie
     report = Trend(
         dataset=str(folder.absolute()),
         changed=any(each.change is not None for each in shown),
+        judged=sum(each.followed.tested for each in shown),
+        warnings=list(mixed(flights)),
         false_alarm_rate=FALSE_ALARMS,
         histories_tested=sum(each.followed.tested for each in studied),
         numbers_tested=sum(len(each.history.flights) for each in studied),

@@ -8,7 +8,7 @@ from yawid.sinks.words import GREEK, plus_minus
 from yawid.trend.best_profile import LEAST_DAYS, LEAST_SIDE
 from yawid.trend.changes import SEASON
 from yawid.trend.diff import EFFECT
-from yawid.trend.history import FOLLOWED
+from yawid.trend.history import BY_SYSID, FOLLOWED
 from yawid.trend.trend import Changed, Followed, Outlier, Trend
 
 
@@ -73,12 +73,18 @@ def flights_line(report: Trend) -> str:
     """Return in words how many flights there are, and how many were left out and why."""
     left = ", ".join(f"{count} {why}" for why, count in report.left_out.items())
     text = f"{report.flights} flights" + (f", left out: {left}" if left else "")
-    if any(each.vehicle.startswith("sysid:") for each in report.followed):
+    if any(each.vehicle.startswith(BY_SYSID) for each in report.followed):
         text += (
             "; sysid:N is a MAVLink id, used where no serial number is known; several aircraft may "
             "share it"
         )
     return text
+
+
+def not_tested(report: Trend) -> str:
+    """Return in words why nothing was tested."""
+    most = max((each.days for each in report.followed), default=0)
+    return f"nothing was tested: {LEAST_DAYS} days flown are needed, there are {most}"
 
 
 def rate_line(report: Trend) -> str:
