@@ -228,7 +228,8 @@ LIMITS = {
     "saturated": (100 * judge_samples.SATURATED_SHARE,),
     "airspeed_changed": (100 * AIRSPEED_SHARE,),
     "airspeed_implausible": (
-        airspeed_check.FACTOR, airspeed_check.TURN_FACTOR, airspeed_check.TAIL_WIND,
+        airspeed_check.FACTOR, airspeed_check.SIGMAS, airspeed_check.SLIP,
+        100 * airspeed_check.SLIP_SIGMA, airspeed_check.TAIL_WIND,
     ),
     "closed_loop": (100 * judge_samples.CLOSED_LOOP,),
 }  # fmt: skip

@@ -12,10 +12,13 @@ from yawid.answers.run_summary import ChannelFound
 from yawid.channels.find_surface import why_no_surface
 from yawid.channels.grid_rate import RATE_TOLERANCE
 from yawid.channels.parameters import STOCK_TRAVEL_US, ParameterTable
-from yawid.channels.stage import Channels
+from yawid.channels.stage import FAST_RAD_S, Channels
 from yawid.channels.surface import STICKS, Surface
 from yawid.channels.surface_reader import LEAST_SHARE, TOLERANCE, Twins
 from yawid.channels.yaw_reader import COARSE, SOURCES
+
+LEAST_FAST_S = 1.0
+"""For so long in all a yaw rate may be too fast to be true: a damaged message, or a crash."""
 
 
 def report_of(channels: Channels) -> ChannelReport:
@@ -110,6 +113,12 @@ def _assumed(channels: Channels) -> Iterator[Said]:
     if channels.units_assumed:
         text = f"the unit of {', '.join(channels.units_assumed)} is not given: rad and rad/s are"
         texts["unit_assumed"] = [f"{text} assumed"]
+    fast_s = channels.fast * channels.conditioner.sample_time_s if channels.fast else 0.0
+    if fast_s > LEAST_FAST_S:
+        texts.setdefault("unit_assumed", []).append(
+            f"the yaw rate is beyond {FAST_RAD_S:g} rad/s for {fast_s:.0f} s, which no aircraft "
+            "holds: rad/s are assumed, but it may be in deg/s"
+        )
     for name, surface in zip(channels.config.inputs, channels.surfaces, strict=False):
         for id_, text in _surface_texts(name, surface, channels.twins, channels.parameters):
             texts.setdefault(id_, []).append(text)

@@ -30,6 +30,9 @@ from yawid.errors import ConfigError
 
 WANTED = OUTPUTS | {*STICKS} | SOURCES.keys() | {"HEARTBEAT", "PARAM_VALUE", "EXTENDED_SYS_STATE"}
 """The messages this stage reads."""
+FAST_RAD_S = 6.0
+"""A yaw rate beyond this (344 deg/s) is counted: no aircraft holds it, but a gyro in deg/s that is
+read as rad/s shows it in every manoeuvre. Without it such a record is usable without a word."""
 END = np.iinfo(np.int64).max
 """A place behind every byte of a stream."""
 
@@ -39,7 +42,8 @@ class Channels:
 
     ``watch`` is called with the rows of yaw and surfaces in the order received, and changes
     nothing. ``used`` counts the samples that update the estimators, ``held`` says why others did
-    not, and ``twins`` compares the outputs of one function.
+    not, ``fast`` counts those whose yaw rate is beyond ``FAST_RAD_S``, and ``twins`` compares the
+    outputs of one function.
 
     Raises:
         ConfigError: the rate asked for is above the log's own.
@@ -57,7 +61,7 @@ class Channels:
         self.surfaces: tuple[Surface, ...] = ()
         self.aileron: Surface | None = None
         self.surface_rows = 0
-        self.used, self.held = 0, Held.NONE
+        self.used, self.held, self.fast = 0, Held.NONE, 0
         self.flows = Flow(), Flow()
         self._used: tuple[Surface, ...] = ()
         self._received = ReceivedMessages()
@@ -279,6 +283,7 @@ class Channels:
             return []
         chosen = block if rows.all() else block.select(rows)
         self.used += int((chosen.held == 0).sum())
+        self.fast += int((np.abs(chosen.y) > FAST_RAD_S).sum())
         self.held |= Held(int(np.bitwise_or.reduce(chosen.held)))
         return [chosen]
 

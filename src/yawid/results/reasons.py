@@ -149,6 +149,7 @@ _TABLE: Final = (
         "channel_stand_in", 0, "log", "Record the channel itself: another one stands in for it.",
         _RATES_ANY, _RATES_ON,
     ),
+    ReasonKind("repeated", 0, "samples", "Replay the log without the part that it holds twice."),
     ReasonKind("disarmed", 0, "log", "Make sure that the logged outputs did move the surfaces."),
     ReasonKind(
         "els_rml_disagree", 0, "estimate",

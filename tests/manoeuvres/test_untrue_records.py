@@ -1,0 +1,90 @@
+"""What makes a record untrue without any noise: a wrong airspeed, a wrong unit, the log twice."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from places import C172P
+from yaw_records import HZ, SAID, Leg, record
+
+import yawid
+from yawid.cli.main import main
+
+GRAVITY = 9.80665
+TURN_S = 12
+"""Seconds of a turn at the end of a leg, to the right and to the left in turn."""
+BANK = math.radians(25.0)
+
+
+def turning(true_m_s: float, reported_m_s: float, slip: float = 1.0) -> dict[str, Any]:
+    """Return a record on one heading but for short turns, in still air without a ground speed.
+
+    In a turn the yaw angle goes by g tan(bank) / V, over ``slip``. wn is 6 rad/s.
+    """
+    legs = [Leg(seconds=36.0), Leg(seconds=36.0), Leg(seconds=36.0), Leg(seconds=36.0)]
+    columns = record(legs, seed=3)
+    n = len(columns["t"]) // len(legs)
+    turns = np.arange(n) >= n - TURN_S * HZ
+    bank: NDArray[np.float64] = BANK * np.concatenate([turns * side for side in (1, -1, 1, -1)])
+    rng = np.random.default_rng(4)
+    columns["roll"] = bank + 0.01 * rng.standard_normal(len(bank))
+    columns["yaw"] = np.cumsum(GRAVITY * np.tan(bank) / true_m_s / slip) / HZ
+    return columns | {"airspeed": np.full(len(bank), reported_m_s)}
+
+
+def reasons_of(run: Any) -> dict[str, str]:
+    return {reason.id: reason.text for reason in run.flight.verdict.reasons}
+
+
+def test_a_halved_airspeed_gives_no_kappa_by_bank_and_turn_rate_alone() -> None:
+    """The altitude is unknown too, so that a true airspeed may be above the equivalent one."""
+    halved = yawid.replay(turning(20.0, 10.0), **SAID)
+
+    assert "bank and turn rate imply" in reasons_of(halved)["airspeed_implausible"]
+    assert halved.flight.verdict.usable
+    assert halved.flight.kappa_rad_m is None
+
+
+@pytest.mark.parametrize("slip", [0.95, 1.0, 1.5])
+def test_a_right_airspeed_gives_kappa_whether_the_aircraft_slips_or_not(slip: float) -> None:
+    right = yawid.replay(turning(20.0, 20.0, slip), **SAID)
+
+    assert "airspeed_implausible" not in reasons_of(right)
+    kappa = right.flight.kappa_rad_m
+    assert kappa.value == pytest.approx(6.0 / 20.0, abs=2.0 * kappa.std)
+
+
+def test_a_yaw_rate_in_deg_s_that_was_read_as_rad_s_is_warned_of() -> None:
+    columns = record([Leg(), Leg()])
+    right = yawid.replay(columns, **SAID)
+    assert "unit_assumed" not in reasons_of(right)
+
+    wrong = yawid.replay(columns | {"r": np.rad2deg(columns["r"])}, **SAID)
+
+    assert "deg/s" in reasons_of(wrong)["unit_assumed"]
+    assert wrong.flight.verdict.usable
+
+
+def test_a_log_that_was_appended_to_itself_counts_once(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    twice = tmp_path / "twice.tlog"
+    twice.write_bytes(2 * C172P.read_bytes())
+    said = []
+    for log in (C172P, twice):
+        assert main(["replay", str(log), "--json", "--out", str(tmp_path / "out")]) == 0
+        said.append(json.loads(capsys.readouterr().out))
+    once, again = said
+
+    assert again["link"]["frames"] == 2 * once["link"]["frames"]
+    assert [each["n"] for each in again["manoeuvres"]] == [1]
+    assert again["flight"]["dutch_roll"] == once["flight"]["dutch_roll"]
+    assert "repeated" not in [reason["id"] for reason in once["flight"]["verdict"]["reasons"]]
+    [reason] = [r for r in again["flight"]["verdict"]["reasons"] if r["id"] == "repeated"]
+    assert reason["weight"] == "warning"
