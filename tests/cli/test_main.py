@@ -291,3 +291,12 @@ def test_help_does_not_import_what_only_a_run_needs():
     )  # fmt: skip
 
     assert done.stderr.strip() == "[]"
+
+
+def test_the_overview_of_the_commands_fits_a_terminal_of_80_columns(capsys):
+    with pytest.raises(SystemExit):
+        main(["--help"])
+
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) > 30
+    assert [line for line in lines if len(line) > 80] == []

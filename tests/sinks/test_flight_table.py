@@ -59,7 +59,9 @@ def test_the_flight_comes_before_the_stream_and_has_the_verdict() -> None:
     assert lines[5].strip() == "this is the aircraft with its roll loop"
     assert lines[6].strip() == "wn = 0.4634 ± 0.0077 · V, where V is the equivalent airspeed"
     assert lines[7].startswith("   flown  2026-03-05 12:14:37 UTC, in FBWA, vehicle 1/1, fixed")
-    stream = lines.index("the stream at its end (not the flight): not usable, not_converged")
+    line = "running estimate at the end: not usable, not_converged; the flight's answer is"
+    stream = lines.index(line)
+    assert lines[stream + 1] == "above"
     assert any("13.500 ± 0.090" in line for line in lines[stream:])
     noise = ["of", "noise", "alone:", "wn;", "zeta", *["±", "0.03;", "±", "0.004"] * 2]
     assert noise in [line.split() for line in lines[stream:]]
@@ -69,8 +71,8 @@ def test_the_flight_comes_before_the_stream_and_has_the_verdict() -> None:
 def test_the_streams_numbers_are_printed_only_if_asked_for() -> None:
     brief, all_of_it = printed(four_of_a_flight(), verbose=False), printed(four_of_a_flight())
 
-    [first] = [i for i, line in enumerate(brief) if line.startswith("the stream at its end")]
-    line = "the stream at its end (not the flight): not usable, not_converged"
+    [first] = [i for i, line in enumerate(brief) if line.startswith("running estimate at the end")]
+    line = "running estimate at the end: not usable, not_converged; the flight's answer is above"
     assert " ".join(brief[first : first + 2]) == f"{line} (more: --verbose)"
     assert all_of_it[:first] == brief[:first]
     assert not any("fit one step" in line for line in brief)

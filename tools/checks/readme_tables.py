@@ -163,7 +163,7 @@ TABLES: dict[str, Callable[[], str]] = {
     "cases": cases, "mutations": mutations, "reasons": reasons, "exit_codes": exit_codes,
     "truth_short": truth_short,
     "answer": partial(_output, _FLIGHT("c172p_3211", "answer"), "n from-to"),
-    "good": partial(_output, _FLIGHT("c172p_3211", "answer"), "the stream"),
+    "good": partial(_output, _FLIGHT("c172p_3211", "answer"), "running estimate"),
     "refusal": partial(_output, _FLIGHT("sitl_auto", "refusal"), "± is one sigma"),
     "bare": partial(_shown, "bare", "n from-to"),
     "gain": partial(_shown, "gain", "mix "),

@@ -125,7 +125,10 @@ class Command:
         if said and (why := why_believed()):
             yield "disarmed", f"{' and '.join(said)}; {why}"
         elif said:
-            yield "not_in_command", f"{' and '.join(said)}: its commands moved nothing"
+            what = "the autopilot did not move its outputs"
+            if self.moved or not still:
+                what = "nothing shows that its outputs moved a surface"
+            yield "not_in_command", f"{' and '.join(said)}: {what}"
         elif never_armed:
             yield (
                 "disarmed",

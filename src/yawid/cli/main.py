@@ -69,16 +69,17 @@ TRIED |= {"--manoeuvres"}
 """Options of an estimator that have no meaning for the comparison of orders."""
 EXAMPLES = """\
 examples:
-  yawid fly flight.tlog           all in one: what it can answer, the answer, the report
-  yawid inspect flight.tlog       what a log can answer, and the command to run
-  yawid replay flight.tlog        wn and zeta of each manoeuvre and of the flight
+  yawid fly flight.tlog         what it can answer, the answer, the report
+  yawid inspect flight.tlog     what a log can answer, and the command to run
+  yawid replay flight.tlog      wn and zeta of each manoeuvre and of the flight
   yawid live udpin:127.0.0.1:14560
   yawid simulate yaw --input step --out - | yawid step -
 
-yawid COMMAND --help lists a command's options; yawid completion bash|zsh lets the Tab key
-complete them. Exit codes: 0 good, 1 regression mismatch, 2 usage, 3 no vehicle, rudder or yaw,
-4 rate too low, 5 not excited or not identifiable, 6 input or output failed, 7 something changed,
-70 a fault of yawid itself (YAWID_DEBUG=1 shows where).
+yawid COMMAND --help lists a command's options; yawid completion bash|zsh lets
+the Tab key complete them. Exit codes: 0 good, 1 regression mismatch, 2 usage,
+3 no vehicle, rudder or yaw, 4 rate too low, 5 not excited or not identifiable,
+6 input or output failed, 7 something changed, 70 a fault of yawid itself
+(YAWID_DEBUG=1 shows where).
 """
 GARBAGE_AFTER = 50_000
 """The number of allocations after which Python looks for garbage. With its default of 700 a short

@@ -147,7 +147,7 @@ _OTHERS: Final = (
     Quantity("updates", "", "samples that moved theta"),
     Quantity("theta", "", "the model's parameters; the unit of rudder is half its travel, or rad"),
     Quantity("theta_std", "", "their sigmas, of noise alone"),
-    Quantity("one_step_pct", "%", "fit one step ahead, which flatters every model"),
+    Quantity("one_step_pct", "%", "fit one step ahead, always high: judge by the fit simulated"),
     Quantity("simulation_pct", "%", "fit of the final model, run free from the inputs"),
     Quantity(
         "simulation_held_back_pct", "%", "fit run free over samples that the model has not seen"

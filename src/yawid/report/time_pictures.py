@@ -118,7 +118,7 @@ def _fit(
         for name, value in (
             ("of the yaw rate", fit.simulation_pct),
             ("on held-back data", fit.simulation_held_back_pct),
-            ("one step ahead, which flatters", fit.one_step_pct),
+            ("one step ahead (always high: judge by the first number)", fit.one_step_pct),
         )
         if value is not None
     ]

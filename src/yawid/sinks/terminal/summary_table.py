@@ -85,7 +85,7 @@ def hanging(name: str, text: str, width: int) -> str:
 def _stream(verdict: VerdictSummary) -> str:
     """Return the heading of the stream's estimates, where there is also a flight's answer."""
     said = ", ".join([verdict.word, *(reason.id for reason in verdict.reasons)])
-    return f"the stream at its end (not the flight): {said}"
+    return f"running estimate at the end: {said}; the flight's answer is above"
 
 
 def _estimates_table(summary: RunSummary, estimates: Mapping[str, MethodSummary]) -> Table:
