@@ -121,8 +121,7 @@ class Pipeline:
 
     def bare(self) -> Bare | None:
         """Return the bare airframe of the flight, which may take a fit; None without any."""
-        laterals = None if self._manoeuvres is None else self._manoeuvres.laterals
-        return None if laterals is None else laterals.flight()
+        return None if self._manoeuvres is None else self._manoeuvres.bare()
 
     def feed(self, block: FrameBlock | RecordBlock | SampleBlock | MotionBlock | None) -> None:
         """Take messages, a record's rows or samples in; estimate all samples they complete.

@@ -177,7 +177,10 @@ def _model(arguments: argparse.Namespace) -> Path:
     names = [name[2:].replace("-", "_") for name, *_ in DIMENSIONS]
     given = {name: getattr(arguments, name) for name in names}
     of = int(which) if which.isdigit() else which
-    return write_model(run, of, out, given, force=arguments.force)
+    path, model = write_model(run, of, out, given, force=arguments.force)
+    for reason in model.reasons:
+        say(f"{'warning' if model.usable else 'not usable'} {reason}")
+    return path
 
 
 def _recover(arguments: argparse.Namespace) -> int:

@@ -33,6 +33,8 @@ def mix_of(
     bare, found = summary.bare, Mix(parameter=autopilot.mix, flown=flown, text=UNKNOWN)
     if bare is None:
         return found
+    if wrong := bare.reversed:
+        return replace(found, text=f"no mix is advised: {'; '.join(wrong)}")
     mix = bare.rudder_mix
     if mix is None or mix.value is None or mix.std is None:
         why = "; ".join(reason.text for reason in bare.verdict.reasons)

@@ -47,45 +47,47 @@ GATES = {
         "{found:.2f} of the rudder near the mode is feedback of the yaw rate (limit {limit:g})",
         "switch the yaw damper off for the manoeuvre",
     ),
-    "differs_from_flown": Gate(
-        "with the aileron moved as it was, the airframe differs from the answer as flown by "
-        "{found:.1f} times the sum of both sigmas (limit {limit:g})",
-        "repeat the manoeuvre in calmer air",
+    "too_slow": Gate(
+        "in one sample the fastest mode turns or decays by {found:.2f} rad (limit {limit:g})",
+        "send the attitude at a higher rate",
     ),
-    "not_settled": Gate(
-        "the fit did not settle within {limit:g} steps", "repeat the manoeuvre in calmer air"
+    "coloured": Gate(
+        "the innovations predict {found:.2f} of those 40 ms later (limit {limit:g})",
+        "send the attitude without smoothing, at a higher rate",
     ),
-    "lag_unknown": Gate(
-        "only {found:g} starts of the servo lag agree with the best one ({limit:g} needed)",
-        "give the servo's lag (--servo-lag), or pool several manoeuvres of one speed",
+    "rudder_without_effect": Gate(
+        "N_delta_r is {found:.1f} sigma from 0 ({limit:g} needed)", "move the rudder more"
     ),
     "only_feedback": Gate(
         "roll and p explain {found:.2f} of the aileron (limit {limit:g}), which does not show the "
         "servo's lag",
         "give the servo's lag (--servo-lag), or move the aileron on its own",
     ),
-    "coloured": Gate(
-        "the innovations predict {found:.2f} of those 40 ms later (limit {limit:g})",
-        "send the attitude without smoothing, at a higher rate",
+    "aileron_uncertain": Gate(
+        "sigma of L_delta_a is {found:.2f} of it (limit {limit:g})",
+        "move the aileron on its own, not by the roll hold alone",
     ),
-    "too_slow": Gate(
-        "in one sample the fastest mode turns or decays by {found:.2f} rad (limit {limit:g})",
-        "send the attitude at a higher rate",
+    "lag_unknown": Gate(
+        "only {found:g} starts of the servo lag agree with the best one ({limit:g} needed)",
+        "give the servo's lag (--servo-lag), or pool several manoeuvres of one speed",
     ),
     "wn_uncertain": Gate(
         "sigma of wn is {found:.3f} of it (limit {limit:g})",
         "move the rudder more, and the aileron on its own",
     ),
-    "aileron_uncertain": Gate(
-        "sigma of L_delta_a is {found:.2f} of it (limit {limit:g})",
-        "move the aileron on its own, not by the roll hold alone",
+    "differs_from_flown": Gate(
+        "with the aileron moved as it was, the airframe differs from the answer as flown by "
+        "{found:.1f} times the sum of both sigmas (limit {limit:g})",
+        "check --servo-lag, and in gusts repeat the manoeuvre in calmer air",
     ),
-    "rudder_without_effect": Gate(
-        "N_delta_r is {found:.1f} sigma from 0 ({limit:g} needed)", "move the rudder more"
+    "not_settled": Gate(
+        "the fit did not settle within {limit:g} steps",
+        "move the rudder more, and the aileron on its own",
     ),
     "no_dutch_roll": Gate("no mode of the airframe oscillates", "check the channels' signs"),
 }
-"""Every gate by its name."""
+"""Every gate by its name, in the order in which they decide: what is wrong with the record comes
+before what the fit makes of it."""
 
 
 def failed_gates(

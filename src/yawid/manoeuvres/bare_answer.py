@@ -6,7 +6,7 @@ servo's lag. From one airspeed to another derivatives and modes change by their 
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -14,8 +14,11 @@ import msgspec
 import numpy as np
 
 from yawid.answers.run_summary import (
+    TAU_WN_SHARE,
+    TAU_ZETA,
     Bare,
     DutchRoll,
+    Flight,
     Manoeuvre,
     ReasonSummary,
     TimeConstant,
@@ -25,14 +28,18 @@ from yawid.answers.run_summary import (
 from yawid.blocks import AIRSPEED_SHARE
 from yawid.lateral.airframe import Airframe, AsFlown, FailedGate, Known
 from yawid.lateral.fit_airframe import ANSWERED, fit_airframe, floor
-from yawid.lateral.gates import GATES
+from yawid.lateral.gates import GATES, WN_KNOWN
 from yawid.lateral.motion import Motion
 from yawid.manoeuvres.feedback import rate_feedback
+from yawid.manoeuvres.flight import DISAGREE_WN, LEAST_AGREEING, agreement, disagreement
 from yawid.quantities.flying_qualities import dutch_roll_level
 from yawid.quantities.vehicles import AIRFRAME
+from yawid.results.reasons import KINDS
 from yawid.results.structures import seen_in
 
 BARE_UNKNOWN: Final = "bare_unknown"
+DISAGREE: Final = "manoeuvres_disagree"
+WRONG_SIGN: Final = "wrong_sign"
 OF_ALL: Final = frozenset(
     {"lag_unknown", "wn_uncertain", "aileron_uncertain", "rudder_without_effect", "not_settled"}
 )
@@ -94,7 +101,7 @@ def fitted(n: int, motion: Motion | str, servo_lag_s: float | None) -> Fitted:
         return Fitted(n, motion, None, motion)
     known = {"no_aileron": motion.aileron_known, "commands_on_grid": motion.commands_exact}
     if lacks := [GATES[name] for name, has in known.items() if not has]:  # no fit is needed
-        return Fitted(n, motion, None, lacks[0].sentence, _sentence(lacks[0].remedy))
+        return Fitted(n, motion, None, lacks[0].sentence, _sentences([lacks[0].remedy]))
     found, why = _fit([motion], servo_lag_s)
     if found is not None and (share := _fed_back(motion, found)) > FED_BACK:
         gate = FailedGate("rudder_feeds_back", share, FED_BACK)
@@ -121,14 +128,19 @@ def against_flown(found: Fitted, flown: Manoeuvre) -> Fitted:
         own = _seen_as_flown(airframe.as_flown, flown, found.motion)
     if own is None:
         return found
-    away = max(
-        abs(own[0].value - roll.wn_rad_s) / (own[0].std + (roll.wn_std or 0.0)),
-        abs(own[1].value - roll.zeta) / (own[1].std + (roll.zeta_std or 0.0)),
-    )
+    away = _away(own, roll)
     if away <= MOST_APART:
         return found
     gate = FailedGate("differs_from_flown", away, MOST_APART)
     return replace(found, airframe=replace(airframe, failed=(*airframe.failed, gate)))
+
+
+def _away(own: tuple[Known, Known], flown: DutchRoll) -> float:
+    """Return by how many sums of both sigmas an answer as flown differs in wn or zeta."""
+    return max(
+        abs(own[0].value - flown.wn_rad_s) / (own[0].std + (flown.wn_std or 0.0)),
+        abs(own[1].value - flown.zeta) / (own[1].std + (flown.zeta_std or 0.0)),
+    )
 
 
 def _seen_as_flown(
@@ -178,8 +190,9 @@ def lateral_of(found: Fitted) -> Bare:
     return _answer(found.airframe, [found.n])
 
 
-def _sentence(remedy: str) -> str:
-    return f"{remedy[0].upper()}{remedy[1:]}."
+def _sentences(remedies: Sequence[str]) -> str:
+    """Return what to do in sentences, each once."""
+    return " ".join(f"{each[0].upper()}{each[1:]}." for each in dict.fromkeys(remedies))
 
 
 def _unknown(used: Sequence[int], text: str, step: str | None) -> Bare:
@@ -189,22 +202,37 @@ def _unknown(used: Sequence[int], text: str, step: str | None) -> Bare:
 
 def _answer(airframe: Airframe, used: Sequence[int]) -> Bare:
     if airframe.failed:
-        gates = [(GATES[each.name], each) for each in airframe.failed]
-        text = "; ".join(g.sentence.format(found=e.found, limit=e.limit) for g, e in gates)
-        return _unknown(used, text, _sentence(gates[0][0].remedy))
-    numbers = {
-        "wn_rad_s": airframe.wn_rad_s, "zeta": airframe.zeta, "roll_mode": airframe.roll_s,
-        "spiral": airframe.spiral_s, "servo_lag_s": airframe.servo_lag_s,
-        "rudder_mix": airframe.rudder_mix, "alpha_rad": airframe.alpha_rad, **airframe.derivatives,
+        return _stopped(airframe.failed, used)
+    speed = airframe.airspeed_m_s
+    return _bare(_numbers(airframe), speed, airframe.gust_std_rad, airframe.rho1, used)
+
+
+def _stopped(failed: Sequence[FailedGate], used: Sequence[int], step: str = "") -> Bare:
+    """Return an answer stopped by gates, the one that decides first, with the remedy of each.
+
+    ``step`` replaces these remedies.
+    """
+    decides = list(GATES)
+    rows = sorted(failed, key=lambda each: decides.index(each.name))
+    said = [GATES[each.name].sentence.format(found=each.found, limit=each.limit) for each in rows]
+    step = step or _sentences([GATES[each.name].remedy for each in rows])
+    return _unknown(used, "; ".join(said), step)
+
+
+def _numbers(of: Airframe) -> dict[str, Known]:
+    """Return what is answered of an airframe by the names of LAWS."""
+    return {
+        "wn_rad_s": of.wn_rad_s, "zeta": of.zeta, "roll_mode": of.roll_s, "spiral": of.spiral_s,
+        "servo_lag_s": of.servo_lag_s, "rudder_mix": of.rudder_mix, "alpha_rad": of.alpha_rad,
+        **of.derivatives,
     }  # fmt: skip
-    return _bare(numbers, airframe.airspeed_m_s, airframe.gust_std_rad, airframe.rho1, used)
 
 
 def _bare(
     numbers: Mapping[str, Known], airspeed_m_s: float, gust: float, rho1: float, used: Sequence[int]
 ) -> Bare:
     wn, zeta = numbers["wn_rad_s"], numbers["zeta"]
-    return Bare(
+    bare = Bare(
         dutch_roll=DutchRoll(
             wn_rad_s=wn.value, wn_std=wn.std, zeta=zeta.value, zeta_std=zeta.std,
             level=dutch_roll_level(wn.value, zeta.value),
@@ -221,6 +249,11 @@ def _bare(
         gust_std_rad=gust, whiteness_rho1=rho1, airspeed_m_s=airspeed_m_s, used=list(used),
         verdict=VerdictSummary(usable=True, reasons=[]),
     )  # fmt: skip
+    if not (said := bare.reversed):
+        return bare
+    reasons = [ReasonSummary(WRONG_SIGN, "warning", text) for text in said]
+    verdict = VerdictSummary(usable=True, reasons=reasons)
+    return msgspec.structs.replace(bare, rudder_mix=None, verdict=verdict)
 
 
 def _value(known: Known) -> Value | None:
@@ -235,11 +268,14 @@ def _constant(known: Known) -> TimeConstant | None:
     return TimeConstant(known.value, known.std if math.isfinite(known.std) else None)
 
 
-def bare_of(found: Sequence[Fitted], servo_lag_s: float | None) -> Bare | None:
+def bare_of(
+    found: Sequence[Fitted], servo_lag_s: float | None, flown: Flight | None = None
+) -> Bare | None:
     """Return the airframe of a flight at the median airspeed of the manoeuvres used.
 
     None is returned where there is no manoeuvre. Where no airframe is known the reasons are those
-    of the manoeuvre whose fit knows wn best.
+    of the manoeuvre whose fit knows wn best. ``flown`` is the flight's usable answer as flown where
+    only the sticks moved the surfaces: that must be the same aircraft.
     """
     if not found:
         return None
@@ -248,10 +284,70 @@ def bare_of(found: Sequence[Fitted], servo_lag_s: float | None) -> Bare | None:
         known = [pair for group in _of_one_speed(found) if (pair := _together(group, servo_lag_s))]
     if not known:
         return lateral_of(min(found, key=_uncertainty))
-    airframes = [each for each, _ in known]
-    one = len(known) == 1
-    answer = _answer(*known[0]) if one else _pooled(airframes, [n for _, ns in known for n in ns])
-    return _with_correlations(answer, airframes)
+    agree, share = _agreement([each for each, _ in known])
+    used, apart = ([each for each, own in zip(known, agree, strict=True) if own == is_in]
+                   for is_in in (True, False))  # fmt: skip
+    numbers = sorted(n for _, ns in used for n in ns)
+    answer = _answer(*used[0]) if len(used) == 1 else _pooled([a for a, _ in used], numbers)
+    if apart:
+        text = _disagreement(apart, answer)
+        if share < LEAST_AGREEING:
+            text = f"the manoeuvres do not show one airframe: {text}"
+            both = sorted(n for _, ns in known for n in ns)
+            return _unknown(both, text, KINDS[DISAGREE].now)
+        text += f": {'it is' if len(apart) == 1 else 'they are'} left out of the answer"
+        warned = [*answer.verdict.reasons, ReasonSummary(DISAGREE, "warning", text)]
+        verdict = VerdictSummary(usable=True, reasons=warned)
+        answer = msgspec.structs.replace(answer, verdict=verdict)
+    if failed := list(_against_pool(answer, found, flown)):
+        return _stopped(failed, answer.used, KINDS[DISAGREE].now)
+    return _with_correlations(answer, [each for each, _ in used])
+
+
+def _agreement(airframes: Sequence[Airframe]) -> tuple[np.ndarray, float]:
+    """Return which airframes (n,) are one aircraft's by wn / V and by zeta; the share of weight."""
+    speeds, wn, wn_std, zeta, zeta_std = np.array([
+        (a.airspeed_m_s, a.wn_rad_s.value, a.wn_rad_s.std, a.zeta.value, a.zeta.std)
+        for a in airframes
+    ]).T  # fmt: skip
+    x, std = wn / speeds, np.fmin(wn_std, wn) / speeds  # a sigma that is not known is large
+    agree, share = agreement(x, std, TAU_WN_SHARE * float(np.median(x)), DISAGREE_WN)
+    by_zeta, of_zeta = agreement(zeta, np.fmin(zeta_std, 1.0), TAU_ZETA, 0.0)
+    both = agree & by_zeta
+    return both, min(share, of_zeta) if both.any() else 0.0
+
+
+def _disagreement(apart: Sequence[tuple[Airframe, list[int]]], rest: Bare) -> str:
+    """Return in words which airframes differ from that of the rest."""
+    roll = rest.dutch_roll
+    assert roll is not None  # only airframes that are known are compared
+    said = [
+        (n, f"wn {a.wn_rad_s.value:.3g} rad/s, zeta {a.zeta.value:.2g}", a.airspeed_m_s)
+        for a, ns in apart
+        for n in ns
+    ]
+    own = f"wn {roll.wn_rad_s:.3g} rad/s, zeta {roll.zeta:.2g}"
+    return disagreement(said, own, rest.airspeed_m_s, len(rest.used))
+
+
+def _against_pool(
+    found: Bare, each: Sequence[Fitted], flown: Flight | None
+) -> Iterator[FailedGate]:
+    """Yield the gates that stop the answer from all manoeuvres, although each of them passed."""
+    roll = found.dutch_roll
+    assert roll is not None  # it is known
+    share = (roll.wn_std or 0.0) / roll.wn_rad_s
+    if not share < WN_KNOWN:
+        yield FailedGate("wn_uncertain", share, WN_KNOWN)
+    if flown is None or flown.dutch_roll is None or found.airspeed_m_s is None:
+        return
+    speeds = [e.motion.airspeed_m_s for e in each
+              if e.n in flown.used and isinstance(e.motion, Motion)]  # fmt: skip
+    by = float(np.median(speeds)) / found.airspeed_m_s if speeds else 1.0
+    wn = Known(by * roll.wn_rad_s, by * (roll.wn_std or 0.0))
+    own = wn, Known(roll.zeta, roll.zeta_std or 0.0)
+    if (away := _away(own, flown.dutch_roll)) > MOST_APART:
+        yield FailedGate("differs_from_flown", away, MOST_APART)
 
 
 def _uncertainty(found: Fitted) -> float:
@@ -295,6 +391,10 @@ def _speed(each: Fitted) -> float:
 def _together(
     group: Sequence[Fitted], servo_lag_s: float | None
 ) -> tuple[Airframe, list[int]] | None:
+    agree, share = _agreement([each.airframe for each in group if each.airframe is not None])
+    group = [each for each, own in zip(group, agree, strict=True) if own]
+    if share < LEAST_AGREEING or len(group) < 2:
+        return None
     motions = [each.motion for each in group if isinstance(each.motion, Motion)]
     found, _ = _fit(motions, servo_lag_s)
     if found is None or not found.is_known:
@@ -310,12 +410,7 @@ def _pooled(airframes: Sequence[Airframe], used: Sequence[int]) -> Bare:
     """
     speeds = np.array([each.airspeed_m_s for each in airframes])
     middle = float(np.median(speeds))
-    rows = [
-        {"wn_rad_s": a.wn_rad_s, "zeta": a.zeta, "roll_mode": a.roll_s, "spiral": a.spiral_s,
-         "servo_lag_s": a.servo_lag_s, "rudder_mix": a.rudder_mix, "alpha_rad": a.alpha_rad,
-         **a.derivatives}
-        for a in airframes
-    ]  # fmt: skip
+    rows = [_numbers(each) for each in airframes]
     numbers = {}
     for name in rows[0]:
         by = (middle / speeds) ** LAWS[name]

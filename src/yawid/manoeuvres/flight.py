@@ -172,9 +172,10 @@ def _together(
     by = speeds if scaled else np.ones(len(alike))
     rolls = np.array([each.dutch_roll for each in chosen])
     x, std = rolls[:, 0] / by, rolls[:, 1] / by
-    agree, share = _agreement(x, std)
+    agree, share = agreement(x, std, TAU_WN_SHARE * float(np.median(x)), DISAGREE_WN)
     used = [alike[i] for i in np.flatnonzero(agree).tolist()]
-    apart = [(alike[i], float(rolls[i, 0])) for i in np.flatnonzero(~agree).tolist()]
+    apart = [alike[i].found for i in np.flatnonzero(~agree).tolist()]
+    said = [f"wn {wn:.3g} rad/s" for wn in rolls[~agree, 0].tolist()]
     speed = float(np.median(speeds[agree])) if np.isfinite(speeds[agree]).all() else None
     unit = speed if scaled and speed is not None else 1.0
     is_true = untrue is None
@@ -186,7 +187,9 @@ def _together(
     physics = _physics([chosen[i] for i in np.flatnonzero(agree).tolist()], by[agree])
     reasons = [*of_the_log, *warned, *rough_reasons(wn.mean * unit, wn.std * unit)]
     if apart:
-        text = _disagreement(apart, wn.mean * unit, wn.std * unit, speed, len(used))
+        own = [(m.n, text, m.airspeed_m_s) for m, text in zip(apart, said, strict=True)]
+        text = disagreement(own, f"{wn.mean * unit:.3g} ± {wn.std * unit:.2g}", speed, len(used))
+        text += f": {'it is' if len(apart) == 1 else 'they are'} left out of the answer"
         reasons.append(Reason("manoeuvres_disagree", text, warns=share >= LEAST_AGREEING))
     verdict = Verdict.of(reasons, Counter(m.verdict.method for m in used).most_common(1)[0][0])
     loop = used[0].found.loop
@@ -209,7 +212,7 @@ def _together(
         physics={n: _scaled(each, unit ** POWERS[n]) for n, each in physics.items()} or None,
         between_std=BetweenStd(wn_rad_s=wn.tau * unit, zeta=zeta.tau),
         used=[each.found.n for each in used],
-        disagree=[each.found.n for each, _ in apart],
+        disagree=[each.n for each in apart],
         refits=list(_refits(alike, chosen)) or None,
         verdict=as_summary(verdict),
     )
@@ -267,37 +270,38 @@ def _warnings(used: Sequence[Answered]) -> Iterator[Reason]:
             yield replace(reason, text=where + reason.text)
 
 
-def _agreement(x: Floats, std: Floats) -> tuple[Bools, float]:
-    """Return which of wn or wn / V (n,) agree with the weighted median, and their share of weight.
+def agreement(x: Floats, std: Floats, floor: float, near: float) -> tuple[Bools, float]:
+    """Return which of the numbers x (n,) agree with their weighted median, and the share of weight.
 
-    A value disagrees if it differs from the median by more than 10 %, and by more than three sigmas
-    of the difference. All sigmas include the least scatter, as the same number for all: as a part
-    of each value it would give less weight to larger values for that reason alone.
+    A number disagrees if it differs from the median by more than the part ``near`` of it, and by
+    more than three sigmas of the difference. All sigmas include the least scatter ``floor``, the
+    same for all: as a part of each value it would give less weight to larger values for that alone.
     """
-    total = np.hypot(std, TAU_WN_SHARE * float(np.median(x)))
+    total = np.hypot(std, floor)
     weights = total**-2.0
     order = np.argsort(x)
     summed = np.cumsum(weights[order])
     middle = order[int(np.searchsorted(summed, 0.5 * summed[-1]))]
     apart = np.abs(x - x[middle])
     sigma = np.hypot(total, total[middle])
-    agree = (apart <= DISAGREE_WN * x[middle]) | (apart <= DISAGREE_SIGMAS * sigma)
+    agree = (apart <= near * x[middle]) | (apart <= DISAGREE_SIGMAS * sigma)
     return agree, float(weights[agree].sum() / weights.sum())
 
 
-def _disagreement(
-    apart: Sequence[tuple[Answered, float]], wn: float, std: float, speed: float | None, count: int
+def disagreement(
+    apart: Sequence[tuple[int, str, float | None]], rest: str, speed: float | None, count: int
 ) -> str:
-    """Return in words which manoeuvres (each with its wn) disagree with the others."""
+    """Return in words which manoeuvres, by number, result and airspeed, differ from the ``rest``.
+
+    The others are ``count`` manoeuvres at ``speed``, which is None where it is not compared.
+    """
     said = []
-    for each, own in apart:
-        v = each.found.airspeed_m_s
+    for n, own, v in apart:
         at = "" if v is None or speed is None else f" at {v:.1f} m/s"
-        said.append(f"manoeuvre {each.found.n} has wn {own:.3g} rad/s{at}")
+        said.append(f"manoeuvre {n} has {own}{at}")
     others = f"the other {count} have" if count > 1 else "the other one has"
     at = "" if speed is None else f" at {speed:.1f} m/s"
-    them = "it is" if len(apart) == 1 else "they are"
-    return f"{', '.join(said)}; {others} {wn:.3g} ± {std:.2g}{at}: {them} left out of the answer"
+    return f"{', '.join(said)}; {others} {rest}{at}"
 
 
 def _physics(chosen: Sequence[Structure], speeds: Floats) -> Mapping[str, Value]:

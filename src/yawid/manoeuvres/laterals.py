@@ -4,7 +4,7 @@ from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, Future
 
-from yawid.answers.run_summary import Bare
+from yawid.answers.run_summary import Bare, Flight
 from yawid.blocks import MotionBlock, SampleBlock
 from yawid.manoeuvres.answer import Answered
 from yawid.manoeuvres.bare_answer import (
@@ -99,9 +99,14 @@ class Laterals:
         refused = {n: lateral_of(yaw_damped(n, each)) for n, each in gains.items() if each}
         return self._bares | refused
 
-    def flight(self) -> Bare | None:
-        """Return the airframe of all the manoeuvres fitted, None without any."""
-        return bare_of([self._checked(each) for each in self._found], self._lag_s)
+    def flight(self, flown: Sequence[Flight]) -> Bare | None:
+        """Return the airframe of all the manoeuvres fitted, None without any.
+
+        ``flown`` are the flight's answers as flown.
+        """
+        found = [self._checked(each) for each in self._found]
+        alone = next((each for each in flown if each.loop == AIRFRAME and each), None)
+        return bare_of(found, self._lag_s, alone)
 
     def _checked(self, found: Fitted) -> Fitted:
         """Return a fit, refused where a yaw damper has become known since it was asked for."""

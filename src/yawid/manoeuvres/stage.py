@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from yawid.answers.run_summary import Flight
+from yawid.answers.run_summary import Bare, Flight
 from yawid.blocks import Floats, Ints, MotionBlock, SampleBlock
 from yawid.manoeuvres.airspeed_check import AirspeedCheck
 from yawid.manoeuvres.answer import Answered, ManoeuvreSetting
@@ -108,6 +108,12 @@ class Manoeuvres:
                 return True
         self._flown.append((found.boot_us, found.y))
         return False
+
+    def bare(self) -> Bare | None:
+        """Return the bare airframe of those answered; None where none was looked for."""
+        if self.laterals is None:
+            return None
+        return self.laterals.flight([flight for flight, _ in self.flights([])])
 
     def _answer(self, found: SampleBlock) -> None:
         if self._is_repeated(found):

@@ -14,6 +14,8 @@ sideslip. Both are subtracted in the file, so that their sum with it is what was
 """
 
 import math
+import re
+import textwrap
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields
 from typing import Final, NamedTuple
@@ -171,10 +173,12 @@ def _lines(found: Mapping[str, Coefficient], model: LinearModel, of: Dimensions)
     yield f"     b = {of.span:g} m, m = {of.mass:g} kg, Ixx = {of.ixx:g}, Izz = {of.izz:g} and"
     yield f"     Ixz = {of.ixz:g} kg m^2. Positive rudder turns the nose left, as JSBSim's does."
     yield "     They replace these axes of an aircraft's file; lift, drag and pitch are not here."
-    if lag is not None:
-        yield f"     The lag of the servos is not in it: {lag:.3f} s. -->"
-    else:
-        yield "     The lag of the servos is not in it. -->"
+    known = "" if lag is None else f": {lag:.3f} s"
+    yield f"     The lag of the servos is not in it{known}."
+    for reason in model.reasons:
+        said = re.sub("-(?=-)", "- ", f"Warning {reason}")  # a comment may not contain --
+        yield textwrap.fill(said, 92, initial_indent="     ", subsequent_indent="     ")
+    yield "-->"
     yield "<aerodynamics>"
     for axis, letter in AXES.items():
         yield f' <axis name="{axis}">'

@@ -5,7 +5,7 @@ from typing import Final
 
 from yawid.answers.run_summary import Bare, DutchRoll, RunSummary
 from yawid.report.html import grid, note, numbers, table
-from yawid.sinks.words import NONE, count, of_value, plus_minus
+from yawid.sinks.words import NONE, bare_warnings, count, of_value, plus_minus
 
 SYMBOLS: Final = {
     "Y_beta": ("Y_β/V", "−a_z^β", "1/s"),
@@ -44,6 +44,8 @@ def bare_section(summary: RunSummary) -> Iterator[str]:
     ]
     shown.append(grid("Derivatives, ± one σ", ("", "paper's", "value", "unit"), rows))
     yield numbers("The bare airframe", shown, [])
+    for text in bare_warnings(bare):
+        yield note("", f"{text[0].upper()}{text[1:].rstrip('.')}.")
     yield note(
         "",
         "This is the airframe without the roll loop that it was flown with, from p, r, roll and "

@@ -7,7 +7,7 @@ from msgspec.structs import replace
 
 from yawid.answers.channel_report import ChannelReport
 from yawid.answers.heard import VehicleSeen
-from yawid.answers.run_summary import ReasonSummary, RunSummary, VerdictSummary
+from yawid.answers.run_summary import Bare, ReasonSummary, RunSummary, VerdictSummary
 from yawid.quantities.vehicles import ARDUPILOT, WITHOUT_RUDDER
 from yawid.results.reasons import ASK_HZ, COPIES, KINDS, PARAMETERS, PARAMETERS_ON
 
@@ -32,6 +32,8 @@ _BY_TEXT = {
     ("mode_not_driven", "follows the yaw rate"): "Move the rudder by itself, in straight flight, "
     "and check --rudder-sign.",
     ("wrong_sign", "this record"): "Give the other --rudder-sign.",
+    ("wrong_sign", "a positive aileron"): "Check the aileron's servo, and SERVOn_REVERSED of the "
+    "output that moves it.",
     ("poor_fit", "clocks"): "Check that rudder and yaw rate have the same clock; if not, shift "
     "one of them in the record.",
     ("poor_fit", "--turn remove"): "Replay it with --turn remove.",
@@ -92,11 +94,20 @@ class Situation:
 
 
 def advised(summary: RunSummary) -> RunSummary:
-    """Return the summary with ``next`` in each of its verdicts that is not usable."""
+    """Return the summary with ``next`` in each verdict that needs it.
+
+    Those are all that are not usable, and that of a bare airframe with warnings.
+    """
     situation = Situation.of(summary)
 
     def complete(verdict: VerdictSummary) -> VerdictSummary:
         return replace(verdict, next=next_step(verdict.reasons, situation))
+
+    def warned(bare: Bare | None) -> Bare | None:
+        if bare is None or not bare or not (said := bare.verdict.reasons):
+            return bare
+        steps = dict.fromkeys(remedy(each, said, situation) for each in said)
+        return replace(bare, verdict=replace(bare.verdict, next=" ".join(steps)))
 
     flight, flights, manoeuvres = summary.flight, summary.flights, summary.manoeuvres
     if flight is not None:
@@ -104,9 +115,14 @@ def advised(summary: RunSummary) -> RunSummary:
     if flights is not None:
         flights = [replace(each, verdict=complete(each.verdict)) for each in flights]
     if manoeuvres is not None:
-        manoeuvres = [replace(each, verdict=complete(each.verdict)) for each in manoeuvres]
-    verdict = complete(summary.verdict)
-    return replace(summary, verdict=verdict, flight=flight, flights=flights, manoeuvres=manoeuvres)
+        manoeuvres = [
+            replace(each, verdict=complete(each.verdict), lateral=warned(each.lateral))
+            for each in manoeuvres
+        ]
+    return replace(
+        summary, verdict=complete(summary.verdict), flight=flight, flights=flights,
+        manoeuvres=manoeuvres, bare=warned(summary.bare),
+    )  # fmt: skip
 
 
 def next_step(reasons: Sequence[ReasonSummary], situation: Situation) -> str | None:

@@ -323,6 +323,16 @@ def bare_rows(summary: RunSummary) -> Iterator[Row]:
     yield Row(
         "", f"this is the airframe without its roll loop{speed}, from {count(len(bare.used))}"
     )
+    for text in bare_warnings(bare):
+        yield Row("", text)
+
+
+def bare_warnings(bare: Bare) -> Iterator[str]:
+    """Yield each warning of a bare airframe that is known, then what to do about them."""
+    for reason in bare.verdict.reasons:
+        yield f"warning {reason.name}: {reason.text}"
+    if bare.verdict.next is not None:
+        yield f"{NEXT} {bare.verdict.next}"
 
 
 def lateral_says(bare: Bare) -> str:
@@ -330,7 +340,7 @@ def lateral_says(bare: Bare) -> str:
     if bare.dutch_roll is None:
         why = bare.verdict.reasons[0].text if bare.verdict.reasons else "no reason was given"
         return f"the bare airframe is not known: {why}"
-    return f"the bare airframe: {dutch_roll(bare.dutch_roll)}"
+    return ", ".join([f"the bare airframe: {dutch_roll(bare.dutch_roll)}", *bare_warnings(bare)])
 
 
 def of_loop(flight: Flight, manoeuvres: Sequence[Manoeuvre], names: tuple[str, str] = LATIN) -> str:

@@ -37,8 +37,8 @@ def write_model(
     dimensions: Mapping[str, float | None],
     *,
     force: bool = False,
-) -> Path:
-    """Write a model of a run, by the suffix of ``out``; return its absolute path.
+) -> tuple[Path, LinearModel]:
+    """Write a model of a run, by the suffix of ``out``; return the absolute path and the model.
 
     ``dimensions`` are those of :class:`Dimensions`, which JSBSim's coefficients need.
 
@@ -57,7 +57,7 @@ def write_model(
         given = {**dimensions, "density": dimensions["density"] or run.air_density}
         data = aerodynamics(model, Dimensions(**given)).encode()
     write_whole({out: data}, force=force)
-    return out.absolute()
+    return out.absolute(), model
 
 
 def model_file(model: LinearModel, log: str) -> ModelFile:
@@ -145,7 +145,7 @@ def _matlab(model: LinearModel) -> bytes:
         names = ("w", f"G_{o}_{i}", f"magnitude_std_{o}_{i}", f"phase_std_{o}_{i}")
         kept |= dict(zip((*names, f"coherence_{o}_{i}"), each, strict=True))
     kept |= {"of": model.of, "usable": model.usable, "sigma_is": model.sigma_is}
-    kept |= {"input_is": model.input_is}
+    kept |= {"input_is": model.input_is, "reasons": np.array(model.reasons, object)}
     stream = io.BytesIO()
     savemat(stream, kept | model.facts, oned_as="column")
     return stream.getvalue()
