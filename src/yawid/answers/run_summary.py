@@ -186,16 +186,6 @@ class TimeConstant(Part, frozen=True):
     std: Number | None = None
 
 
-WRONG_SIGMAS = 3.0
-_REVERSED = {
-    "L_delta_a": "a positive aileron rolls the aircraft left: its servo is reversed or the log's "
-    "SERVOn_REVERSED is wrong",
-    "N_delta_r": "a positive rudder turns the nose left: its servo is reversed or --rudder-sign is "
-    "wrong",
-}
-"""The main effect of each surface, and what it says where it is negative."""
-
-
 class Bare(Part, frozen=True, kw_only=True):
     """The bare airframe, of one manoeuvre (``lateral``) or of a flight (``bare``).
 
@@ -229,20 +219,6 @@ class Bare(Part, frozen=True, kw_only=True):
     def __bool__(self) -> bool:
         """Return whether it is known."""
         return self.verdict.usable
-
-    @property
-    def reversed(self) -> list[str]:
-        """Of each surface that works the wrong way by three sigmas, what it does, in words.
-
-        The answer of such a flight is of an aircraft with this surface reversed, and what is
-        computed from its derivatives (a mix, coefficients) has the wrong sign.
-        """
-        found = []
-        for name, text in _REVERSED.items():
-            known = (self.derivatives or {}).get(name, Value())
-            if known.value is not None and known.std and known.value < -WRONG_SIGMAS * known.std:
-                found.append(f"{text} ({name} is {known.value:.3g} ± {known.std:.2g})")
-        return found
 
 
 class Manoeuvre(Part, frozen=True, kw_only=True):

@@ -12,6 +12,7 @@ from msgspec.structs import replace
 from yawid.answers.damper_report import Mix
 from yawid.answers.run_summary import RunSummary, Value
 from yawid.damper.autopilots import Autopilot
+from yawid.results.judge_rudder import wrong_signs
 
 MOST_STD, MOST_SHARE = 0.1, 0.3
 """A mix is given where its sigma is at most .1, or 30 % of it."""
@@ -33,7 +34,7 @@ def mix_of(
     bare, found = summary.bare, Mix(parameter=autopilot.mix, flown=flown, text=UNKNOWN)
     if bare is None:
         return found
-    if wrong := bare.reversed:
+    if wrong := wrong_signs(bare.derivatives or {}):
         return replace(found, text=f"no mix is advised: {'; '.join(wrong)}")
     mix = bare.rudder_mix
     if mix is None or mix.value is None or mix.std is None:

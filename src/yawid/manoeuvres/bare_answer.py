@@ -34,6 +34,7 @@ from yawid.manoeuvres.feedback import rate_feedback
 from yawid.manoeuvres.flight import DISAGREE_WN, LEAST_AGREEING, agreement, disagreement
 from yawid.quantities.flying_qualities import dutch_roll_level
 from yawid.quantities.vehicles import AIRFRAME
+from yawid.results.judge_rudder import wrong_signs
 from yawid.results.reasons import KINDS
 from yawid.results.structures import seen_in
 
@@ -249,7 +250,7 @@ def _bare(
         gust_std_rad=gust, whiteness_rho1=rho1, airspeed_m_s=airspeed_m_s, used=list(used),
         verdict=VerdictSummary(usable=True, reasons=[]),
     )  # fmt: skip
-    if not (said := bare.reversed):
+    if not (said := wrong_signs(bare.derivatives or {})):
         return bare
     reasons = [ReasonSummary(WRONG_SIGN, "warning", text) for text in said]
     verdict = VerdictSummary(usable=True, reasons=reasons)
