@@ -12,7 +12,7 @@ from msgspec.structs import replace
 from yawid.answers.damper_report import Mix
 from yawid.answers.run_summary import RunSummary, Value
 from yawid.damper.autopilots import Autopilot
-from yawid.results.judge_rudder import wrong_signs
+from yawid.quantities.flying_qualities import wrong_sign
 
 MOST_STD, MOST_SHARE = 0.1, 0.3
 """A mix is given where its sigma is at most .1, or 30 % of it."""
@@ -34,7 +34,8 @@ def mix_of(
     bare, found = summary.bare, Mix(parameter=autopilot.mix, flown=flown, text=UNKNOWN)
     if bare is None:
         return found
-    if wrong := wrong_signs(bare.derivatives or {}):
+    known = (bare.derivatives or {}).items()
+    if wrong := [text for name, x in known if (text := wrong_sign(name, x.value, x.std))]:
         return replace(found, text=f"no mix is advised: {'; '.join(wrong)}")
     mix = bare.rudder_mix
     if mix is None or mix.value is None or mix.std is None:

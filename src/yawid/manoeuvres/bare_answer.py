@@ -31,10 +31,9 @@ from yawid.lateral.fit_airframe import ANSWERED, fit_airframe, floor
 from yawid.lateral.gates import GATES, WN_KNOWN
 from yawid.lateral.motion import Motion
 from yawid.manoeuvres.feedback import rate_feedback
-from yawid.manoeuvres.flight import DISAGREE_WN, LEAST_AGREEING, agreement, disagreement
-from yawid.quantities.flying_qualities import dutch_roll_level
+from yawid.manoeuvres.flight import DISAGREE_WN, LEAST_AGREEING, LEFT_OUT, agreement, disagreement
+from yawid.quantities.flying_qualities import dutch_roll_level, wrong_sign
 from yawid.quantities.vehicles import AIRFRAME
-from yawid.results.judge_rudder import wrong_signs
 from yawid.results.reasons import KINDS
 from yawid.results.structures import seen_in
 
@@ -250,7 +249,8 @@ def _bare(
         gust_std_rad=gust, whiteness_rho1=rho1, airspeed_m_s=airspeed_m_s, used=list(used),
         verdict=VerdictSummary(usable=True, reasons=[]),
     )  # fmt: skip
-    if not (said := wrong_signs(bare.derivatives or {})):
+    said = [text for name, x in numbers.items() if (text := wrong_sign(name, x.value, x.std))]
+    if not said:
         return bare
     reasons = [ReasonSummary(WRONG_SIGN, "warning", text) for text in said]
     verdict = VerdictSummary(usable=True, reasons=reasons)
@@ -296,7 +296,7 @@ def bare_of(
             text = f"the manoeuvres do not show one airframe: {text}"
             both = sorted(n for _, ns in known for n in ns)
             return _unknown(both, text, KINDS[DISAGREE].now)
-        text += f": {'it is' if len(apart) == 1 else 'they are'} left out of the answer"
+        text += LEFT_OUT[len(apart) > 1]
         warned = [*answer.verdict.reasons, ReasonSummary(DISAGREE, "warning", text)]
         verdict = VerdictSummary(usable=True, reasons=warned)
         answer = msgspec.structs.replace(answer, verdict=verdict)

@@ -46,6 +46,7 @@ LEAST_AGREEING = 2.0 / 3.0
 BETTER_PCT = 1.0
 """Points that more parameters must add to the mean held-back fit to be chosen for a flight."""
 
+LEFT_OUT: Final = (": it is left out of the answer", ": they are left out of the answer")
 POWERS: Final = {
     "K": 1, "T_theta_s": -1, "a_z_beta": 1, "a_my_omega_y": 1, "a_my_beta": 2, "a_my_delta_h": 2,
 }  # fmt: skip
@@ -174,8 +175,8 @@ def _together(
     x, std = rolls[:, 0] / by, rolls[:, 1] / by
     agree, share = agreement(x, std, TAU_WN_SHARE * float(np.median(x)), DISAGREE_WN)
     used = [alike[i] for i in np.flatnonzero(agree).tolist()]
-    apart = [alike[i].found for i in np.flatnonzero(~agree).tolist()]
-    said = [f"wn {wn:.3g} rad/s" for wn in rolls[~agree, 0].tolist()]
+    rest = [(alike[i].found, float(rolls[i, 0])) for i in np.flatnonzero(~agree).tolist()]
+    apart = [(each.n, f"wn {wn:.3g} rad/s", each.airspeed_m_s) for each, wn in rest]
     speed = float(np.median(speeds[agree])) if np.isfinite(speeds[agree]).all() else None
     unit = speed if scaled and speed is not None else 1.0
     is_true = untrue is None
@@ -187,9 +188,8 @@ def _together(
     physics = _physics([chosen[i] for i in np.flatnonzero(agree).tolist()], by[agree])
     reasons = [*of_the_log, *warned, *rough_reasons(wn.mean * unit, wn.std * unit)]
     if apart:
-        own = [(m.n, text, m.airspeed_m_s) for m, text in zip(apart, said, strict=True)]
-        text = disagreement(own, f"{wn.mean * unit:.3g} ± {wn.std * unit:.2g}", speed, len(used))
-        text += f": {'it is' if len(apart) == 1 else 'they are'} left out of the answer"
+        text = disagreement(apart, f"{wn.mean * unit:.3g} ± {wn.std * unit:.2g}", speed, len(used))
+        text += LEFT_OUT[len(apart) > 1]
         reasons.append(Reason("manoeuvres_disagree", text, warns=share >= LEAST_AGREEING))
     verdict = Verdict.of(reasons, Counter(m.verdict.method for m in used).most_common(1)[0][0])
     loop = used[0].found.loop
@@ -212,7 +212,7 @@ def _together(
         physics={n: _scaled(each, unit ** POWERS[n]) for n, each in physics.items()} or None,
         between_std=BetweenStd(wn_rad_s=wn.tau * unit, zeta=zeta.tau),
         used=[each.found.n for each in used],
-        disagree=[each.n for each in apart],
+        disagree=[n for n, *_ in apart],
         refits=list(_refits(alike, chosen)) or None,
         verdict=as_summary(verdict),
     )

@@ -6,9 +6,8 @@ right although its gain and zeros are wrong.
 """
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 
-from yawid.answers.run_summary import Value
 from yawid.blocks import WINDOW_S
 from yawid.config.run import RunConfig
 from yawid.estimation.free_run import RudderEffect
@@ -27,14 +26,6 @@ LEAST_EXCESS = 3.0
 leaves no more than noise, a shift changes little. It was 4 or more with another flight's rudder."""
 PERIODS = (0.125, 1.5)
 """The least and the largest shift that is tried, in periods of the mode."""
-WRONG_SIGMAS = 3.0
-_REVERSED = {
-    "L_delta_a": "a positive aileron rolls the aircraft left: its servo is reversed or the log's "
-    "SERVOn_REVERSED is wrong",
-    "N_delta_r": "a positive rudder turns the nose left: its servo is reversed or --rudder-sign is "
-    "wrong",
-}
-"""The main effect of each surface, and what it says where it is negative."""
 
 
 def stroke_reasons(found: Movement, config: RunConfig) -> Iterator[Reason]:
@@ -95,17 +86,3 @@ def rudder_reasons(found: RudderEffect, tries: int = 1) -> Iterator[Reason]:
             f"{found.fit_pct:.0f} % (free run), and its free decay alone reaches "
             f"{found.without_pct:.0f} %; the rudder must add at least {LEAST_POINTS:g} points",
         )
-
-
-def wrong_signs(derivatives: Mapping[str, Value]) -> list[str]:
-    """Return of each surface that works the wrong way by three sigmas what it does, in words.
-
-    The answer is then of an aircraft with this surface reversed, and all that is computed from its
-    derivatives, as the rudder mix, has the wrong sign.
-    """
-    found = []
-    for name, text in _REVERSED.items():
-        known = derivatives.get(name, Value())
-        if known.value is not None and known.std and known.value < -WRONG_SIGMAS * known.std:
-            found.append(f"{text} ({name} is {known.value:.3g} ± {known.std:.2g})")
-    return found
