@@ -189,8 +189,7 @@ def _together(
     reasons = [*of_the_log, *warned, *rough_reasons(wn.mean * unit, wn.std * unit)]
     if apart:
         text = disagreement(apart, f"{wn.mean * unit:.3g} ± {wn.std * unit:.2g}", speed, len(used))
-        text += LEFT_OUT[len(apart) > 1]
-        reasons.append(Reason("manoeuvres_disagree", text, warns=share >= LEAST_AGREEING))
+        reasons.append(_left_out(text, len(apart), share))
     verdict = Verdict.of(reasons, Counter(m.verdict.method for m in used).most_common(1)[0][0])
     loop = used[0].found.loop
     flight = Flight(
@@ -302,6 +301,12 @@ def disagreement(
     others = f"the other {count} have" if count > 1 else "the other one has"
     at = "" if speed is None else f" at {speed:.1f} m/s"
     return f"{', '.join(said)}; {others} {rest}{at}"
+
+
+def _left_out(text: str, count: int, share: float) -> Reason:
+    """Return the reason that ``count`` manoeuvres disagree with those of this share of weight."""
+    text += LEFT_OUT[count > 1]
+    return Reason("manoeuvres_disagree", text, warns=share >= LEAST_AGREEING)
 
 
 def _physics(chosen: Sequence[Structure], speeds: Floats) -> Mapping[str, Value]:
