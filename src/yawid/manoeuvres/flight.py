@@ -176,18 +176,17 @@ def _together(
     agree, share = agreement(x, std, TAU_WN_SHARE * float(np.median(x)), DISAGREE_WN)
     used = [alike[i] for i in np.flatnonzero(agree).tolist()]
     rest = [(alike[i].found, float(rolls[i, 0])) for i in np.flatnonzero(~agree).tolist()]
-    apart = [(each.n, f"wn {wn:.3g} rad/s", each.airspeed_m_s) for each, wn in rest]
-    speed = float(np.median(speeds[agree])) if np.isfinite(speeds[agree]).all() else None
-    unit = speed if scaled and speed is not None else 1.0
-    is_true = untrue is None
-    speed = speed if is_true else None
+    is_true, median = untrue is None, float(np.median(speeds[agree]))
+    unit = median if scaled and math.isfinite(median) else 1.0
+    speed = median if is_true and math.isfinite(median) else None
     heights = [h for each in used if (h := each.found.altitude_m) is not None]
     warned = list(_warnings(used))
     moves = np.max([(0.0, 0.0), *(reason.moves for reason in warned)], axis=0)
     wn, zeta = _averages([(*each.dutch_roll, *each.beyond) for each in chosen], by, agree, moves)
     physics = _physics([chosen[i] for i in np.flatnonzero(agree).tolist()], by[agree])
     reasons = [*of_the_log, *warned, *rough_reasons(wn.mean * unit, wn.std * unit)]
-    if apart:
+    if rest:
+        apart = [(each.n, f"wn {own:.3g} rad/s", each.airspeed_m_s) for each, own in rest]
         text = disagreement(apart, f"{wn.mean * unit:.3g} ± {wn.std * unit:.2g}", speed, len(used))
         reasons.append(_left_out(text, len(apart), share))
     verdict = Verdict.of(reasons, Counter(m.verdict.method for m in used).most_common(1)[0][0])
@@ -211,7 +210,7 @@ def _together(
         physics={n: _scaled(each, unit ** POWERS[n]) for n, each in physics.items()} or None,
         between_std=BetweenStd(wn_rad_s=wn.tau * unit, zeta=zeta.tau),
         used=[each.found.n for each in used],
-        disagree=[n for n, *_ in apart],
+        disagree=[each.n for each, _ in rest],
         refits=list(_refits(alike, chosen)) or None,
         verdict=as_summary(verdict),
     )

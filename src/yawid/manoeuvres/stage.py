@@ -100,6 +100,12 @@ class Manoeuvres:
             of_the_log = [*of_the_log, Reason("repeated", text)]
         return flights_of(self.answered, of_the_log, self._airspeed.finding())
 
+    def bare(self) -> Bare | None:
+        """Return the bare airframe of those answered; None where none was looked for."""
+        if self.laterals is None:
+            return None
+        return self.laterals.flight([flight for flight, _ in self.flights([])])
+
     def _is_repeated(self, found: SampleBlock) -> bool:
         """Return whether an earlier manoeuvre of the log has the same samples at the same times."""
         for boot_us, y in self._flown:
@@ -108,12 +114,6 @@ class Manoeuvres:
                 return True
         self._flown.append((found.boot_us, found.y))
         return False
-
-    def bare(self) -> Bare | None:
-        """Return the bare airframe of those answered; None where none was looked for."""
-        if self.laterals is None:
-            return None
-        return self.laterals.flight([flight for flight, _ in self.flights([])])
 
     def _answer(self, found: SampleBlock) -> None:
         if self._is_repeated(found):
