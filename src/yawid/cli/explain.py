@@ -21,6 +21,7 @@ from yawid.cli.config_file import commands_of
 from yawid.cli.options import Commands, add_command
 from yawid.errors import EXIT_CODES, ConfigError
 from yawid.sinks.door import WIDTH, print_text
+from yawid.trend import SEVERAL
 
 MANUAL: Final = Path(__file__).parents[1] / "manual"
 _HEADING: Final = re.compile(r"^##+ (.+)$", re.MULTILINE)
@@ -75,8 +76,6 @@ def explained(parts: Parts, asked: str) -> str:
 
 def parts_of(whole: argparse.ArgumentParser) -> Parts:
     """Return all parts; the commands and options are those of the whole parser."""
-    from yawid.trend.history import OF_TREND
-
     facts = {
         "reasons": _reasons(), "exit codes": _exit_codes(), "commands": _commands(whole),
         "options": _options(whole), "quantities": _keys(quantities=True),
@@ -95,7 +94,7 @@ def parts_of(whole: argparse.ArgumentParser) -> Parts:
         ("reasons of yawid damper", word): f"{before}\n\n{sections['What it needs']}"
         for word, before in _of_damper()
     }
-    parts |= {("reasons of yawid trend", word): sections[word] for word in OF_TREND}
+    parts["reasons of yawid trend", SEVERAL] = sections[SEVERAL]
     parts |= {("terms", word): text for word, text in _sections(manual["glossary.md"])}
     return parts | {("pages of the manual", name): text for name, text in manual.items()}
 

@@ -26,7 +26,7 @@ from yawid.estimation.methods import METHODS
 from yawid.quantities.airspeed import Kind
 from yawid.quantities.table import QUANTITIES, REDUCTION_ERROR, RUDDER, YAW_CHANNEL, quantity
 from yawid.results.reasons import KINDS
-from yawid.trend.history import OF_TREND
+from yawid.trend import SEVERAL
 
 Schema = dict[str, Any]
 _PRINTED: Final = {
@@ -86,7 +86,7 @@ class _Keys:
         if (values := self.find("values", owner, key)) is not None:
             schema = {"enum": values}
         elif key == "id":
-            schema = {"enum": [*KINDS, *OF_DAMPER, *OF_TREND]}
+            schema = {"enum": [*KINDS, *OF_DAMPER, SEVERAL]}
         elif key == "recommend":
             schema = self.options()
         elif key == "physics":

@@ -18,6 +18,7 @@ from yawid.dataset.schema import BARE
 from yawid.quantities.airspeed import density_ratio
 from yawid.quantities.vehicles import autopilot_name, type_name
 from yawid.system.stores import Place
+from yawid.trend import SEVERAL
 from yawid.trend.days import Track
 
 FOLLOWED: Final = {"kappa_rad_m": "kappa_std", "zeta": "zeta_std", "K_per_V": "K_per_V_std"}
@@ -32,8 +33,6 @@ MADE: Final = (
 )  # fmt: skip
 """Columns that say how a flight was measured: if they change with a number, they may explain it."""
 _WHO: Final = ("vehicle", "loop", "vehicle_type", "date", "log_sha256", "sysid", "boot", "usable")
-OF_TREND: Final = ("several_aircraft",)
-"""The warnings that only a trend has."""
 _MIXED: Final = ("autopilot", "airspeed_m_s")
 NO_LOOP: Final = "unknown"
 BY_SYSID: Final = "sysid:"
@@ -148,7 +147,7 @@ def mixed(flights: Flights) -> Iterator[ReasonSummary]:
                 f"{vehicle} may be several aircraft, {', '.join(said)}: name them by "
                 "yawid fleet --vehicle-from folder or --vehicle NAME"
             )
-            yield ReasonSummary(OF_TREND[0], "warning", text)
+            yield ReasonSummary(SEVERAL, "warning", text)
 
 
 def _kinds(rows: Sequence[FlightRow]) -> list[str]:
