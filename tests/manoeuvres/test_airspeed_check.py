@@ -113,7 +113,13 @@ def test_on_one_heading_only_a_tail_wind_that_no_flight_has_is_implausible() -> 
 
 @pytest.mark.parametrize(
     ("reported_m_s", "slip", "is_implausible"),
-    [(20.0, 1.0, False), (20.0, 1.4, False), (10.0, 1.0, True), (8.0, 1.0, True), (50.0, 1.0, True)],
+    [
+        (20.0, 1.0, False),
+        (20.0, 1.4, False),
+        (10.0, 1.0, True),
+        (8.0, 1.0, True),
+        (50.0, 1.0, True),
+    ],
 )
 def test_without_a_ground_speed_bank_and_turn_rate_say_it_coarsely(
     reported_m_s: float, slip: float, is_implausible: bool

@@ -39,11 +39,17 @@ def heard(tap: Any, size: int) -> bytes:
 
 
 def frames(
-    seconds: float, sysid: int = 1, hz: int = 50, first_s: float = 100.0, doublet_s: float = 0.0
+    seconds: float,
+    sysid: int = 1,
+    hz: int = 50,
+    first_s: float = 100.0,
+    doublet_s: float = 0.0,
+    flown: tuple[Any, Any] | None = None,
 ) -> list[bytes]:
     """Return the frames of a vehicle in so many seconds; its yaw rate responds to the rudder.
 
-    The rudder never rests, or, with ``doublet_s``, makes one doublet at that time.
+    The rudder never rests, or, with ``doublet_s``, makes one doublet at that time. ``flown`` gives
+    rudder (n,) in half travels and yaw rate (n,) in rad/s in place of both.
     """
     rng = np.random.default_rng(sysid)
     count = int(seconds * hz)
@@ -53,6 +59,8 @@ def frames(
         moves = np.select([since_s < 0.0, since_s < 0.8, since_s < 1.6], [0.0, 1.0, -1.0], 0.0)
     rudder_us = 1500 + 300 * moves
     rate = lfilter(B, A, (rudder_us - 1500) / 400) + rng.normal(0, 0.001, count)
+    if flown is not None:
+        rudder_us, rate = 1500 + np.round(400 * flown[0]), flown[1]
     link = mavlink.MAVLink(None, srcSystem=sysid, srcComponent=1)
     messages = [
         mavlink.MAVLink_param_value_message(name.encode(), value, 4, len(PARAMETERS), i)
