@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import jsbsim
 import numpy as np
 import pytest
 from flights.flight import trimmed
@@ -59,7 +58,7 @@ def test_each_mix_has_the_least_sideslip_of_its_roll() -> None:
 def test_jsbsims_sideslip_in_rolls_is_least_with_it(aircraft: str, feet: float, knots: float):
     plan = FlightPlan(aircraft=aircraft, altitude_ft=feet, heading_deg=0.0, speed_kt=knots)
     fdm = trimmed(plan)
-    A, aileron, rudder = lateral(jsbsim.FGLinearization(fdm))
+    A, aileron, rudder = lateral(fdm)
     B, P, R = (LATERAL.index(name) for name in ("Beta", "P", "R"))
     known = {
         "log_Y_beta": np.log(-A[B, B]), "alpha": A[B, P], "L_beta": A[P, B], "L_p": A[P, P],

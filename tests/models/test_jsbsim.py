@@ -57,7 +57,7 @@ def test_the_dutch_roll_comes_back(
     aircraft, feet, knots = place
     plan = FlightPlan(aircraft=aircraft, speed_kt=knots, altitude_ft=feet)
     fdm = trimmed(plan)
-    A, aileron, rudder = lateral(jsbsim.FGLinearization(fdm))
+    A, aileron, rudder = lateral(fdm)
     model = identified(fdm, A, aileron, rudder)
     poles = np.linalg.eigvals(model.ss().A)
     pole = poles[poles.imag > 1e-3][0]
@@ -73,7 +73,7 @@ def test_the_dutch_roll_comes_back(
     page.write_text(others.replace("</aerodynamics>", f"{axes}</aerodynamics>"), encoding="latin-1")
     monkeypatch.setattr(jsbsim, "get_default_root_dir", lambda: str(tmp_path))
 
-    B, _, _ = lateral(jsbsim.FGLinearization(trimmed(plan)))
+    B, _, _ = lateral(trimmed(plan))
     found = dutch_roll(B, rudder, 3)
     assert found is not None
     assert found["wn_rad_s"] == pytest.approx(abs(pole), rel=0.01)

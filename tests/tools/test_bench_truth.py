@@ -10,6 +10,7 @@ import pytest
 from bench import truth as bench
 from bench.table import write_csv
 from checks.judge import Row, compared
+from flights.moved import PLACES, Draw
 from hand_flights import estimate, manoeuvre, plain_summary, roll_of, verdict
 from msgspec.structs import replace
 
@@ -154,9 +155,9 @@ def test_a_wrong_flight_must_be_warned_of_or_refused_and_a_right_one_must_not() 
 
 
 def test_a_flight_is_flown_once_and_has_a_row_for_every_estimate(tmp_path: Path) -> None:
-    rows = bench.flight_rows(161, False, tmp_path, 2)
+    rows = bench.flight_rows(Draw(161, PLACES), False, tmp_path, 2)
     stamp = (tmp_path / "002.tlog").stat().st_mtime_ns
-    again = bench.flight_rows(161, False, tmp_path, 2)
+    again = bench.flight_rows(Draw(161, PLACES), False, tmp_path, 2)
     write_csv(tmp_path / "rows.csv", rows)
 
     streams = {"stream rml", "stream els"}
@@ -172,4 +173,4 @@ def test_a_flight_is_flown_once_and_has_a_row_for_every_estimate(tmp_path: Path)
             [row["wn_true"] for row in rows], rel=1e-5
         )
     with pytest.raises(SystemExit, match="is flight 2 of seed 161"):
-        bench.flight_rows(162, False, tmp_path, 2)
+        bench.flight_rows(Draw(162, PLACES), False, tmp_path, 2)

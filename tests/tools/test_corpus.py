@@ -13,7 +13,7 @@ from flights import truth as jsbsim_truth
 from flights.drawn import ARMED
 from flights.flight import Hands
 from flights.fly import flight_of, fly
-from flights.moved import ALL_SHAPES
+from flights.moved import ALL_SHAPES, SEED, Draw
 from flights.plan import FlightPlan, excitation
 from flights.surgery import join, split
 from flights.telemetry import Link, telemetry
@@ -38,8 +38,8 @@ def flown_log(hands: Hands, severity: int, plan: FlightPlan = SHORT, hz: float =
     return join(telemetry(link, flight_of(plan, link, hands, severity)))
 
 
-def made_of(group: str) -> Any:
-    return quiet.unexcited(list(quiet.KINDS).index(group))
+def made_of(group: str, draw: Draw = quiet.GENTLY) -> Any:
+    return quiet.unexcited(quiet.KINDS.index(group), draw)
 
 
 @pytest.fixture(scope="module")
@@ -49,8 +49,8 @@ def flown() -> dict[str, Any]:
         unknown = {"dutch_roll": None, "dutch_roll_open_loop": None}
         patch.setattr("flights.fly.truth_lines", lambda *_: unknown)
         patch.setattr(quiet, "LENGTHS_S", (25.0,))
-        patch.setattr(quiet, "GENTLE", (("T37", 5000.0, 200.0),))  # quickly trimmed
-        return {group: made_of(group) for group in (*STILL, *COPIES, "passenger")}
+        draw = Draw(SEED, (("T37", 5000.0, 200.0),))  # quickly trimmed
+        return {group: made_of(group, draw) for group in (*STILL, *COPIES, "passenger")}
 
 
 def test_the_truth_is_that_of_the_airspeed_flown_not_of_the_one_trimmed_for() -> None:
@@ -209,7 +209,7 @@ def test_made_logs_are_judged_into_rows_beside_their_truth(
     makers = {"excited": lambda number: made, "unexcited": lambda number: flown["mixed"]}
     monkeypatch.setattr(verdict, "MAKERS", makers)
 
-    rows = [verdict.rows_of(("forgetting",), tmp_path, (kind, 3)) for kind in makers]
+    rows = [verdict.rows_of(("forgetting",), None, tmp_path, (kind, 3)) for kind in makers]
 
     (flight,), (mixed,) = rows
     assert flight["usable"]

@@ -2,15 +2,24 @@
 
 from __future__ import annotations
 
+import csv
+import re
+import subprocess
 import tomllib
+from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from bench import sealed as runs
+from bench import verdict
+from bench.run import main
+from flights import sealed
 from flights.lateral import FRESH
-from flights.moved import AIRCRAFT
+from flights.moved import AIRCRAFT, excited
 from flights.plan import FlightPlan
-from flights.truth import linear_dutch_rolls
+from flights.truth import linear_dutch_rolls, pulse_dutch_roll
 from places import TOOLS
 
 SEALED: dict[str, list[dict[str, Any]]] = tomllib.loads(
@@ -58,3 +67,113 @@ def test_a_linear_aircraft_has_the_dutch_roll_that_is_noted(own: dict[str, Any])
     assert (abs(pair), -pair.real / abs(pair)) == pytest.approx(
         own["modes"][0], rel=0.001, abs=0.001
     )
+
+
+OWN = """
+jsbsim = []
+[[linear]]
+aircraft = "paper"
+airspeed_m_s = 25.0
+servo_lag_s = 0.05
+roll_gain = 0.5
+roll_rate_gain = 0.05
+Y_beta = -0.3
+L_beta = -15.0
+L_p = -7.0
+L_r = 2.0
+N_beta = 8.0
+N_p = -0.4
+N_r = -0.8
+Y_delta_r = -0.05
+L_delta_a = 30.0
+L_delta_r = -1.0
+N_delta_a = -1.0
+N_delta_r = 6.0
+"""
+"""An aircraft of this test's: a bench never answers about a sealed one before its time."""
+
+
+@pytest.fixture
+def project(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A project of one commit, whose one sealed aircraft is linear."""
+    (tmp_path / "tools" / "flights").mkdir(parents=True)
+    own = tmp_path / "tools" / "flights" / "sealed.toml"
+    own.write_text(OWN, encoding="utf-8")
+    git(tmp_path, "init", "--quiet")
+    commit(tmp_path)
+    monkeypatch.setattr(sealed, "PATH", own)
+    monkeypatch.setattr(runs, "ROOT", tmp_path)
+    return tmp_path
+
+
+def git(folder: Path, *arguments: str) -> str:
+    who = ["-c", "user.name=a", "-c", "user.email=a@b"]
+    return subprocess.run(
+        ["git", *who, *arguments], cwd=folder, check=True, capture_output=True, encoding="utf-8"
+    ).stdout.strip()
+
+
+def commit(folder: Path) -> None:
+    git(folder, "add", "--all")
+    git(folder, "commit", "--quiet", "--message", "x")
+
+
+def noted(folder: Path) -> list[dict[str, str]]:
+    with (folder / "tools" / "flights" / "sealed.csv").open(encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
+def test_a_linear_aircraft_does_after_a_pulse_what_its_matrices_say(project: Path) -> None:
+    plan = sealed.plan_at(*sealed.sealed_places())
+
+    closed = linear_dutch_rolls(plan)["dutch_roll"]
+    seen = pulse_dutch_roll(plan)
+
+    bare = linear_dutch_rolls(replace(plan, roll_gain=0.0, roll_rate_gain=0.0))["dutch_roll"]
+    assert seen == pytest.approx(closed, rel=0.003)
+    assert abs(bare["zeta"] - closed["zeta"]) > 0.01
+
+
+@pytest.mark.parametrize(
+    ("bench", "few"),
+    [
+        ("lateral", ["--flights", "1", "--manoeuvres", "1"]),
+        ("truth", ["--flights", "1"]),
+        ("verdict", []),
+    ],
+)
+def test_a_sealed_run_appends_a_row_for_its_commit_and_only_one(
+    bench: str, few: list[str], project: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any
+) -> None:
+    monkeypatch.setattr(verdict, "SEALED", {"excited": (excited, 1)})
+    line = [bench, "--sealed", "--jobs", "1", *few]
+    head = git(project, "rev-parse", "HEAD")
+
+    main(line)
+
+    assert "| paper |" in capsys.readouterr().out or bench == "verdict"
+    [row] = noted(project)
+    assert (row["commit"], row["bench"]) == (head, bench)
+    assert int(row["seed"]) == int(head[:8], 16) % 1_000_000
+    assert re.match("fits 1; |flights 1; |run default; ", row["figures"])
+    with pytest.raises(SystemExit, match="one for a commit"):
+        main(line)
+    (project / "limit.py").write_text("x = 1\n", encoding="utf-8")
+    with pytest.raises(SystemExit, match=r"not committed:\n\?\? limit.py"):
+        main(line)
+    assert noted(project) == [row]
+
+
+def test_the_next_commit_has_a_run_and_a_seed_of_its_own(project: Path) -> None:
+    runs.begin("verdict").note({"right": "1 of 2", "wrong": "0"})
+    commit(project)
+    runs.begin("verdict").note({"right": "2 of 2", "wrong": "0"})
+
+    first, second = noted(project)
+
+    assert (first["figures"], second["figures"]) == (
+        "right 1 of 2; wrong 0",
+        "right 2 of 2; wrong 0",
+    )
+    assert first["commit"] != second["commit"]
+    assert first["seed"] != second["seed"]

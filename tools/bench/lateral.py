@@ -1,13 +1,14 @@
 """Judges the bare airframe of JSBSim's flights under a roll hold against their linearisation.
 
     python tools/bench.py lateral [--seed 913] [--flights 240] [--manoeuvres 3] [--logs DIR]
-                                  [--fresh 0] [--jobs 2] [--csv FILE] [--readme]
+                                  [--fresh 0] [--sealed] [--jobs 2] [--csv FILE] [--readme]
 
 The flights are those of flights/lateral.py: the roll hold hears the noisy signals. Of each flight
 the first ``--manoeuvres`` are fitted, each alone, as ``--lateral auto`` does. Figures are of those
 that pass all gates. z is (estimate - truth) / sigma. The criteria are for an aileron that is also
 moved; the exit code is 1 if one is not met. The gates were chosen with seeds 701 and 812. With
-``--fresh 1`` other aircraft fly, on which nothing was ever chosen.
+``--fresh 1`` other aircraft fly, on which nothing was ever chosen, and with ``--sealed`` the sealed
+ones (bench/sealed.py).
 """
 
 from __future__ import annotations
@@ -29,12 +30,13 @@ from flights.lateral import (
     MANOEUVRES_S,
     PER_PLACE,
     SEVERITIES,
-    Place,
     kept,
 )
 from flights.moved import PLACES
-from flights.telemetry import FOOT
+from flights.plan import FOOT, Place
+from flights.sealed import sealed_places
 
+from bench.sealed import begin
 from bench.table import FLOWN, all_rows, column, head, known, line, options_of, rms, within
 from yawid.lateral.fit_airframe import START_LAGS_S, fit_airframe
 from yawid.lateral.motion import COMMAND_STEP_S, LEAD_S, Motion
@@ -75,10 +77,10 @@ def motion(flight: dict[str, Any], number: int) -> Motion:
 
 
 def rows_of(
-    seed: int, manoeuvres: int, places: Sequence[Place], folder: Path, flight: int
+    name: str, seed: int, manoeuvres: int, places: Sequence[Place], folder: Path, flight: int
 ) -> list[Row]:
     """Fly, or take from the folder, and fit; return a row for each manoeuvre."""
-    flown = kept(folder, seed, flight, places)
+    flown = kept(folder, name, seed, flight, places)
     truth = json.loads(str(flown["truth"]))
     return [_row(truth, number, motion(flown, number)) for number in range(manoeuvres)]
 
@@ -124,13 +126,17 @@ def figures(rows: Sequence[Row]) -> dict[str, tuple[float, ...]]:
     }  # fmt: skip
 
 
+def shown(rows: Sequence[Row]) -> dict[str, str]:
+    """Return the figures of COLUMNS as texts."""
+    forms = {"fits": "{:.0f}", "pass %": "{:.0f}", "zeta": "{:.4f}", "worst wn %": "{:.1f}",
+             "in 2 sigma %": "{:.0f}", "beyond 3 %": "{:.0f}", "roll mode %": "{:.1f}"}  # fmt: skip
+    return {column: " ".join(forms.get(column, "{:.2f}").format(x) for x in values)
+            for column, values in figures(rows).items()}  # fmt: skip
+
+
 def condition_line(name: str, rows: Sequence[Row]) -> str:
     """Return the line of one condition."""
-    shown = {"fits": "{:.0f}", "pass %": "{:.0f}", "zeta": "{:.4f}", "worst wn %": "{:.1f}",
-             "in 2 sigma %": "{:.0f}", "beyond 3 %": "{:.0f}", "roll mode %": "{:.1f}"}  # fmt: skip
-    cells = [" ".join(shown.get(column, "{:.2f}").format(x) for x in values)
-             for column, values in figures(rows).items()]  # fmt: skip
-    return line(name, *cells)
+    return line(name, *shown(rows).values())
 
 
 def missed(rows: Sequence[Row]) -> list[str]:
@@ -171,11 +177,17 @@ def table(rows: Sequence[Row]) -> Generator[str, None, str | None]:
 
 def main(arguments: list[str]) -> Generator[str, None, str | None]:
     """Fly, fit, and yield the table."""
-    own = {"seed": SEED, "flights": 2 * PER_PLACE * len(PLACES), "manoeuvres": 3, "fresh": 0}
+    own = {"seed": SEED, "flights": 0, "manoeuvres": 3, "fresh": 0, "sealed": False}
     options = options_of("lateral", __doc__, arguments, **own, **FLOWN)
-    places = FRESH if options.fresh else PLACES
+    name, seed, places = "lateral", options.seed, PLACES
+    if options.fresh:
+        name, places = "fresh", FRESH
+    if run := begin("lateral") if options.sealed else None:
+        name, seed, places = "sealed", run.seed, sealed_places()
     count = PER_PLACE * len(places)
-    numbers = [i * STRIDE % count + i // count * count for i in range(options.flights)]
-    fit = partial(rows_of, options.seed, options.manoeuvres, places)
-    rows = all_rows(options, fit, numbers)
+    flights = options.flights or (count // 2 if run else 2 * count)
+    numbers = [i * STRIDE % count + i // count * count for i in range(flights)]
+    rows = all_rows(options, partial(rows_of, name, seed, options.manoeuvres, places), numbers)
+    if run:
+        run.note(shown([row for row in rows if row["aileron"] == AILERONS[0]]))
     return (yield from table(rows))

@@ -70,7 +70,8 @@ def main(arguments: list[str]) -> int:
     name, *options = arguments
     tables, missed = run(name, [option for option in options if option != "--readme"])
     if "--readme" in options:
-        for place, table in zip(PLACES.get(name, (name,)), tables.split("\n\n"), strict=False):
+        places = (f"{name}_sealed",) if "--sealed" in options else PLACES.get(name, (name,))
+        for place, table in zip(places, tables.split("\n\n"), strict=False):
             put(place, table)
     if missed is not None:
         print(missed, file=sys.stderr)

@@ -1,11 +1,12 @@
 """Flies JSBSim's aircraft in all conditions, and compares estimate and sigma with the truth.
 
-    python tools/bench.py truth [--seed 162] [--flights N] [--lateral] [--logs DIR] [--jobs 2]
-                                [--csv FILE] [--readme]
+    python tools/bench.py truth [--seed 162] [--flights N] [--lateral] [--sealed] [--logs DIR]
+                                [--jobs 2] [--csv FILE] [--readme]
 
 The flights are the grid of flights/moved.py, replayed with the default options; with --logs they
 stay in DIR and are not flown again. Below the tables of the READMEs come the criteria and the worst
 answer of each aircraft. (Recorded flights: the bench ``real``.)
+With --sealed they are the sealed aircraft's (bench/sealed.py).
 With --lateral the bare airframe of each manoeuvre is looked for, too, and has a table by itself.
 The exit code is 1 if a criterion is not met. --csv has a row for each flight and estimate.
 
@@ -22,8 +23,20 @@ from pathlib import Path
 
 import numpy as np
 from checks.judge import METHODS, Row, judged, kept
-from flights.moved import COUNT, GYROS, PLACES, RATES_HZ, SEVERITIES, SHAPES, TABLE, of_grid
+from flights.moved import (
+    GYROS,
+    PER_PLACE,
+    PLACES,
+    RATES_HZ,
+    SEVERITIES,
+    SHAPES,
+    TABLE,
+    Draw,
+    of_grid,
+)
+from flights.sealed import sealed_places
 
+from bench.sealed import begin
 from bench.table import FLOWN, all_rows, column, head, known, line, options_of, rms, within
 from yawid.config.run import RunConfig
 
@@ -32,7 +45,7 @@ CONDITIONS = (
     "seconds",
 )  # fmt: skip
 STRIDE = 97
-"""Step between the numbers of the flights flown; coprime to COUNT, so that a few mix all
+"""Step between the numbers of the flights flown; coprime to their number, so that a few mix all
 conditions."""
 RIGHT_PCT, WRONG_PCT, WRONG_Z = 1.0, 3.0, 4.0
 """Limits of wn's error: below RIGHT_PCT no warning is due; above both WRONG_PCT and WRONG_Z (in
@@ -114,8 +127,20 @@ def cells(rows: Sequence[Row], kinds: Sequence[str]) -> list[str]:
 
 def condition_line(name: str, rows: Sequence[Row]) -> str:
     """Return the line of one condition."""
-    flights = len(of_kind(rows, "flight"))
-    return line(name, flights, f"{answered_pct(rows):.0f}", *cells(rows, TABLED))
+    return line(name, *condition_cells(rows))
+
+
+def condition_cells(rows: Sequence[Row]) -> list[str]:
+    """Return the cells of COLUMNS."""
+    flights = str(len(of_kind(rows, "flight")))
+    return [flights, f"{answered_pct(rows):.0f}", *cells(rows, TABLED)]
+
+
+def aircraft_lines(rows: Sequence[Row]) -> Iterator[str]:
+    """Yield a table with a row for each aircraft, answer / RML."""
+    yield from head("aircraft", COLUMNS)
+    for name in dict.fromkeys(row["aircraft"] for row in rows):
+        yield condition_line(name, [row for row in rows if row["aircraft"] == name])
 
 
 def condition_lines(rows: Sequence[Row], names: Iterable[str]) -> Iterator[str]:
@@ -231,15 +256,17 @@ def bare_lines(rows: Sequence[Row]) -> Iterator[str]:
         yield line(name, len(its), share, *cells(its, ("bare",)))
 
 
-def flight_rows(seed: int, lateral: bool, folder: Path, number: int) -> list[Row]:
+def flight_rows(draw: Draw, lateral: bool, folder: Path, number: int) -> list[Row]:
     """Return the rows of one flight of the grid; fly it if the folder does not have it yet.
 
     Raises:
         SystemExit: the folder has another flight of that name.
     """
-    log, truth = kept(folder, f"{number:03d}", partial(of_grid, seed, number))
-    if (truth["seed"], truth["number"]) != (seed, number):
-        raise SystemExit(f"{log} is flight {truth['number']} of seed {truth['seed']}, not {seed}")
+    log, truth = kept(folder, f"{number:03d}", partial(of_grid, draw, number))
+    if (truth["seed"], truth["number"]) != (draw.seed, number):
+        raise SystemExit(
+            f"{log} is flight {truth['number']} of seed {truth['seed']}, not {draw.seed}"
+        )
     conditions = {name: truth[name] for name in CONDITIONS}
     config = RunConfig(lateral="auto" if lateral else None)
     return [conditions | row for row in judged(log, truth, config)]
@@ -250,16 +277,25 @@ def main(arguments: list[str]) -> Generator[str, None, str | None]:
 
     Return which criteria are not met, None if all are.
     """
-    own = {"seed": TABLE, "flights": COUNT, "lateral": False}
+    own = {"seed": TABLE, "flights": 0, "lateral": False, "sealed": False}
     options = options_of("truth", __doc__, arguments, **own, **FLOWN)
-    numbers = sorted(i * STRIDE % COUNT for i in range(min(options.flights, COUNT)))
-    rows = all_rows(options, partial(flight_rows, options.seed, options.lateral), numbers)
+    run = begin("truth") if options.sealed else None
+    draw = Draw(run.seed, sealed_places()) if run else Draw(options.seed, PLACES)
+    count = PER_PLACE * len(draw.places)
+    flights = min(options.flights or (count // 4 if run else count), count)
+    numbers = sorted(i * STRIDE % count for i in range(flights))
+    rows = all_rows(options, partial(flight_rows, draw, options.lateral), numbers)
+    if run:
+        run.note(dict(zip(COLUMNS, condition_cells(rows), strict=True)))
     found = list(criteria(rows))
     air = ("all", *ANSWERED_PCT)
     yield from condition_lines(rows, air)
     yield line("needed", *NEEDED)
     yield ""
-    yield from across_lines(rows, [name for name in GROUPS if name not in air])
+    if run:
+        yield from aircraft_lines(rows)
+    else:
+        yield from across_lines(rows, [name for name in GROUPS if name not in air])
     yield ""
     yield from criteria_lines(found)
     yield ""

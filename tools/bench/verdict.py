@@ -1,14 +1,16 @@
 """How often the verdict errs, on logs with a known answer and on logs without excitation.
 
     python tools/bench.py verdict [--excited 120] [--unexcited 210] [--take-off 0] [--misled 0]
-                                  [--runs default inspect] [--logs DIR] [--jobs 2] [--readme]
+                                  [--sealed] [--runs default inspect] [--logs DIR] [--jobs 2]
+                                  [--readme]
 
 The logs are flights of JSBSim whose rudder is moved on purpose, half of them in turbulence
 (flights/moved.py), and logs in which nothing excites the Dutch roll (flights/quiet.py). There are
 also take-off rolls (flights/drawn.py) and flights with the rudder of another flight, with their own
 reversed in time, and with one that is late (flights/misled.py). Each is replayed with the options
 of every run. Below the table are the logs that were judged wrongly, and the reasons that refused
-right answers.
+right answers. With ``--sealed`` the sealed aircraft fly (bench/sealed.py): the logs are as many as
+SEALED says, and the run is ``default``.
 """
 
 from __future__ import annotations
@@ -23,9 +25,11 @@ from checks.judge import Row, judged, kept
 from flights.drawn import take_off
 from flights.fly import Made
 from flights.misled import misled
-from flights.moved import excited
+from flights.moved import Draw, excited
 from flights.quiet import unexcited
+from flights.sealed import sealed_places
 
+from bench.sealed import begin
 from bench.table import FLOWN, all_rows, head, line, options_of
 from yawid.config.run import RunConfig, check_settings
 from yawid.runs.inspect_log import inspect
@@ -38,6 +42,11 @@ MAKERS: dict[str, Callable[[int], Made]] = {
     "take_off": take_off,
     "misled": misled,
 }
+SEALED: dict[str, tuple[Callable[[int, Draw], Made], int]] = {
+    "excited": (excited, 44), "unexcited": (unexcited, 28), "misled": (misled, 30),
+}  # fmt: skip
+"""The logs that sealed aircraft make, and how many there are in a sealed run."""
+COLUMNS = ("usable without excitation", "right", "right, refused", "usable, wrong")
 FALSE = ("unexcited", "take_off", "misled")
 """The kinds of logs of which none may be usable."""
 
@@ -58,11 +67,15 @@ RUNS: dict[str, Callable[[Path], RunConfig | None]] = {
 verdict refused because of turns recommends."""
 
 
-def rows_of(runs: Sequence[str], folder: Path, task: tuple[str, int]) -> list[Row]:
-    """Return the row of each run on one log."""
+def rows_of(
+    runs: Sequence[str], draw: Draw | None, folder: Path, task: tuple[str, int]
+) -> list[Row]:
+    """Return the row of each run on one log; sealed aircraft fly it if their ``draw`` is given."""
     kind, number = task
-    name = f"{kind}_{number:03d}"
-    log, truth = kept(folder, name, partial(MAKERS[kind], number))
+    name, make = f"{kind}_{number:03d}", partial(MAKERS[kind], number)
+    if draw:
+        name, make = f"sealed_{draw.seed}_{name}", partial(SEALED[kind][0], number, draw)
+    log, truth = kept(folder, name, make)
     rows = []
     for run in runs:
         row: Row = {"usable": False, "fatal": "no_run_recommended", "wn_error_pct": None}
@@ -78,9 +91,12 @@ def off_pct(row: Row) -> float:
     return math.inf if error is None else abs(error)
 
 
-def table(rows: list[Row]) -> Iterator[str]:
-    """Yield a table of both kinds of error, a row for each run; then the wrong judgements."""
-    yield from head("", ("usable without excitation", "right", "right, refused", "usable, wrong"))
+def table(rows: list[Row], note: Callable[[dict[str, str]], None] | None = None) -> Iterator[str]:
+    """Yield a table of both kinds of error, a row for each run; then the wrong judgements.
+
+    ``note`` is called with the figures of each run.
+    """
+    yield from head("", COLUMNS)
     others = []
     for run in dict.fromkeys(row["run"] for row in rows):
         mine = [row for row in rows if row["run"] == run]
@@ -97,7 +113,10 @@ def table(rows: list[Row]) -> Iterator[str]:
             + (f" ({kind})" if kind != FALSE[0] else "")
             for kind in kinds
         )
-        yield line(run, usable, f"{len(right)} of {len(flights)}", len(refused), len(wrong))
+        cells = usable, f"{len(right)} of {len(flights)}", str(len(refused)), str(len(wrong))
+        yield line(run, *cells)
+        if note:
+            note({"run": run} | dict(zip(COLUMNS, cells, strict=True)))
         others += [f"{run}: {row['name']} ({row['group']}) is usable" for row in [*false, *wrong]]
         reasons = Counter(reason for row in refused for reason in row["fatal"].split())
         others += [f"{run}: {reason} refuses {n} right ones" for reason, n in reasons.items()]
@@ -108,9 +127,15 @@ def table(rows: list[Row]) -> Iterator[str]:
 def main(arguments: list[str]) -> Iterator[str]:
     """Yield the table."""
     logs = {"excited": 120, "unexcited": 210, "take_off": 0, "misled": 0}
-    own = {"runs": ("default", "inspect")}
+    own = {"runs": ("default", "inspect"), "sealed": False}
     options = options_of("verdict", __doc__, arguments, **logs, **own, **FLOWN)
     if unknown := set(options.runs) - RUNS.keys():
         raise SystemExit(f"no such run: {', '.join(sorted(unknown))}; there are {', '.join(RUNS)}")
-    tasks = [(kind, i) for kind in MAKERS for i in range(getattr(options, kind))]
-    yield from table(all_rows(options, partial(rows_of, options.runs), tasks))
+    if not options.sealed:
+        tasks = [(kind, i) for kind in MAKERS for i in range(getattr(options, kind))]
+        yield from table(all_rows(options, partial(rows_of, options.runs, None), tasks))
+        return
+    run = begin("verdict")
+    draw = Draw(run.seed, sealed_places())
+    tasks = [(kind, i) for kind, (_, count) in SEALED.items() for i in range(count)]
+    yield from table(all_rows(options, partial(rows_of, ("default",), draw), tasks), run.note)

@@ -10,13 +10,12 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
-import jsbsim
 import numpy as np
 from numpy.typing import NDArray
 
 from flights.flight import Flight, Hands, trimmed
-from flights.plan import STEP_S, FlightPlan
-from flights.telemetry import KNOT, Link
+from flights.plan import KNOT, STEP_S, FlightPlan
+from flights.telemetry import Link
 from flights.truth import LATERAL, dutch_roll, lateral
 
 GRAVITY = 9.80665
@@ -126,7 +125,7 @@ class Linear:
 def linear(plan: FlightPlan, servo_lag_s: float) -> Linear:
     """Return the linearised lateral motion at a plan's trim, with roll hold and a servo's lag."""
     fdm = trimmed(plan)
-    A4, aileron, rudder = lateral(jsbsim.FGLinearization(fdm))
+    A4, aileron, rudder = lateral(fdm)
     hold = np.zeros(len(LATERAL))
     hold[LATERAL.index("Phi")], hold[LATERAL.index("P")] = plan.roll_gain, plan.roll_rate_gain
     A, b = np.zeros((5, 5)), np.zeros(5)

@@ -17,9 +17,9 @@ from flights.flight import Floats
 from flights.fly import Made
 from flights.hands import by_hand, count, wander
 from flights.moved import SEED, drawn_link
-from flights.plan import STEP_S, FlightPlan
+from flights.plan import FOOT, KNOT, STEP_S, FlightPlan
 from flights.surgery import Record, edited, join, px4_control, split
-from flights.telemetry import FOOT, KNOT, Link, telemetry
+from flights.telemetry import Link, telemetry
 
 MANUAL, QSTABILIZE, QHOVER, QLOITER, AUTO = 0, 17, 18, 19, 10
 ARMED = mavlink.MAV_MODE_FLAG_SAFETY_ARMED

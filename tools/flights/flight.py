@@ -16,7 +16,9 @@ import jsbsim
 import numpy as np
 from numpy.typing import NDArray
 
+from flights.linear import LinearAircraft
 from flights.plan import STEP_S, FlightError, FlightPlan
+from flights.sealed import sealed
 from flights.telemetry import Link
 
 Floats = NDArray[np.float64]
@@ -71,9 +73,13 @@ def jsbsim_rudder(unit: float) -> float:
 def trimmed(plan: FlightPlan) -> Any:
     """Return a ``jsbsim.FGFDMExec`` in straight and level flight, engines running.
 
+    One of the linear aircraft of sealed.toml is returned as it is.
+
     Raises:
         FlightError: JSBSim does not have the aircraft, or finds no trim.
     """
+    if "servo_lag_s" in (own := sealed(plan.aircraft)):
+        return LinearAircraft(own, plan)
     jsbsim.set_logger(jsbsim.DefaultLogger(jsbsim.LogLevel.FATAL))
     fdm = jsbsim.FGFDMExec(jsbsim.get_default_root_dir())
     fdm.set_debug_level(0)

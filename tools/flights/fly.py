@@ -8,9 +8,9 @@ from typing import Any
 from flights.flight import Flight, Hands
 from flights.guided import LegFlight, leg_truth
 from flights.legs import LegPlan
-from flights.plan import FlightPlan, excitation
+from flights.plan import FOOT, KNOT, FlightPlan, excitation
 from flights.surgery import join
-from flights.telemetry import FOOT, KNOT, Link, telemetry
+from flights.telemetry import Link, telemetry
 from flights.truth import after_lead_in, modes_at, truth_lines
 
 

@@ -18,8 +18,8 @@ import numpy as np
 
 from flights.flight import MILSPEC, PITCH_GAIN, PITCH_RATE_GAIN, Flight, Hands
 from flights.legs import MODES, Floats, Leg, LegPlan, rudder_moves
-from flights.plan import STEP_S
-from flights.telemetry import FOOT, KNOT, Link
+from flights.plan import FOOT, KNOT, STEP_S
+from flights.telemetry import Link
 from flights.truth import flown_yaw_channels, linear_dutch_rolls, yaw_channels
 
 GUIDE_MS = 20

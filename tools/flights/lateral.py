@@ -14,13 +14,12 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import jsbsim
 import numpy as np
 
 from flights.flight import MILSPEC, PITCH_GAIN, PITCH_RATE_GAIN, Floats, jsbsim_rudder, trimmed
 from flights.moved import PLACES
-from flights.plan import LEAD_IN_S, FlightPlan, Servo, manoeuvre_pieces
-from flights.telemetry import FOOT
+from flights.plan import FOOT, LEAD_IN_S, FlightPlan, Place, Servo, manoeuvre_pieces
+from flights.sealed import plan_at
 from flights.truth import LATERAL, lateral, linear_dutch_rolls
 
 AILERONS = ("moved", "feedback")
@@ -34,7 +33,6 @@ FRESH = (
 """Places as PLACES, of aircraft on which nothing was ever chosen. Pulse and linearisation agree."""
 PER_PLACE = len(SEVERITIES) * len(AILERONS)
 """Number of conditions at a place: after all of them they come again, with other noise."""
-Place = tuple[str, float, float]
 MANOEUVRES_S = 30.0
 DT_S, SENSED_S, LOGGED_S = 0.001, 0.02, 0.04
 AMPLITUDES = {"J3Cub": 0.08, "t6texan2": 0.12}
@@ -50,8 +48,8 @@ def of_number(seed: int, number: int, places: Sequence[Place]) -> dict[str, Any]
     """Return flight ``number`` (from 0) of a seed as arrays, ``truth`` as JSON."""
     rest, place = divmod(number % (len(places) * PER_PLACE), len(places))
     aileron, severity = divmod(rest, len(SEVERITIES))
-    name, feet, knots = places[place]
-    plan = FlightPlan(aircraft=name, altitude_ft=feet, speed_kt=knots)
+    name, _, knots = places[place]
+    plan = plan_at(places[place])
     mode = linear_dutch_rolls(replace(plan, roll_gain=0.0, roll_rate_gain=0.0))["dutch_roll"]
     assert mode is not None, plan
     rng = np.random.default_rng([seed, number])
@@ -67,8 +65,7 @@ def of_number(seed: int, number: int, places: Sequence[Place]) -> dict[str, Any]
 
 def in_turn(place: int, bank: float, seed: int) -> dict[str, Any]:
     """Return the first manoeuvre of a calm flight at PLACES[place] in a steady bank in rad."""
-    name, feet, knots = PLACES[place]
-    plan = FlightPlan(aircraft=name, altitude_ft=feet, speed_kt=knots)
+    plan = plan_at(PLACES[place])
     mode = linear_dutch_rolls(replace(plan, roll_gain=0.0, roll_rate_gain=0.0))["dutch_roll"]
     assert mode is not None, plan
     n = round((LEAD_IN_S + MANOEUVRES_S) / DT_S)
@@ -77,9 +74,10 @@ def in_turn(place: int, bank: float, seed: int) -> dict[str, Any]:
     return flown | {"truth": json.dumps({"manoeuvres": [{"start_s": LEAD_IN_S}]})}
 
 
-def kept(folder: Path, seed: int, number: int, places: Sequence[Place]) -> dict[str, Any]:
-    """Return a flight from the folder; fly it and keep it if it is not there yet."""
-    name = "fresh" if places == FRESH else "lateral"
+def kept(
+    folder: Path, name: str, seed: int, number: int, places: Sequence[Place]
+) -> dict[str, Any]:
+    """Return a flight from the folder; fly it and keep it by that name if it is not there yet."""
     path = folder / f"{name}_{seed}_{number:03d}.npz"
     if not path.exists():
         part = path.with_suffix(".part.npz")
@@ -178,7 +176,7 @@ def _truths(plan: FlightPlan, attitude: Floats) -> list[dict[str, Any]]:
 
 
 def _bare(plan: FlightPlan) -> dict[str, Any]:
-    A, aileron, rudder = lateral(jsbsim.FGLinearization(trimmed(plan)))
+    A, aileron, rudder = lateral(trimmed(plan))
     rows = [LATERAL.index(name) for name in ("Beta", "P", "R", "Phi")]
     B = np.stack([aileron, -rudder], 1)[rows]
     return {"kt": plan.speed_kt, "A": A[np.ix_(rows, rows)].tolist(), "B": B.tolist()}

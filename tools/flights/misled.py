@@ -13,7 +13,7 @@ from typing import Any
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from flights.fly import Made
-from flights.moved import excited
+from flights.moved import CHOSEN, Draw, excited
 from flights.surgery import Record, edited, join, message_id, payload, split
 
 APART = 34
@@ -40,9 +40,9 @@ def with_pulses(flown: list[Record], rudder: list[int]) -> bytes:
     return join(edited(flown, SERVO_OUTPUT_RAW=servos))
 
 
-def other(number: int) -> Made:
+def other(number: int, draw: Draw) -> Made:
     """Give a flight the rudder of another one, at the times of its own messages."""
-    made, stranger = excited(number), pulses(split(excited(number + APART).log))
+    made, stranger = excited(number, draw), pulses(split(excited(number + APART, draw).log))
     flown = split(made.log)
     rudder, at = [], 0
     for stamp, _ in pulses(flown):
@@ -52,16 +52,16 @@ def other(number: int) -> Made:
     return Made(with_pulses(flown, rudder), made.truth)
 
 
-def backwards(number: int) -> Made:
+def backwards(number: int, draw: Draw) -> Made:
     """Reverse a flight's rudder in time."""
-    made = excited(number)
+    made = excited(number, draw)
     flown = split(made.log)
     return Made(with_pulses(flown, [pulse for _, pulse in reversed(pulses(flown))]), made.truth)
 
 
-def late(number: int) -> Made:
+def late(number: int, draw: Draw) -> Made:
     """Give a flight's rudder a clock that is late."""
-    made = excited(number)
+    made = excited(number, draw)
     flown = split(made.log)
     own = pulses(flown)
     behind = sum(stamp < own[0][0] + 1e6 * LATE_S for stamp, _ in own)
@@ -69,16 +69,16 @@ def late(number: int) -> Made:
     return Made(with_pulses(flown, rudder), made.truth)
 
 
-KINDS: dict[str, Callable[[int], Made]] = {
+KINDS: dict[str, Callable[[int, Draw], Made]] = {
     "other flight": other,
     "backwards": backwards,
     "late": late,
 }
 
 
-def misled(number: int) -> Made:
+def misled(number: int, draw: Draw = CHOSEN) -> Made:
     """Return log ``number`` of the corpus; the kinds come in turn, and so do the flights."""
     kind = list(KINDS)[number % len(KINDS)]
-    made = KINDS[kind](number // len(KINDS))
+    made = KINDS[kind](number // len(KINDS), draw)
     assert made.truth is not None
     return Made(made.log, made.truth | {"group": kind})

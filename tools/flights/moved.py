@@ -6,7 +6,8 @@ Each flight has a random generator with its own seed: the same numbers give the 
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,8 @@ import numpy as np
 from flights.flight import Hands
 from flights.fly import Made, fly
 from flights.hands import pulses
-from flights.plan import STEP_S, FlightPlan, excitation
+from flights.plan import STEP_S, FlightPlan, Place, excitation
+from flights.sealed import plan_at
 from flights.telemetry import Link
 from flights.truth import linear_dutch_rolls
 
@@ -48,43 +50,56 @@ GYROS = {"clean": 0.0005, "noisy": 0.008}
 RATES_HZ = (10, 25, 50)
 LINK_RATES_HZ = ((50, 50), (25, 25), (10, 10), (20, 20), (50, 25), (25, 10), (20, 10))
 """Rates of ATTITUDE and SERVO_OUTPUT_RAW in Hz, as pairs."""
-COUNT = len(PLACES) * len(SHAPES) * 2 * len(GYROS)
+PER_PLACE = len(SHAPES) * 2 * len(GYROS)
+COUNT = len(PLACES) * PER_PLACE
 """Number of flights in the grid."""
 REST_S = 8.0
 """Time in s with the rudder at trim at the end of a flight of the grid."""
 
 
-def of_grid(seed: int, number: int) -> Made:
-    """Return flight ``number`` (0 to COUNT - 1) of a seed's grid.
+@dataclass(frozen=True, slots=True)
+class Draw:
+    """The seed and the places of a corpus."""
+
+    seed: int = SEED
+    places: Sequence[Place] = tuple(CONDITIONS)
+
+
+CHOSEN = Draw()
+"""The corpora on which limits are chosen."""
+
+
+def of_grid(draw: Draw, number: int) -> Made:
+    """Return flight ``number`` (0 to PER_PLACE for each place, less 1) of the grid.
 
     Aircraft, speed, manoeuvre, calm or turbulent air and gyro form a full grid; rates and
     severities come in turn. Amplitude (10 to 30 % of travel), length and heading are random.
     """
-    rng = np.random.default_rng([seed, number])
-    rest, place = divmod(number, len(PLACES))
+    rng = np.random.default_rng([draw.seed, number])
+    rest, place = divmod(number, len(draw.places))
     rest, shape = divmod(rest, len(SHAPES))
     gyro, gusty = divmod(rest, 2)
     turn = place + shape + gyro + gusty
     severity = 1 + (turn + place // 2) % 3 if gusty else 0
-    plan = _plan(rng, PLACES[place], SHAPES[shape], (70.0, 85.0, 100.0))
+    plan = _plan(rng, draw.places[place], SHAPES[shape], (70.0, 85.0, 100.0))
     rudder = excitation(plan)
     rudder[-round(REST_S / STEP_S) :] = 0.0
     hz, name = RATES_HZ[turn % len(RATES_HZ)], list(GYROS)[gyro]
     link = Link(hz, hz, rate_noise=GYROS[name], seed=int(rng.integers(1, 2**31)))
-    facts: dict[str, Any] = {"gyro": name, "rate_hz": hz, "seed": seed, "number": number}
+    facts: dict[str, Any] = {"gyro": name, "rate_hz": hz, "seed": draw.seed, "number": number}
     return fly(plan, link, Hands(rudder), severity, **facts)
 
 
-def excited(number: int) -> Made:
+def excited(number: int, draw: Draw = CHOSEN) -> Made:
     """Return flight ``number`` of the excited corpus; even ones are calm, odd ones turbulent.
 
     Aircraft, speeds and manoeuvres come in turn. Amplitude, length, rates and noise are random; in
     one of four flights, on average, the aileron moves, too.
     """
-    rng = np.random.default_rng([SEED, 0, number])
+    rng = np.random.default_rng([draw.seed, 0, number])
     half, shapes = number // 2, len(ALL_SHAPES)
-    manoeuvre = ALL_SHAPES[(half + 2 * (half // len(CONDITIONS))) % shapes]
-    place = CONDITIONS[half % len(CONDITIONS)]
+    manoeuvre = ALL_SHAPES[(half + 2 * (half // len(draw.places))) % shapes]
+    place = draw.places[half % len(draw.places)]
     severity = 0 if number % 2 == 0 else 1 + half % 4
     plan = _plan(rng, place, manoeuvre, (60.0, 80.0, 100.0, 120.0))
     hands, stirred = Hands(excitation(plan)), bool(rng.random() < 0.25)
@@ -96,15 +111,12 @@ def excited(number: int) -> Made:
 
 def _plan(
     rng: np.random.Generator,
-    place: tuple[str, float, float],
+    place: Place,
     manoeuvre: str,
     lengths_s: tuple[float, ...],
 ) -> FlightPlan:
-    aircraft, altitude_ft, speed_kt = place
-    plan = FlightPlan(
-        aircraft=aircraft,
-        speed_kt=speed_kt,
-        altitude_ft=altitude_ft,
+    plan = plan_at(
+        place,
         heading_deg=float(rng.integers(0, 360)),
         seconds=float(rng.choice(lengths_s)),
         manoeuvre=manoeuvre,

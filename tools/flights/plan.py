@@ -14,6 +14,9 @@ STEP_S = 0.001  # boot time counts milliseconds: every message falls on a step
 LEAD_IN_S = 5.0  # the flight starts at trim, while a receiver finds vehicle and parameters
 MANOEUVRES = ("3211", "doublets", "prbs", "sweep", "none")
 SWEEP_S = 45.0  # length of one sweep
+KNOT, FOOT = 0.514444, 0.3048
+Place = tuple[str, float, float]
+"""Name of an aircraft, altitude in ft and calibrated airspeed in kt."""
 
 
 class FlightError(RuntimeError):

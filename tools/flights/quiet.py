@@ -20,15 +20,18 @@ from flights.drawn import ARMED, LENGTHS_S, disarmed, hovering, parked, quadroto
 from flights.flight import Floats, Hands
 from flights.fly import Made, fly
 from flights.hands import Damper, Mixed, by_hand, count, wander
-from flights.moved import SEED, drawn_link
-from flights.plan import FlightPlan
+from flights.moved import SEED, Draw, drawn_link
+from flights.plan import Place
+from flights.sealed import plan_at
 from flights.surgery import Record, edited, join, message_id, payload, px4_control, split
 
 GENTLE = (
     ("c172p", 3000.0, 100.0), ("J3Cub", 2000.0, 60.0), ("T37", 5000.0, 200.0),
     ("t6texan2", 5000.0, 180.0), ("OV10", 5000.0, 160.0), ("c172r", 3000.0, 90.0),
 )  # fmt: skip
-"""Aircraft, altitudes in ft and airspeeds in kt of the flights."""
+GENTLY = Draw(SEED, GENTLE)
+"""The places and the seed of the flights on which limits are chosen."""
+Places = Sequence[Place]
 
 
 def turns(rng: np.random.Generator, seconds: float) -> Floats:
@@ -50,40 +53,41 @@ def drift(rng: np.random.Generator, seconds: float) -> Floats:
 
 def in_the_air(
     rng: np.random.Generator,
+    places: Places,
     hands: Callable[[float], Hands],
     severities: Sequence[int],
     **facts: Any,
 ) -> Made:
-    """Fly one of the GENTLE aircraft; ``hands`` is called with the length of the flight in s."""
-    aircraft, altitude_ft, speed_kt = GENTLE[rng.integers(len(GENTLE))]
+    """Fly one of the aircraft; ``hands`` is called with the length of the flight in s."""
+    place = places[rng.integers(len(places))]
     seconds = float(rng.choice(LENGTHS_S))
     heading_deg = float(rng.integers(0, 360))
-    plan = FlightPlan(aircraft, speed_kt, altitude_ft, heading_deg, seconds, manoeuvre="none")
+    plan = plan_at(place, heading_deg=heading_deg, seconds=seconds, manoeuvre="none")
     severity = int(rng.choice(severities))
     return fly(plan, drawn_link(rng), hands(seconds), severity, **facts)
 
 
-def turning(rng: np.random.Generator) -> Made:
+def turning(rng: np.random.Generator, places: Places) -> Made:
     """Fly turns with the aileron alone, while the rudder does not move."""
-    return in_the_air(rng, lambda s: Hands(bank=turns(rng, s)), (0, 0, 1, 2))
+    return in_the_air(rng, places, lambda s: Hands(bank=turns(rng, s)), (0, 0, 1, 2))
 
 
-def gusts(rng: np.random.Generator) -> Made:
+def gusts(rng: np.random.Generator, places: Places) -> Made:
     """Fly wings level in turbulence, while the rudder does not move."""
-    return in_the_air(rng, lambda s: Hands(), (1, 2, 3, 4))
+    return in_the_air(rng, places, lambda s: Hands(), (1, 2, 3, 4))
 
 
-def drifting(rng: np.random.Generator) -> Made:
+def drifting(rng: np.random.Generator, places: Places) -> Made:
     """Fly in turbulence, half of the flights in turns, while the rudder's trim wanders."""
 
     def hands(seconds: float) -> Hands:
         bank = turns(rng, seconds) if rng.random() < 0.5 else None
         return Hands(rudder=drift(rng, seconds), bank=bank)
 
-    return in_the_air(rng, hands, (0, 1, 2, 3, 4))
+    return in_the_air(rng, places, hands, (0, 1, 2, 3, 4))
 
 
-def mixed(rng: np.random.Generator) -> Made:
+def mixed(rng: np.random.Generator, places: Places) -> Made:
     """Fly with an autopilot whose rudder is a share of its aileron with a little noise."""
     share = round(float(rng.uniform(0.2, 1.0)), 2)
     noise = float(rng.choice([0.0, 0.001, 0.003]))
@@ -92,10 +96,10 @@ def mixed(rng: np.random.Generator) -> Made:
         rustle = wander(rng, count(seconds), 0.1, noise)
         return Hands(bank=turns(rng, seconds), react=Mixed(share, noise=rustle))
 
-    return in_the_air(rng, hands, (0, 1, 2, 3), share=share, rudder_noise=noise)
+    return in_the_air(rng, places, hands, (0, 1, 2, 3), share=share, rudder_noise=noise)
 
 
-def coordinated(rng: np.random.Generator) -> Made:
+def coordinated(rng: np.random.Generator, places: Places) -> Made:
     """Fly a pilot's coordinated turns: the rudder lags the aileron by 0.1 to 0.3 s."""
     share, lag_s = (round(float(rng.uniform(*ends)), 2) for ends in ((0.2, 0.8), (0.1, 0.3)))
 
@@ -103,10 +107,10 @@ def coordinated(rng: np.random.Generator) -> Made:
         foot = wander(rng, count(seconds), 0.5, 0.003)
         return Hands(bank=turns(rng, seconds), react=Mixed(share, lag_s, foot))
 
-    return in_the_air(rng, hands, (0, 0, 1, 2), share=share, lag_s=lag_s)
+    return in_the_air(rng, places, hands, (0, 0, 1, 2), share=share, lag_s=lag_s)
 
 
-def damped(rng: np.random.Generator) -> Made:
+def damped(rng: np.random.Generator, places: Places) -> Made:
     """Fly in turbulence, half of the flights in turns; only a yaw damper moves the rudder."""
     gain = round(float(rng.uniform(0.3, 1.5)), 2)
 
@@ -114,10 +118,10 @@ def damped(rng: np.random.Generator) -> Made:
         bank = turns(rng, seconds) if rng.random() < 0.5 else None
         return Hands(bank=bank, react=Damper(gain))
 
-    return in_the_air(rng, hands, (1, 2, 3, 4), damper=gain)
+    return in_the_air(rng, places, hands, (1, 2, 3, 4), damper=gain)
 
 
-def vibrating(rng: np.random.Generator) -> Made:
+def vibrating(rng: np.random.Generator, places: Places) -> Made:
     """Add a vibration of 2 to 4 Hz to the gyro; the rudder moves by at most 2 % of travel."""
     line_hz = round(float(rng.uniform(2.0, 4.0)), 2)
     share = round(float(rng.uniform(0.1, 0.7)), 2)
@@ -126,7 +130,7 @@ def vibrating(rng: np.random.Generator) -> Made:
     def hands(seconds: float) -> Hands:
         return Hands(by_hand(rng, seconds, foot, 0.8) if foot else drift(rng, seconds))
 
-    made = in_the_air(rng, hands, (1, 2, 3), line_hz=line_hz, line_share=share)
+    made = in_the_air(rng, places, hands, (1, 2, 3), line_hz=line_hz, line_share=share)
     return Made(with_line(made.log, line_hz, share, rng), made.truth)
 
 
@@ -154,12 +158,16 @@ def with_line(log: bytes, line_hz: float, share: float, rng: np.random.Generator
     return join(edited(split(log), ATTITUDE=attitude))
 
 
-def passenger(rng: np.random.Generator) -> Made:
+def passenger(rng: np.random.Generator, places: Places) -> Made:
     """Carry a PX4 along that controls nothing: its controls move, its outputs do not.
 
     In half of the logs it is disarmed.
     """
-    made = in_the_air(rng, lambda s: Hands(bank=turns(rng, s), react=Mixed(0.3, 0.2)), (0, 1, 2))
+
+    def hands(seconds: float) -> Hands:
+        return Hands(bank=turns(rng, seconds), react=Mixed(0.3, 0.2))
+
+    made = in_the_air(rng, places, hands, (0, 1, 2))
     armed, status = bool(rng.random() < 0.5), bool(rng.random() < 0.5)
     log = as_passenger(split(made.log), rng, armed=armed, status=status)
     assert made.truth is not None
@@ -204,7 +212,7 @@ def _still_outputs(time_us: int, status: bool) -> Any:
     return mavlink.MAVLink_actuator_output_status_message(time_us, 8, values)
 
 
-KINDS: dict[str, Callable[[np.random.Generator], Made]] = {
+AIR: dict[str, Callable[[np.random.Generator, Places], Made]] = {
     "turns": turning,
     "gusts": gusts,
     "drift": drifting,
@@ -213,6 +221,8 @@ KINDS: dict[str, Callable[[np.random.Generator], Made]] = {
     "damper": damped,
     "vibration": vibrating,
     "passenger": passenger,
+}
+GROUND: dict[str, Callable[[np.random.Generator], Made]] = {
     "hover": hovering,
     "quadrotor": quadrotor,
     "tumble": tumbling,
@@ -220,12 +230,13 @@ KINDS: dict[str, Callable[[np.random.Generator], Made]] = {
     "disarmed": disarmed,
     "taxi": taxiing,
 }
+KINDS = (*AIR, *GROUND)
 
 
-def unexcited(number: int) -> Made:
+def unexcited(number: int, draw: Draw = GENTLY) -> Made:
     """Return log ``number`` of the corpus without excitation; the kinds come in turn."""
-    group = list(KINDS)[number % len(KINDS)]
-    rng = np.random.default_rng([SEED, 1, number])
-    made = KINDS[group](rng)
+    group = KINDS[number % len(KINDS)]
+    rng = np.random.default_rng([draw.seed, 1, number])
+    made = AIR[group](rng, draw.places) if group in AIR else GROUND[group](rng)
     assert made.truth is not None
     return Made(made.log, made.truth | {"group": group})

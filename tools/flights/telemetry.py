@@ -10,13 +10,12 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from flights.plan import FlightPlan, Servo
+from flights.plan import FOOT, KNOT, FlightPlan, Servo
 from flights.surgery import Encoder
 
 EPOCH_US = 1_700_000_000_000_000  # the receive clock when the flight starts
 GCS = (255, 190)
 FBWA, GCS_MODE = 5, 0
-KNOT, FOOT = 0.514444, 0.3048
 AILERON, ELEVATOR, THROTTLE, RUDDER = 4, 19, 70, 21  # SERVOn_FUNCTION of servos 1 to 4
 
 

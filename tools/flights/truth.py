@@ -18,7 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flights.flight import Flight, Hands, trimmed
+from flights.linear import LinearAircraft
 from flights.plan import LEAD_IN_S, STEP_S, FlightPlan, Servo
+from flights.sealed import sealed
 
 Floats = NDArray[np.float64]
 Mode = dict[str, float]
@@ -111,9 +113,10 @@ def truth_lines(plan: FlightPlan, flown: Floats) -> dict[str, Line | None]:
         linear_dutch_rolls(replace(mean, speed_kt=mean.speed_kt + x)) for x in (0.0, step_kt)
     )
     bare = replace(mean, roll_gain=0.0, roll_rate_gain=0.0)
+    exact = "servo_lag_s" in sealed(plan.aircraft)  # a linear aircraft's pulse says nothing more
     lines: dict[str, Line | None] = {}
     for name, loop in (("dutch_roll", mean), ("dutch_roll_open_loop", bare)):
-        modes = at[name], faster[name], pulse_dutch_roll(loop)
+        modes = at[name], faster[name], at[name] if exact else pulse_dutch_roll(loop)
         pairs = np.array([(m["wn_rad_s"], m["zeta"]) for m in modes if m is not None])
         lines[name] = None
         if len(pairs) == len(modes):
@@ -135,12 +138,9 @@ def at_airspeeds(line: Line, knots: Floats) -> tuple[Floats, Floats]:
 
 def linear_dutch_rolls(plan: FlightPlan) -> dict[str, Mode | None]:
     """Return the linearised Dutch rolls at a plan's trim: with its roll hold, and bare."""
-    A, closed, rudder = _with_roll_hold(plan)
+    bare, closed = _with_roll_hold(plan)
     r = LATERAL.index("R")
-    return {
-        "dutch_roll": dutch_roll(closed, rudder, r),
-        "dutch_roll_open_loop": dutch_roll(A, rudder, r),
-    }
+    return {"dutch_roll": dutch_roll(*closed, r), "dutch_roll_open_loop": dutch_roll(*bare, r)}
 
 
 def yaw_channels(plan: FlightPlan) -> dict[str, Mode | None]:
@@ -153,8 +153,8 @@ def yaw_channels(plan: FlightPlan) -> dict[str, Mode | None]:
     The Dutch roll is the linearisation's. K and T minimise the relative misfit to the whole r/u
     from 0.3 to 3 wn (``misfit``, its rms): r/u also has spiral and roll mode, the model does not.
     """
-    A, closed, rudder = _with_roll_hold(plan)
-    return {"airframe": _yaw_channel(A, rudder), "with_roll_loop": _yaw_channel(closed, rudder)}
+    bare, closed = _with_roll_hold(plan)
+    return {"airframe": _yaw_channel(*bare), "with_roll_loop": _yaw_channel(*closed)}
 
 
 def _yaw_channel(A: Floats, rudder: Floats) -> Mode | None:
@@ -176,19 +176,32 @@ def _yaw_channel(A: Floats, rudder: Floats) -> Mode | None:
 
 
 @lru_cache(maxsize=32)
-def _with_roll_hold(plan: FlightPlan) -> tuple[Floats, Floats, Floats]:
-    """Return A (4, 4) of the bare airframe and with the roll hold, and the rudder's column (4,).
+def _with_roll_hold(plan: FlightPlan) -> tuple[tuple[Floats, Floats], tuple[Floats, Floats]]:
+    """Return A (4, 4) and the rudder's column (4,) of the bare airframe, and with the roll hold.
 
+    With the roll hold, a linear aircraft has a fifth state, its aileron, whose servo lags.
     Results are cached: with a piston engine, JSBSim's linearisation takes up to 1 s, sometimes 12.
     """
-    A, aileron, rudder = lateral(jsbsim.FGLinearization(trimmed(plan)))
+    fdm = trimmed(plan)
+    A, aileron, rudder = lateral(fdm)
     hold = np.zeros(len(LATERAL))  # aileron = trim - hold @ (x - trim)
     hold[LATERAL.index("Phi")], hold[LATERAL.index("P")] = plan.roll_gain, plan.roll_rate_gain
-    return A, A - np.outer(aileron, hold), rudder
+    closed = A - np.outer(aileron, hold), rudder
+    if isinstance(fdm, LinearAircraft):
+        rate = 1.0 / fdm.servo_lag_s
+        lagging = np.block([[A, aileron[:, None]], [-rate * hold, np.array([-rate])]])
+        closed = lagging, np.append(rudder, 0.0)
+    return (A, rudder), closed
 
 
-def lateral(linear: Any) -> tuple[Floats, Floats, Floats]:
-    """Return A (4, 4) of the lateral states and the columns (4,) of aileron and rudder commands."""
+def lateral(fdm: Any) -> tuple[Floats, Floats, Floats]:
+    """Return A (4, 4) of the lateral states and the columns (4,) of aileron and rudder commands.
+
+    ``fdm`` is at its trim.
+    """
+    if isinstance(fdm, LinearAircraft):
+        return fdm.A, fdm.aileron, fdm.rudder
+    linear = jsbsim.FGLinearization(fdm)
     states, inputs = list(linear.x_names), list(linear.u_names)
     rows = [states.index(name) for name in LATERAL]
     B = np.array(linear.input_matrix)[rows]
