@@ -76,6 +76,15 @@ def test_bending_any_value_of_the_summary_by_ten_tolerances_is_noticed(name: str
     assert count > 10
 
 
+@pytest.mark.parametrize("name", ["c172p_gcs_rates", "sitl_fbwa_50hz"])
+def test_bending_any_value_of_the_flight_is_noticed(name: str):
+    flown = json.loads((CASES / name / "flight.json").read_text(encoding="utf-8"))
+    assert list(compare_summaries({"flown": flown}, {"flown": flown})) == []
+
+    for path, bent in bent_summaries(flown):
+        assert len(list(compare_summaries({"flown": flown}, {"flown": bent}))) == 1, path
+
+
 def bent_summaries(reference: Any) -> Iterator[tuple[str, Any]]:
     """Yield the reference with one leaf bent, by ten of its tolerances where it is a float.
 
@@ -111,6 +120,8 @@ def bend(value: Any, keys: tuple[Any, ...]) -> Any:
         return value + "?"
     if isinstance(value, int):
         return value + 1
+    if {"bare", "lateral"} & set(keys):
+        return value + abs(value) + 1.0
     spread = any("std" in str(key) for key in keys) or keys[-1] == "whiteness_p"
     tolerance = SPREAD_TOLERANCE if spread else VALUE_TOLERANCE
     tolerance = TOTAL_TOLERANCE if keys[-1] in ("wn_std", "zeta_std", "std") else tolerance

@@ -16,7 +16,7 @@ from places import REPLAY_LOGS as CASES
 from yawid.cli.main import main
 from yawid.runs.regress.case import Case
 
-NAMES = ("case.toml", "expected.csv", "expected.json")
+NAMES = ("case.toml", "expected.csv", "expected.json", "flight.json")
 
 
 @pytest.fixture

@@ -22,19 +22,32 @@ _KEYS = {
     "sha256": str,
     "floor": int,
     "options": dict,
+    "flight": dict,
     "tolerances": dict,
     "updates": list,
 }
 
+ANSWERS = ("exit_code", "verdict", "manoeuvres", "flight", "flights", "bare")
+"""The keys of ``flight.json``."""
+
+
+def _compared(found: dict[str, Any]) -> dict[str, Any]:
+    return {key: value for key, value in found.items() if key not in NOT_COMPARED}
+
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """A case as its case.toml describes it; ``floor`` is the least number of updates."""
+    """A case as its case.toml describes it; ``floor`` is the least number of updates.
+
+    The log is replayed twice: with ``config``, and with ``flight``, which has the default options
+    where ``[flight]`` has no other.
+    """
 
     folder: Path
     sha256: str
     floor: int
     config: RunConfig
+    flight: RunConfig
     tolerances: Mapping[str, float]
 
     @property
@@ -65,12 +78,15 @@ class Case:
                 raise ConfigError(f"{path}: {key} is not a key of a case, or of the wrong type")
         if missing := {"origin", "licence", "sha256"} - loaded.keys():
             raise ConfigError(f"{path}: {', '.join(sorted(missing))} missing")
-        config = RunConfig(**check_settings(loaded.get("options", {}), str(path)))
+        config, flight = (
+            RunConfig(**check_settings(loaded.get(key, {}), str(path)))
+            for key in ("options", "flight")
+        )
         tolerances = loaded.get("tolerances", {})
         for name, value in tolerances.items():
             if isinstance(value, bool) or not isinstance(value, int | float) or not value >= 0.0:
                 raise ConfigError(f"{path}: the tolerance of {name} must be >= 0, got {value!r}")
-        return Case(folder, loaded["sha256"], loaded.get("floor", 1), config, tolerances)
+        return Case(folder, loaded["sha256"], loaded.get("floor", 1), config, flight, tolerances)
 
     def replay(self) -> "Replayed":
         """Replay the log with the options of the case.
@@ -84,8 +100,24 @@ class Case:
             config = with_orders(source, source.settled(asdict(self.config)))
             summary, _ = run(source, config, [rows]).conclude()
         rows.finish(summary, {})
-        kept = {key: each for key, each in summary.to_json().items() if key not in NOT_COMPARED}
+        kept = _compared(summary.to_json())
         return Replayed(rows.columns, rows.rows, json.loads(json.dumps(kept)))
+
+    def flown(self) -> dict[str, Any]:
+        """Return what a replay of the log with the options ``flight`` answers, from JSON.
+
+        This is ``flight.json``: the exit code, the verdicts, the manoeuvres, the flight and the
+        bare airframe.
+
+        Raises:
+            SourceError: the log cannot be read.
+            ConfigError: the options do not fit the log.
+        """
+        with closing(open_log(self.log)) as source:
+            summary, verdict = run(source, source.settled(asdict(self.flight))).conclude()
+        whole = {"exit_code": verdict.exit_code} | summary.to_json()
+        kept = {key: whole[key] for key in ANSWERS if key in whole}
+        return dict(json.loads(json.dumps(kept), object_hook=_compared))
 
     def unsound(self, replayed: "Replayed") -> list[str]:
         """Return why a replay cannot be one of this case: another log, too few updates."""

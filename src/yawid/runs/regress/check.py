@@ -100,14 +100,18 @@ def _compare(case: Case, files: dict[str, str]) -> list[str]:
     wrong = case.unsound(replayed)
     try:
         columns, expected = read_csv(case.folder / "expected.csv")
-        reference = json.loads((case.folder / "expected.json").read_text(encoding="utf-8"))
+        reference, flown = (
+            json.loads((case.folder / name).read_text(encoding="utf-8"))
+            for name in ("expected.json", "flight.json")
+        )
     except (OSError, ValueError) as error:
         return [*wrong, f"no readable reference: {error}"]
+    reference |= {"flown": flown}
     by_column, by_key = split_tolerances(case.tolerances, columns, reference)
     actual = _as_read(replayed)
     mismatches = compare_tables(columns, expected, replayed.columns, actual, by_column)
     wrong += [mismatch.text for mismatch in mismatches]
-    wrong += compare_summaries(reference, replayed.summary, by_key)
+    wrong += compare_summaries(reference, replayed.summary | {"flown": case.flown()}, by_key)
     _leave(case.folder, replayed, (columns, expected, actual), mismatches, files, bool(wrong))
     return wrong
 

@@ -5,6 +5,7 @@ import tomllib
 from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
 import tomli_w
 
@@ -42,7 +43,7 @@ def update(folder: Path, names: Sequence[str], why: str, say: Callable[[str], No
             if wrong := case.unsound(replayed):
                 refused.append(f"{case.folder}: {wrong[0]}")
             else:
-                _write(case, replayed, recorded[case.folder])
+                _write(case, replayed, case.flown(), recorded[case.folder])
                 say(f"updated  {case.name}")
             done += 1
     except Interrupted:
@@ -69,12 +70,12 @@ def _recorded(case: Case, why: str) -> bytes:
         raise SinkError(f"cannot write {case.folder}: {error.strerror}") from error
 
 
-def _write(case: Case, replayed: Replayed, toml: bytes) -> None:
-    """Write all three files under other names first, then rename each, the references last."""
-    summary = json.dumps(replayed.summary, indent=1) + "\n"
+def _write(case: Case, replayed: Replayed, flown: dict[str, Any], toml: bytes) -> None:
+    """Write all four files under other names first, then rename each, the references last."""
+    answers = {"expected.json": replayed.summary, "flight.json": flown}
     files = {
         "case.toml": toml,
         "expected.csv": csv_of(replayed.columns, replayed.rows),
-        "expected.json": summary.encode(),
+        **{name: (json.dumps(of, indent=1) + "\n").encode() for name, of in answers.items()},
     }
     write_whole({case.folder / name: data for name, data in files.items()}, force=True)
