@@ -179,7 +179,8 @@ def main(arguments: list[str]) -> Generator[str, None, str | None]:
     """Fly, fit, and yield the table."""
     own = {"seed": SEED, "flights": 0, "manoeuvres": 3, "fresh": 0, "sealed": False}
     options = options_of("lateral", __doc__, arguments, **own, **FLOWN)
-    name, seed, places = "lateral", options.seed, PLACES
+    name, seed = "lateral", options.seed
+    places: Sequence[Place] = PLACES
     if options.fresh:
         name, places = "fresh", FRESH
     if run := begin("lateral") if options.sealed else None:

@@ -59,7 +59,7 @@ def in_the_air(
     **facts: Any,
 ) -> Made:
     """Fly one of the aircraft; ``hands`` is called with the length of the flight in s."""
-    place = places[rng.integers(len(places))]
+    place = places[int(rng.integers(len(places)))]
     seconds = float(rng.choice(LENGTHS_S))
     heading_deg = float(rng.integers(0, 360))
     plan = plan_at(place, heading_deg=heading_deg, seconds=seconds, manoeuvre="none")
