@@ -109,8 +109,9 @@ def project(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def git(folder: Path, *arguments: str) -> str:
     who = ["-c", "user.name=a", "-c", "user.email=a@b"]
     return subprocess.run(
-        ["git", *who, *arguments], cwd=folder, check=True, capture_output=True, encoding="utf-8"
-    ).stdout.strip()
+        ["git", *who, *arguments],
+        cwd=folder, check=True, capture_output=True, encoding="utf-8", timeout=60,
+    ).stdout.strip()  # fmt: skip
 
 
 def commit(folder: Path) -> None:
