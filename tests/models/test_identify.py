@@ -104,8 +104,11 @@ def test_sigmas_are_those_of_parameters_that_are_drawn() -> None:
 
 
 @cache
-def moving(lag_s: float) -> tuple[Run, np.ndarray, np.ndarray]:
-    """Return the run of a rudder that switches between samples, without noise, and num and den."""
+def moving(lag_s: float, late: int = 0, **options: Any) -> tuple[Run, np.ndarray, np.ndarray]:
+    """Return the run of a rudder that switches between samples, without noise, and num and den.
+
+    The record has the rudder earlier by ``late`` of its instants, which are 5 ms apart.
+    """
     num, den, rng = np.array([8.0, 4.8]), np.array([1.0, 3.6, 36.0]), np.random.default_rng(3)
     num, den = (num / lag_s, np.polymul(den, [1.0, 1.0 / lag_s])) if lag_s else (num, den)
     u = np.zeros(6400)  # every 5 ms
@@ -116,7 +119,9 @@ def moving(lag_s: float) -> tuple[Run, np.ndarray, np.ndarray]:
     t = 10.0 + 0.005 * np.arange(len(u))
     data = {"t": t, "rudder": u, "r [rad/s]": signal.lfilter(b.ravel(), a, u),
             "airspeed [m/s EAS]": np.full(len(t), 20.0)}  # fmt: skip
-    return yawid.replay(data, rudder_unit="half-travel", rudder_is="commanded"), num, den
+    data["rudder"] = np.roll(u, -late)
+    given: dict[str, Any] = {"rudder_unit": "half-travel", "rudder_is": "commanded"}
+    return yawid.replay(data, **given | options), num, den
 
 
 @pytest.mark.parametrize("lag_s", [0.0, 1.0 / 12.0])
@@ -140,6 +145,29 @@ def test_a_rudder_known_by_its_means_gives_the_plant_that_was_flown(
     assert model(which).input_is == "held"
 
 
+def test_what_means_lose_is_undone_in_the_rudder_and_in_its_effect() -> None:
+    """Means over a sixth of a second weaken wn by 4 %, as sinc(0.5), and again as held"""
+    flown, num, den = moving(0.0, rate=6.0, rudder_is="measured")
+    w = np.array([2.0, 4.0, 6.0, 9.0])
+    _, true = signal.freqs(num, den, w)
+
+    for which in (1, "flight"):
+        found = flown.model(which)  # type: ignore[arg-type]  # a test's text
+        assert np.abs(found.frequency_response(w).G / true) == pytest.approx(1.0, abs=0.015)
+
+
+def test_a_dead_time_of_a_rudder_that_moves_between_samples_is_in_the_samples_too() -> None:
+    delayed, num, den = moving(0.0, late=10, orders=(2, 2, 2, 2), rudder_is="measured")
+    b, a, _ = signal.cont2discrete((num, den), 0.05)
+    u = np.repeat([0.0, 0.3, -0.3, 0.0], 10)
+    y = signal.lfilter(b.ravel(), a, np.append(0.0, u[:-1]))
+
+    for which in (1, "flight"):
+        found = delayed.model(which)  # type: ignore[arg-type]  # a test's text
+        assert (found.input_is, found.delay_s) == ("mean", pytest.approx(0.05))
+        assert np.linalg.norm(found.simulate(u) - y) < 0.05 * np.linalg.norm(y), which
+
+
 def test_a_dead_time_is_in_the_samples_and_not_forgotten_in_continuous_time() -> None:
     data = record()
     data["rudder"] = np.roll(data["rudder"], -1)
@@ -152,6 +180,17 @@ def test_a_dead_time_is_in_the_samples_and_not_forgotten_in_continuous_time() ->
         np.testing.assert_allclose(step[1:], model(1).simulate(np.ones(7)), rtol=0.02)
         G, prompt = (each.frequency_response([5.0]).G[0] for each in (late, model(1)))
         assert G / prompt == pytest.approx(np.exp(-0.25j), rel=0.02)
+
+
+def test_manoeuvres_that_have_another_mode_than_the_answer_give_no_model_of_it() -> None:
+    found = yawid.replay(record(), **GIVEN)
+    summary, roll = found.summary, found.flight.dutch_roll
+    for factor in (0.7, 1.4):
+        other = msgspec.structs.replace(roll, wn_rad_s=factor * roll.wn_rad_s)
+        flight = msgspec.structs.replace(summary.flight, dutch_roll=other)
+        found.summary = msgspec.structs.replace(summary, flight=flight)
+        with pytest.raises(NotIdentifiable, match="do not give the flight's answer"):
+            found.model("flight")
 
 
 def test_two_inputs_have_their_own_numerators() -> None:
