@@ -2,12 +2,17 @@
 
     python tools/mutate.py                # all of checks/defects.toml, as a Markdown table
     python tools/mutate.py --only jury    # those whose description contains a word
+    python tools/mutate.py --draw 300 --seed 7   # drawn at random: a table of killed shares
 
 tests/test_mutations.py, marked ``long``, does the same. Each defect names one test that must fail:
 if that ends in any other way, it has not caught the defect. For a defect in the kernel, or in the
 code that compiles it, the kernel runs as plain Python, which gives the same bits and need not be
 compiled for each defect. For all other defects it is compiled once, as fits in plain Python take
 minutes.
+
+What --draw makes stays in a folder of the temporary folder: the map of tests (10 to 20 minutes of
+one processor), one row a mutant as it ends (draw_SEED.jsonl), the table and the survivors
+(survivors_SEED.txt). The same command goes on where it was stopped. See tools/mutants.
 """
 
 from __future__ import annotations
@@ -139,11 +144,32 @@ def seed(defects: Sequence[Defect], copy: Copy) -> int:
     return missed
 
 
+def draw(count: int, seed: int) -> int:
+    """Hunt ``count`` mutants of the commit, print the table, and return 0."""
+    from mutants import hunt  # the libraries of tests are not needed for a single defect
+
+    asked = ["git", "log", "-1", "--format=%h %cs", "--", "src", "tests"]
+    said = subprocess.run(asked, cwd=ROOT, capture_output=True, text=True, check=True).stdout
+    commit, date = said.split()
+    folder = Path(tempfile.gettempdir()) / f"yawid-mutants-{commit}"
+    if not (folder / "tree").exists():
+        Copy(folder / "tree")
+    print(f"mutate: {folder}", file=sys.stderr, flush=True)
+    hunt.record(folder)
+    rows = hunt.hunt(ROOT, folder, seed=seed, count=count)
+    print(hunt.table(rows, f"`--draw {count} --seed {seed}`, {commit} of {date}"))
+    return 0
+
+
 def main(argv: Sequence[str]) -> int:
     """Return 0 if all defects are caught, 1 if not, and 2 if they cannot be seeded."""
     parser = argparse.ArgumentParser(prog="mutate.py", description=(__doc__ or "").split("\n")[0])
     parser.add_argument("--only", metavar="WORD", default="", help="defects whose text has it")
+    parser.add_argument("--draw", metavar="N", type=int, help="N mutants drawn at random")
+    parser.add_argument("--seed", metavar="S", type=int, default=0, help="which ones (--draw)")
     options = parser.parse_args(argv)
+    if options.draw:
+        return draw(options.draw, options.seed)
     defects = [defect for defect in DEFECTS if options.only.lower() in defect.what.lower()]
     if wrong := misplaced(defects):
         print("mutate: " + "\nmutate: ".join(wrong), file=sys.stderr)
