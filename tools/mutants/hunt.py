@@ -19,7 +19,7 @@ import subprocess
 import sys
 import time
 from collections import Counter, defaultdict
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import closing, suppress
 from dataclasses import dataclass
 from itertools import islice
@@ -64,6 +64,17 @@ class Test:
         return self.name.split("::")[0]
 
 
+@dataclass(frozen=True, slots=True)
+class Named:
+    """A place that reads a name; ``makes`` are the names of its module that it makes of it."""
+
+    file: str
+    line: int
+    is_foreign: bool
+    """Whether the name may be that of another module."""
+    makes: tuple[str, ...]
+
+
 class Map:
     """Which tests reach a mutant."""
 
@@ -83,10 +94,10 @@ class Map:
                     of_file = self.reached[measured.split("/src/yawid/")[-1]]
                     for line in numbits_to_nums(bits) if context else ():
                         of_file[line].add(int(context))
-        self.trees = {
-            path.relative_to(root).as_posix(): ast.parse(path.read_bytes())
-            for path in root.rglob("*.py")
-        }
+        self.named: dict[str, list[Named]] = defaultdict(list)
+        for path in root.rglob("*.py"):
+            for name, where in _named(path.relative_to(root).as_posix(), path.read_bytes()):
+                self.named[name].append(where)
 
     def of(self, mutant: Mutant) -> list[Test]:
         """Return the tests that reach a mutant, in the order in which they are tried."""
@@ -129,32 +140,35 @@ class Map:
         Names that are made of it on import count as well.
         """
         found: set[int] = set()
-        waiting, seen = [(name, file)], set()
+        waiting, seen = [(name, file)], set[tuple[str, str]]()
         while waiting:
             name, file = waiting.pop()
-            if (name, file) in seen:
-                continue
             seen.add((name, file))
-            for path, tree in self.trees.items():
-                if path != file and not _imports(tree, name):
-                    continue
-                for statement in tree.body:
-                    for node in ast.walk(statement):
-                        if name in (getattr(node, "id", None), getattr(node, "attr", None)):
-                            line = getattr(node, "lineno", 0)
-                            found |= self.reached[path][line]
-                            waiting += [(each, path) for each in names(statement)]
+            for each in self.named[name]:
+                if each.file == file or each.is_foreign:
+                    found |= self.reached[each.file][each.line]
+                    made = {(other, each.file) for other in each.makes}
+                    waiting += made - seen
         return found
 
 
-def _imports(tree: ast.Module, name: str) -> bool:
-    """Return whether a module imports a name, or names it as an attribute."""
-    for node in ast.walk(tree):
-        if isinstance(node, ast.ImportFrom) and any(each.name == name for each in node.names):
-            return True
-        if isinstance(node, ast.Attribute) and node.attr == name:
-            return True
-    return False
+def _named(file: str, source: bytes) -> Iterator[tuple[str, Named]]:
+    """Yield each name that a module's statements read, with the place."""
+    tree = ast.parse(source)
+    foreign = {
+        each.name
+        for node in ast.walk(tree)
+        if isinstance(node, ast.ImportFrom)
+        for each in node.names
+    }
+    for statement in tree.body:
+        made = names(statement) if isinstance(statement, ast.Assign | ast.AnnAssign) else []
+        for node in ast.walk(statement):
+            match node:
+                case ast.Name(id=name, lineno=line):
+                    yield name, Named(file, line, name in foreign, tuple(made))
+                case ast.Attribute(attr=name, lineno=line):
+                    yield name, Named(file, line, True, tuple(made))
 
 
 class Plan:

@@ -7,18 +7,21 @@ import socket
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
-from concurrent.futures import Future
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
 from struct import pack
 
 import pytest
+from checks.children import free_udp_port
 from live_link import CONFIG, frames, listening, send, tlog_size, wait_for_size
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from yawid.answers.run_summary import DutchRoll
 from yawid.channels.stage import WANTED
+from yawid.cli.main import main
 from yawid.errors import ConfigError
 from yawid.pipeline import Pipeline
 from yawid.results.reasons import Reason, Verdict
@@ -136,6 +139,39 @@ def test_a_ground_station_gets_the_flight_s_answer_and_the_session_stays_what_it
         tmp_path / "live.tlog", asdict(CONFIG), Outputs(tmp_path, "again"), StopFlag()
     )
     assert again.estimates == summary.estimates
+
+
+def test_publish_given_twice_sends_the_same_to_both(
+    tmp_path: Path, ground: socket.socket, capsys: pytest.CaptureFixture[str]
+):
+    port, sent = free_udp_port(), frames(8.0)
+
+    def vehicle() -> None:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as link:
+            for frame in sent:
+                link.sendto(frame, ("127.0.0.1", port))
+                time.sleep(2.0 / len(sent))
+
+    with (
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as second,
+        ThreadPoolExecutor(1) as flying,
+    ):
+        ends = [f"udpout:127.0.0.1:{ground.getsockname()[1]}"]
+        ends.append(f"udpout:127.0.0.1:{at_free_port(second)}")
+        flying.submit(vehicle)
+        main(["live", f"udpin:127.0.0.1:{port}", "--seconds", "3.5", "--rerun", "off", "--out",
+              str(tmp_path), *(x for each in ends for x in ("--publish", each))])  # fmt: skip
+        got = []
+        for station in (ground, second):
+            station.settimeout(0.2)
+            got.append([])
+            with suppress(TimeoutError):
+                while True:
+                    got[-1].append(station.recv(2048))
+
+    assert f"publishing to {', '.join(ends)} as" in capsys.readouterr().err
+    assert got[0]
+    assert got[0] == got[1]
 
 
 def test_back_over_the_tap_two_vehicles_have_their_turns_each_in_its_own_name(tmp_path: Path):
