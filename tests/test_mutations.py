@@ -1,9 +1,15 @@
-"""The seeded defects (tools/checks/defects.toml), and the test that must notice each."""
+"""The seeded defects (tools/checks/defects.toml), the test that must notice each, and the draw."""
 
 from __future__ import annotations
 
+import ast
+from collections import Counter
+from itertools import islice
+from pathlib import Path
+
 import pytest
-from mutate import DEFECTS, Copy, Defect, misplaced
+from mutants.draw import GROUPS, KINDS, Mutant, drawn, of_file
+from mutate import DEFECTS, ROOT, Copy, Defect, misplaced
 
 
 @pytest.fixture(scope="module")
@@ -25,3 +31,55 @@ def test_without_a_defect_every_test_that_hunts_one_passes(copy: Copy):
 @pytest.mark.parametrize("defect", DEFECTS, ids=lambda defect: defect.what)
 def test_a_seeded_defect_is_caught(copy: Copy, defect: Defect):
     assert copy.catches(defect)
+
+
+SOURCE = '''"""Not 1 of these 2.5 numbers."""
+__all__ = ["f"]
+LIMIT: float = 2.5
+
+
+def f(x: "Literal[3]", n: int = 1) -> float:
+    """As 4.0 here."""
+    assert n > 5
+    y = x - 40
+    if y > n:
+        y = y + len("a" + "b")
+    return f"{y + 6}"
+'''
+
+
+def sites(tmp_path: Path, source: str) -> list[tuple[Mutant, list[str]]]:
+    (tmp_path / "a.py").write_text(source, encoding="utf-8")
+    return of_file("sources", tmp_path, tmp_path / "a.py")
+
+
+def test_a_mutant_changes_a_number_a_sign_a_comparison_or_a_statement_and_no_text(tmp_path: Path):
+    found = {
+        (each.kind, SOURCE[each.start : each.end], *sorted(new), each.name)
+        for each, new in sites(tmp_path, SOURCE)
+    }
+
+    assert found == {
+        ("constant", "2.5", "2.75", "LIMIT"),
+        ("off by one", "1", "(0)", "2", "f"),
+        ("constant", "40", "44", ""),
+        ("sign", "-", "+", ""),
+        ("comparison", " > ", " <= ", " >= ", ""),
+        ("statement", 'if y > n:\n        y = y + len("a" + "b")', "pass", ""),
+        ("sign", "+", "-", ""),
+        ("statement", 'y = y + len("a" + "b")', "pass", ""),
+    }
+
+
+def test_a_draw_is_the_same_for_a_seed_and_each_room_and_kind_has_its_share():
+    package = ROOT / "src/yawid"
+    found = list(islice(drawn(package, 1), 400))
+
+    assert found == list(islice(drawn(package, 1), 400))
+    assert len(set(found)) == 400
+    assert set(Counter(each.group for each in found).values()) == {400 // len(GROUPS)}
+    assert min(Counter(each.kind for each in found)[kind] for kind in KINDS) >= 50
+    for each in found[:10]:
+        source = (package / each.file).read_bytes()
+        changed = ast.dump(ast.parse(each.seeded(source)))
+        assert changed != ast.dump(ast.parse(source)), each

@@ -11,8 +11,8 @@ compiled for each defect. For all other defects it is compiled once, as fits in 
 minutes.
 
 What --draw makes stays in a folder of the temporary folder: the map of tests (10 to 20 minutes of
-one processor), one row a mutant as it ends (draw_SEED.jsonl), the table and the survivors
-(survivors_SEED.txt). The same command goes on where it was stopped. See tools/mutants.
+one processor), one row a mutant as it ends (draw_SEED.jsonl) and the survivors
+(survivors_SEED.txt). The table is printed. The same command goes on where it was stopped. See tools/mutants.
 """
 
 from __future__ import annotations
@@ -152,12 +152,15 @@ def draw(count: int, seed: int) -> int:
     said = subprocess.run(asked, cwd=ROOT, capture_output=True, text=True, check=True).stdout
     commit, date = said.split()
     folder = Path(tempfile.gettempdir()) / f"yawid-mutants-{commit}"
-    if not (folder / "tree").exists():
-        Copy(folder / "tree")
+    shutil.rmtree(folder / "tree", ignore_errors=True)  # a run that was killed leaves its mutant
+    Copy(folder / "tree")
     print(f"mutate: {folder}", file=sys.stderr, flush=True)
     hunt.record(folder)
     rows = hunt.hunt(ROOT, folder, seed=seed, count=count)
+    survivors = folder / f"survivors_{seed}.txt"
+    survivors.write_text(hunt.survivors(rows), encoding="utf-8")
     print(hunt.table(rows, f"`--draw {count} --seed {seed}`, {commit} of {date}"))
+    print(f"mutate: {survivors}", file=sys.stderr)
     return 0
 
 

@@ -90,13 +90,9 @@ class _Sites:
 
     def of(self, node: ast.AST, bound: set[str]) -> Iterator[tuple[str, int, int, list[str]]]:
         """Yield the sites of one node itself; ``bound`` has the names that its function knows."""
-        if isinstance(node, ast.Constant) and type(node.value) in (int, float):
-            value, (start, end) = node.value, self.span(node)
-            if isinstance(value, int) and value < SMALL:
-                yield "off by one", start, end, [f"({value - 1})", str(value + 1)]
-            elif value:
-                more = round(value * 1.1) if isinstance(value, int) else float(f"{value * 1.1:.12g}")
-                yield "constant", start, end, [repr(more)]
+        if isinstance(node, ast.Constant):
+            if other := _other(node.value):
+                yield other[0], *self.span(node), other[1]
         elif isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub):
             start, _ = self.span(node)
             yield "sign", start, start + 1, [" "]
@@ -116,11 +112,22 @@ class _Sites:
                 start, end = self.span(left)[1], self.span(right)[0]
                 text = self.source[start:end]
                 if not text.strip(b" \nisnotin<>=!"):
-                    new = {_INVERTED[type(op)], _LIMIT.get(type(op), _INVERTED[type(op)])}
-                    yield "comparison", start, end, [f" {each} " for each in sorted(new)]
+                    signs = {_INVERTED[type(op)], _LIMIT.get(type(op), _INVERTED[type(op)])}
+                    yield "comparison", start, end, [f" {each} " for each in sorted(signs)]
         if isinstance(node, ast.stmt) and _can_go(node, bound):
             start, end = self.span(node)
             yield "statement", start, end, ["pass"]
+
+
+def _other(value: object) -> tuple[str, list[str]] | None:
+    """Return the kind of change of a number and what it may become; None of another constant."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return None
+    if isinstance(value, float):
+        return ("constant", [repr(float(f"{value * 1.1:.12g}"))]) if value else None
+    if value < SMALL:
+        return "off by one", [f"({value - 1})", str(value + 1)]
+    return "constant", [str(round(value * 1.1))]
 
 
 def _is_text(node: ast.expr) -> bool:

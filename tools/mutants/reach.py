@@ -1,12 +1,12 @@
-"""A pytest plugin that records which lines each test reaches, and the processor's seconds that
-each takes, its children's among them (a busy machine changes these little).
+"""A pytest plugin that records which lines each test reaches, and how long each test takes.
 
     REACH=folder python -m pytest -p mutants.reach -p no:xdist tests src
 
 writes ``tests.jsonl`` into the folder, one row a test as it ends, and data of coverage.py whose
-contexts are the numbers of these rows; child processes add files of their own. A test also reaches
-what another test reached when it filled a cache or set up a fixture that both use: these tests are
-its ``leans``.
+contexts are the numbers of these rows; child processes add files of their own. Times are a
+processor's, with the children's: a busy machine changes them little. A test also reaches what
+another test reached when it filled a cache or set up a fixture that both use: these tests are its
+``leans``.
 """
 
 from __future__ import annotations
@@ -96,7 +96,7 @@ class Recorder:
         return sorted(found - {self.number})
 
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
-        """A test that was skipped, or failed without any mutant, cannot kill one."""
+        """Note a test that was skipped, or failed without any mutant: it cannot kill one."""
         self.passed &= report.passed
 
     def pytest_sessionfinish(self) -> None:
