@@ -12,7 +12,8 @@ minutes.
 
 What --draw makes stays in a folder of the temporary folder: the map of tests (10 to 20 minutes of
 one processor), one row a mutant as it ends (draw_SEED.jsonl) and the survivors
-(survivors_SEED.txt). The table is printed. The same command goes on where it was stopped. See tools/mutants.
+(survivors_SEED.txt). The table is printed. The same command goes on where it was stopped. See
+tools/mutants.
 """
 
 from __future__ import annotations
