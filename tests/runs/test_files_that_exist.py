@@ -99,7 +99,9 @@ def test_another_log_is_answered_and_not_written_unless_forced(
     assert names(folder) == ["flight.mcap", "flight.rrd"]
 
     assert main(["replay", "other/flight.tlog", "--force"]) == 0
-    assert "flight.rrd stay, and are of another run" in capsys.readouterr().err
+    assert (
+        "of another run than flight.mcap will be, and kept: flight.rrd" in capsys.readouterr().err
+    )
     assert yawid.load(folder / "flight.mcap").summary.log.endswith("other/flight.tlog")
 
 

@@ -105,7 +105,7 @@ def among_files(
             return named, f"{file} would be overwritten by its own results: choose another --out"
         others = {named.path(suffix) for suffix in (".rrd", ".html")} - {*written}
         if before != made and (old := sorted(path.name for path in others if path.exists())):
-            say(f"{' and '.join(old)} stay, and are of another run than {mcap.name} now is")
+            say(f"of another run than {mcap.name} will be, and kept: {', '.join(old)}")
         return replace(named, force=outputs.force or bool(there)), None
     raise AssertionError("names do not end")
 
