@@ -7,6 +7,7 @@ This is the only module that knows all stages. It does not know where messages c
 a socket.
 """
 
+import math
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from dataclasses import replace
@@ -165,27 +166,43 @@ class Pipeline:
     def finish(self) -> list[Manoeuvre]:
         """Estimate the samples kept back until now; the sinks stay open for the summary.
 
-        Return the manoeuvres answered since the last call; all are answered now.
+        Return the manoeuvres answered since the last call: all, where no worker answers them.
         """
         self._estimate_all(self.channels.finish())
         if self._manoeuvres is not None:
             self._manoeuvres.finish()
-        return self.collect(wait=True)
+        return self.collect()
 
-    def collect(self, *, wait: bool = False) -> list[Manoeuvre]:
-        """Pass the manoeuvres answered since the last call to the sinks; return them."""
-        ready = [] if self._manoeuvres is None else list(self._manoeuvres.ready(wait=wait))
+    def collect(self, *, until_s: float = -math.inf) -> list[Manoeuvre]:
+        """Pass the manoeuvres answered since the last call to the sinks; return them.
+
+        Those without an answer are waited for until ``until_s`` on the monotonic clock.
+        """
+        ready = [] if self._manoeuvres is None else list(self._manoeuvres.ready(until_s=until_s))
         for each in ready:
             for sink in self.sinks:
                 sink.manoeuvre(each.found, each.span_ns)
         return [each.found for each in ready]
 
-    def collect_lateral(self, *, wait: bool = False) -> list[tuple[int, Bare]]:
-        """Pass the airframes fitted since the last call to the sinks; return them with their n."""
+    def leave_out(self, until_s: float) -> list[str]:
+        """Give up the answers that are not ready; return in words what is missing."""
+        return [] if self._manoeuvres is None else self._manoeuvres.leave_out(until_s)
+
+    @property
+    def bare_is_late(self) -> bool:
+        """Whether there was no time for the fit of the flight's bare airframe."""
+        laterals = None if self._manoeuvres is None else self._manoeuvres.laterals
+        return laterals is not None and laterals.is_late
+
+    def collect_lateral(self, *, until_s: float = -math.inf) -> list[tuple[int, Bare]]:
+        """Pass the airframes fitted since the last call to the sinks; return them with their n.
+
+        Those without a fit are waited for as by :meth:`collect`.
+        """
         laterals = None if self._manoeuvres is None else self._manoeuvres.laterals
         if self._manoeuvres is None or laterals is None:
             return []
-        ready = list(laterals.ready(self._manoeuvres.answered, wait=wait))
+        ready = list(laterals.ready(self._manoeuvres.answered, until_s=until_s))
         for n, bare, span_ns in ready:
             for sink in self.sinks:
                 sink.lateral(n, bare, span_ns)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import time
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict
 from functools import cache
@@ -99,6 +100,9 @@ def run(data: bytes, *, worker: bool = False, size: int = 0, **settings: object)
     with ThreadPoolExecutor(1) as fits, ThreadPoolExecutor(1) as lateral:
         pipeline = Pipeline(config, worker=fits, lateral_worker=lateral)
         feed_all(TlogBytes(pieces, WANTED), pipeline)
+        until_s = time.monotonic() + 60.0
+        pipeline.collect(until_s=until_s)
+        pipeline.collect_lateral(until_s=until_s)
     return pipeline
 
 

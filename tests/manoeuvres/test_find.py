@@ -429,7 +429,7 @@ def test_a_stretch_that_was_named_is_exactly_one(low_s: float, high_s: float):
     for block in cut(samples, [7, 300, 1500]):
         stage.feed(block)
     stage.finish()
-    (answered,) = stage.ready(wait=True)
+    (answered,) = stage.ready()
     assert answered.found.duration_s == pytest.approx((2000 + 999) * TS_S)
 
 

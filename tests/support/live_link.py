@@ -130,7 +130,7 @@ def listening(
     """Run ``live`` until the context ends; ``ended`` has its sessions afterwards."""
     port = free_udp_port()
     stop, screen, ended = StopFlag(), Screen(), []
-    asked = LiveOptions(f"udpin:127.0.0.1:{port}", seconds=600.0)
+    asked = LiveOptions(f"udpin:127.0.0.1:{port}", seconds=600.0, answers_s=60.0)
     asked = replace(asked, **options)
     outputs = outputs or Outputs(folder, "live")
 
@@ -187,7 +187,7 @@ def attend(folder: Path, then: object, ended: threading.Event | None = None) -> 
 
     sender = threading.Thread(target=vehicle, daemon=True)
     sender.start()
-    options = LiveOptions(f"udpin:127.0.0.1:{port}", seconds=600.0)
+    options = LiveOptions(f"udpin:127.0.0.1:{port}", seconds=600.0, answers_s=60.0)
     try:
         live(options, CONFIG, Outputs(folder, "live"), stop, Console(screen))
     finally:

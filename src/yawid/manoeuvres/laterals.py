@@ -1,8 +1,11 @@
 """The lateral fits of a run: each follows its manoeuvre's answer as flown, and never delays it."""
 
+import math
+import time
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Executor, Future
+from collections.abc import Callable, Collection, Iterator, Sequence
+from concurrent.futures import Executor, Future, wait
+from typing import Any
 
 from yawid.answers.run_summary import Bare, Flight
 from yawid.blocks import MotionBlock, SampleBlock
@@ -48,8 +51,10 @@ class Laterals:
         self._modes_of, self._yaw_loop = modes_of, yaw_loop
         self._held_s: dict[int, tuple[float, float]] = {}
         """From when to when, in s since boot, the autopilot may have moved the rudder."""
-        self._waiting: deque[tuple[tuple[int, int], Future[Fitted]]] = deque()
+        self._waiting: deque[tuple[int, tuple[int, int], Future[Fitted]]] = deque()
         self._found: list[Fitted] = []
+        self._until_s = math.inf
+        self.is_late = False
 
     def feed(self, motion: MotionBlock) -> None:
         """Take motion in, before the samples of the same time."""
@@ -73,25 +78,37 @@ class Laterals:
             future = self._worker.submit(fitted, n, motion, self._lag_s)
         else:
             future.set_result(fitted(n, motion, self._lag_s))
-        self._waiting.append(((int(span_ns[0]), int(span_ns[1])), future))
+        self._waiting.append((n, (int(span_ns[0]), int(span_ns[1])), future))
 
     def ready(
-        self, answered: Sequence[Answered], *, wait: bool
+        self, answered: Sequence[Answered], *, until_s: float = -math.inf
     ) -> Iterator[tuple[int, Bare, tuple[int, int]]]:
         """Yield number, airframe and Unix times of each manoeuvre newly fitted, once.
 
-        ``answered`` are the answers as flown so far; a manoeuvre without one waits for it.
+        ``answered`` are the answers as flown so far; a manoeuvre without one waits for it. Those
+        without a fit are waited for until ``until_s`` on the monotonic clock.
         """
-        while self._waiting and (wait or self._waiting[0][1].done()):
-            at = len(self._bares)
-            if at >= len(answered):
+        flown = {each.found.n: each.found for each in answered}
+        while self._waiting and done_by(self._waiting[0][2], until_s):
+            n, span_ns, future = self._waiting[0]
+            if n not in flown:
                 return
-            span_ns, future = self._waiting.popleft()
-            found = self._checked(against_flown(future.result(), answered[at].found))
+            self._waiting.popleft()
+            found = self._checked(against_flown(future.result(), flown[n]))
             if len(self._found) < MOST_KEPT:
                 self._found.append(found)
             self._bares[found.n] = lateral_of(found)
             yield found.n, self._bares[found.n], span_ns
+
+    def leave_out(self, unanswered: Collection[int], until_s: float) -> list[str]:
+        """Give up the fits that are not ready, and those of the manoeuvres without an answer.
+
+        Return in words what is missing. No fit begins after ``until_s`` on the monotonic clock.
+        """
+        self._until_s = until_s
+        given_up = [n for n, _, fit in self._waiting if n in unanswered or not fit.done()]
+        self._waiting = deque(each for each in self._waiting if each[0] not in given_up)
+        return [f"the bare airframe of manoeuvre {n}" for n in given_up if n not in unanswered]
 
     def bares(self) -> dict[int, Bare]:
         """Return the airframe of each manoeuvre fitted, by its number."""
@@ -102,9 +119,14 @@ class Laterals:
     def flight(self, flown: Sequence[Flight]) -> Bare | None:
         """Return the airframe of all the manoeuvres fitted, None without any.
 
-        ``flown`` are the flight's answers as flown.
+        ``flown`` are the flight's answers as flown. Where no manoeuvre shows the airframe by
+        itself, that takes a fit, which is not begun once it ``is_late``.
         """
         found = [self._checked(each) for each in self._found]
+        is_known = any(each.is_known for each in found)
+        self.is_late = bool(found) and not is_known and time.monotonic() > self._until_s
+        if self.is_late:
+            return None
         alone = next((each for each in flown if each.loop == AIRFRAME and each), None)
         return bare_of(found, self._lag_s, alone)
 
@@ -115,3 +137,9 @@ class Laterals:
 
     def _damper(self, n: int) -> str | None:
         return self._yaw_loop(*self._held_s[n]) if n in self._held_s else None
+
+
+def done_by(future: Future[Any], until_s: float) -> bool:
+    """Return whether a call is done; wait for it until ``until_s`` on the monotonic clock."""
+    wait([future], max(until_s - time.monotonic(), 0.0))
+    return future.done()

@@ -1,5 +1,6 @@
 """The whole stage: samples in; out come each manoeuvre's answer and, in the end, the flight's."""
 
+import math
 from collections import deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future
@@ -16,7 +17,7 @@ from yawid.manoeuvres.candidate import LONGEST_S, UnderWay
 from yawid.manoeuvres.conditions import is_bare
 from yawid.manoeuvres.find import LONGEST_STATED_S, Finder, Stated
 from yawid.manoeuvres.flight import flights_of
-from yawid.manoeuvres.laterals import Laterals
+from yawid.manoeuvres.laterals import Laterals, done_by
 from yawid.manoeuvres.tries import answer
 from yawid.results.reasons import Reason, Verdict
 
@@ -45,7 +46,7 @@ class Manoeuvres:
         self.answered: list[Answered] = []
         self._setting = setting
         self._worker = worker
-        self._waiting: deque[Future[Answered]] = deque()
+        self._waiting: deque[tuple[int, Future[Answered]]] = deque()
         self._count = self._repeated = 0
         self._flown: list[tuple[Ints, Floats]] = []
         self._finder = _finder(setting)
@@ -83,12 +84,22 @@ class Manoeuvres:
         for found in self._finder.finish():
             self._answer(found)
 
-    def ready(self, *, wait: bool = False) -> Iterator[Answered]:
-        """Yield each newly answered manoeuvre once; ``wait`` for those without an answer yet."""
-        while self._waiting and (wait or self._waiting[0].done()):
-            answered = self._waiting.popleft().result()
+    def ready(self, *, until_s: float = -math.inf) -> Iterator[Answered]:
+        """Yield each newly answered manoeuvre once; those without an answer are waited for.
+
+        ``until_s`` is on the monotonic clock.
+        """
+        while self._waiting and done_by(self._waiting[0][1], until_s):
+            answered = self._waiting.popleft()[1].result()
             self.answered.append(answered)
             yield answered
+
+    def leave_out(self, until_s: float) -> list[str]:
+        """Give up the answers that are not ready; return in words what is missing."""
+        missing = [n for n, future in self._waiting if not future.done()]
+        self._waiting = deque(each for each in self._waiting if each[1].done())
+        bare = [] if self.laterals is None else self.laterals.leave_out(missing, until_s)
+        return [*(f"the answer of manoeuvre {n}" for n in missing), *bare]
 
     def flights(self, of_the_log: list[Reason]) -> list[tuple[Flight, Verdict]]:
         """Return the flight's answers from those answered: see :func:`flights_of`."""
@@ -121,11 +132,11 @@ class Manoeuvres:
             return
         self._count += 1
         if self._worker is not None:
-            self._waiting.append(self._worker.submit(answer, found, self._count, self._setting))
+            future = self._worker.submit(answer, found, self._count, self._setting)
         else:
-            future: Future[Answered] = Future()
+            future = Future()
             future.set_result(answer(found, self._count, self._setting))
-            self._waiting.append(future)
+        self._waiting.append((self._count, future))
         if self.laterals is not None:
             self.laterals.answer(self._count, found)
 

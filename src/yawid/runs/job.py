@@ -205,7 +205,7 @@ def feed_all(
         read += size
         advance(size)
     pipeline.finish()
-    pipeline.collect_lateral(wait=True)
+    pipeline.collect_lateral()
     if is_whole:
         pipeline.channels.boots.check(pipeline.config)
     return read, is_whole

@@ -37,6 +37,8 @@ from yawid.sources.open_log import ReadOptions
 from yawid.system.part_file import os_errors_as_sink_error
 
 READ_S = 0.2
+ANSWERS_S = 2.0
+"""How long a stop waits for answers: all files of six vehicles are finished within 3 s of it."""
 SILENT_US = 5_000_000
 LAST_READ_US = 1_000_000
 """If reading is less than this behind the link at a stop, all that has arrived is still read."""
@@ -62,7 +64,8 @@ class LiveOptions:
     ``seconds`` None: the run lasts until it is stopped. ``request_hz`` None: no rate is requested.
     ``every_vehicle``: each vehicle has its own session, ``most_vehicles`` at most; their tlogs hold
     frames of senders that are not vehicles only with ``record_others``. ``publish`` has where to
-    send the answer; where it is empty, no answer is ever sent.
+    send the answer; where it is empty, no answer is ever sent. ``answers_s`` is how long a stop
+    waits for the answers of manoeuvres.
 
     Raises:
         ConfigError: a value is outside its limits, or two options exclude each other.
@@ -78,6 +81,7 @@ class LiveOptions:
     record_others: bool = False
     publish: tuple[str, ...] = ()
     publish_compid: int = COMPID
+    answers_s: float = ANSWERS_S
 
     @property
     def may_transmit(self) -> bool:
@@ -254,7 +258,7 @@ class _Loop:
             self._rates = RateRequests(
                 tap, hz, setting.read_options, options.request_sysid, sender_of
             )
-        self._publish = publish
+        self._publish, self._answers_s = publish, options.answers_s
         self._publishing = Bulkhead("publishing", "nothing more is published", self._say)
         self._asking = Bulkhead("asking for rates", "no more rates are asked for", self._say)
         self._drawing = Bulkhead("the screen", "lines are written instead", self._say)
@@ -342,7 +346,7 @@ class _Loop:
             rates=None if self._rates is None else self._rates.summary(),
             failed=[part.failure for part in failed if part.failure is not None],
         )
-        ended = self._sessions.finish(live)
+        ended = self._sessions.finish(live, self._answers_s)
         if self._has_failed or failed:
             least = SinkError.exit_code
             ended = [e._replace(exit_code=max(e.exit_code, least)) for e in ended]

@@ -3,6 +3,7 @@
 import hashlib
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple, TypeVar
 
@@ -67,6 +68,12 @@ class Setting(NamedTuple):
     viewers: Worker | None
     lateral: Worker | None
     answer: Callable[[], RunningAnswer]
+
+    def end_fits(self) -> None:
+        """Drop the fits that are not made yet, and end the processes that make them."""
+        for worker in (self.fits, self.lateral):
+            if worker is not None:
+                worker.shutdown(cancel_futures=True)
 
 
 class LiveSession:
@@ -185,9 +192,25 @@ class LiveSession:
     def _settle(self) -> None:
         self.pipeline.feed(self.decoder.finish())
         self._report(self.pipeline.finish())
-        self._report_lateral(self.pipeline.collect_lateral(wait=True))
         if not self._signing_said:
             self._look_for_signatures()
+
+    def conclude(self, until_s: float) -> None:
+        """Wait for answers until a time on the monotonic clock, and leave out the others."""
+        self._estimating.attempt(partial(self._conclude, until_s), None)
+
+    def _conclude(self, until_s: float) -> None:
+        self._report(self.pipeline.collect(until_s=until_s))
+        self._report_lateral(self.pipeline.collect_lateral(until_s=until_s))
+        missing = self.pipeline.leave_out(until_s)
+        self._report(self.pipeline.collect())
+        self._report_lateral(self.pipeline.collect_lateral())
+        self._say_late(missing)
+
+    def _say_late(self, missing: list[str]) -> None:
+        then = "a replay of the tlog gives it" if self._setting.outputs.record else "it is lost"
+        for each in missing:
+            self.say(f"{each} was not ready in time for the end of the session: {then}")
 
     def stopped(self) -> bool:
         """Return whether samples have stopped since the last call: the line is then due at once."""
@@ -241,6 +264,7 @@ class LiveSession:
         log = self._setting.endpoint if tlog is None else str(tlog)
         path = self._setting.outputs.path
         summary, verdict = self._summarise(log)
+        self._say_late(["the bare airframe of the flight"] if self.pipeline.bare_is_late else [])
         summary = msgspec.structs.replace(summary, live=self._own(live))
         files = {n: str(path(f".{n}")) for n, g in self._guards.items() if g.failure is None}
         files |= {} if tlog is None else {"tlog": str(tlog)}

@@ -32,6 +32,7 @@ class Single:
     """One session, which records and reads everything received."""
 
     def __init__(self, setting: Setting) -> None:
+        self._setting = setting
         self._session = LiveSession(setting)
 
     def feed(self, data: bytes) -> None:
@@ -54,9 +55,14 @@ class Single:
         """Return the facts a screen shows of each session."""
         return [self._session.facts()]
 
-    def finish(self, live: LiveFacts) -> list[Ended]:
-        """Finish all sessions; ``live`` is the tap's part of their summaries."""
+    def finish(self, live: LiveFacts, answers_s: float) -> list[Ended]:
+        """Finish all sessions; ``live`` is the tap's part of their summaries.
+
+        Answers are waited for ``answers_s``; then the processes that make them are ended.
+        """
         self._session.settle()
+        self._session.conclude(time.monotonic() + answers_s)
+        self._setting.end_fits()
         return [self._session.finish(live)]
 
 
@@ -149,10 +155,13 @@ class Fleet:
         close = {facts.sysid: session.facts() for facts, session in first}
         return [close.get(facts.sysid, facts) for facts, _ in found]
 
-    def finish(self, live: LiveFacts) -> list[Ended]:
+    def finish(self, live: LiveFacts, answers_s: float) -> list[Ended]:
         """See :class:`Single`; where there was no vehicle, one summary reports that."""
-        for sysid in self._sessions:
-            self._guard(sysid, LiveSession.settle)
+        until_s = time.monotonic() + answers_s
+        for act in (LiveSession.settle, partial(LiveSession.conclude, until_s=until_s)):
+            for sysid in self._sessions:  # the last manoeuvres of all are answered together
+                self._guard(sysid, act)
+        self._setting.end_fits()
         if not self.running():
             quiet = replace(self._setting.outputs, rerun="off")
             return [LiveSession(self._setting._replace(outputs=quiet, state=None)).finish(live)]

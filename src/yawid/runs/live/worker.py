@@ -7,7 +7,8 @@ import os
 import queue
 import threading
 from collections.abc import Callable
-from concurrent.futures import Executor, Future
+from concurrent.futures import CancelledError, Executor, Future
+from contextlib import suppress
 from functools import partial
 from typing import Any, BinaryIO, ParamSpec, TypeAlias, TypeVar
 
@@ -48,7 +49,13 @@ class Worker(Executor):
         return future
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """End the threads after the calls they were given; this returns at once."""
+        """End the threads after the calls they were given, or after the present ones.
+
+        This returns at once.
+        """
+        with suppress(queue.Empty):
+            while cancel_futures:
+                self._calls.get_nowait()
         self._calls.put(None)
 
     def _start(self, run: Callable[[_Calls], None]) -> None:
@@ -67,6 +74,13 @@ class FitWorker(Worker):
         super().__init__(name)
         self._say = say
         self._is_spread = False
+        self._children: list[_ByChild] = []
+
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        """See :class:`Worker`; with ``cancel_futures`` the children are killed, also hung ones."""
+        super().shutdown(wait, cancel_futures=cancel_futures)
+        for each in self._children if cancel_futures else ():
+            each.end()
 
     def spread(self) -> None:
         """Start a child for each core; only the first call of this does anything."""
@@ -75,8 +89,9 @@ class FitWorker(Worker):
         self._is_spread = True
         self._calls.put(None)  # the thread ends after the calls that it has
         self._calls = queue.SimpleQueue()
-        for _ in range(min(cores(), MOST_CHILDREN)):
-            self._start(_ByChild(self._say).run)
+        self._children = [_ByChild(self._say) for _ in range(min(cores(), MOST_CHILDREN))]
+        for each in self._children:
+            self._start(each.run)
 
 
 class _ByChild:
@@ -85,6 +100,13 @@ class _ByChild:
     def __init__(self, say: Callable[[str], None]) -> None:
         self._say = say
         self._child: Child | None = None
+        self._is_over = False
+
+    def end(self) -> None:
+        """Kill the child from another thread; its call gets no answer."""
+        self._is_over = True
+        if (child := self._child) is not None:
+            child.kill()
 
     def run(self, calls: _Calls) -> None:
         """Start the child, make the calls, and end it."""
@@ -108,11 +130,14 @@ class _ByChild:
             if result is not DIED:
                 return result
             self._lose(self._child)
+            if self._is_over:
+                raise CancelledError
         return act()
 
     def _lose(self, child: Child) -> None:
-        self._child = None
-        self._say(f"a process that answers manoeuvres {child.close()}: {HERE}")
+        self._child, how = None, child.close()
+        if not self._is_over:
+            self._say(f"a process that answers manoeuvres {how}: {HERE}")
 
 
 def _run(calls: _Calls) -> None:
