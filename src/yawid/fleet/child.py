@@ -33,7 +33,7 @@ def rows_here(path: str, spec: Spec, scratch: Path, data: bytes | None) -> Any:
     """
     if "://" not in path:
         return rows_of(Path(path), spec) if Path(path).is_file() else None
-    local = scratch / (path.rpartition("/")[2] or "log")
+    local = scratch / StoredPath(path).local_name
     try:
         with local.open("wb") as out:
             if data is not None:

@@ -13,7 +13,7 @@ from itertools import islice
 from typing import Any, Final
 
 from yawid.errors import SinkError
-from yawid.fleet.worker import POLL_S, QUEUED, Replayer, Task, warm
+from yawid.fleet.worker import POLL_S, QUEUED, Replayer, Task, scratch_folder, warm
 from yawid.runs.stop import SIGNALS, StopFlag
 from yawid.system.processes import block, cores
 
@@ -81,15 +81,16 @@ def local_workers(count: int | None) -> Iterator[LocalWorkers]:
     """
     ready = threading.Thread(target=warm)
     ready.start()
-    children = [Replayer() for _ in range(count or cores())]
-    pool = ThreadPoolExecutor(len(children), "yawid-fleet", block, (SIGNALS,))
-    ready.join()
-    try:
-        yield LocalWorkers(pool, children)
-    finally:
-        pool.shutdown(wait=False, cancel_futures=True)
-        for child in children:
-            child.end()
-        pool.shutdown()
-        for child in children:
-            child.close()
+    with scratch_folder() as scratch:
+        children = [Replayer(scratch) for _ in range(count or cores())]
+        pool = ThreadPoolExecutor(len(children), "yawid-fleet", block, (SIGNALS,))
+        ready.join()
+        try:
+            yield LocalWorkers(pool, children)
+        finally:
+            pool.shutdown(wait=False, cancel_futures=True)
+            for child in children:
+                child.end()
+            pool.shutdown()
+            for child in children:
+                child.close()

@@ -5,20 +5,23 @@ This file imports nothing large, so that a worker needs much less memory than it
 
 import atexit
 import logging
+import shutil
 import subprocess
 import sys
 import tempfile
 import threading
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 from yawid.dataset.values import failed
 from yawid.errors import YawidError
 from yawid.system.child import DIED, Child
+from yawid.system.files import lock
+from yawid.system.part_file import os_errors_as_sink_error
 from yawid.version import __version__
 
 MOST_DEATHS = 3
@@ -26,6 +29,8 @@ MOST_DEATHS = 3
 QUEUED, POLL_S = 2, 0.1
 """How many logs a worker holds (it replays one, one waits); the longest wait for a result in s."""
 CRASHED, TIMEOUT = "crashed", "timeout"
+SCRATCH, LOCK = "yawid-fleet-", ".lock"
+"""How the names of folders for copies begin, and the file in them that is locked."""
 START_S = 300.0
 """Time limit in s for the start of a child."""
 
@@ -46,7 +51,8 @@ class Task:
 class Replayer:
     """A child process that replays one log after the other, and the next one if it dies."""
 
-    def __init__(self) -> None:
+    def __init__(self, scratch: Path) -> None:
+        self._scratch = scratch
         self._child: Child | None = None
         self._is_over = False
 
@@ -64,7 +70,7 @@ class Replayer:
             child = self._child or self._start()
             is_late = threading.Event()
             with (
-                tempfile.TemporaryDirectory(prefix="yawid-fleet-") as scratch,
+                tempfile.TemporaryDirectory(dir=self._scratch) as scratch,
                 _killed_after(task.timeout_s, child, is_late),
             ):
                 answer = child.answer((task.path, task.spec, Path(scratch), task.data))
@@ -122,9 +128,51 @@ def work(task: Task) -> Any:
     """Return a log's rows by table, replayed by the child process of this thread."""
     replayer: Replayer | None = getattr(_own, "replayer", None)
     if replayer is None:
-        replayer = _own.replayer = Replayer()
+        replayer = _own.replayer = Replayer(_scratch_here())
         atexit.register(replayer.close)
     return replayer.rows(task)
+
+
+@cache
+def _scratch_here() -> Path:
+    """Return the folder for copies of this process, which is removed when the process ends."""
+    opened = ExitStack()
+    atexit.register(opened.close)
+    return opened.enter_context(scratch_folder())
+
+
+@contextmanager
+def scratch_folder() -> Iterator[Path]:
+    """Yield a new folder for copies of logs; those that a killed process has left are removed.
+
+    A folder is in use while its file ``LOCK`` is locked.
+
+    Raises:
+        SinkError: the folder cannot be made.
+    """
+    for left in Path(tempfile.gettempdir()).glob(f"{SCRATCH}*"):
+        with suppress(OSError):  # it is in use, or of another user
+            with (left / LOCK).open("r+b") as held:
+                lock(held.fileno())
+            shutil.rmtree(left, ignore_errors=True)
+    folder, file = _locked_folder()
+    try:
+        yield folder
+    finally:
+        file.close()
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def _locked_folder() -> tuple[Path, BinaryIO]:
+    while True:
+        with os_errors_as_sink_error(Path(tempfile.gettempdir())):
+            folder = Path(tempfile.mkdtemp(prefix=SCRATCH))
+            file = (folder / LOCK).open("wb")
+        with suppress(OSError):  # another fleet is removing it
+            lock(file.fileno())
+        if (folder / LOCK).exists():
+            return folder, file
+        file.close()
 
 
 def about() -> Mapping[str, str]:

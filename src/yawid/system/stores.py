@@ -5,6 +5,7 @@ A store has no locks, no half-written files, and often no folders.
 
 import errno
 import os
+import re
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -54,6 +55,11 @@ class StoredPath:
     def name(self) -> str:
         """The last part of the name."""
         return self._url.rpartition("/")[2]
+
+    @property
+    def local_name(self) -> str:
+        """A name for a copy in a folder of this machine, out of which no system reads a way."""
+        return re.sub(r"[^\w.-]", "_", self.name) or "log"
 
     @property
     def stem(self) -> str:
@@ -190,7 +196,7 @@ def brought(place: Place) -> Iterator[Path]:
         yield place
         return
     with TemporaryDirectory(prefix="yawid-") as folder:
-        local = Path(folder) / (place.name or "log")
+        local = Path(folder) / place.local_name
         place.copy_to(local)
         try:
             yield local

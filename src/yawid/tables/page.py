@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from html import escape
 
 from yawid.answers.run_summary import RunSummary
+from yawid.sinks.door import plain
 from yawid.sinks.words import NEXT, bare_rows, dutch_roll, flight_rows, next_step
 from yawid.system.stores import Place
 from yawid.tables.keywords import in_keywords
@@ -14,14 +15,14 @@ def as_text(path: Place, summary: RunSummary, tables: Sequence[Table]) -> str:
     """Return a run as text for a prompt."""
     rows = ", ".join(f"{table.title} ({len(table)})" for table in tables)
     lines = [f"{path}: {verdict(summary)}", *reasons(summary), *answer(summary), f"rows: {rows}"]
-    return "\n  ".join(lines)
+    return "\n  ".join(map(plain, lines))
 
 
 def page(path: Place, summary: RunSummary, tables: Sequence[Table]) -> str:
     """Return a run as HTML for a notebook, without script, external styles or other sources."""
-    said = "".join(f"<li>{escape(line)}</li>" for line in reasons(summary))
+    said = "".join(f"<li>{escape(plain(line))}</li>" for line in reasons(summary))
     dim = "" if summary.deciding.usable else ";opacity:0.6"
-    lines = escape("\n".join(answer(summary)))
+    lines = escape("\n".join(map(plain, answer(summary))))
     heads = '<th>table</th><th>rows</th><th style="text-align:left">columns</th>'
     body = "".join(
         f"<tr><td>{escape(table.title)}</td><td>{len(table)}</td>"
@@ -29,7 +30,7 @@ def page(path: Place, summary: RunSummary, tables: Sequence[Table]) -> str:
         for table in tables
     )
     return (
-        f"<div><p><b>{escape(verdict(summary))}</b> {escape(str(path))}</p><ul>{said}</ul>"
+        f"<div><p><b>{escape(verdict(summary))}</b> {escape(plain(str(path)))}</p><ul>{said}</ul>"
         f'<pre style="white-space:pre-wrap;font-family:monospace{dim}">{lines}</pre>'
         f"<table><thead><tr>{heads}</tr></thead><tbody>{body}</tbody></table></div>"
     )

@@ -218,7 +218,11 @@ def _arrow_of(data: Any) -> "pa.Table":
         )
     try:
         if isinstance(data, Mapping):
-            data = {str(name): np.asarray(values) for name, values in data.items()}
+            data = {
+                # Arrow makes nulls of what a mask hides.
+                str(name): pa.array(values) if np.ma.isMaskedArray(values) else np.asarray(values)
+                for name, values in data.items()
+            }
         table = pa.table(data)
     except (pa.ArrowException, ValueError, TypeError) as error:
         raise ConfigError(f"the {type(data).__name__} is no table: {error}") from error

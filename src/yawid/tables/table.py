@@ -10,6 +10,7 @@ import numpy as np
 
 from yawid.blocks import Array
 from yawid.errors import ConfigError
+from yawid.sinks.door import plain
 
 SHOWN: Final = 10
 """The number of rows of a table that a notebook shows: half of them the first, half the last."""
@@ -129,7 +130,7 @@ class Table:
     def __repr__(self) -> str:
         units = {name: f" [{unit}]" for name, unit in self.units.items() if unit not in ("", "1")}
         named = ", ".join(name + units.get(name, "") for name in self)
-        text = f"{self.counted}: {named}"
+        text = plain(f"{self.counted}: {named}")
         return fill(text, 100, subsequent_indent="    ", break_on_hyphens=False)
 
     def _repr_html_(self) -> str:

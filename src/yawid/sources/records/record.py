@@ -198,7 +198,7 @@ def _own_facts(facts: dict[str, str]) -> dict[str, str]:
     """Return sign, travel or stroke, and autopilot from the metadata of an exported file."""
     try:
         settings = tomllib.loads(facts["configuration"])
-    except (KeyError, tomllib.TOMLDecodeError):
+    except (KeyError, tomllib.TOMLDecodeError, RecursionError):
         return {}
     own = {"rudder_sign": "nose-right", "autopilot": facts.get("autopilot", "")}
     sizes = {name: settings.get(name) for name in ("rudder_max_deg", "rudder_stroke_rad")}

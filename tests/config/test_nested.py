@@ -1,0 +1,59 @@
+"""Files that are nested thousands deep: one line, and the exit code of their kind."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import pytest
+from places import C172P, REPLAY_LOGS
+
+from yawid.cli.main import main
+
+DEEP = 100_000
+
+
+def one_line(capsys: pytest.CaptureFixture[str]) -> str:
+    """Return the only line on stderr; stdout has none."""
+    said = capsys.readouterr()
+    assert said.out == ""
+    assert said.err.count("\n") == 1
+    return said.err
+
+
+def test_a_configuration_that_is_nested_too_deeply_is_one_line_and_exit_code_2(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    config = tmp_path / "deep.toml"
+    config.write_text(f"orders = {'[' * DEEP}", encoding="utf-8")
+
+    assert main(["replay", str(C172P), "--config", str(config), "--out", str(tmp_path)]) == 2
+    assert f"{config}: not a readable TOML file" in one_line(capsys)
+
+
+@pytest.mark.xfail(strict=True, reason="The upper house")
+@pytest.mark.parametrize("command", [["trend"], ["fleet", "LOGS", "--out"]])
+def test_a_manifest_that_is_nested_too_deeply_is_one_line_and_exit_code_6(
+    command: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    logs, data = tmp_path / "logs", tmp_path / "data"
+    logs.mkdir()
+    shutil.copy(REPLAY_LOGS / "no_rudder" / "log.tlog", logs / "a.tlog")
+    data.mkdir()
+    (data / "manifest.json").write_text("[" * DEEP, encoding="utf-8")
+
+    words = [str(logs) if word == "LOGS" else word for word in command]
+    assert main([*words, str(data)]) == 6
+    assert "manifest.json" in one_line(capsys)
+
+
+@pytest.mark.xfail(strict=True, reason="The upper house")
+def test_a_saved_state_that_is_nested_too_deeply_is_one_line_and_exit_code_2(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    state = tmp_path / "state"
+    state.write_text("[" * DEEP, encoding="utf-8")
+    options = ["--state", str(state), "--out", str(tmp_path / "out"), "--seconds", "0.1"]
+
+    assert main(["live", "udpin:127.0.0.1:0", *options]) == 2
+    assert str(state) in one_line(capsys)
