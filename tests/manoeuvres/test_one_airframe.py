@@ -107,6 +107,23 @@ def test_a_pool_that_scatters_beyond_the_limit_of_sigma_is_none(folder: Path):
     assert run.bare.verdict.reasons[0].text.startswith("sigma of wn is 0.04")
 
 
+@pytest.mark.parametrize(
+    ("later", "at", "seed"),
+    [(FLAPS, 0.12, 12), (FLAPS, 0.16, 16), (LIGHT | {"N_r": -1.2}, 0.12, 12)],
+)
+def test_an_aircraft_that_changes_within_a_manoeuvre_has_no_airframe(
+    folder: Path, later: dict[str, float], at: float, seed: int
+):
+    """One fit lies between both, more than 3 of its sigmas from either, and each half shows it."""
+    changed = airframe(folder, [Leg(later=later, at=at)], seed=seed)
+    same = airframe(folder, [Leg()], seed=seed)
+
+    assert same.bare
+    assert not changed.bare
+    assert "parts of the record are" in changed.bare.verdict.reasons[0].text
+    assert "--from and --to" in changed.bare.verdict.next
+
+
 @pytest.fixture(scope="module")
 def reversed_aileron(folder: Path) -> Any:
     turned = LIGHT | {"L_delta_a": -8.0, "N_delta_a": -0.1}

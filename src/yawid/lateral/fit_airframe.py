@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from yawid.blocks import Floats
-from yawid.lateral.airframe import Airframe, AsFlown, Known
+from yawid.lateral.airframe import Airframe, AsFlown, FailedGate, Known
+from yawid.lateral.constancy import parts_of
 from yawid.lateral.criterion import Criterion
 from yawid.lateral.fit import Fit, fit, guess_from
 from yawid.lateral.gates import failed_gates
@@ -38,6 +39,8 @@ AGREES_SIGMAS = 0.5
 COLOUR_S = 0.04
 """The time in s over which innovations should not be correlated: one sample at 25 Hz, for which the
 limit was chosen. Over one sample of 50 Hz a smooth roll angle is (0.4 in SITL), and no harm."""
+PARTS_APART = 3.0
+"""Sigmas by which parts of a record may differ in four numbers: chance goes beyond in 1 %."""
 OF_PRIOR = 0.7
 """A parameter is the prior's where its sigma is a larger part of the prior's: the record has less
 than the prior's information."""
@@ -73,8 +76,28 @@ def fit_airframe(motions: Sequence[Motion], *, servo_lag_s: float | None = None)
     airspeed_m_s = float(np.mean([each.airspeed_m_s for each in records]))
     airframe = _airframe(fits, records, airspeed_m_s)
     agreeing = None if given else _agreeing(fits, airframe, airspeed_m_s)
-    gates = failed_gates(airframe, records, fits[0].settled, agreeing)
+    gates = list(failed_gates(airframe, records, fits[0].settled, agreeing))
+    if not gates and (apart := _most_apart(fits[0], airspeed_m_s)) > PARTS_APART:
+        gates = [FailedGate("changes", apart, PARTS_APART)]
     return replace(airframe, failed=tuple(gates))
+
+
+def _most_apart(found: Fit, airspeed_m_s: float) -> float:
+    """Return by how many sigmas a part of the record differs in one of FLOORS from all parts."""
+    names = ("wn_rad_s", "zeta", "roll_mode", "spiral", *NAMES)
+    rows = []
+    for part in parts_of(found):
+        values, slopes = _values(part, airspeed_m_s)
+        slopes = _in_gusts(names)[:, None] * slopes
+        variance = np.einsum("ij,jk,ik->i", slopes, part.covariance, slopes)
+        rows.append((values, _at_least(names, values, variance)))
+    if not rows:
+        return 0.0
+    value, std = np.array(rows)[:, :, [names.index(name) for name in FLOORS]].swapaxes(0, 1)
+    weights = std**-2.0
+    away = value - (weights * value).sum(axis=0) / weights.sum(axis=0)
+    apart = np.abs(away) / np.sqrt(std**2 - 1.0 / weights.sum(axis=0))
+    return float(np.nanmax(apart, initial=0.0))
 
 
 def floor(name: str, value: float) -> float:

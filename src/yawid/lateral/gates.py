@@ -47,6 +47,11 @@ GATES = {
         "{found:.2f} of the rudder near the mode is feedback of the yaw rate (limit {limit:g})",
         "switch the yaw damper off for the manoeuvre",
     ),
+    "changes": Gate(
+        "the airframe changes within it: parts of the record are {found:.1f} sigma apart (limit "
+        "{limit:g})",
+        "keep flaps, power and airspeed as they are, or choose a part by --from and --to",
+    ),
     "too_slow": Gate(
         "in one sample the fastest mode turns or decays by {found:.2f} rad (limit {limit:g})",
         "send the attitude at a higher rate",
