@@ -14,12 +14,11 @@ from scipy.linalg import expm
 from yawid.blocks import Floats
 from yawid.lateral.airframe import Airframe, Known
 from yawid.lateral.criterion import Criterion
-from yawid.lateral.fit import after_bend, fit, guess_from
+from yawid.lateral.fit import after_bend, fit, guesses
 from yawid.lateral.fit_airframe import autocorrelation, fit_airframe
 from yawid.lateral.gates import GATES, failed_gates
 from yawid.lateral.motion import COMMAND_STEP_S, Motion
 from yawid.lateral.record import Record
-from yawid.lateral.start import band
 from yawid.plant.lateral import LateralCoefficients, lateral_motion
 
 WN, ZETA, ROLL_S = modes(airframe(DERIVATIVES)[0])
@@ -118,14 +117,15 @@ def test_the_roll_law_does_not_pass_for_the_airframe() -> None:
     motion = flown(4, hold=hold, aileron=0.0)
     found = fit_airframe([motion], servo_lag_s=0.0)
 
-    def names(records: list[Record], starts_agreeing: int | None) -> set[str]:
-        return {gate.name for gate in failed_gates(found, records, True, starts_agreeing)}
+    def names(records: list[Record], lag_given: bool) -> set[str]:
+        return {gate.name for gate in failed_gates(found, records, True, 3, lag_given)}
 
     several = [Record(motion)] * 2
-    assert "only_feedback" in names(several, 3)
+    assert "only_feedback" in names(several, False)
     slow_servo = replace(found, servo_lag_s=Known(0.6 / WN, 0.0))
-    assert "only_feedback" in {g.name for g in failed_gates(slow_servo, several[:1], True, 3)}
-    assert "only_feedback" not in names(several, None) | names(several[:1], 3)
+    slow = failed_gates(slow_servo, several[:1], True, 3, False)
+    assert "only_feedback" in {gate.name for gate in slow}
+    assert "only_feedback" not in names(several, True) | names(several[:1], False)
     assert found.aileron_fed_back > 0.95
     assert abs(found.zeta.value - ZETA) < 3.0 * found.zeta.std
     assert abs(found.wn_rad_s.value - WN) < 3.0 * found.wn_rad_s.std
@@ -187,8 +187,7 @@ def test_a_roll_angle_that_drifts_colours_nothing() -> None:
 
 def test_a_start_that_comes_near_to_where_another_ended_ends_there() -> None:
     records = [Record(flown(seed=3, seconds=12.0))]
-    w = band(records)
-    first, second = (Criterion(records, guess_from(records, lag_s, w), {}) for lag_s in (0.04, 0.1))
+    first, second = (Criterion(records, each, {}) for each in guesses(records, None)[:2])
     ended = fit(first)
 
     alone, there = fit(second), fit(second, [ended])
@@ -256,6 +255,6 @@ def test_a_fit_that_does_not_settle_says_after_how_many_steps() -> None:
     """The text once said "within nan steps"."""
     motion = flown(seed=3, seconds=12.0)
     records = [Record(motion)]
-    gates = list(failed_gates(fit_airframe([motion]), records, settled=False, starts_agreeing=3))
+    gates = list(failed_gates(fit_airframe([motion]), records, False, 3, lag_given=False))
     said = [GATES[each.name].sentence.format(found=each.found, limit=each.limit) for each in gates]
     assert said[0] == "the fit did not settle within 40 steps"

@@ -38,7 +38,8 @@ from flights.sealed import sealed_places
 
 from bench.sealed import begin
 from bench.table import FLOWN, all_rows, column, head, known, line, options_of, rms, within
-from yawid.lateral.fit_airframe import START_LAGS_S, fit_airframe
+from yawid.lateral.fit import START_LAGS_S
+from yawid.lateral.fit_airframe import fit_airframe
 from yawid.lateral.motion import COMMAND_STEP_S, LEAD_S, Motion
 
 SEED = 913

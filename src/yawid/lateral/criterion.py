@@ -132,7 +132,7 @@ def _part(record: Record, theta: Floats) -> Part:
     """Return one manoeuvre at the parameters ``theta`` (1, len(PARAMETERS))."""
     pair = _pair(theta[0])
     inputs, later = record.inputs(*pair), record.later(*pair)
-    model = system(theta, record.airspeed_m_s, record.law, record.pitch)
+    model = system(theta, record.airspeed_m_s, record.pitch)
     predictor = Predictor.of(model, record.sample_time_s)
     y, u = (np.zeros((9 + len(later), *x.shape)) for x in (record.y, inputs))
     y[0], u[0], u[9:] = record.y, inputs, later
@@ -168,7 +168,7 @@ def _slopes(record: Record, theta: Floats, part: Part) -> Floats:
     others = [_inputs(record, pair, part.own[8:]) for pair in pairs if pair != part.pair]
     found = np.empty((len(theta), record.y.size))
     for its, u in ((same, [part.inputs]), (~same, others)):
-        model = system(theta[its], record.airspeed_m_s, record.law, record.pitch)
+        model = system(theta[its], record.airspeed_m_s, record.pitch)
         predictor = Predictor.of(model, record.sample_time_s, part.predictor)
         own = np.repeat(part.own[None, :8], np.count_nonzero(its), axis=0)
         runs = whitened(

@@ -11,8 +11,10 @@ from yawid.estimation.machine.products import cross
 from yawid.lateral.criterion import Criterion, Point
 from yawid.lateral.model import NAMES, Guess
 from yawid.lateral.record import Record
-from yawid.lateral.start import equation_error
+from yawid.lateral.start import band, equation_error, plain
 
+START_LAGS_S = (0.04, 0.1, 0.16)
+"""Servo lags from which the fit starts. The aircraft of the second start is a plain one."""
 ITERATIONS, TRIALS = 40, 8
 LONGEST_STEP = 2.0
 """Of a parameter in its scales."""
@@ -23,7 +25,7 @@ _SHRINK, _GROW = 0.95, 20.0
 """The largest share by which a variance falls and grows in a step."""
 _SMALL_GAIN = 0.02
 """The expected gain of twice the log-likelihood below which the steps end."""
-_SAME = 0.1
+_SAME = 0.5
 """The expected gain of twice the log-likelihood below which a fit ends where another one did."""
 _EARLY = 5
 """Steps after which what the noise would still gain no longer counts."""
@@ -49,13 +51,25 @@ class Fit:
     steps: int
 
 
-def guess_from(records: Sequence[Record], lag_s: float, w: Floats) -> Guess:
-    """Return start values, from equation error with this servo lag and from the signals' sizes.
+def guesses(records: Sequence[Record], servo_lag_s: float | None) -> list[Guess]:
+    """Return the starts, from equation error and from the signals' sizes.
 
-    ``w`` (f,) are the frequencies of :func:`yawid.lateral.start.band`.
+    They differ in the lag with which the equation error is made, and one takes the derivatives of
+    r from the middle of its power. What is known beforehand is the same for all, so that their
+    likelihoods compare. A servo lag that is given is that of all.
     """
-    start = equation_error(records, lag_s, w)
-    wn = max(math.sqrt(abs(start["N_beta"])), 0.5)
+    middle, w = band(records)
+    lags = START_LAGS_S if servo_lag_s is None else (servo_lag_s, servo_lag_s, START_LAGS_S[-1])
+    starts = [equation_error(records, lag_s, w, middle) for lag_s in lags]
+    wn = max(math.sqrt(abs(starts[1]["N_beta"])), 0.5)
+    starts[1] |= plain(middle)
+    return [
+        _guess(records, start | {"servo_lag": lag_s if servo_lag_s is None else servo_lag_s}, wn)
+        for lag_s, start in zip(lags, starts, strict=True)
+    ]
+
+
+def _guess(records: Sequence[Record], start: dict[str, float], wn: float) -> Guess:
     Ts = records[0].sample_time_s
     p, r, roll = np.sqrt(np.mean([np.mean(each.y**2, axis=0) for each in records], axis=0))
     noise = [max(float(np.mean([_fine(each.y[:, i]) for each in records])), 0.01 * rms, least)
@@ -63,7 +77,7 @@ def guess_from(records: Sequence[Record], lag_s: float, w: Floats) -> Guess:
     tiny = np.finfo(float).tiny
     values = start | {
         "log_Y_beta": math.log(max(-start["Y_beta"], 0.02 * wn)),
-        "Y_delta_r": 0.0, "servo_lag": lag_s, "delay": 0.0, "roll_delay": 0.0,
+        "Y_delta_r": 0.0, "delay": 0.0, "roll_delay": 0.0,
         "alpha": float(np.mean([each.alpha for each in records])),
         "log_sigma_p": math.log(noise[0]), "log_sigma_r": math.log(noise[1]),
         "log_sigma_roll": math.log(noise[2]),

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -10,16 +11,14 @@ from yawid.blocks import Floats
 from yawid.lateral.airframe import Airframe, AsFlown, FailedGate, Known
 from yawid.lateral.constancy import parts_of
 from yawid.lateral.criterion import Criterion
-from yawid.lateral.fit import Fit, fit, guess_from
+from yawid.lateral.fit import Fit, fit, guesses
 from yawid.lateral.gates import failed_gates
 from yawid.lateral.mix import rudder_mixes
 from yawid.lateral.model import AT, DERIVATIVES, NAMES, RUDDER, modes
 from yawid.lateral.motion import Motion
 from yawid.lateral.record import Record
 from yawid.lateral.roll_law import dutch_roll_closed, roll_law, yaw_rate_closed
-from yawid.lateral.start import band
 
-START_LAGS_S = (0.04, 0.1, 0.16)
 GIVEN_LAG_STD_S = 0.005
 """How well a servo lag is known that the user gives."""
 FLOORS = {
@@ -34,7 +33,8 @@ OTHERS_IN_GUSTS = {"zeta": 1.1}
 innovations are white there, and a covariance that allows for colour is no larger: gusts also change
 airspeed and angle of attack, and with them the airframe that is sought; zeta changes least."""
 NATS = 3.0
-"""Starts whose log-likelihood is this near to the best one's count as answers, too."""
+"""Starts whose log-likelihood is this near to the best one's count as answers, too, and one that
+settled goes before one that did not."""
 AGREES_SIGMAS = 0.5
 COLOUR_S = 0.04
 """The time in s over which innovations should not be correlated: one sample at 25 Hz, for which the
@@ -56,27 +56,24 @@ def fit_airframe(motions: Sequence[Motion], *, servo_lag_s: float | None = None)
     """Return the bare airframe that these manoeuvres of one airspeed show.
 
     State at the start and trims are each manoeuvre's own, all else is shared. With ``servo_lag_s``
-    the fit starts there and stays near; else it starts from each of START_LAGS_S. Whether the
-    result may be used is in ``failed``.
+    the lag stays near it. Whether the result may be used is in ``failed``.
 
     Raises:
         ValueError: there is no manoeuvre, or no start has a predictor.
     """
     records = [Record(motion) for motion in motions]
-    given = servo_lag_s is not None
-    lags = (servo_lag_s,) if servo_lag_s is not None else START_LAGS_S
-    w = band(records)
+    priors = {} if servo_lag_s is None else {"servo_lag": (servo_lag_s, GIVEN_LAG_STD_S)}
     fits: list[Fit] = []
-    for lag_s in lags:
-        if (found := _from(records, lag_s, given, w, fits)) is not None:
-            fits.append(found)
+    for guess in guesses(records, servo_lag_s):
+        with suppress(np.linalg.LinAlgError):  # there is no predictor at this start
+            fits.append(fit(Criterion(records, guess, priors), fits))
     if not fits:
         raise ValueError("the fit of the bare airframe found no predictor from any start")
-    fits.sort(key=lambda each: each.criterion)
+    fits.sort(key=lambda each: each.criterion - 2.0 * NATS * each.settled)
     airspeed_m_s = float(np.mean([each.airspeed_m_s for each in records]))
     airframe = _airframe(fits, records, airspeed_m_s)
-    agreeing = None if given else _agreeing(fits, airframe, airspeed_m_s)
-    gates = list(failed_gates(airframe, records, fits[0].settled, agreeing))
+    agreeing, given = _agreeing(fits, airframe), servo_lag_s is not None
+    gates = list(failed_gates(airframe, records, fits[0].settled, agreeing, given))
     if not gates and (apart := _most_apart(fits[0], airspeed_m_s)) > PARTS_APART:
         gates = [FailedGate("changes", apart, PARTS_APART)]
     return replace(airframe, failed=tuple(gates))
@@ -115,17 +112,6 @@ def _at_least(names: Sequence[str], values: Floats, variances: Floats) -> Floats
     """Return sigma (n,) of numbers with these variances, and with what a linear model is worth."""
     least = [floor(*each) for each in zip(names, values.tolist(), strict=True)]
     return np.asarray(np.sqrt(variances + np.square(least)), np.float64)
-
-
-def _from(
-    records: Sequence[Record], lag_s: float, given: bool, w: Floats, others: Sequence[Fit]
-) -> Fit | None:
-    """Return the fit from one start; None if there is no predictor there."""
-    priors = {"servo_lag": (lag_s, GIVEN_LAG_STD_S)} if given else {}
-    try:
-        return fit(Criterion(records, guess_from(records, lag_s, w), priors), others)
-    except np.linalg.LinAlgError:
-        return None
 
 
 def _values(found: Fit, airspeed_m_s: float) -> tuple[Floats, Floats]:
@@ -258,8 +244,13 @@ def autocorrelation(errors: Floats, records: Sequence[Record]) -> float:
     return float(rho[np.argmax(np.abs(rho))])
 
 
-def _agreeing(fits: Sequence[Fit], airframe: Airframe, airspeed_m_s: float) -> int:
-    """Return how many starts end within half a sigma of the best one's wn, itself among them."""
-    wn = airframe.wn_rad_s
-    found = [_values(each, airspeed_m_s)[0][0] for each in fits]
-    return sum(abs(each - wn.value) <= AGREES_SIGMAS * wn.std for each in found)
+def _agreeing(fits: Sequence[Fit], airframe: Airframe) -> int:
+    """Return how many starts end where the best one does, itself among them.
+
+    Their wn, zeta and roll mode are within half a sigma.
+    """
+    roll = airframe.roll_s
+    stds = airframe.wn_rad_s.std, airframe.zeta.std, roll.std / roll.value**2
+    found = np.array([_values(each, airframe.airspeed_m_s)[0][:3] for each in fits])
+    apart = np.abs(found - found[0]) / np.array(stds)
+    return int((~(apart > AGREES_SIGMAS)).all(axis=1).sum())

@@ -12,13 +12,11 @@ from yawid.lateral.record import Record
 
 COPIED, COLOURED, TOO_COARSE = 0.98, 0.35, 0.25
 WN_KNOWN, AILERON_KNOWN, RUDDER_SIGMAS = 0.04, 0.25, 3.0
-FED_BACK, WN_KNOWN_FED_BACK = 0.85, 0.022
-"""Where roll and p explain the aileron by more, sigma of wn must be smaller: it was too small by up
-to eight times in flights of a Cessna whose aileron followed the roll hold alone, and nearly three
-times in one of SITL at 0.89."""
+FED_BACK = 0.85
+"""R squared of the aileron on roll and p above which it follows them."""
 LONG_LAG = 0.5
 """The servo's lag over the time 1/wn beyond which one manoeuvre with such an aileron does not show
-it either: SITL's, at 1.4, had roll modes 18 to 28 % too slow and wn up to 2.5 sigma low."""
+it: SITL's, at 1.4, had roll modes 18 to 28 % too slow and wn up to 2.5 sigma low."""
 LEAST_STARTS_AGREEING = 2
 _COPY_DELAYS_S = (0.0, 0.05, 0.1, 0.15)
 
@@ -63,6 +61,11 @@ GATES = {
     "rudder_without_effect": Gate(
         "N_delta_r is {found:.1f} sigma from 0 ({limit:g} needed)", "move the rudder more"
     ),
+    "several_minima": Gate(
+        "from other starts the fit ends in another airframe ({found:g} of 3 agree, {limit:g} are "
+        "needed)",
+        "move the aileron on its own, or fly more manoeuvres at one speed",
+    ),
     "only_feedback": Gate(
         "roll and p explain {found:.2f} of the aileron (limit {limit:g}), which does not show the "
         "servo's lag",
@@ -96,9 +99,13 @@ before what the fit makes of it."""
 
 
 def failed_gates(
-    airframe: Airframe, records: Sequence[Record], settled: bool, starts_agreeing: int | None
+    airframe: Airframe,
+    records: Sequence[Record],
+    settled: bool,
+    starts_agreeing: int,
+    lag_given: bool,
 ) -> Iterator[FailedGate]:
-    """Yield the gates that stop an airframe; ``starts_agreeing`` is None where the lag is given."""
+    """Yield the gates that stop an airframe."""
     if not all(each.motion.aileron_known for each in records):
         yield FailedGate("no_aileron", math.nan, math.nan)
     if not all(each.motion.commands_exact for each in records):
@@ -107,11 +114,12 @@ def failed_gates(
         yield FailedGate("rudder_copies_aileron", copied, COPIED)
     if not settled:
         yield FailedGate("not_settled", math.nan, ITERATIONS)
-    if starts_agreeing is not None and starts_agreeing < LEAST_STARTS_AGREEING:
-        yield FailedGate("lag_unknown", starts_agreeing, LEAST_STARTS_AGREEING)
+    if starts_agreeing < LEAST_STARTS_AGREEING:
+        name = "several_minima" if lag_given else "lag_unknown"
+        yield FailedGate(name, starts_agreeing, LEAST_STARTS_AGREEING)
     fed_back = airframe.aileron_fed_back
     is_long = airframe.servo_lag_s.value * airframe.wn_rad_s.value > LONG_LAG
-    if starts_agreeing is not None and (len(records) > 1 or is_long) and fed_back > FED_BACK:
+    if not lag_given and (len(records) > 1 or is_long) and fed_back > FED_BACK:
         # four flights of SITL together were 10 % low with a sigma of 1.7 %
         yield FailedGate("only_feedback", fed_back, FED_BACK)
     if not airframe.rho1 < COLOURED:
@@ -127,9 +135,8 @@ def failed_gates(
 
 def _uncertain(airframe: Airframe, aileron_moves: bool) -> Iterator[FailedGate]:
     share = airframe.wn_rad_s.std / airframe.wn_rad_s.value
-    limit = WN_KNOWN_FED_BACK if airframe.aileron_fed_back > FED_BACK else WN_KNOWN
-    if not share < limit:
-        yield FailedGate("wn_uncertain", share, limit)
+    if not share < WN_KNOWN:
+        yield FailedGate("wn_uncertain", share, WN_KNOWN)
     aileron, rudder = (airframe.derivatives[name] for name in ("L_delta_a", "N_delta_r"))
     if aileron_moves and not (share := aileron.std / abs(aileron.value)) < AILERON_KNOWN:
         yield FailedGate("aileron_uncertain", share, AILERON_KNOWN)

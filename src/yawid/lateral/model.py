@@ -182,13 +182,11 @@ class System:
     R: Floats
 
 
-def system(theta: Floats, airspeed_m_s: float, law: Law, pitch: float) -> System:
-    """Return the state space of parameters ``theta`` (v, n), with the roll law closed in it."""
+def system(theta: Floats, airspeed_m_s: float, pitch: float) -> System:
+    """Return the state space of parameters ``theta`` (v, n)."""
     A, B = airframe(theta, airspeed_m_s)
     A[:, BETA, ROLL] = GRAVITY / airspeed_m_s * math.cos(pitch)
     A[:, ROLL, R] = math.tan(pitch)
-    A[:, :, ROLL] -= law.roll_gain * B[:, :, AILERON]
-    A[:, :, P] -= law.rate_gain * B[:, :, AILERON]
 
     def power(name: str) -> Floats:
         return np.exp(2.0 * theta[:, AT[name]])

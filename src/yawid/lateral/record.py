@@ -1,4 +1,4 @@
-"""A manoeuvre as the criterion needs it: measurements, inputs after lag and delay, the roll law.
+"""A manoeuvre as the criterion needs it: measurements, and inputs after lag and delay.
 
 A command that jumps from one servo message to the next is taken as a line between them. When it
 jumped is not known: in SITL at 50 Hz it was 6 ms after the middle of the line, which made the roll
@@ -13,11 +13,9 @@ import numpy as np
 
 from yawid.blocks import Floats
 from yawid.estimation.all_pole import all_pole
-from yawid.lateral.model import AILERON, RUDDER, Law
+from yawid.lateral.model import AILERON, RUDDER
 from yawid.lateral.motion import COMMAND_STEP_S, Flags, Motion
 
-FED_BACK = 0.95
-"""R squared of the aileron on roll and p above which its roll law is put into the model."""
 AT_REST = 2e-3
 """Standard deviation of an aileron that does not move, in the unit of its channel."""
 JUMP = 0.1
@@ -42,10 +40,11 @@ _LEAST_LIFT = 0.25
 class Record:
     """One manoeuvre. ``y`` (n, 3) are p, r and roll about their means, 0 where ``missing`` (n,).
 
-    ``turn`` are means and slopes (n, 2) of f1 and f2 over each step; ``law`` is the roll law, if
-    the aileron is feedback; ``fed_back`` the R squared of the aileron on roll and p. ``jumps`` are
-    those of the commands: aileron or rudder, the command at its middle, and its size;
-    ``jump_std_s`` is sigma of its time, of which nothing else than its sample is known.
+    ``turn`` are means and slopes (n, 2) of f1 and f2 over each step; ``fed_back`` the R squared of
+    the aileron on roll and p. An aileron that a hold moves is an input like any other: it depends
+    on the past alone. ``jumps`` are those of the commands: aileron or rudder, the command at its
+    middle, and its size; ``jump_std_s`` is sigma of its time, of which nothing else than its sample
+    is known.
     """
 
     def __init__(self, motion: Motion) -> None:
@@ -66,8 +65,7 @@ class Record:
         commands = np.stack([motion.aileron, motion.rudder])
         self.commands = commands - commands[:, inside].mean(axis=1)[:, None]
         self.aileron_moves = motion.aileron_known and bool(self.commands[0, inside].std() > AT_REST)
-        self.given = self.commands
-        self.law, self.fed_back = self._roll_law(times, inside)
+        self.fed_back = self._fed_back(times, inside)
         self._sums = [_sums(u) for u in self.commands]
         its = [RUDDER] if self.fed_back > FOLLOWS else [AILERON, RUDDER]
         jumps = [jump for surface in its for jump in self._jumps(surface, inside)]
@@ -131,25 +129,20 @@ class Record:
         mean, slope = 0.5 * (both + after), (after - both) / self.sample_time_s
         return np.asarray(mean, np.float64), np.asarray(slope, np.float64)
 
-    def _roll_law(self, times: Floats, inside: np.ndarray) -> tuple[Law, float]:
-        """Find the roll law by least squares; where it is all, the aileron is what it leaves."""
+    def _fed_back(self, times: Floats, inside: np.ndarray) -> float:
+        """Return R squared of the aileron on roll and p, 0 where it does not move."""
         if not self.aileron_moves:
-            return Law(), 0.0
+            return 0.0
         roll, p = (np.interp(times, self.times_s, self._filled[i] - self.mean[i]) for i in (2, 0))
-        columns = np.stack([np.ones(len(times)), roll, p], axis=1)
-        aileron = self.commands[0]
-        law, *_ = np.linalg.lstsq(columns[inside], aileron[inside], rcond=None)
-        left = np.where(inside, aileron - columns @ law, 0.0)
-        explained = 1.0 - float(left[inside].var() / aileron[inside].var())
-        if explained <= FED_BACK:
-            return Law(), explained
-        self.commands = np.stack([left, self.commands[1]])
-        return Law(-float(law[1]), -float(law[2])), explained
+        columns = np.stack([np.ones(len(times)), roll, p], axis=1)[inside]
+        aileron = self.commands[0][inside]
+        law, *_ = np.linalg.lstsq(columns, aileron, rcond=None)
+        return 1.0 - float((aileron - columns @ law).var() / aileron.var())
 
     def _jumps(self, surface: int, inside: np.ndarray) -> Iterator[tuple[int, int, float]]:
         """Yield surface, command in the middle, and size of each jump within a sample."""
         width = round(self.sample_time_s / COMMAND_STEP_S)
-        u = self.given[surface]
+        u = self.commands[surface]
         change = np.where(inside[:-width], u[width:] - u[:-width], 0.0)
         large = np.abs(change) > JUMP * np.ptp(u[inside])
         signs = np.sign(change) * large
@@ -200,10 +193,10 @@ class Record:
         return found
 
     def commanded(self, lag_s: float, delay_s: float) -> Floats:
-        """Return aileron and rudder (n, 2) at each instant, the aileron with its feedback."""
+        """Return aileron and rudder (n, 2) at each instant."""
         at, into = self._places(np.asarray(self.times_s - delay_s, np.float64))
-        lagged = lagged_lines(self.given, lag_s, COMMAND_STEP_S)
-        pairs = zip(self.given, lagged, strict=True)
+        lagged = lagged_lines(self.commands, lag_s, COMMAND_STEP_S)
+        pairs = zip(self.commands, lagged, strict=True)
         return np.stack([_between(u, x, at, into, lag_s)[0] for u, x in pairs], axis=1)
 
     def _lines(self, lag_s: float, delay_s: float) -> tuple[Floats, Floats]:

@@ -41,7 +41,14 @@ BARE_UNKNOWN: Final = "bare_unknown"
 DISAGREE: Final = "manoeuvres_disagree"
 WRONG_SIGN: Final = "wrong_sign"
 OF_ALL: Final = frozenset(
-    {"lag_unknown", "wn_uncertain", "aileron_uncertain", "rudder_without_effect", "not_settled"}
+    {
+        "lag_unknown",
+        "several_minima",
+        "wn_uncertain",
+        "aileron_uncertain",
+        "rudder_without_effect",
+        "not_settled",
+    }
 )
 """The gates that more manoeuvres may pass together; the others speak against the data."""
 LAWS: Final[Mapping[str, int]] = {
