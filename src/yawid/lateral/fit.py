@@ -25,7 +25,7 @@ _SHRINK, _GROW = 0.95, 20.0
 """The largest share by which a variance falls and grows in a step."""
 _SMALL_GAIN = 0.02
 """The expected gain of twice the log-likelihood below which the steps end."""
-_SAME = 0.5
+_SAME = 0.1
 """The expected gain of twice the log-likelihood below which a fit ends where another one did."""
 _EARLY = 5
 """Steps after which what the noise would still gain no longer counts."""

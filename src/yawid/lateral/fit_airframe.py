@@ -35,7 +35,9 @@ airspeed and angle of attack, and with them the airframe that is sought; zeta ch
 NATS = 3.0
 """Starts whose log-likelihood is this near to the best one's count as answers, too, and one that
 settled goes before one that did not."""
-AGREES_SIGMAS = 0.5
+AGREES_SIGMAS = 1.0
+"""Starts that end within this of the best one are of its minimum: false ones are 8 sigma and more
+away, and steps in the likelihood, where a jump passes a sample's edge, hold some 0.6 away."""
 COLOUR_S = 0.04
 """The time in s over which innovations should not be correlated: one sample at 25 Hz, for which the
 limit was chosen. Over one sample of 50 Hz a smooth roll angle is (0.4 in SITL), and no harm."""
@@ -247,7 +249,7 @@ def autocorrelation(errors: Floats, records: Sequence[Record]) -> float:
 def _agreeing(fits: Sequence[Fit], airframe: Airframe) -> int:
     """Return how many starts end where the best one does, itself among them.
 
-    Their wn, zeta and roll mode are within half a sigma.
+    Their wn, zeta and roll mode are within AGREES_SIGMAS.
     """
     roll = airframe.roll_s
     stds = airframe.wn_rad_s.std, airframe.zeta.std, roll.std / roll.value**2
