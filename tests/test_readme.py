@@ -26,7 +26,7 @@ from yawid.runs.stop import SIGNALS
 LIMITS = {
     "README.md": (200, 100),
     "src/README.md": (360, 160),
-    "tests/README.md": (200, 175),
+    "tests/README.md": (215, 175),
     "tools/README.md": (265, 160),
     "replay_logs/README.md": (85, 160),
 }

@@ -72,7 +72,8 @@ class Copy:
         ignored = shutil.ignore_patterns("__pycache__", "*.egg-info", "actual.*")
         for name in COPIED:
             shutil.copytree(ROOT / name, folder / name, ignore=ignored)
-        shutil.copy2(ROOT / "pyproject.toml", folder)
+        for name in ("pyproject.toml", "README.md"):
+            shutil.copy2(ROOT / name, folder)
         (folder / "conftest.py").write_text(CONFTEST, encoding="utf-8")
 
     def run_all(self, defects: Sequence[Defect]) -> tuple[int, str]:

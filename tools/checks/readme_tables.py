@@ -28,6 +28,7 @@ ROOT = Path(__file__).resolve().parents[2]
 HOMES = {
     "cases": "replay_logs/README.md",
     "mutations": "tests/README.md",
+    "mutants": "tests/README.md",
     "truth_short": "src/yawid/manual/accuracy.md",
     "reasons": "src/yawid/manual/reasons.md",
     "exit_codes": "src/yawid/manual/reasons.md",

@@ -14,6 +14,7 @@ import importlib
 import json
 import os
 import resource
+import shutil
 import signal
 import sqlite3
 import subprocess
@@ -330,7 +331,8 @@ def record(folder: Path) -> None:
     reach = folder / "reach"
     if (reach / "ended").exists():
         return
-    reach.mkdir(exist_ok=True)
+    shutil.rmtree(reach, ignore_errors=True)
+    reach.mkdir()
     tree = folder / "tree"
     paths = os.pathsep.join([str(tree / "src"), str(tree / "tools")])
     options = ["-q", "-p", "mutants.reach", "-p", "no:cacheprovider", "-p", "no:xdist"]

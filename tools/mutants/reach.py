@@ -99,11 +99,12 @@ class Recorder:
         """Note a test that was skipped, or failed without any mutant: it cannot kill one."""
         self.passed &= report.passed
 
-    def pytest_sessionfinish(self) -> None:
-        """Write what is left."""
+    def pytest_sessionfinish(self, exitstatus: int) -> None:
+        """Write what is left, and that all tests ran."""
         self.coverage.stop()
         self.coverage.save()
-        (FOLDER / "ended").touch()
+        if exitstatus in (pytest.ExitCode.OK, pytest.ExitCode.TESTS_FAILED):
+            (FOLDER / "ended").touch()
 
 
 def _file(cache: Any) -> str:
