@@ -3,7 +3,14 @@
 import math
 from dataclasses import dataclass
 
+import msgspec
+import numpy as np
+
+from yawid.answers.run_summary import Bare, Value
 from yawid.blocks import Floats
+from yawid.lateral.model import AT, NAMES, modes
+
+_STEPS, _SLOPE = 20, 1e-5
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,3 +89,37 @@ class Airframe:
     def is_known(self) -> bool:
         """Return whether all gates let the airframe pass."""
         return not self.failed
+
+
+def with_modes(found: Bare, correlations: Floats) -> Bare:
+    """Return an answer whose derivatives changed by the least, in sigma, that gives its modes.
+
+    Means of modes and means of derivatives are of two aircraft, as modes are no linear function.
+
+    ``correlations`` (n + 1, n + 1) are of the derivatives, the angle of attack and the servo lag.
+    """
+    roll, speed_m_s, alpha = found.dutch_roll, found.airspeed_m_s, found.alpha_rad
+    if roll is None or speed_m_s is None or alpha is None or found.derivatives is None:
+        return found
+    known = {**found.derivatives, "alpha": alpha}
+    at = [AT.get(name, AT["log_Y_beta"]) for name in known]
+    std = np.array([each.std or 0.0 for each in known.values()])
+    covariance = correlations[: len(std), : len(std)] * np.outer(std, std)
+    value, step = np.array([each.value for each in known.values()], float), _SLOPE * std
+    constants = (found.roll_mode, found.spiral)
+    poles = [-1.0 / each.time_constant_s if each is not None else np.nan for each in constants]
+    wanted = np.array([roll.wn_rad_s, roll.zeta, *poles])
+    given = np.isfinite(wanted)
+    for _ in range(_STEPS):
+        theta = np.zeros((len(value) + 1, len(NAMES)))
+        theta[:, at] = np.vstack([value, value + np.diag(step)])
+        theta[:, AT["log_Y_beta"]] = np.log(np.maximum(-theta[:, AT["log_Y_beta"]], step.min()))
+        now = modes(theta, speed_m_s)[:, given]
+        slopes = (now[1:] - now[0]).T / step
+        gain = covariance @ slopes.T @ np.linalg.pinv(slopes @ covariance @ slopes.T)
+        value = value + gain @ (wanted[given] - now[0])
+    if not np.allclose(now[0], wanted[given], rtol=1e-9, atol=1e-12):
+        return found
+    pairs = zip(known.items(), value.tolist(), strict=True)
+    numbers = {name: Value(new, each.std) for (name, each), new in pairs}
+    return msgspec.structs.replace(found, alpha_rad=numbers.pop("alpha"), derivatives=numbers)

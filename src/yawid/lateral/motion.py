@@ -18,6 +18,9 @@ COMMAND_STEP_S = 0.005
 """Step of the commands' grid in s."""
 LEAD_S = 0.5
 """Commands needed before the first measurement in s: three servo lags and the delay."""
+SURELY_REVERSED = 5.0
+"""The sigmas by which roll angle and roll rate go against each other. White noise has 5 never, a
+roll angle that is reversed some 20 and more in a manoeuvre."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -74,3 +77,19 @@ class Motion:
         """Return the times (m,) of the commands in s."""
         k = np.arange(len(self.rudder))
         return np.asarray(self.commands_start_s + COMMAND_STEP_S * k, np.float64)
+
+    def contradiction(self) -> str | None:
+        """Return in words why no airframe moves like this, None where one may."""
+        named = {"roll rate": self.p, "yaw rate": self.r, "roll angle": self.roll}
+        for name, x in named.items():
+            known = x[np.isfinite(x)]
+            if not len(known) or float(np.ptp(known)) < 1e-9:
+                return f"the {name} does not change during it"
+        turned, rate = np.diff(self.roll), self.p[1:] + self.p[:-1]
+        both = np.isfinite(turned) & np.isfinite(rate)
+        turned, rate = turned[both] - turned[both].mean(), rate[both] - rate[both].mean()
+        power = float(turned @ turned) * float(rate @ rate)
+        together = float(turned @ rate) / math.sqrt(power) if power > 0.0 else 0.0
+        if together * math.sqrt(len(rate)) < -SURELY_REVERSED:
+            return "the roll angle falls where the roll rate is positive: one of them is reversed"
+        return None

@@ -26,7 +26,7 @@ from yawid.answers.run_summary import (
     VerdictSummary,
 )
 from yawid.blocks import AIRSPEED_SHARE
-from yawid.lateral.airframe import Airframe, AsFlown, FailedGate, Known
+from yawid.lateral.airframe import Airframe, AsFlown, FailedGate, Known, with_modes
 from yawid.lateral.fit_airframe import ANSWERED, fit_airframe, floor
 from yawid.lateral.gates import GATES, WN_KNOWN
 from yawid.lateral.motion import Motion
@@ -107,6 +107,8 @@ def fitted(n: int, motion: Motion | str, servo_lag_s: float | None) -> Fitted:
     if isinstance(motion, str):
         return Fitted(n, motion, None, motion)
     known = {"no_aileron": motion.aileron_known, "commands_on_grid": motion.commands_exact}
+    if why := motion.contradiction():
+        return Fitted(n, motion, None, why, "Check the channels' signs and units.")
     if lacks := [GATES[name] for name, has in known.items() if not has]:  # no fit is needed
         return Fitted(n, motion, None, lacks[0].sentence, _sentences([lacks[0].remedy]))
     found, why = _fit([motion], servo_lag_s)
@@ -185,7 +187,8 @@ def _fed_back(motion: Motion, found: Airframe) -> float:
 
 def _fit(motions: Sequence[Motion], servo_lag_s: float | None) -> tuple[Airframe | None, str]:
     try:
-        return fit_airframe(motions, servo_lag_s=servo_lag_s), ""
+        with np.errstate(all="ignore"):  # a step too far is not taken, and nobody need read of it
+            return fit_airframe(motions, servo_lag_s=servo_lag_s), ""
     except Exception as error:  # whatever happens here, the answer as flown must stay
         return None, f"the fit failed: {error}"
 
@@ -371,6 +374,8 @@ def _with_correlations(found: Bare, airframes: Sequence[Airframe]) -> Bare:
     at = [ANSWERED.index(name) for name in names]
     rows = np.mean([each.correlations for each in airframes], axis=0)[np.ix_(at, at)]
     prior = [n for n in ANSWERED if all(n in each.from_prior for each in airframes)]
+    if len(airframes) > 1:
+        found = with_modes(found, rows)
     return msgspec.structs.replace(
         found, correlations=rows.round(4).tolist(), from_prior=prior or None
     )
