@@ -46,8 +46,8 @@ WN, ZETA, ROLL_S = modes(airframe(DERIVATIVES)[0])
 
 
 @cache
-def motion(seconds: float = 30.0) -> Motion:
-    return flown(3, seconds=seconds, rate_hz=50.0, amplitude=0.3, aileron=0.2)
+def motion(seconds: float = 30.0, seed: int = 3) -> Motion:
+    return flown(seed, seconds=seconds, rate_hz=50.0, amplitude=0.3, aileron=0.2)
 
 
 @cache
@@ -59,13 +59,14 @@ def log(
     roll_late_s: float = 0.0,
     roll_by: float = 1.0,
     p_by: float = 1.0,
+    seed: int = 3,
 ) -> bytes:
     """Return a tlog of the motion: 10 s at rest, attitudes at 25 Hz, servos at 50 Hz in between.
 
     The roll angle is that of ``roll_late_s`` before, as of an estimator that filters it; roll angle
     and rate are multiplied.
     """
-    m, made = motion(), FlightLog()
+    m, made = motion(seed=seed), FlightLog()
     mode = mavlink.MAVLink_heartbeat_message(1, 3, 0, 5 if damper else 0, 4, 3)  # FBWA or MANUAL
     made.add(start_s - 10.0, mode)
     for name, value in (("SERVO4_FUNCTION", 21.0), *([("SERVO1_FUNCTION", 4.0)] * aileron)):
@@ -256,13 +257,13 @@ def test_a_session_on_a_socket_and_the_replay_of_its_tlog_have_the_same_airframe
 
 def test_after_a_reboot_the_motion_is_that_of_its_own_boot():
     """The second boot has the same times: only the Unix time says whose rows are whose."""
-    again = bytearray(log())
-    two = run(log() + bytes(_later(again, 100.0)))
+    two = run(log() + bytes(_later(bytearray(log(seed=4)), 100.0)))
 
     assert two.manoeuvres is not None
-    one = whole().manoeuvres
-    assert one is not None
-    rolls = [each.lateral and each.lateral.dutch_roll for each in (*one, *one)]
+    first, second = whole().manoeuvres, run(log(seed=4)).manoeuvres
+    assert first is not None
+    assert second is not None
+    rolls = [each.lateral and each.lateral.dutch_roll for each in (*first, *second)]
     assert [each.lateral and each.lateral.dutch_roll for each in two.manoeuvres] == rolls
 
 
