@@ -29,7 +29,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def airframe(folder: Path, legs: list[Leg], *, lag_s: float | None = LAG_S, **changed: Any) -> Any:
-    """Return the run of a flight; its log stays in the folder."""
+    """Return the run of a flight, which is given the lag; its log stays in the folder."""
     path = folder / f"flight{len(list(folder.iterdir()))}.tlog"
     path.write_bytes(tlog(legs, **changed))
     return yawid.replay(path, lateral="auto", servo_lag=lag_s)
@@ -105,6 +105,22 @@ def test_a_pool_that_scatters_beyond_the_limit_of_sigma_is_none(folder: Path):
     assert 0.085 < away < 0.095
     assert not run.bare
     assert run.bare.verdict.reasons[0].text.startswith("sigma of wn is 0.04")
+
+
+@pytest.mark.parametrize(("given_s", "gust_rad"), [(0.1, 0.0), (0.0, 0.0), (0.15, 0.005)])
+def test_a_servo_lag_that_the_flight_contradicts_is_a_warning_with_both_numbers(
+    folder: Path, given_s: float, gust_rad: float
+):
+    """The servo's lag is .05 s."""
+    right = airframe(folder, [Leg()], gust_rad=gust_rad).bare
+    wrong = airframe(folder, [Leg()], gust_rad=gust_rad, lag_s=given_s).bare
+
+    assert right.verdict.usable
+    assert "lag_differs" not in warnings(right)
+    said = warnings(wrong)["lag_differs"]
+    assert said.startswith(f"the servo lag given is {given_s:g} s")
+    found, std = map(float, said.split("finds ")[1].removesuffix(" s").split(" ± "))
+    assert abs(found - LAG_S) < 3.0 * std
 
 
 @pytest.mark.parametrize(

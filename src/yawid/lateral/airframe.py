@@ -83,6 +83,9 @@ class Airframe:
     """Twice the negative logarithm of the likelihood, up to a constant."""
     as_flown: AsFlown | None = None
     """None where no roll law is found."""
+    given_lag_s: Known = Known()
+    free_lag_s: Known = Known()
+    """The servo lag that was given, and what a fit without it finds; NaN where none was given."""
     failed: tuple[FailedGate, ...] = ()
 
     @property

@@ -78,7 +78,27 @@ def fit_airframe(motions: Sequence[Motion], *, servo_lag_s: float | None = None)
     gates = list(failed_gates(airframe, records, fits[0].settled, agreeing, given))
     if not gates and (apart := _most_apart(fits[0], airspeed_m_s)) > PARTS_APART:
         gates = [FailedGate("changes", apart, PARTS_APART)]
+    if not gates and servo_lag_s is not None:
+        airframe = replace(airframe, given_lag_s=Known(servo_lag_s, GIVEN_LAG_STD_S),
+                           free_lag_s=_free_lag(fits[0], servo_lag_s))  # fmt: skip
     return replace(airframe, failed=tuple(gates))
+
+
+def _free_lag(found: Fit, given_s: float) -> Known:
+    """Return the servo lag that the record shows by itself, of a fit that begins where one ended.
+
+    What is known of a lag beforehand is then what is known of any servo.
+    """
+    records = found.of.records
+    free = Criterion(records, guesses(records, given_s)[0], {})
+    free.fixed = found.of.theta(found.x[None])[0]
+    try:
+        ended = fit(free)
+    except np.linalg.LinAlgError:
+        return Known()
+    i = free.names.index("servo_lag")
+    std = IN_GUSTS * math.sqrt(ended.covariance[i, i]) * free.scale[i]
+    return Known(float(ended.x[i] * free.scale[i]), float(std)) if ended.settled else Known()
 
 
 def _most_apart(found: Fit, airspeed_m_s: float) -> float:

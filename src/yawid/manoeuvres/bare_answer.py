@@ -40,16 +40,14 @@ from yawid.results.structures import seen_in
 BARE_UNKNOWN: Final = "bare_unknown"
 DISAGREE: Final = "manoeuvres_disagree"
 WRONG_SIGN: Final = "wrong_sign"
-OF_ALL: Final = frozenset(
-    {
-        "lag_unknown",
-        "several_minima",
-        "wn_uncertain",
-        "aileron_uncertain",
-        "rudder_without_effect",
-        "not_settled",
-    }
-)
+LAG_DIFFERS: Final = "lag_differs"
+LAG_APART: Final = 3.0
+"""Sigmas between the servo lag given and the one that the flight shows: chance goes beyond in
+.3 %. Without it a lag that was .1 s wrong was believed, with wn up to 4 sigma off."""
+OF_ALL: Final = frozenset((
+    "lag_unknown", "several_minima", "wn_uncertain", "aileron_uncertain", "rudder_without_effect",
+    "not_settled",
+))  # fmt: skip
 """The gates that more manoeuvres may pass together; the others speak against the data."""
 LAWS: Final[Mapping[str, int]] = {
     "Y_beta": 1, "Y_delta_r": 1, "L_p": 1, "L_r": 1, "N_p": 1, "N_r": 1,
@@ -213,8 +211,23 @@ def _unknown(used: Sequence[int], text: str, step: str | None) -> Bare:
 def _answer(airframe: Airframe, used: Sequence[int]) -> Bare:
     if airframe.failed:
         return _stopped(airframe.failed, used)
-    speed = airframe.airspeed_m_s
-    return _bare(_numbers(airframe), speed, airframe.gust_std_rad, airframe.rho1, used)
+    speed, gust = airframe.airspeed_m_s, airframe.gust_std_rad
+    return _with_lag(_bare(_numbers(airframe), speed, gust, airframe.rho1, used), [airframe])
+
+
+def _with_lag(found: Bare, airframes: Sequence[Airframe]) -> Bare:
+    """Return an answer, with a warning where the airframes show another servo lag than given."""
+    free = np.array([(each.free_lag_s.value, each.free_lag_s.std) for each in airframes])
+    own, given = _mean(*free.T, "servo_lag_s"), airframes[0].given_lag_s
+    if not abs(own.value - given.value) > LAG_APART * math.hypot(own.std, given.std):
+        return found
+    text = (
+        f"the servo lag given is {given.value:.3g} s, and without it the fit finds "
+        f"{own.value:.3f} ± {own.std:.3f} s"
+    )
+    reasons = [*found.verdict.reasons, ReasonSummary(LAG_DIFFERS, "warning", text)]
+    verdict = VerdictSummary(usable=True, reasons=reasons)
+    return msgspec.structs.replace(found, verdict=verdict)
 
 
 def _stopped(failed: Sequence[FailedGate], used: Sequence[int], step: str = "") -> Bare:
@@ -432,7 +445,7 @@ def _pooled(airframes: Sequence[Airframe], used: Sequence[int]) -> Bare:
         numbers[name] = _mean(value, std, name)
     gust = float(np.median([each.gust_std_rad for each in airframes]))
     rho1 = max((each.rho1 for each in airframes), key=abs)
-    return _bare(numbers, middle, gust, rho1, used)
+    return _with_lag(_bare(numbers, middle, gust, rho1, used), airframes)
 
 
 def _mean(value: np.ndarray, std: np.ndarray, name: str) -> Known:

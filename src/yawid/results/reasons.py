@@ -180,6 +180,10 @@ _TABLE: Final = (
         "Move the surface by hand, or leave such an aileron out of --inputs.",
     ),
     ReasonKind(
+        "lag_differs", 0, "estimate",
+        "Measure the servo's lag, or leave --servo-lag out: move the aileron on its own.",
+    ),
+    ReasonKind(
         "bare_unknown", 0, "estimate",
         "Move the rudder and then the aileron, each by itself, in calm air; or give --servo-lag.",
     ),
