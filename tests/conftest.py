@@ -1,10 +1,14 @@
 """The tests run compiled, as all runs of an installation but its first."""
 
 import gc
+import os
 import signal
 
 import pytest
 from hypothesis import settings
+
+# As the command line does, before NumPy is there: two workers of two threads each wait in turns.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 from yawid.estimation.machine.runner import RUNNER, is_plain
 

@@ -69,7 +69,7 @@ def test_an_aircraft_that_is_damped_enough_needs_no_gain_and_no_autopilot(
     assert "recommended" not in found
     assert command_line.main(["damper", log]) == 0
     printed = capsys.readouterr().out
-    assert printed.splitlines()[1] == "none is recommended"
+    assert "none is recommended" in printed.splitlines()
     assert "None is needed" in printed
 
 

@@ -93,9 +93,11 @@ def test_a_data_set_that_such_a_name_had_killed_lives_again(
     out.mkdir()
     row = {"path": os.fsdecode(b"/logs/" + LATIN1), "outcome": "crashed", "reasons": ["crashed"]}
     entries = [{"logs": [row]}, {"logs": [row | {"path": "/logs/b.tlog", "outcome": "ok"}]}]
-    (out / "finished.jsonl").write_text("".join(json.dumps(each) + "\n" for each in entries))
+    (out / "finished.jsonl").write_text(
+        "".join(json.dumps(each) + "\n" for each in entries), encoding="utf-8"
+    )
     manifest = {"format": 1, "generation": 0, "outcomes": {}, "tables": {}}
-    (out / "manifest.json").write_text(json.dumps(manifest))
+    (out / "manifest.json").write_text(json.dumps(manifest), encoding="utf-8")
 
     assert main(["fleet", str(logs), "--out", str(out), "--workers", "1"]) == 0
     assert "its rows do not fit the tables" in capsys.readouterr().err

@@ -374,7 +374,7 @@ def test_an_exported_airframe_has_the_poles_of_the_answer_from_several_manoeuvre
         )
         == 0
     )
-    A = np.array(json.loads((tmp_path / "m.json").read_text())["continuous"]["A"])
+    A = np.array(json.loads((tmp_path / "m.json").read_text(encoding="utf-8"))["continuous"]["A"])
     bare = yawid.load(mcap).bare
 
     poles = np.linalg.eigvals(A)

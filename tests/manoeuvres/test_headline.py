@@ -52,7 +52,7 @@ def test_terminal_and_page_show_both_aircraft_with_their_names(
 ) -> None:
     columns = record(FLOWN)
     log, page = tmp_path / "flight.csv", tmp_path / "flight.html"
-    with log.open("w", newline="") as file:
+    with log.open("w", newline="", encoding="utf-8") as file:
         csv.writer(file).writerows([columns, *zip(*columns.values(), strict=True)])
     asked = ["--units", "rad", "--rudder-unit", "half-travel", "--rudder-is", "commanded"]
 
@@ -63,6 +63,8 @@ def test_terminal_and_page_show_both_aircraft_with_their_names(
     with_loop, bare = "the aircraft with its roll loop", "the airframe"
     assert f"this is {with_loop}" in said
     assert f"for {bare}, at 20.0 m/s" in said.partition(" also ")[2]
-    sentence = page.read_text().partition('class="headline">')[2].partition("</p>")[0]
+    sentence = (
+        page.read_text(encoding="utf-8").partition('class="headline">')[2].partition("</p>")[0]
+    )
     assert with_loop in sentence.partition(" Also: ")[0]
     assert f"for {bare}, at 20.0 m/s" in sentence.partition(" Also: ")[2]

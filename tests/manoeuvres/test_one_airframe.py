@@ -185,7 +185,7 @@ def test_a_model_with_a_reversed_aileron_says_so_in_its_file_and_on_stderr(
 
         said = str(loadmat(out)["reasons"])
     else:
-        said = out.read_text()
+        said = out.read_text(encoding="utf-8")
     assert "wrong_sign: a positive aileron rolls the aircraft left" in " ".join(said.split())
 
 

@@ -54,7 +54,7 @@ def test_replay_and_inspect_refuse_a_log_for_the_same_reasons(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     log, columns = tmp_path / "noisy.csv", record([Leg(seconds=30.0, noise=0.3)] * 2)
-    with log.open("w", newline="") as file:
+    with log.open("w", newline="", encoding="utf-8") as file:
         csv.writer(file).writerows([columns, *zip(*columns.values(), strict=True)])
     said = []
     for command in (["replay", "--out", str(tmp_path / "out")], ["inspect"]):

@@ -44,7 +44,7 @@ def test_the_response_of_a_model_is_within_three_sigmas_of_the_aircraft_where_si
     asked = ["export", str(run), "--what", "model", "--of", "1", "-o", str(model)]
     assert main(asked) == 0
 
-    [found] = json.loads(model.read_text())["frequency_response"]
+    [found] = json.loads(model.read_text(encoding="utf-8"))["frequency_response"]
     w, std = np.array(found["w_rad_s"]), np.array(found["magnitude_std"], float)
     magnitude = np.hypot(np.array(found["re"], float), np.array(found["im"], float))
     wn = next(abs(pole) for pole in np.linalg.eigvals(A) if pole.imag > 1.0)

@@ -163,7 +163,7 @@ def test_a_regression_tells_the_cases_it_compared_and_names_the_others(tmp_path:
     assert main(["regress", str(cases[0]), "--update", "--why", "a test"]) == 0
     for case in cases[1:]:
         shutil.copytree(cases[0], case)
-    done = yawid_with("SIGTERM", 2, "regress", *cases, "--json", "--junit", tmp_path / "r.xml")
+    done = yawid_with("SIGTERM", 3, "regress", *cases, "--json", "--junit", tmp_path / "r.xml")
 
     assert done.returncode == 143, done.stderr
     told = json.loads(done.stdout)
@@ -182,7 +182,7 @@ def test_an_update_that_was_stopped_names_the_cases_that_keep_their_references(
     for case in cases:
         shutil.copytree(REPLAY_LOGS / "c172p_gcs_rates", case)
     before = (cases[1] / "case.toml").read_bytes()
-    done = yawid_with("SIGINT", 2, "regress", *cases, "--update", "--why", "x")
+    done = yawid_with("SIGINT", 3, "regress", *cases, "--update", "--why", "x")
 
     assert (done.returncode, done.stdout) == (130, "updated  a\n")
     assert done.stderr == "yawid: not updated: b\n"

@@ -216,7 +216,7 @@ def command_lines(draw: st.DrawFn) -> list[str]:
     )
     if command == "other":
         return draw(
-            st.lists(st.text(max_size=8) | st.sampled_from(["--help", "regress"]), max_size=3)
+            st.lists(st.text(max_size=8) | st.sampled_from(["--help", "schema"]), max_size=3)
         )
     given = [option for option in draw(options()) if _fits(command, option)]
     if command == "live":
