@@ -125,6 +125,23 @@ def floor(name: str, value: float) -> float:
     return math.hypot(share * value, least)
 
 
+def mean(value: Floats, std: Floats, name: str) -> Known:
+    """Return the weighted mean of a number (n,) of several airframes with these sigmas (n,).
+
+    Sigma is larger where they scatter by more; what a linear model is worth stays in it whole.
+    """
+    known = np.isfinite(value) & np.isfinite(std) & (std > 0.0)
+    if not known.any():
+        return Known()
+    value, weights = value[known], std[known] ** -2.0
+    middle = float(weights @ value / weights.sum())
+    scatter = float(weights @ (value - middle) ** 2) / max(len(value) - 1, 1)
+    variance = max(scatter, 1.0) / weights.sum() + floor(name, middle) ** 2 * (
+        1.0 - 1.0 / len(value)
+    )
+    return Known(middle, math.sqrt(variance))
+
+
 def _in_gusts(names: Sequence[str]) -> Floats:
     """Return the errors of numbers (n,) over their sigma of noise."""
     return np.array([OTHERS_IN_GUSTS.get(name, IN_GUSTS) for name in names])

@@ -27,7 +27,7 @@ from yawid.answers.run_summary import (
 )
 from yawid.blocks import AIRSPEED_SHARE
 from yawid.lateral.airframe import Airframe, AsFlown, FailedGate, Known, with_modes
-from yawid.lateral.fit_airframe import ANSWERED, fit_airframe, floor
+from yawid.lateral.fit_airframe import ANSWERED, fit_airframe, mean
 from yawid.lateral.gates import GATES, WN_KNOWN
 from yawid.lateral.motion import Motion
 from yawid.manoeuvres.feedback import rate_feedback
@@ -217,8 +217,8 @@ def _answer(airframe: Airframe, used: Sequence[int]) -> Bare:
 
 def _with_lag(found: Bare, airframes: Sequence[Airframe]) -> Bare:
     """Return an answer, with a warning where the airframes show another servo lag than given."""
-    free = np.array([(each.free_lag_s.value, each.free_lag_s.std) for each in airframes])
-    own, given = _mean(*free.T, "servo_lag_s"), airframes[0].given_lag_s
+    lags, stds = np.array([(a.free_lag_s.value, a.free_lag_s.std) for a in airframes]).T
+    own, given = mean(lags, stds, "servo_lag_s"), airframes[0].given_lag_s
     if not abs(own.value - given.value) > LAG_APART * math.hypot(own.std, given.std):
         return found
     text = (
@@ -442,18 +442,7 @@ def _pooled(airframes: Sequence[Airframe], used: Sequence[int]) -> Bare:
         by = (middle / speeds) ** LAWS[name]
         value = by * np.array([row[name].value for row in rows])
         std = np.abs(by) * np.array([row[name].std for row in rows])
-        numbers[name] = _mean(value, std, name)
+        numbers[name] = mean(value, std, name)
     gust = float(np.median([each.gust_std_rad for each in airframes]))
     rho1 = max((each.rho1 for each in airframes), key=abs)
     return _with_lag(_bare(numbers, middle, gust, rho1, used), airframes)
-
-
-def _mean(value: np.ndarray, std: np.ndarray, name: str) -> Known:
-    known = np.isfinite(value) & np.isfinite(std) & (std > 0.0)
-    if not known.any():
-        return Known()
-    value, weights = value[known], std[known] ** -2.0
-    mean = float(weights @ value / weights.sum())
-    scatter = float(weights @ (value - mean) ** 2) / max(len(value) - 1, 1)
-    variance = max(scatter, 1.0) / weights.sum() + floor(name, mean) ** 2 * (1.0 - 1.0 / len(value))
-    return Known(mean, math.sqrt(variance))
