@@ -14,7 +14,7 @@ from yawid.lateral.criterion import Criterion
 from yawid.lateral.fit import Fit, fit, guesses
 from yawid.lateral.gates import failed_gates
 from yawid.lateral.mix import rudder_mixes
-from yawid.lateral.model import AT, DERIVATIVES, NAMES, RUDDER, modes
+from yawid.lateral.model import AT, DERIVATIVES, NAMES, RUDDER, Guess, modes
 from yawid.lateral.motion import Motion
 from yawid.lateral.record import Record
 from yawid.lateral.roll_law import dutch_roll_closed, roll_law, yaw_rate_closed
@@ -66,7 +66,8 @@ def fit_airframe(motions: Sequence[Motion], *, servo_lag_s: float | None = None)
     records = [Record(motion) for motion in motions]
     priors = {} if servo_lag_s is None else {"servo_lag": (servo_lag_s, GIVEN_LAG_STD_S)}
     fits: list[Fit] = []
-    for guess in guesses(records, servo_lag_s):
+    starts = guesses(records, servo_lag_s)
+    for guess in starts:
         with suppress(np.linalg.LinAlgError):  # there is no predictor at this start
             fits.append(fit(Criterion(records, guess, priors), fits))
     if not fits:
@@ -80,17 +81,16 @@ def fit_airframe(motions: Sequence[Motion], *, servo_lag_s: float | None = None)
         gates = [FailedGate("changes", apart, PARTS_APART)]
     if not gates and servo_lag_s is not None:
         airframe = replace(airframe, given_lag_s=Known(servo_lag_s, GIVEN_LAG_STD_S),
-                           free_lag_s=_free_lag(fits[0], servo_lag_s))  # fmt: skip
+                           free_lag_s=_free_lag(fits[0], starts[0]))  # fmt: skip
     return replace(airframe, failed=tuple(gates))
 
 
-def _free_lag(found: Fit, given_s: float) -> Known:
+def _free_lag(found: Fit, guess: Guess) -> Known:
     """Return the servo lag that the record shows by itself, of a fit that begins where one ended.
 
     What is known of a lag beforehand is then what is known of any servo.
     """
-    records = found.of.records
-    free = Criterion(records, guesses(records, given_s)[0], {})
+    free = Criterion(found.of.records, guess, {})
     free.fixed = found.of.theta(found.x[None])[0]
     try:
         ended = fit(free)

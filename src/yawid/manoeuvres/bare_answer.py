@@ -225,9 +225,13 @@ def _with_lag(found: Bare, airframes: Sequence[Airframe]) -> Bare:
         f"the servo lag given is {given.value:.3g} s, and without it the fit finds "
         f"{own.value:.3f} ± {own.std:.3f} s"
     )
-    reasons = [*found.verdict.reasons, ReasonSummary(LAG_DIFFERS, "warning", text)]
-    verdict = VerdictSummary(usable=True, reasons=reasons)
-    return msgspec.structs.replace(found, verdict=verdict)
+    return _warned(found, LAG_DIFFERS, [text])
+
+
+def _warned(found: Bare, id_: str, texts: Sequence[str]) -> Bare:
+    """Return a usable answer with further warnings."""
+    said = [*found.verdict.reasons, *(ReasonSummary(id_, "warning", text) for text in texts)]
+    return msgspec.structs.replace(found, verdict=VerdictSummary(usable=True, reasons=said))
 
 
 def _stopped(failed: Sequence[FailedGate], used: Sequence[int], step: str = "") -> Bare:
@@ -275,9 +279,7 @@ def _bare(
     said = [text for name, x in numbers.items() if (text := wrong_sign(name, x.value, x.std))]
     if not said:
         return bare
-    reasons = [ReasonSummary(WRONG_SIGN, "warning", text) for text in said]
-    verdict = VerdictSummary(usable=True, reasons=reasons)
-    return msgspec.structs.replace(bare, rudder_mix=None, verdict=verdict)
+    return _warned(msgspec.structs.replace(bare, rudder_mix=None), WRONG_SIGN, said)
 
 
 def _value(known: Known) -> Value | None:
@@ -319,10 +321,7 @@ def bare_of(
             text = f"the manoeuvres do not show one airframe: {text}"
             both = sorted(n for _, ns in known for n in ns)
             return _unknown(both, text, KINDS[DISAGREE].now)
-        text += LEFT_OUT[len(apart) > 1]
-        warned = [*answer.verdict.reasons, ReasonSummary(DISAGREE, "warning", text)]
-        verdict = VerdictSummary(usable=True, reasons=warned)
-        answer = msgspec.structs.replace(answer, verdict=verdict)
+        answer = _warned(answer, DISAGREE, [text + LEFT_OUT[len(apart) > 1]])
     if failed := list(_against_pool(answer, found, flown)):
         return _stopped(failed, answer.used, KINDS[DISAGREE].now)
     return _with_correlations(answer, [each for each, _ in used])
