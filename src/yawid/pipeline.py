@@ -94,7 +94,7 @@ class Pipeline:
         stage = self._manoeuvres
         if stage is None:
             return []
-        found = [each.found for each in stage.answered]
+        found = [each.found for each in stage.judged()]
         if stage.laterals is None:
             return found
         bares = stage.laterals.bares()

@@ -138,6 +138,10 @@ def test_an_aircraft_that_changes_within_a_manoeuvre_has_no_airframe(
     assert not changed.bare
     assert "parts of the record are" in changed.bare.verdict.reasons[0].text
     assert "--from and --to" in changed.bare.verdict.next
+    for verdict in (changed.flight.verdict, changed.summary.manoeuvres[0].verdict):
+        said = {reason.id: reason.text for reason in verdict.reasons}
+        assert "wn and zeta lie between them" in said["airframe_changes"]
+    assert "airframe_changes" not in {each.id for each in same.flight.verdict.reasons}
 
 
 @pytest.fixture(scope="module")

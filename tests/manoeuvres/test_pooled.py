@@ -60,6 +60,13 @@ def test_what_scatters_no_more_than_its_sigmas_has_no_scatter_between():
     assert (found.tau, found.error) == (0.0, pytest.approx(0.05))
 
 
+def test_a_manoeuvre_without_noise_does_not_hide_how_far_the_others_scatter():
+    found = by_noise(np.array([10.0, 10.5, 9.5]), np.array([0.0, 0.1, 0.1]), floor=0.0)
+
+    assert math.isfinite(found.mean)
+    assert found.tau > 0.3
+
+
 @given(
     rows=st.lists(
         st.tuples(st.floats(5.0, 15.0), st.floats(0.01, 1.0), st.floats(0.0, 1.0)),

@@ -24,7 +24,7 @@ WARNINGS = {
     "rudder_assumed", "unit_assumed", "channel_stand_in", "disarmed", "els_rml_disagree",
     "coloured_residuals", "poorly_known", "saturated", "airspeed_changed", "airspeed_implausible",
     "wrong_sign", "closed_loop", "repeated",
-    "rate_changed", "rate_low", "lag_differs", "bare_unknown",
+    "rate_changed", "rate_low", "lag_differs", "airframe_changes", "bare_unknown",
 }  # fmt: skip
 
 

@@ -9,6 +9,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, replace
 from typing import NamedTuple
 
+import msgspec
 import numpy as np
 
 from yawid.answers.run_summary import Manoeuvre, MethodSummary, Orders
@@ -114,6 +115,12 @@ class Answered:
     verdict: Verdict
     span_ns: tuple[int, int]
     structures: Mapping[tuple[int, ...], Structure]
+
+    def with_reason(self, reason: Reason) -> "Answered":
+        """Return the answer with a further reason in its verdict."""
+        verdict = Verdict.of([*self.verdict.reasons, reason], self.verdict.method)
+        found = msgspec.structs.replace(self.found, verdict=as_summary(verdict))
+        return replace(self, found=found, verdict=verdict)
 
 
 class Way(NamedTuple):

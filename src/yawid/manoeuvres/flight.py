@@ -39,8 +39,9 @@ FEW = 4
 of them the floor sinks, as the uncertainty of a scatter does."""
 DISAGREE_WN = 0.1
 """The part of wn by which a manoeuvre must differ to disagree with the others."""
-LEAST_STD = 1e-9
-"""The least relative sigma: a record without noise has sigma 0, and a weight must be finite."""
+LEAST_STD = 1e-6
+"""The least relative sigma: a record without noise has sigma 0, and by the weight of 1e-9 the other
+manoeuvres of a flight would be lost in rounding."""
 LEAST_AGREEING = 2.0 / 3.0
 """The share of weight that must agree, or else ``manoeuvres_disagree`` is fatal."""
 BETTER_PCT = 1.0

@@ -21,6 +21,7 @@ from yawid.manoeuvres.bare_answer import (
 from yawid.manoeuvres.conditions import conditions
 from yawid.manoeuvres.motion_store import MotionStore
 from yawid.quantities.vehicles import AIRFRAME
+from yawid.results.reasons import Reason
 
 MOST_KEPT = 24
 """The most manoeuvres of a flight whose motion is kept for a fit over several of them."""
@@ -115,6 +116,20 @@ class Laterals:
         gains = {n: self._damper(n) for n in self._bares}
         refused = {n: lateral_of(yaw_damped(n, each)) for n, each in gains.items() if each}
         return self._bares | refused
+
+    def changes(self) -> dict[int, Reason]:
+        """Return a warning of each manoeuvre within which the airframe changes, by its number."""
+        return {
+            each.n: Reason(
+                "airframe_changes",
+                f"the airframe changes within it: two parts are {gate.found:.1f} sigma apart, and "
+                "wn and zeta lie between them",
+            )
+            for each in self._found
+            if each.airframe is not None
+            for gate in each.airframe.failed
+            if gate.name == "changes"
+        }
 
     def flight(self, flown: Sequence[Flight]) -> Bare | None:
         """Return the airframe of all the manoeuvres fitted, None without any.

@@ -101,6 +101,14 @@ class Manoeuvres:
         bare = [] if self.laterals is None else self.laterals.leave_out(missing, until_s)
         return [*(f"the answer of manoeuvre {n}" for n in missing), *bare]
 
+    def judged(self) -> list[Answered]:
+        """Return those answered, warned of where the airframe changes within them."""
+        changes = {} if self.laterals is None else self.laterals.changes()
+        return [
+            each.with_reason(changes[n]) if (n := each.found.n) in changes else each
+            for each in self.answered
+        ]
+
     def flights(self, of_the_log: list[Reason]) -> list[tuple[Flight, Verdict]]:
         """Return the flight's answers from those answered: see :func:`flights_of`."""
         if self._repeated:
@@ -109,7 +117,7 @@ class Manoeuvres:
                 f"since boot: {self._repeated}; each counts once"
             )
             of_the_log = [*of_the_log, Reason("repeated", text)]
-        return flights_of(self.answered, of_the_log, self._airspeed.finding())
+        return flights_of(self.judged(), of_the_log, self._airspeed.finding())
 
     def bare(self) -> Bare | None:
         """Return the bare airframe of those answered; None where none was looked for."""

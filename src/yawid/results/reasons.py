@@ -184,6 +184,10 @@ _TABLE: Final = (
         "Measure the servo's lag, or leave --servo-lag out: move the aileron on its own.",
     ),
     ReasonKind(
+        "airframe_changes", 0, "estimate",
+        "Keep flaps and power as they are, or choose a part by --from and --to.",
+    ),
+    ReasonKind(
         "bare_unknown", 0, "estimate",
         "Move the rudder and then the aileron, each by itself, in calm air; or give --servo-lag.",
     ),
