@@ -15,14 +15,11 @@ The exit code is 1 if an answer is further off, if one is missing, or if one sho
 from __future__ import annotations
 
 import csv
-import json
 import shlex
-import subprocess
-import sys
-import tempfile
 from collections.abc import Generator
 from pathlib import Path
 
+from cases.two_commits import ROOT, answer, printed
 from checks.judge import Row
 
 from bench.table import all_rows, head, line, options_of
@@ -57,24 +54,13 @@ def judged(reference: dict[str, str], found: dict[str, object] | None, why: str)
 
 def replayed(folder: Path, reference: dict[str, str]) -> list[Row]:
     """Replay one record by the command line and return its row, as the only one of a list."""
-    log = str(folder / reference["file"])
-    with tempfile.TemporaryDirectory() as scratch:
-        command = [sys.executable, "-m", "yawid", "replay", log, "--json", "--out", scratch]
-        command += shlex.split(reference["options"] or "")
-        done = subprocess.run(command, capture_output=True, text=True, check=False)
-    if not done.stdout.strip():
-        last = done.stderr.strip().splitlines()
-        return [judged(reference, None, last[-1] if last else f"exit {done.returncode}")]
-    summary = json.loads(done.stdout)
-    flight = summary.get("flight")
-    verdict = summary["verdict"] if flight is None else flight["verdict"]
-    why = " ".join(reason["id"] for reason in verdict["reasons"])
-    roll = None
-    if flight is not None:
-        roll = flight.get("dutch_roll")
-    elif verdict["usable"]:
-        roll = summary["estimates"][verdict["method"]].get("dutch_roll")
-    return [judged(reference, roll if verdict["usable"] else None, why)]
+    given = shlex.split(reference["options"] or "")
+    code, found = printed(ROOT, folder / reference["file"], given)
+    if "error" in found:
+        last = found["error"].strip().splitlines()
+        return [judged(reference, None, last[-1] if last else f"exit {code}")]
+    verdict, roll = answer(found)
+    return [judged(reference, roll, " ".join(reason["id"] for reason in verdict["reasons"]))]
 
 
 def references(folder: Path) -> list[dict[str, str]]:

@@ -40,18 +40,44 @@ def answers(tree: Path, case: Path) -> dict[str, Any]:
     for table in ("options", "flight"):
         with tempfile.TemporaryDirectory() as folder:
             given = [f"--{key.replace('_', '-')}={x}" for key, x in toml.get(table, {}).items()]
-            line = ["replay", str(case / "log.tlog"), "--json", "--out", folder, *given]
-            done = subprocess.run(
-                [sys.executable, "-m", "yawid", *line],
-                env=os.environ | {"PYTHONPATH": str(tree / "src")}, cwd=folder,
-                capture_output=True, check=False, encoding="utf-8", timeout=600,
-            )  # fmt: skip
-            found[f"{table}.exit_code"] = done.returncode
-            printed = json.loads(done.stdout) if done.stdout.strip() else {"error": done.stderr}
-            found |= {f"{table}.{k}": x for k, x in printed.items() if k not in OF_THE_DISK}
+            code, said = printed(tree, case / "log.tlog", given, Path(folder))
+            found[f"{table}.exit_code"] = code
+            found |= {f"{table}.{k}": x for k, x in said.items() if k not in OF_THE_DISK}
             for path in Path(folder).glob("*.mcap"):
                 found |= {f"{table} {topic}": of for topic, of in _topics(path).items()}
     return found
+
+
+def printed(
+    tree: Path, log: Path, given: Sequence[str], folder: Path | None = None
+) -> tuple[int, dict[str, Any]]:
+    """Replay a log by the command line of a tree; return the exit code and the JSON printed.
+
+    The options are ``given``; the files go to ``folder``, or are deleted. If nothing was printed,
+    ``error`` is what was said on stderr.
+    """
+    with tempfile.TemporaryDirectory() as scratch:
+        out = folder or Path(scratch)
+        line = ["replay", str(log.resolve()), "--json", "--out", str(out), *given]
+        done = subprocess.run(
+            [sys.executable, "-m", "yawid", *line],
+            env=os.environ | {"PYTHONPATH": str(tree / "src")}, cwd=out,
+            capture_output=True, check=False, encoding="utf-8", timeout=600,
+        )  # fmt: skip
+    return done.returncode, json.loads(done.stdout or "null") or {"error": done.stderr}
+
+
+def answer(found: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any] | None]:
+    """Return the verdict that decides, of JSON printed, and the Dutch roll if it may be used.
+
+    They are the flight's, or the stream's if no manoeuvre was found; without any, the verdict is
+    empty.
+    """
+    of = found.get("flight") or found
+    verdict: dict[str, Any] = of.get("verdict") or {}
+    if of is found and verdict.get("usable"):
+        of = found["estimates"][verdict["method"]]
+    return verdict, of.get("dutch_roll") if verdict.get("usable") else None
 
 
 def _topics(path: Path) -> dict[str, str]:
@@ -87,7 +113,7 @@ def main(arguments: Sequence[str]) -> int:
     options = parser.parse_args(arguments)
     count = 0
     with tempfile.TemporaryDirectory() as folder:
-        trees = [_tree(commit, Path(folder) / str(n)) for n, commit in
+        trees = [tree_of(commit, Path(folder) / str(n)) for n, commit in
                  enumerate((options.old, options.new))]  # fmt: skip
         for path in sorted(CASES.glob("*/case.toml")):
             if options.cases and path.parent.name not in options.cases:
@@ -99,7 +125,7 @@ def main(arguments: Sequence[str]) -> int:
     return int(count > 0)
 
 
-def _tree(commit: str | None, folder: Path) -> Path:
+def tree_of(commit: str | None, folder: Path) -> Path:
     """Return a folder with the sources of a commit; this tree if it is None."""
     if commit is None:
         return ROOT
