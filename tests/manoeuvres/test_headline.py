@@ -6,7 +6,7 @@ import csv
 from pathlib import Path
 
 import pytest
-from yaw_records import SAID, Leg, record
+from flights.records import SAID, Leg, record
 
 import yawid
 from yawid.cli.main import main

@@ -12,7 +12,7 @@ from statistics import NormalDist
 
 import numpy as np
 import pytest
-from yaw_records import HZ, SAID, Leg, record
+from flights.records import HZ, SAID, Leg, record
 
 import yawid
 from yawid.cli.main import main

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from flights.records import HZ, SAID, Leg, record
 from numpy.typing import NDArray
 from places import C172P
-from yaw_records import HZ, SAID, Leg, record
 
 import yawid
 from yawid.cli.main import main

@@ -28,6 +28,7 @@ BENCHES = (
     "speeds",
     "upset",
     "real",
+    "releases",
     "start",
     "lateral",
     "damper",

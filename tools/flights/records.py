@@ -1,0 +1,148 @@
+"""Records in memory of linear aircraft, exact for a rudder that is held from sample to sample.
+
+A ``Leg`` is eq. 23 and nothing else. A release is the classic flight test, a doublet of the rudder
+with hands off after it, of an aircraft that is drawn by a seed: eq. 22, or all four lateral states,
+
+    beta' = Y_beta beta - r + g/V roll           p' = L_beta beta + L_p p + L_r r + L_delta_r u
+    roll' = p                                    r' = N_beta beta + N_p p + N_r r + N_delta_r u
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import expm
+
+Floats = NDArray[np.float64]
+HZ = 20
+SAID: dict[str, Any] = {"rudder_unit": "half-travel", "rudder_is": "commanded", "units": "rad"}
+"""What ``yawid.replay`` must be given with such a record."""
+REST_S, GRAVITY = 10.0, 9.80665
+WN_RAD_S, ZETA = (0.5, 6.0), (0.02, 0.15)
+"""The ranges of the releases' Dutch rolls."""
+DECAY_S, DECAY_PERIODS = (5.0, 20.0), 1.5
+"""Hands are off for DECAY_S, and for DECAY_PERIODS at least: with the doublet's one period a
+release of any wn has two and a half."""
+NOISE = (0.003, 0.03)
+"""Standard deviation of the noise as a share of a channel's peak."""
+
+
+def states(A: Floats, B: Floats, rudder: Floats, hz: float) -> Floats:
+    """Return the states (n, order) of x' = A x + B u from 0 for a rudder (n,) that is held."""
+    order = len(A)
+    whole = np.zeros((order + 1, order + 1))
+    whole[:order, :order], whole[:order, order] = A, B
+    step = expm(whole / hz)[:order]
+    x = np.zeros((len(rudder), order))
+    for k in range(len(rudder) - 1):
+        x[k + 1] = step @ np.append(x[k], rudder[k])
+    return x
+
+
+@dataclass(frozen=True)
+class Leg:
+    """Ten seconds of rest, a doublet of ``unit_s`` each way, and rest to the end of ``seconds``.
+
+    The yaw rate is K (T s + 1) wn^2 / (s^2 + 2 zeta wn s + wn^2) of the rudder, K .3 and T .9.
+    """
+
+    zeta: float = 0.2
+    wn: float = 6.0
+    mode: str = "MANUAL"
+    unit_s: float = 0.4
+    seconds: float = 25.0
+    noise: float = 0.001
+    stroke: float = 0.3
+
+    def rudder(self, hz: int = HZ) -> Floats:
+        """Return the rudder (n,) in half travels."""
+        since_s = np.arange(round(hz * self.seconds)) / hz - REST_S
+        edges = [since_s < 0.0, since_s < self.unit_s, since_s < 2.0 * self.unit_s]
+        return self.stroke * np.select(edges, [0.0, 1.0, -1.0], 0.0)
+
+    def yaw_rate(self, rudder: Floats, hz: int = HZ) -> Floats:
+        """Return the yaw rate (n,) in rad/s, without noise."""
+        A = np.array([[-2.0 * self.zeta * self.wn, -(self.wn**2)], [1.0, 0.0]])
+        x = states(A, np.array([1.0, 0.0]), rudder, hz)
+        return x @ (0.3 * self.wn**2 * np.array([0.9, 1.0]))
+
+
+def record(legs: Sequence[Leg], *, hz: int = HZ, seed: int = 1, **columns: Any) -> dict[str, Any]:
+    """Return the legs one after the other as the columns of a record, with more ``columns``."""
+    rng = np.random.default_rng(seed)
+    rudders = [leg.rudder(hz) for leg in legs]
+    flown = [
+        leg.yaw_rate(u, hz) + leg.noise * rng.standard_normal(len(u))
+        for leg, u in zip(legs, rudders, strict=True)
+    ]
+    rudder = np.concatenate(rudders)
+    found = {
+        "t": np.arange(len(rudder)) / hz,
+        "rudder": rudder,
+        "r": np.concatenate(flown),
+        "airspeed": np.full(len(rudder), 20.0),
+        "mode": np.repeat([leg.mode for leg in legs], [len(u) for u in rudders]),
+    }
+    return found | columns
+
+
+def release(seed: int, number: int, hz: int, *, rolls: bool) -> tuple[dict[str, Any], Leg]:
+    """Return the record of release ``number`` at a rate, and its leg, which has wn and zeta.
+
+    With ``rolls`` it has the columns p and roll, too; else the aircraft is eq. 22 alone. But for
+    its noise a number is the same flight at each rate.
+    """
+    rng = np.random.default_rng([seed, number])
+    wn, zeta = float(np.exp(rng.uniform(*np.log(WN_RAD_S)))), float(rng.uniform(*ZETA))
+    period_s = 2.0 * np.pi / wn
+    decay_s = rng.uniform(max(DECAY_S[0], DECAY_PERIODS * period_s), DECAY_S[1])
+    leg = Leg(zeta, wn, unit_s=period_s / 2.0, seconds=REST_S + period_s + decay_s,
+              noise=rng.uniform(*NOISE), stroke=rng.uniform(0.1, 0.3))  # fmt: skip
+    airspeed_m_s = 60.0 * wn**-0.6
+    A, B = drawn_airframe(rng, wn, zeta, GRAVITY / airspeed_m_s, rolls=rolls)
+    rudder = leg.rudder(hz)
+    flown = states(A, B, rudder, hz)
+    flown += leg.noise * np.abs(flown).max(axis=0) * rng.standard_normal(flown.shape)
+    seen = dict(zip(("p", "r", "roll"), flown.T[1:], strict=True)) if rolls else {"r": flown[:, 2]}
+    own = {"t": np.arange(len(rudder)) / hz, "rudder": rudder, "mode": ["MANUAL"] * len(rudder)}
+    return own | seen | {"airspeed": np.full(len(rudder), airspeed_m_s)}, leg
+
+
+def drawn_airframe(
+    rng: np.random.Generator, wn: float, zeta: float, sink: float, *, rolls: bool
+) -> tuple[Floats, Floats]:
+    """Return A (4, 4) and B (4,) of beta, p, r, roll with a Dutch roll of this wn and zeta.
+
+    N_beta and N_r are those that make it one: the characteristic polynomial is linear in each.
+    ``sink`` is g/V in 1/s. Without ``rolls`` nothing moves p.
+    """
+    s = wn * complex(-zeta, np.sqrt(1.0 - zeta**2))
+    while True:
+        side, roll = -wn * rng.uniform(0.01, 0.1), -wn * rng.uniform(0.8, 3.0)
+        A = np.array([
+            [side, 0.0, -1.0, sink],
+            [-(wn**2) * rng.uniform(0.3, 2.5) * rolls, roll, wn * rng.uniform(0.1, 0.8) * rolls, 0],
+            [0.0, wn * rng.uniform(-0.15, 0.03) * rolls, 0.0, 0.0],
+            [0.0, 1.0, 0.0, 0.0],
+        ])  # fmt: skip
+        yaw = wn**2 * rng.uniform(0.08, 0.25)
+        B = np.array([0.0, -yaw * rng.uniform(-0.1, 0.4) * rolls, yaw, 0.0])
+        at = _characteristic(A, s)
+        by_beta, by_r = (_characteristic(A, s, column) - at for column in (0, 2))
+        parts = np.array([[by_beta.real, by_r.real], [by_beta.imag, by_r.imag]])
+        A[2, [0, 2]] = np.linalg.solve(parts, [-at.real, -at.imag])
+        slow = np.sort(np.linalg.eigvals(A).real)[-1]
+        if A[2, 0] > 0.0 and A[2, 2] < 0.0 and slow < 0.02 * wn:
+            return A, B
+
+
+def _characteristic(A: Floats, s: complex, column: int | None = None) -> complex:
+    """Return det(s I - A), with 1 as the yaw moment of the state ``column``."""
+    of = A.copy()
+    if column is not None:
+        of[2, column] = 1.0
+    return complex(np.linalg.det(s * np.eye(4) - of))
