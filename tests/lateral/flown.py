@@ -5,13 +5,12 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from linear_flights import Floats, airframe
 from scipy.linalg import expm
 
 from yawid.lateral.motion import COMMAND_STEP_S, Motion
 
-Floats = NDArray[np.float64]
-AIRSPEED_M_S, GRAVITY_M_S2 = 50.0, 9.80665
+AIRSPEED_M_S = 50.0
 BETA, P, R, ROLL, B, W = range(6)
 DERIVATIVES = {
     "Y_beta": -0.25, "L_beta": -9.0, "L_p": -4.0, "L_r": 1.2, "L_delta_a": 8.0, "L_delta_r": -0.5,
@@ -22,28 +21,6 @@ DERIVATIVES = {
 GUST_RATE, ROLL_GUST_RATE = 0.3, 4.0
 GYRO, ANGLE = 0.003, 0.001
 SHAPE = ((1.0, 0), (1.2, 1), (0.8, -1), (0.4, 1), (0.4, -1), (8.2, 0))
-
-
-def airframe(of: dict[str, float], pitch: float = 0.0) -> tuple[Floats, Floats]:
-    """Return A (4, 4) of beta, p, r, roll and B (4, 2) of aileron and rudder; alpha is 0."""
-    A = np.array([
-        [of["Y_beta"], 0.0, -1.0, GRAVITY_M_S2 / AIRSPEED_M_S * np.cos(pitch)],
-        [of["L_beta"], of["L_p"], of["L_r"], 0.0],
-        [of["N_beta"], of["N_p"], of["N_r"], 0.0],
-        [0.0, 1.0, np.tan(pitch), 0.0],
-    ])  # fmt: skip
-    controls = np.array([
-        [0.0, of["Y_delta_r"]], [of["L_delta_a"], of["L_delta_r"]],
-        [of["N_delta_a"], of["N_delta_r"]], [0.0, 0.0],
-    ])  # fmt: skip
-    return A, controls
-
-
-def modes(A: Floats) -> tuple[float, float, float]:
-    """Return wn, zeta and the time constant of the roll mode of A (4, 4)."""
-    poles = np.linalg.eigvals(A)
-    pair = poles[poles.imag > 1e-6][0]
-    return float(abs(pair)), float(-pair.real / abs(pair)), float(-1.0 / poles.real.min())
 
 
 def moves(n: int, start_s: float, amplitude: float, ramp_s: float = 0.08) -> Floats:

@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from lateral.flown import DERIVATIVES, airframe, flown, modes
+from lateral.flown import DERIVATIVES, flown
+from linear_flights import airframe, modes
 from scipy.linalg import expm
 
 from yawid.blocks import Floats

@@ -16,7 +16,8 @@ import pytest
 from finished_runs import messages, replayed
 from flightlog import FlightLog
 from flights.surgery import split
-from lateral.flown import AIRSPEED_M_S, COMMAND_STEP_S, DERIVATIVES, airframe, flown, modes
+from lateral.flown import AIRSPEED_M_S, COMMAND_STEP_S, DERIVATIVES, flown
+from linear_flights import airframe, modes
 from live_link import listening, send, tlog_size, wait_for_size
 from msgspec import convert
 from pymavlink.dialects.v20 import ardupilotmega as mavlink

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from lateral.flown import DERIVATIVES, ROLL, P, R, airframe, flown
+from lateral.flown import DERIVATIVES, ROLL, P, R, flown
+from linear_flights import airframe
 
 from yawid.lateral.fit_airframe import fit_airframe
 from yawid.lateral.model import AT, NAMES, Law

@@ -13,8 +13,9 @@ import msgspec
 import numpy as np
 import pytest
 from damper.test_study import DELTA, WN, ZETA, doublets
-from lateral.flown import AIRSPEED_M_S, airframe
+from lateral.flown import AIRSPEED_M_S
 from lateral.flown import DERIVATIVES as TRUE
+from linear_flights import airframe
 from printed import why_invalid
 from scipy import signal
 from scipy.io import loadmat
