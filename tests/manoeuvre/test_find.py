@@ -1,0 +1,621 @@
+"""Where manoeuvres begin and end, rule by rule, on streams made for it."""
+
+from __future__ import annotations
+
+import math
+import pickle
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from manoeuvres.streams import (
+    HZ,
+    TS_S,
+    assert_same,
+    cut,
+    doublets,
+    flown,
+    joined,
+    rest,
+    spans,
+    stream,
+    without,
+)
+from scipy.linalg import expm
+from scipy.signal import lfilter
+
+from yawid.blocks import Floats, SampleBlock
+from yawid.manoeuvre.find import Finder, UnderWay, speed_factor
+from yawid.results.judge_samples import excitation_reasons
+
+BEGIN, END = 20 * HZ, 30 * HZ
+"""k of the first row that moves, and of the first that rests again, in :func:`usual`."""
+USUAL = [(BEGIN - HZ, END + 5 * HZ - 1)]
+MANUAL = 0.0
+
+
+def usual(amplitude: float = 0.2) -> Floats:
+    return flown(rest(20), doublets(10, amplitude), rest(20))
+
+
+def found_in(
+    samples: SampleBlock, edges: Sequence[int] = (), unit: float = 1.0
+) -> list[SampleBlock]:
+    finder = Finder(samples.sample_time_s, unit)
+    found = [each for block in cut(samples, edges) for each in finder.feed(block)]
+    return found + finder.finish()
+
+
+def reasons_of(samples: SampleBlock) -> list[tuple[str, str]]:
+    finder = Finder(TS_S, 1.0)
+    assert finder.feed(samples) + finder.finish() == []
+    return [(each.id, each.text) for each in excitation_reasons(finder.seen)]
+
+
+def test_it_begins_one_second_before_the_first_movement_and_ends_after_five_of_rest():
+    assert spans(found_in(stream(usual()))) == USUAL
+
+
+@pytest.mark.parametrize("late", [1, 7, 19])
+def test_its_bounds_are_whole_seconds_that_hold_the_lead_and_the_rest(late: int):
+    ((first, last),) = spans(found_in(stream(flown(np.zeros(late), usual()))))
+    assert first == USUAL[0][0]
+    assert last == USUAL[0][1] + HZ
+
+
+def test_rest_is_where_the_rudder_stands_and_not_the_middle():
+    rudder = flown(rest(20, 0.3), doublets(10) + 0.3, rest(20, -0.1))
+    assert spans(found_in(stream(rudder))) == USUAL
+
+
+@pytest.mark.parametrize(("pause_s", "count"), [(4.0, 1), (6.0, 2)])
+def test_rest_of_five_seconds_divides(pause_s: float, count: int):
+    rudder = flown(rest(20), doublets(10), rest(pause_s), doublets(10), rest(20))
+    assert len(found_in(stream(rudder))) == count
+
+
+def yawing(wn: float, zeta: float, rudder: Floats, ts_s: float, lead_s: float = 0.9) -> Floats:
+    """The yaw rate (n,) of eq. 23, exact for a rudder (n,) that is held over each interval."""
+    plant = np.array([[0.0, 1.0, 0.0], [-(wn**2), -2.0 * zeta * wn, 1.0], [0.0, 0.0, 0.0]])
+    step, x, y = expm(plant * ts_s), np.zeros(3), []
+    for x[2] in rudder:
+        y.append(0.3 * wn**2 * (x[0] + lead_s * x[1]))
+        x = step @ x
+    return np.array(y)
+
+
+def at_rate(hz: int, rudder: Floats, y: Floats) -> SampleBlock:
+    samples = stream(rudder, y=y)
+    boot_us = np.round(samples.k * 1e6 / hz).astype(np.int64)
+    return replace(samples, sample_time_s=1.0 / hz, boot_us=boot_us)
+
+
+SLOW = [(0.5, 0.02), (0.5, 0.15), (0.7, 0.05), (1.0, 0.1), (2.0, 0.02), (2.0, 0.15)]
+
+
+@pytest.mark.parametrize("hz", [10, 20, 50])
+@pytest.mark.parametrize(("wn", "zeta"), SLOW)
+@pytest.mark.parametrize("noise", [0.0, 0.03])
+def test_a_doublet_and_its_decay_are_one_manoeuvre_at_every_rate(
+    wn: float, zeta: float, hz: int, noise: float
+):
+    """At 0.5 rad/s the rudder is held for 6.3 s to either side, longer than a rest"""
+    half_s, t = math.pi / wn, np.arange(0.0, 100.0, 1.0 / hz)
+    begin_s, let_go_s = 20.3, 20.3 + 2.0 * half_s
+    side = np.where(t < begin_s + half_s, 0.2, -0.2)
+    rudder = np.where((t >= begin_s) & (t < let_go_s), side, 0.0)
+    y = yawing(wn, zeta, rudder, 1.0 / hz)
+    y += noise * np.abs(y).max() * np.random.default_rng(hz).standard_normal(len(y))
+    (one,) = found_in(at_rate(hz, rudder, y))
+
+    low_s, high_s = one.k[[0, -1]] / hz
+    assert begin_s - 2.0 <= low_s <= begin_s - 1.0
+    envelope = math.exp(-zeta * wn * (high_s - let_go_s))
+    periods = (high_s - let_go_s) * wn / (2.0 * math.pi)
+    assert envelope < 0.13 or periods > 2.3
+    assert periods < 3.2 or high_s - let_go_s < 6.5
+
+
+@pytest.mark.parametrize("zeta", [0.05, 0.3])
+@pytest.mark.parametrize("gust", [0.0, 0.3, 0.5])
+def test_doublets_every_fifteen_seconds_at_two_rad_s_are_one_manoeuvre_each_also_in_gusts(
+    zeta: float, gust: float
+):
+    """``gust`` is the RMS of what gusts make of the yaw rate, in peaks of the doublets"""
+    doublet = flown(np.full(31, 0.2), np.full(31, -0.2), np.zeros(15 * HZ - 62))
+    rudder = flown(rest(20.3), *[doublet] * 8, rest(20))
+    found = []
+    for seed in range(3):
+        y = yawing(2.0, zeta, rudder, TS_S)
+        rng, old = np.random.default_rng(seed), math.exp(-TS_S / 3.0)
+        air = lfilter([1.0 - old], [1.0, -old], rng.standard_normal(len(rudder)))
+        moved = yawing(2.0, zeta, air, TS_S, lead_s=1e6)  # a steady side wind turns nothing
+        y += np.abs(y).max() * (gust * moved / moved.std() + 0.01 * rng.standard_normal(len(y)))
+        found += found_in(stream(rudder, y=y))
+    assert 0.9 * 24 <= len(found) <= 24
+
+
+def ringing(seconds: float, period_s: float, share: float = 0.5) -> Floats:
+    """A yaw rate that moves by 2 with the rudder, then by twice ``share``, and rests"""
+    t = np.arange(round(HZ * seconds)) / HZ
+    after = share * np.sin(2.0 * math.pi * t / period_s)
+    return flown(rest(20), doublets(10, 1.0), after, rest(60.0 - seconds))
+
+
+@pytest.mark.parametrize(
+    ("period_s", "rest_s"), [(1.0, 5.0), (4.0, 10.0), (6.0, 15.0), (10.0, 25.0), (14.0, 35.0)]
+)
+def test_it_ends_when_two_and_a_half_periods_have_passed(period_s: float, rest_s: float):
+    y = ringing(60.0, period_s, 1.0)
+    ((first, last),) = spans(found_in(stream(flown(rest(20), doublets(10), rest(60)), y=y)))
+    assert first == BEGIN - HZ
+    assert 0.94 * rest_s <= (last + 1 - END) / HZ <= rest_s + 1.5
+
+
+@pytest.mark.parametrize(("rings_s", "rest_s"), [(0.0, 5.0), (4.0, 8.0), (6.0, 10.0)])
+def test_it_ends_when_the_yaw_rate_has_moved_little_for_four_seconds(rings_s: float, rest_s: float):
+    """A period of 8 s is known by two crossings, which half of it has not"""
+    y = ringing(rings_s, 8.0)
+    y[END:] -= y[END + round(rings_s * HZ) - 1] if rings_s else 0.0
+    y[END + round(rings_s * HZ) :] = 0.0
+    ((_, last),) = spans(found_in(stream(flown(rest(20), doublets(10), rest(60)), y=y)))
+    assert (last + 1 - END) / HZ == pytest.approx(rest_s, abs=1.0)
+
+
+def test_a_yaw_rate_that_swings_by_a_tenth_has_decayed():
+    rudder = flown(rest(20), doublets(10), rest(60))
+    assert spans(found_in(stream(rudder, y=ringing(60.0, 6.0, 0.099)))) == USUAL
+    assert spans(found_in(stream(rudder, y=ringing(60.0, 6.0, 0.12)))) != USUAL
+
+
+def test_a_turn_that_follows_is_no_decay_to_wait_for():
+    rudder, y = flown(rest(20), doublets(10), rest(60)), ringing(0.0, 1.0)
+    y[END:] = np.linspace(0.0, 6.0, 60 * HZ)
+    turn = np.where(np.arange(len(y)) < END, 0.0, y)
+    assert spans(found_in(stream(rudder, y=y, turn=turn))) == USUAL
+    # Where the bank is unknown r crosses no zero: 2.5 periods of the longest, 15 s, are 37.5 s.
+    assert spans(found_in(stream(rudder, y=y))) == [(USUAL[0][0], END + 38 * HZ - 1)]
+
+
+@pytest.mark.parametrize(("pause_s", "count"), [(9.0, 1), (12.0, 2)])
+def test_a_movement_belongs_to_it_until_the_periods_have_passed_and_then_begins_the_next(
+    pause_s: float, count: int
+):
+    """Of a period of 4 s: 2.5 are 10 s"""
+    rudder = flown(rest(20), doublets(10), rest(pause_s), doublets(10), rest(40))
+    y = ringing(60.0, 4.0)
+    y = flown(y, y[END:])[: len(rudder)]
+    found = spans(found_in(stream(rudder, y=y)))
+    assert len(found) == count
+    if count == 2:
+        assert found[0][1] + 1 == END + 10 * HZ
+        assert found[1][0] == END + 11 * HZ
+
+
+def test_a_second_one_begins_no_earlier_than_the_first_ended():
+    rudder = flown(rest(20), doublets(10), rest(5.1), doublets(10), rest(20))
+    first, second = spans(found_in(stream(rudder)))
+    assert first[1] < second[0]
+
+
+def test_a_stream_that_begins_or_ends_in_the_middle_of_one_begins_or_ends_it():
+    assert spans(found_in(stream(flown(doublets(10), rest(20))))) == [(0, 15 * HZ - 1)]
+    assert spans(found_in(stream(flown(rest(20), doublets(10))))) == [(BEGIN - HZ, END - 1)]
+
+
+@pytest.mark.parametrize(("amplitude", "count"), [(0.051, 1), (0.049, 0)])
+def test_less_than_a_tenth_of_half_the_travel_within_five_seconds_is_none(
+    amplitude: float, count: int
+):
+    assert len(found_in(stream(usual(amplitude)))) == count
+
+
+def test_travel_is_counted_in_its_own_unit():
+    samples = stream(0.4 * usual(0.051))
+    assert found_in(samples) == []
+    assert spans(found_in(samples, unit=0.4)) == USUAL
+
+
+@pytest.mark.parametrize("range_s", [60.0, 600.0])
+def test_a_drift_of_the_trim_is_none(range_s: float):
+    rudder = flown(rest(20), np.linspace(0.0, 0.3, round(range_s * HZ)), rest(20, 0.3))
+    assert found_in(stream(rudder)) == []
+
+
+def test_noise_of_two_percent_is_rest():
+    noise = 0.01 * np.random.default_rng(1).uniform(-1.0, 1.0, 50 * HZ)
+    assert spans(found_in(stream(usual() + noise))) == USUAL
+
+
+@pytest.mark.parametrize(("gap_s", "count"), [(2.0, 1), (2.1, 2)])
+@pytest.mark.parametrize("as_held", [True, False])
+def test_a_gap_of_two_seconds_lies_inside_and_a_longer_one_ends_it(
+    gap_s: float, count: int, as_held: bool
+):
+    first, stop = 25 * HZ, 25 * HZ + round(gap_s * HZ) - 1
+    rudder = flown(rest(20), doublets(15), rest(20))
+    if as_held:
+        rudder[first:stop] = np.nan
+        samples = stream(rudder)
+    else:
+        samples = without(stream(rudder), first, stop)
+    found = found_in(samples)
+
+    assert len(found) == count
+    assert found[0].k[0] == BEGIN - HZ
+    assert found[-1].k[-1] == 40 * HZ - 1
+    if count == 2:
+        used = [each.k[each.held == 0] for each in found]
+        assert used[0][-1] == first - 1
+        assert used[1][0] == stop
+
+
+@pytest.mark.parametrize("later", [{"mode": 5.0}, {"mode": np.nan}, {"epoch": 1}])
+def test_another_mode_or_meaning_ends_it(later: dict[str, Any]):
+    rudder, at = usual(), 25 * HZ
+    samples = joined(stream(rudder[:at]), stream(rudder[at:], first_k=at, **later))
+    assert spans(found_in(samples)) == [(BEGIN - HZ, at - 1), (at, END + 5 * HZ - 1)]
+
+
+def test_a_mode_that_stays_unknown_ends_nothing():
+    assert spans(found_in(stream(usual(), mode=np.nan))) == USUAL
+
+
+@pytest.mark.parametrize("at_k", [0, 100])
+def test_a_reboot_ends_it(at_k: int):
+    rudder, at = usual(), 25 * HZ
+    samples = joined(stream(rudder[:at]), stream(rudder[at:], first_k=at_k))
+    assert spans(found_in(samples)) == [(BEGIN - HZ, at - 1), (at_k, at_k + 10 * HZ - 1)]
+
+
+def test_after_120_seconds_the_rest_is_the_next():
+    found = found_in(stream(flown(rest(20), doublets(300), rest(20))))
+
+    assert [len(each) for each in found[:2]] == [120 * HZ, 120 * HZ]
+    k = np.concatenate([each.k for each in found])
+    np.testing.assert_array_equal(k, np.arange(BEGIN - HZ, 325 * HZ))
+
+
+def test_a_gap_counts_into_120_seconds_by_the_clock():
+    samples = without(stream(flown(rest(20), doublets(200), rest(20))), 60 * HZ, 61 * HZ)
+    assert found_in(samples)[0].k[-1] == BEGIN - HZ + 120 * HZ - 1
+
+
+@pytest.mark.parametrize(("share", "count"), [(1.08, 1), (0.92, 1), (1.15, 2), (0.85, 2)])
+def test_another_airspeed_ends_it(share: float, count: int):
+    rudder = flown(rest(20), doublets(60), rest(20))
+    airspeed = np.where(np.arange(len(rudder)) < 50 * HZ, 20.0, 20.0 * share)
+    found = found_in(stream(rudder, airspeed=airspeed))
+
+    assert len(found) == count
+    if count == 2:
+        first, second = found
+        assert abs(first.k[-1] - 53 * HZ) < 3 * HZ  # the newest 5 s are of both speeds until then
+        assert second.k[0] == first.k[-1] + 1
+
+
+@pytest.mark.parametrize(("from_m_s", "by_m_s2"), [(5.0, 1.6), (20.0, -3.0)])
+def test_another_airspeed_ends_it_within_its_first_five_seconds_too(
+    from_m_s: float, by_m_s2: float
+):
+    """A take-off roll, and a flare: the mean of five seconds is still that of all of it"""
+    rudder = flown(rest(1), doublets(4))
+    speed = from_m_s + by_m_s2 * np.arange(len(rudder)) / HZ
+    first = found_in(stream(rudder, airspeed=speed))[0]
+
+    assert len(first) < 5 * HZ
+    assert speed_factor(first.airspeed, TS_S) <= 1.3
+    assert spans(found_in(stream(rudder, airspeed=10.0))) == [(0, len(rudder) - 1)]
+
+
+def test_the_factor_of_two_airspeeds_is_that_of_the_first_and_last_two_seconds_known():
+    speeds = np.array([np.nan, 0.0, *[20.0] * 40, *[35.0] * 60, *[16.0] * 40, np.nan])
+    assert speed_factor(speeds, TS_S) == pytest.approx(20.0 / 16.0)
+    assert math.isnan(speed_factor(speeds[:42], TS_S))
+
+
+def test_a_gust_of_a_second_is_no_other_airspeed():
+    rudder = flown(rest(20), doublets(60), rest(20))
+    airspeed = np.full(len(rudder), 20.0)
+    airspeed[50 * HZ : 51 * HZ] = 26.0
+    assert len(found_in(stream(rudder, airspeed=airspeed))) == 1
+
+
+def test_an_unknown_airspeed_ends_nothing():
+    rudder = usual()
+    airspeed = np.where(np.arange(len(rudder)) % 3 == 0, 20.0, np.nan)
+    assert spans(found_in(stream(rudder, airspeed=airspeed))) == USUAL
+    assert spans(found_in(stream(rudder, airspeed=np.nan))) == USUAL
+
+
+def weave(seconds: float, seed: int = 3) -> Floats:
+    """An aileron that flies: noise of some seconds' memory, a tenth of the travel"""
+    noise = np.random.default_rng(seed).standard_normal(round(seconds * HZ))
+    return np.asarray(lfilter([0.05], [1.0, -0.95], noise))
+
+
+@pytest.mark.parametrize("late", [0, 2, 4])
+@pytest.mark.parametrize("share", [0.5, -2.0])
+def test_a_rudder_that_is_a_copy_of_the_aileron_is_none(late: int, share: float):
+    """Also where the mixer, or the pilot, is 0.1 or 0.2 s late"""
+    aileron = weave(120.0)
+    rudder = share * np.concatenate([np.zeros(late), aileron[: len(aileron) - late]])
+    ((reason, text),) = reasons_of(stream(rudder, aileron=aileron))
+
+    assert np.ptp(rudder) > 0.1
+    assert reason == "mixed_rudder"
+    assert "follows the aileron" in text
+    assert len(found_in(stream(rudder))) > 0
+
+
+def test_its_own_part_next_to_a_copy_is_one():
+    aileron = 0.1 * weave(50.0)
+    samples = stream(usual() + 0.5 * aileron, aileron=aileron)
+
+    assert np.ptp(aileron) > 0.05
+    ((first, last),) = spans(found_in(samples))
+    assert first == USUAL[0][0]
+    assert USUAL[0][1] <= last <= USUAL[0][1] + HZ
+
+
+def test_an_aileron_at_rest_takes_nothing_from_the_rudder():
+    assert spans(found_in(stream(usual(), aileron=0.1))) == USUAL
+
+
+def test_where_it_begins_is_decided_when_the_mix_is_known():
+    """How the rudder follows the aileron takes 5.6 s to know: nothing before that is lost"""
+    own = flown(rest(3), doublets(10), rest(30))
+    aileron = weave(43.0)
+    ((first, last),) = spans(found_in(stream(own + 0.5 * aileron, aileron=aileron)))
+    assert first <= 2 * HZ
+    assert last >= 18 * HZ - 1
+
+
+def test_a_copy_is_none_from_the_first_second_on():
+    aileron = 5.0 * weave(43.0)
+    ((reason, _),) = reasons_of(stream(0.5 * aileron, aileron=aileron))
+    assert reason == "mixed_rudder"
+
+
+def test_a_search_says_why_it_found_nothing():
+    still = reasons_of(stream(usual(0.03)))
+    assert still[0][0] == "not_excited"
+    assert "within 5 s is 6.0 % of half its travel: at least 10 % is needed" in still[0][1]
+    assert reasons_of(stream(rest(20, np.nan)))[0][0] == "not_excited"
+
+
+def by_script(late_s: float, before: Floats) -> SampleBlock:
+    """FBWA with a rudder mix, then a doublet by plane-doublets.lua in MANUAL, reported late"""
+    half, begin = round(0.25 * HZ), len(before)
+    told = begin + round(late_s * HZ)
+    rudder = flown(0.5 * before, np.full(half, -1 / 3), np.full(half, 1 / 3), rest(26.0))
+    aileron = flown(before, np.zeros(len(rudder) - begin))
+    y = yawing(6.0, 0.3, rudder, TS_S)
+    return stream(
+        rudder, aileron=aileron, mode=np.where(np.arange(len(y)) < told, 5.0, MANUAL), y=y
+    )
+
+
+def found_bare(samples: SampleBlock, edges: Sequence[int] = ()) -> list[SampleBlock]:
+    finder = Finder(TS_S, 1.0, lambda mode: mode == MANUAL)
+    return [m for b in cut(samples, edges) for m in finder.feed(b)] + finder.finish()
+
+
+@pytest.mark.parametrize("late_s", [0.0, 0.3, 0.6, 0.95])
+def test_a_doublet_that_begins_as_a_bare_mode_is_reported_late_is_one_of_that_mode(late_s: float):
+    """zeta wn is 1.8 1/s: the yaw rate's envelope has fallen to a tenth 1.3 s after the doublet"""
+    begin = 30 * HZ
+    (one,) = found_bare(by_script(late_s, 0.3 * weave(30.0)))
+
+    assert begin - 2 * HZ <= one.k[0] <= begin - HZ // 2
+    assert begin + round(5.5 * HZ) - 1 <= one.k[-1] <= begin + round((0.5 + 1.3 + 5.0) * HZ)
+    assert set(one.mode) == {MANUAL}
+
+
+def test_a_doublet_that_rings_as_a_bare_mode_is_reported_ends_there():
+    """One of a slow mode rings; the script then moves the rudder 0.6 s before MANUAL is known"""
+    rudder = flown(rest(20), doublets(2), rest(8), np.full(5, -0.3), np.full(5, 0.3), rest(30))
+    moves, at = 30 * HZ, 30 * HZ + 12
+    y = yawing(1.0, 0.05, rudder, TS_S)
+    mode = np.where(np.arange(len(y)) < at, 5.0, MANUAL)
+    first, second = found_bare(stream(rudder, y=y, mode=mode))
+    assert first.k[-1] == moves - HZ - 1
+    assert second.k[0] == moves - HZ
+    assert (set(first.mode), set(second.mode)) == ({5.0}, {MANUAL})
+
+
+def test_a_movement_that_began_long_before_a_bare_mode_ends_with_the_mode_before():
+    rudder, at = usual(), 25 * HZ
+    samples = stream(rudder, mode=np.where(np.arange(len(rudder)) < at, 5.0, MANUAL))
+    assert spans(found_bare(samples)) == [(BEGIN - HZ, at - 1), (at, END + 5 * HZ - 1)]
+
+
+EVENTS = st.sampled_from(["none", "gap", "mode", "no mode", "bare", "epoch", "reboot", "speed"])
+PIECES = st.lists(
+    st.fixed_dictionaries(
+        {
+            "n": st.integers(1, 500),
+            "seed": st.integers(0, 99),
+            "kind": st.sampled_from(["rest", "moves", "drift", "noise"]),
+            "amplitude": st.sampled_from([0.03, 0.06, 0.3]),
+            "aileron": st.sampled_from([np.nan, 0.0, 0.05]),
+            "mixed": st.sampled_from([0.0, 0.5]),
+            "held": st.lists(st.tuples(st.integers(0, 500), st.integers(1, 90)), max_size=2),
+            "aileron_from": st.sampled_from([0, 30]),
+            "rings": st.sampled_from([0.0, 1.0]),
+            "speed_unknown": st.sampled_from([0.0, 0.3]),
+            "then": EVENTS,
+            "by": st.floats(0.0, 1.0),
+        }
+    ),
+    min_size=1,
+    max_size=7,
+)
+"""Minutes of rest and movement, with all that may happen between two samples"""
+
+
+def piece(drawn: dict[str, Any], speed: float, **options: Any) -> SampleBlock:
+    n, rng = drawn["n"], np.random.default_rng(drawn["seed"])
+    rudder = {
+        "rest": np.full(n, 0.1),
+        "moves": drawn["amplitude"] * np.sin(np.arange(n) / 4.0),
+        "drift": np.linspace(0.0, 0.3, n),
+        "noise": 0.02 * rng.normal(size=n),
+    }[drawn["kind"]]
+    aileron = drawn["aileron"] * rng.normal(size=n).cumsum()
+    rudder = rudder + drawn["mixed"] * np.nan_to_num(aileron)
+    for at, length in drawn["held"]:
+        rudder[at : at + length] = np.nan
+    aileron[: drawn["aileron_from"]] = np.nan
+    airspeed = np.where(rng.random(n) < drawn["speed_unknown"], np.nan, speed)
+    y = drawn["rings"] * rng.normal(size=n).cumsum()
+    return stream(rudder, aileron=aileron, airspeed=airspeed, y=y, **options)
+
+
+def built(pieces: list[dict[str, Any]]) -> SampleBlock:
+    parts, k, mode, epoch, speed = [], 5000, 5.0, 0, 20.0
+    for drawn in pieces:
+        parts.append(piece(drawn, speed, first_k=k, mode=mode, epoch=epoch))
+        k, event, by = k + drawn["n"], drawn["then"], drawn["by"]
+        k += round(120 * by) if event == "gap" else 0
+        k = round((k - 2) * by) if event == "reboot" else k
+        mode = {"mode": 5.0, "no mode": np.nan, "bare": MANUAL}.get(event, mode)
+        epoch += event == "epoch"
+        speed *= 0.8 + 0.5 * by if event == "speed" else 1.0
+    return joined(*parts)
+
+
+@settings(deadline=None, max_examples=30)
+@given(pieces=PIECES, edges=st.lists(st.integers(0, 3500), max_size=30))
+def test_where_the_stream_is_cut_into_blocks_changes_nothing(
+    pieces: list[dict[str, Any]], edges: list[int]
+):
+    samples = built(pieces)
+    assert_same(found_bare(samples, edges), found_bare(samples))
+
+
+@settings(deadline=None, max_examples=4)
+@given(pieces=PIECES, every=st.sampled_from([1, 7, 100]))
+def test_blocks_of_1_of_7_and_of_100_samples_are_the_same_too(
+    pieces: list[dict[str, Any]], every: int
+):
+    samples = built(pieces)
+    assert_same(found_bare(samples, range(0, len(samples), every)), found_bare(samples))
+
+
+@settings(deadline=None, max_examples=20)
+@given(pieces=PIECES)
+def test_each_is_a_piece_of_the_stream_as_it_came(pieces: list[dict[str, Any]]):
+    """In order, once each, no row invented, none longer than 120 s, one boot, mode and epoch"""
+    samples, at = built(pieces), 0
+    number = np.arange(len(samples), dtype=float)  # a column that names each row
+    for each in found_bare(replace(samples, yaw=number)):
+        rows = each.yaw.astype(int)
+        assert rows[0] >= at
+        np.testing.assert_array_equal(rows, np.arange(rows[0], rows[0] + len(rows)))
+        at = rows[-1] + 1
+        assert np.all(np.diff(each.k) >= 1)
+        assert each.k[-1] - each.k[0] < 120 * HZ
+        assert len(np.unique(each.epoch)) == 1
+        assert len(np.unique(np.nan_to_num(each.mode, nan=-1.0))) == 1
+        assert np.all(np.diff(each.k[each.held == 0]) <= 2 * HZ)
+
+
+@settings(deadline=None, max_examples=15)
+@given(pieces=PIECES, stop=st.integers(1, 3500))
+def test_what_has_been_found_depends_on_nothing_that_comes_later(
+    pieces: list[dict[str, Any]], stop: int
+):
+    samples = built(pieces)
+    finder = Finder(TS_S, 1.0, lambda mode: mode == MANUAL)
+    early = finder.feed(samples.select(slice(0, stop)))
+    assert_same(early, found_bare(samples)[: len(early)])
+
+
+@settings(deadline=None, max_examples=20)
+@given(pieces=PIECES)
+def test_where_nothing_is_found_there_is_a_reason(pieces: list[dict[str, Any]]):
+    finder = Finder(TS_S, 1.0, lambda mode: mode == MANUAL)
+    finder.feed(built(pieces))
+    finder.finish()
+    assert len(list(excitation_reasons(finder.seen))) == 1
+
+
+LONG = {
+    "movement": lambda n, rng: stream(doublets(n / HZ)),
+    "rest": lambda n, rng: stream(rest(n / HZ)),
+    "nothing usable": lambda n, rng: stream(rest(n / HZ, np.nan)),
+    "movement, aileron moving": lambda n, rng: stream(
+        doublets(n / HZ), aileron=rng.normal(size=n).cumsum() / 50.0
+    ),
+    "sparse aileron": lambda n, rng: stream(
+        doublets(n / HZ), aileron=np.where(np.arange(n) % 20, np.nan, rng.normal(size=n))
+    ),
+    "every other sample held": lambda n, rng: stream(
+        np.where(np.arange(n) % 2, doublets(n / HZ), np.nan), aileron=rng.normal(size=n)
+    ),
+    "drift": lambda n, rng: stream(np.linspace(0.0, 1.0, n)),
+}
+
+
+@pytest.mark.parametrize("kind", LONG)
+@pytest.mark.parametrize("block_s", [1, 97])
+def test_what_is_kept_is_bounded_however_long_it_flies(kind: str, block_s: int):
+    """As pickled bytes: 146 s of rows are 120 s of a manoeuvre and 26 s to compare with"""
+    n = 350 * HZ
+    samples, finder = LONG[kind](n, np.random.default_rng(1)), Finder(TS_S, 1.0)
+    largest = 0
+    for i, block in enumerate(cut(samples, range(0, n, block_s * HZ))):
+        finder.feed(block)
+        if block_s == 97 or i % 29 == 28:
+            largest = max(largest, len(pickle.dumps(finder)))
+    row = (20 + 5) * 8
+    assert largest < 1.2 * row * (146 + 1) * HZ
+
+
+def test_a_stretch_that_the_user_named_is_exactly_one():
+    named = Finder(TS_S, 1.0, is_stated=True)
+    assert named.progress() == UnderWay()
+    samples = joined(stream(usual()), stream(usual(), first_k=2000, mode=5.0, epoch=1))
+    for block in cut(samples, [7, 300, 1500]):
+        assert named.feed(block) == []
+    progress = named.progress()
+    assert (progress.from_s, progress.is_excited) == (0.0, True)
+    assert progress.lasted_s == pytest.approx(2999 * TS_S)
+    assert_same(named.finish(), [samples])
+    assert named.finish() == []
+
+
+def test_the_progress_of_a_manoeuvre_is_known_and_to_ask_for_it_changes_nothing():
+    finder = Finder(TS_S, 1.0)
+    assert finder.progress() == UnderWay()
+    samples = stream(usual())
+    seen, found = [], []
+    for first in range(0, len(samples), HZ // 2):
+        found += finder.feed(samples.select(slice(first, first + HZ // 2)))
+        seen.append(finder.progress())
+    assert spans(found) == USUAL
+    before, moving, resting, after = (seen[2 * i + 1] for i in (18, 27, 32, 40))
+    assert (before.from_s, before.stroke) == (None, pytest.approx(0.0))
+    assert before.rests_s == pytest.approx(5.0)
+    assert moving.is_excited
+    assert moving.stroke == pytest.approx(0.4)
+    assert moving.rests_s < 0.6
+    assert moving.from_s == samples.boot_us[BEGIN - HZ] / 1e6
+    assert moving.lasted_s == pytest.approx(9.0, abs=0.1)
+    assert resting.from_s == moving.from_s
+    assert resting.rests_s == pytest.approx(2.0)  # it knows of whole seconds, 0.3 s later
+    assert after.from_s is None
+
+
+def test_the_stroke_is_unknown_while_the_mix_is():
+    finder = Finder(TS_S, 1.0)
+    samples = stream(doublets(12), aileron=weave(12.0))
+    finder.feed(samples.select(slice(0, 2 * HZ)))
+    assert finder.progress().stroke is None
+    finder.feed(samples.select(slice(2 * HZ, None)))
+    assert finder.progress().stroke == pytest.approx(0.4, abs=0.05)
