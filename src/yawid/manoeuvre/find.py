@@ -79,14 +79,14 @@ class UnderWay(NamedTuple):
     """The progress of a manoeuvre that may be under way, for display: it changes no result.
 
     ``stroke`` is how far the rudder's own part moved within 5 s, as a part of half its travel, None
-    where too little is known of how it follows the aileron; ``rests_s`` is how long it has rested,
-    5 s at most. Both are those of the newest whole second. If a manoeuvre is being recorded,
+    where too little is known of how it follows the aileron; ``rests_s`` is how long it has rested.
+    Both are those of the newest whole second. If a manoeuvre is being recorded,
     ``from_s`` is its beginning in s since boot, ``lasted_s`` its length so far, and ``is_excited``
     whether the rudder moved far enough for an answer.
     """
 
-    stroke: float | None = None
-    rests_s: float = 0.0
+    stroke: float | None
+    rests_s: float
     from_s: float | None = None
     lasted_s: float = 0.0
     is_excited: bool = False
@@ -122,8 +122,8 @@ class Finder:
         """Forget all samples: the next one begins a section, in which there is no break."""
         self._kept: list[SampleBlock] = []
         self._free_k = self._next_k = self._looked_k = self._moved_k = 0
-        self._own: Floats | None = None
-        self._stroke = 0.0
+        self._stroke: float | None = 0.0
+        self._rested = 0
         self._close()
 
     def _close(self) -> None:
@@ -169,20 +169,15 @@ class Finder:
 
     def progress(self) -> UnderWay:
         """Return the progress of the current manoeuvre."""
-        found = UnderWay()
-        if self._own is not None:
-            newest = self._own[: -self._rest - 1 : -1]
-            moved = np.fmax.accumulate(newest) - np.fmin.accumulate(newest)
-            rests_s = self._ts_s * np.count_nonzero(~(moved > MOVES))
-            found = UnderWay(self._stroke, float(rests_s))
-        if self._kept and (self.is_stated or self._start_k is not None):
-            rows, at = self._kept[0], 0
-            if self._start_k is not None:
-                at = int(np.searchsorted(rows.k, self._start_k))
-            low_us, high_us = rows.boot_us[at], self._kept[-1].boot_us[-1]
-            times = float(low_us / 1e6), float((high_us - low_us) / 1e6)
-            found = UnderWay(*found[:2], *times, self.is_stated or self._is_excited)
-        return found
+        found = UnderWay(self._stroke, self._rested * self._second * self._ts_s)
+        if not self._kept or not (self.is_stated or self._start_k is not None):
+            return found
+        rows, at = self._kept[0], 0
+        if self._start_k is not None:
+            at = int(np.searchsorted(rows.k, self._start_k))
+        low_us, high_us = float(rows.boot_us[at]), float(self._kept[-1].boot_us[-1])
+        is_excited = self.is_stated or self._is_excited
+        return UnderWay(*found[:2], low_us / 1e6, (high_us - low_us) / 1e6, is_excited)
 
     def _breaks(self, samples: SampleBlock) -> tuple[Bools, Bools]:
         """Return two masks (n,): the rows at a break, and the rows at a change of flight mode."""
@@ -245,16 +240,19 @@ class Finder:
             self._looked_k += second
             strokes = whole[(self._next_k - base_k) // second : at + 1]
             first_k = self._next_k - self._rest + second
-            self._own = self._table(first_k, self._looked_k)[:, RUDDER]
+            own: Floats | None = self._table(first_k, self._looked_k)[:, RUDDER]
             if strokes.max() > MOVES:
-                self._own = self._own_part(first_k, self._looked_k)
+                own = self._own_part(first_k, self._looked_k)
                 waits = self._looked_k - self._next_k <= self._chunk
-                if self._own is None and waits and not (is_last and at + 1 == len(whole)):
+                if own is None and waits and not (is_last and at + 1 == len(whole)):
+                    self._stroke = None
                     continue
-                own = 0.0 if self._own is None else _strokes(self._own, second)
-                strokes = np.minimum(own, strokes)
-            for self._stroke in strokes.tolist():
-                found += self._decide(self._stroke)
+                strokes = np.minimum(0.0 if own is None else _strokes(own, second), strokes)
+            moves = own is not None and _swing(own[-second:]) > MOVES
+            self._rested = 0 if moves else self._rested + len(strokes)
+            for stroke in strokes.tolist():
+                self._stroke = stroke
+                found += self._decide(stroke)
         start_k = self._next_k if self._start_k is None else self._start_k
         oldest_k = min(start_k, self._looked_k - self._chunk - self._rest - self._reach)
         first = int(np.searchsorted(self._kept[0].k, oldest_k))
