@@ -99,20 +99,56 @@ class Value(Part, frozen=True):
     std_noise: Number | None = None
 
 
+class Response(Part, frozen=True, kw_only=True):
+    """The transfer function of a manoeuvre's answer, from each input to the yaw rate.
+
+    G(s) = sum of r / (s - p), and of the conjugate where p is complex. ``poles`` are [real,
+    imaginary] in rad/s, one of each pair, the Dutch roll first, then the real ones; ``residues``
+    has as many by the name of the input, in rad/s^2 per unit of it. ``covariance`` is that of wn
+    and zeta of each pair, of each real pole, then of the residues of each input: both parts of a
+    pair's, and a real one's.
+    """
+
+    poles: list[list[Number]]
+    residues: dict[str, list[list[Number]]]
+    covariance: list[list[Number]]
+
+
+class OneStructure(Part, frozen=True, kw_only=True):
+    """What one structure of the continuous-time fit found, and its weight in the answer."""
+
+    wn_rad_s: Positive
+    wn_std: Number
+    zeta: Number
+    zeta_std: Number
+    weight: Number
+
+
 class MethodSummary(Part, frozen=True, kw_only=True):
-    """The results of one method; theta and its sigmas (of noise) are by parameter names."""
+    """The results of one method, of the stream or of a manoeuvre.
+
+    The recursive methods have orders and theta, whose sigmas (of noise) are by parameter names. The
+    continuous-time fit (``ct``) has the ``response`` of its answer, its ``structure``, and what
+    each of the ``structures`` found; ``roll_left_out`` says why roll was no output of it.
+    ``yaw_acceleration`` is what a step of the rudder makes at once, K T wn^2 in rad/s^2 per unit.
+    """
 
     method: str
-    orders: Orders
+    orders: Orders | None = None
     sample_time_s: Positive
     forgetting_factor: Number | None = None
     updates: Count
     held: Count
-    theta: dict[str, Number]
-    theta_std: dict[str, Number]
+    theta: dict[str, Number] | None = None
+    theta_std: dict[str, Number] | None = None
     modes: list[Mode] | None = None
     dutch_roll: DutchRoll | None = None
     physics: dict[str, Value] | None = None
+    yaw_acceleration: Value | None = None
+    response: Response | None = None
+    structure: str | None = None
+    structures: dict[str, OneStructure] | None = None
+    roll_left_out: str | None = None
     fit: Fit
 
     def without_level(self) -> Self:
