@@ -30,14 +30,13 @@ MAY_IMPORT: dict[str, set[str]] = {
     "models": {"config", "estimation", "physics"},
     "damper": {"config", "models", "physics"},
     "results": {"config", "estimation", "physics"},
-    "manoeuvre": {"results"},
-    "manoeuvres": {"config", "estimation", "lateral", "results"},
+    "manoeuvre": {"config", "estimation", "lateral", "results"},
     "sinks": {"estimation", "results"},
     "sinks/mcap": {"config", "estimation", "sinks"},
     "sinks/rerun": {"physics", "sinks"},
     "sinks/terminal": {"results", "sinks"},
     "report": {"damper", "estimation", "models", "physics", "results"} | {"sinks", "sinks/mcap"},
-    "pipeline": {"config", "channels", "estimation", "physics", "manoeuvres", "results", "sinks"},
+    "pipeline": {"config", "channels", "estimation", "physics", "manoeuvre", "results", "sinks"},
     "runs": {"config", "channels", "offline", "pipeline", "plant", "results"}
     | {"sources", RECORDS, *SINKS},
     "runs/live": {"config", "estimation", "pipeline", "results", "runs", "sources", WIRE, LINK}

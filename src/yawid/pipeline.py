@@ -25,9 +25,9 @@ from yawid.channels.stage import WANTED, Channels
 from yawid.config.run import RunConfig
 from yawid.estimation.bank import Bank
 from yawid.estimation.polynomials import parameter_names
-from yawid.manoeuvres.answer import ManoeuvreSetting
-from yawid.manoeuvres.candidate import UnderWay
-from yawid.manoeuvres.stage import Manoeuvres
+from yawid.manoeuvre.answered import ManoeuvreSetting
+from yawid.manoeuvre.find import UnderWay
+from yawid.manoeuvre.stage import Manoeuvres
 from yawid.physics.stage import PhysicsStage
 from yawid.results.reasons import Reason, Verdict
 from yawid.results.yaw_loop import gains_in
@@ -100,15 +100,12 @@ class Pipeline:
         bares = stage.laterals.bares()
         return [msgspec.structs.replace(each, lateral=bares.get(each.n)) for each in found]
 
-    def progress(self, *, closely: bool) -> tuple[UnderWay, int]:
-        """Return the progress of the current manoeuvre, and how many wait for their answers.
-
-        With ``closely`` it includes how far the rudder moved, which takes a while to compute.
-        """
+    def progress(self) -> tuple[UnderWay, int]:
+        """Return the progress of the current manoeuvre, and how many wait for their answers."""
         stage = self._manoeuvres
         if stage is None:
-            return UnderWay(), 0
-        return stage.progress(closely=closely), stage.unanswered
+            return UnderWay(None, 0.0), 0
+        return stage.progress(), stage.unanswered
 
     def flights(self, of_the_log: list[Reason]) -> list[tuple[Flight, Verdict]]:
         """Return the flight's answers with their verdicts, the headline first; see the stage."""

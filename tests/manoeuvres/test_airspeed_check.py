@@ -15,12 +15,12 @@ from finished_runs import replayed
 from manoeuvres.streams import HZ, cut, stream
 from sources.logs import dataflash_flight
 from sources.logs.onboard_flight import flown
+from yawid.manoeuvres.airspeed_check import AirspeedCheck, Finding, of_one_manoeuvre
 
 import yawid
 from yawid.answers.run_summary import Flight
 from yawid.blocks import Floats, SampleBlock
 from yawid.cli.main import main
-from yawid.manoeuvres.airspeed_check import AirspeedCheck, Finding, of_one_manoeuvre
 
 ROOT_DENSITY_4000_M = 0.8179
 """Square root of .6689, the standard atmosphere's density ratio at 4000 m (ICAO's table)."""

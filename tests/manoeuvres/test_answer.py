@@ -11,13 +11,13 @@ import pytest
 from manoeuvres.streams import HZ, TS_S, WN, ZETA, doublets, flown, rest, stream, yawing
 from places import C172P
 from scipy.signal import butter, lfilter
+from yawid.manoeuvres.answer import BOTH, OTHER_ORDERS, Answered, ManoeuvreSetting
+from yawid.manoeuvres.tries import answer
 
 from yawid.blocks import Floats, SampleBlock
 from yawid.cli.main import main
 from yawid.config.run import RunConfig
 from yawid.estimation.methods import METHODS
-from yawid.manoeuvres.answer import BOTH, OTHER_ORDERS, Answered, ManoeuvreSetting
-from yawid.manoeuvres.tries import answer
 
 NOISE = 0.002
 MANUAL, FBWA = 0.0, 5.0

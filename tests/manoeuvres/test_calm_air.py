@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from manoeuvres.streams import HZ, TS_S, WN, ZETA, flown, rest, stream, yawing
 from scipy.signal import butter, cont2discrete, lfilter
+from yawid.manoeuvres.answer import Answered, ManoeuvreSetting
+from yawid.manoeuvres.calm_air import apart_reasons, is_calm
+from yawid.manoeuvres.tries import answer
 
 import yawid
 from yawid.blocks import Floats
 from yawid.config.run import RunConfig
-from yawid.manoeuvres.answer import Answered, ManoeuvreSetting
-from yawid.manoeuvres.calm_air import apart_reasons, is_calm
-from yawid.manoeuvres.tries import answer
 
 
 def told(rudder: Floats, y: Floats, **options: object) -> Answered:

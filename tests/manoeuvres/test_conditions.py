@@ -6,10 +6,10 @@ from flightlog import FlightLog, samples_of
 from manoeuvres.streams import HZ, doublets, joined, rest, stream
 from pymavlink import mavutil
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
+from yawid.manoeuvres.conditions import conditions, loop_of
 
 from yawid.blocks import Noted
 from yawid.config.run import RunConfig
-from yawid.manoeuvres.conditions import conditions, loop_of
 from yawid.quantities.vehicles import mode_name
 
 ARDUPILOT, PX4, OTHER = 3, 12, 8

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from manoeuvres.streams import HZ, TS_S, stream
 from scipy.signal import cont2discrete, lfilter
+from yawid.manoeuvres.answer import Answered, ManoeuvreSetting
+from yawid.manoeuvres.tries import answer
 
 from yawid.blocks import Floats
 from yawid.config.run import RunConfig
-from yawid.manoeuvres.answer import Answered, ManoeuvreSetting
-from yawid.manoeuvres.tries import answer
 
 SECONDS = 20.0
 

@@ -7,9 +7,9 @@ import math
 import numpy as np
 import pytest
 from scipy.signal import cont2discrete
+from yawid.manoeuvres.feedback import Feedback, fed_back_reasons, rate_feedback
 
 from yawid.blocks import Floats
-from yawid.manoeuvres.feedback import Feedback, fed_back_reasons, rate_feedback
 
 WN, ZETA, TS, FINE = 4.0, 0.2, 0.05, 0.005
 """A plant r / rudder = WN^2 / (s^2 + 2 ZETA WN s + WN^2), on a grid of TS s, computed in FINE s."""

@@ -22,12 +22,12 @@ from manoeuvres.streams import (
     stream,
     without,
 )
-
-from yawid.blocks import SampleBlock
-from yawid.config.run import RunConfig
 from yawid.manoeuvres.answer import ManoeuvreSetting
 from yawid.manoeuvres.find import Finder, Stated
 from yawid.manoeuvres.stage import Manoeuvres
+
+from yawid.blocks import SampleBlock
+from yawid.config.run import RunConfig
 
 BEGIN, END = 20 * HZ, 30 * HZ
 """k of the first row that moves, and of the first that rests again, in :func:`usual`."""

@@ -11,14 +11,14 @@ from hand_flights import estimate, manoeuvre
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from msgspec import structs
+from yawid.manoeuvres.airspeed_check import Finding
+from yawid.manoeuvres.answer import OTHER_ORDERS, Answered, Structure
+from yawid.manoeuvres.flight import POWERS, TAU_WN_SHARE, TAU_ZETA, flights_of
 
 from yawid.answers.run_summary import (
     DutchRoll,
     Flight,
 )
-from yawid.manoeuvres.airspeed_check import Finding
-from yawid.manoeuvres.answer import OTHER_ORDERS, Answered, Structure
-from yawid.manoeuvres.flight import POWERS, TAU_WN_SHARE, TAU_ZETA, flights_of
 from yawid.results.reasons import Reason, Verdict
 from yawid.results.summary import as_summary
 

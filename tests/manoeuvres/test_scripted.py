@@ -8,12 +8,12 @@ second later. PX4's autotune adds steps or a sweep to the setpoint of its yaw-ra
 import numpy as np
 import pytest
 from manoeuvres.streams import HZ, TS_S, WN, ZETA, assert_same, cut, rest, spans, stream, yawing
-
-from yawid.blocks import Floats, SampleBlock
-from yawid.config.run import RunConfig
 from yawid.manoeuvres.answer import Answered, ManoeuvreSetting
 from yawid.manoeuvres.find import Finder
 from yawid.manoeuvres.stage import Manoeuvres
+
+from yawid.blocks import Floats, SampleBlock
+from yawid.config.run import RunConfig
 
 FBWA, MANUAL, PX4_LOITER = 5.0, 0.0, 50_593_792.0
 BEGIN = 30 * HZ

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from manoeuvres.streams import HZ, TS_S, flown, found_in, rest, stream
 from scipy.signal import cont2discrete, lfilter
+from yawid.manoeuvres.answer import Fits, ManoeuvreSetting, short_reasons
+from yawid.manoeuvres.tries import answer
 
 from yawid.blocks import Floats, SampleBlock
 from yawid.config.run import RunConfig
-from yawid.manoeuvres.answer import Fits, ManoeuvreSetting, short_reasons
-from yawid.manoeuvres.tries import answer
 from yawid.results.judge_estimate import Evidence
 
 WN, ZETA = 1.9, 0.1

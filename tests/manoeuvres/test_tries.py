@@ -9,11 +9,11 @@ import pytest
 from manoeuvres.streams import HZ, TS_S, WN, ZETA, flown, rest, stream, yawing
 from manoeuvres.test_answer import told
 from scipy.signal import butter, lfilter
+from yawid.manoeuvres.answer import Answered
 
 import yawid
 from yawid.blocks import Floats, SampleBlock
 from yawid.estimation.grids import Narrow, narrowed
-from yawid.manoeuvres.answer import Answered
 from yawid.results.judge_samples import narrower
 
 

@@ -13,6 +13,7 @@ from typing import Any
 
 import pytest
 from places import C172P, ROOT, SRC
+from yawid.manoeuvres import airspeed_check, answer, candidate, find, flight
 
 import yawid
 from yawid.blocks import AIRSPEED_SHARE
@@ -26,7 +27,6 @@ from yawid.config.run import (
     RunConfig,
     check_settings,
 )
-from yawid.manoeuvres import airspeed_check, answer, candidate, find, flight
 from yawid.results import coherence, excitation, judge_estimate, judge_rudder, judge_samples
 
 MANUAL = SRC / "manual"

@@ -56,6 +56,7 @@ class Orders(Part, frozen=True):
 class DutchRoll(Part, frozen=True, kw_only=True):
     """The answer: natural frequency in rad/s, damping ratio, their sigmas, MIL-F-8785C's level.
 
+    Of a flight ``*_std`` is the sigma of the next manoeuvre, ``*_std_mean`` that of the mean.
     ``*_std`` is the total sigma; ``*_std_noise`` is the part that noise alone explains. Where that
     is None, as in files of older versions, ``*_std`` is the sigma of noise; that of a flight then
     also includes the scatter between manoeuvres.
@@ -64,26 +65,32 @@ class DutchRoll(Part, frozen=True, kw_only=True):
     wn_rad_s: Positive
     wn_std: Number | None = None
     wn_std_noise: Number | None = None
+    wn_std_mean: Number | None = None
     zeta: Number
     zeta_std: Number | None = None
     zeta_std_noise: Number | None = None
+    zeta_std_mean: Number | None = None
     level: Count | None = None
 
     @staticmethod
     def of(
-        row: Sequence[float], noise: Sequence[float] = (math.nan,) * 2, *, has_level: bool = False
+        row: Sequence[float],
+        noise: Sequence[float] = (math.nan,) * 2,
+        of_mean: Sequence[float] = (math.nan,) * 2,
+        *,
+        has_level: bool = False,
     ) -> "DutchRoll | None":
         """Return it from a row of wn, its sigma, zeta and its sigma, None if wn or zeta is NaN.
 
-        ``noise`` has the two sigmas that noise explains.
+        ``noise`` has the two sigmas that noise explains, ``of_mean`` those of a flight's mean.
         """
-        numbers = (float(x) if math.isfinite(x) else None for x in (*row, *noise))
-        wn, wn_std, zeta, zeta_std, wn_noise, zeta_noise = numbers
+        numbers = (float(x) if math.isfinite(x) else None for x in (*row, *noise, *of_mean))
+        wn, wn_std, zeta, zeta_std, wn_noise, zeta_noise, wn_mean, zeta_mean = numbers
         if wn is None or zeta is None or not wn > 0.0:
             return None
         return DutchRoll(
-            wn_rad_s=wn, wn_std=wn_std, wn_std_noise=wn_noise,
-            zeta=zeta, zeta_std=zeta_std, zeta_std_noise=zeta_noise,
+            wn_rad_s=wn, wn_std=wn_std, wn_std_noise=wn_noise, wn_std_mean=wn_mean,
+            zeta=zeta, zeta_std=zeta_std, zeta_std_noise=zeta_noise, zeta_std_mean=zeta_mean,
             level=dutch_roll_level(wn, zeta) if has_level else None,
         )  # fmt: skip
 
@@ -200,21 +207,6 @@ class VerdictSummary(Part, frozen=True, kw_only=True):
         return "usable" if self.usable else "not usable"
 
 
-class Try(Part, frozen=True, kw_only=True):
-    """One try to answer a manoeuvre, and the fatal ``reasons`` against it.
-
-    ``turn`` is ``keep`` or ``remove``, ``band_hz`` the band (low, high) where there was one.
-    ``answers`` says whether this one gave the manoeuvre's answer.
-    """
-
-    turn: str
-    band_hz: list[Number] | None = None
-    inputs: list[str]
-    orders: Orders
-    reasons: list[str]
-    answers: bool
-
-
 class TimeConstant(Part, frozen=True):
     """The time constant of a real mode in s, negative where it diverges, and its sigma."""
 
@@ -264,7 +256,6 @@ class Manoeuvre(Part, frozen=True, kw_only=True):
     says what the answer is of: ``airframe``, ``with_roll_loop`` in a flight mode that holds roll,
     or ``unknown`` without a known mode; ``yaw_loop`` what it leaves out of a yaw damper.
     ``airspeed_source`` is ``airspeed`` or ``ground speed``, ``airspeed_kind`` the kind it gives.
-    ``tries`` has every try, where the first one was refused and another one was made.
     """
 
     n: Count
@@ -281,9 +272,7 @@ class Manoeuvre(Part, frozen=True, kw_only=True):
     airspeed_kind: str | None = None
     altitude_m: Number | None = None
     inputs: list[str]
-    orders: Orders
     turn_removed: bool
-    tries: list[Try] | None = None
     estimates: dict[str, MethodSummary]
     verdict: VerdictSummary
     lateral: Bare | None = None
@@ -303,11 +292,6 @@ class Manoeuvre(Part, frozen=True, kw_only=True):
         return len(self.verdict.fatal), -self.duration_s
 
     @property
-    def answering_try(self) -> Try | None:
-        """The try that answers, None where there was only one."""
-        return next((each for each in self.tries or () if each.answers), None)
-
-    @property
     def dutch_roll(self) -> DutchRoll | None:
         """The Dutch roll of the method that answers."""
         return None if self.answer is None else self.answer.dutch_roll
@@ -324,26 +308,16 @@ TAU_WN_SHARE, TAU_ZETA = 0.015, 0.02
 """The floors of that scatter, relative for wn, for zeta absolute: few manoeuvres do not show it."""
 
 
-class Refit(Part, frozen=True, kw_only=True):
-    """A manoeuvre's fit by the orders of its flight, where its own answer is by other orders."""
-
-    n: Count
-    dutch_roll: DutchRoll
-    physics: dict[str, Value] | None = None
-
-
 class Flight(Part, frozen=True, kw_only=True):
     """The answer from a flight's manoeuvres of one ``loop``; ``used`` and ``disagree`` name them.
 
     The Dutch roll is that at ``airspeed_m_s``, the median of those used; its sigmas are those of a
     next manoeuvre. ``kappa_rad_m`` is wn / V and ``K_per_V`` is K / V, with V the equivalent
     airspeed. ``physics`` holds K, T_theta_s and the four derivatives of eq. 22 at that airspeed.
-    ``refits`` are there where ``orders`` are not the manoeuvres' own. Without a usable manoeuvre
-    there is only the verdict, with the best one's reasons.
+    Without a usable manoeuvre there is only the verdict, with the best one's reasons.
     """
 
     method: str | None = None
-    orders: Orders | None = None
     airspeed_m_s: Number | None = None
     airspeed_source: str | None = None
     airspeed_kind: str | None = None
@@ -358,7 +332,6 @@ class Flight(Part, frozen=True, kw_only=True):
     between_std: BetweenStd | None = None
     used: list[Count]
     disagree: list[Count]
-    refits: list[Refit] | None = None
     verdict: VerdictSummary
 
     def __bool__(self) -> bool:

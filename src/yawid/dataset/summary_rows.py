@@ -50,7 +50,6 @@ def _answer(flight: Flight, first_us: int | None) -> Row:
         "date": first_us if flight.date is None else _us(flight.date),
         "answer": "manoeuvres",
         "method": flight.method,
-        **_taken(flight.orders, ORDERS),
         **_taken(flight, CONDITION),
         **_taken(flight.dutch_roll, DUTCH_ROLL),
         **_value("kappa_rad_m", "kappa", flight.kappa_rad_m),
@@ -80,7 +79,6 @@ def manoeuvre_rows(summary: RunSummary) -> Iterator[Row]:
     for each in summary.manoeuvres or ():
         row: Row = {
             **_taken(each, OF_MANOEUVRE),
-            **_taken(each.orders, ORDERS),
             "date": _us(each.date),
             "used": each.n in summary.used,
             **_bare(each.lateral),
@@ -153,15 +151,16 @@ def _model(method: MethodSummary) -> Row:
         if name in YAW_CHANNEL:  # physics also has the error of the reduction, not a column here
             physics |= {name: value.value, f"{name}_std": value.std}
     fit = method.fit.to_json()
-    names = list(method.theta)
+    theta, std = method.theta or {}, method.theta_std or {}
+    names = list(theta)
     return {
         "sample_time_s": method.sample_time_s,
         "forgetting_factor": method.forgetting_factor,
         "updates": method.updates,
         "held": method.held,
         "theta_names": names,
-        "theta": [method.theta[name] for name in names],
-        "theta_std": [method.theta_std.get(name) for name in names],
+        "theta": [theta[name] for name in names],
+        "theta_std": [std.get(name) for name in names],
         **physics,
         **fit,
     }

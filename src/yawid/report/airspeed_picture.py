@@ -13,7 +13,7 @@ from yawid.answers.run_summary import DutchRoll, Flight, Manoeuvre, Value
 from yawid.blocks import Bools, Floats
 from yawid.report.picture import Picture, band
 from yawid.sinks.palette import BAD, LINES, MANOEUVRE, MODEL, NEUTRAL
-from yawid.sinks.words import NOT_USED, dutch_roll_in, loop_of, outcome
+from yawid.sinks.words import NOT_USED, loop_of, outcome
 
 MOST_NUMBERED: Final = 12
 """Up to this many points have their numbers: with more, the numbers would hide each other."""
@@ -70,7 +70,7 @@ def airspeed_picture(manoeuvres: Sequence[Manoeuvre], flights: Sequence[Flight])
     known = [
         (each, each.airspeed_m_s, mode)
         for each in manoeuvres
-        if each.airspeed_m_s is not None and (mode := dutch_roll_in(each, flights)) is not None
+        if each.airspeed_m_s is not None and (mode := each.dutch_roll) is not None
     ]
     if len(known) < 2:
         return None

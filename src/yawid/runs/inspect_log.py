@@ -17,7 +17,7 @@ from msgspec import structs
 
 from yawid.answers.flight_test_card import FlightTestCard
 from yawid.answers.inspection import Answerable, FlightPhase, Inspection, MessageRate, Span
-from yawid.answers.run_summary import Orders, Origin
+from yawid.answers.run_summary import Origin
 from yawid.blocks import Floats, Ints, SampleBlock
 from yawid.channels.segments import REBOOT_US, Boots
 from yawid.channels.survey import AIRBORNE, GROUNDED, Phase, Survey
@@ -155,18 +155,15 @@ def _card(
 def recommended(trial: Trial, rate_hz: float | None = None) -> dict[str, Any]:
     """Return the options of a replay with its answer, with values as in JSON.
 
-    They are those of its command. Rate, orders and inputs are there at their defaults, too, unless
-    a manoeuvre or the flight chose others or needed a further try: options that are given bind.
+    They are those of its command. Rate and inputs are there at their defaults, too, unless a
+    manoeuvre chose others: options that are given bind.
     """
     config, summary = trial.config, trial.summary
-    own = Orders(*config.four_orders), list(config.inputs)
-    chose = any(each.refits for each in summary.by_loop) or any(
-        each.tries or (each.orders, each.inputs) != own for each in summary.manoeuvres or ()
-    )
-    if chose:
+    own = list(config.inputs), config.turn == "remove"
+    if any((each.inputs, each.turn_removed) != own for each in summary.manoeuvres or ()):
         return _options(config, config.given)
     known = {} if rate_hz is None else {"rate": rate_hz}
-    return _options(config, {*config.given, "rate", "orders", "inputs"}) | known
+    return _options(config, {*config.given, "rate", "inputs"}) | known
 
 
 def _options(config: RunConfig, always: Container[str]) -> dict[str, Any]:

@@ -5,7 +5,7 @@ manoeuvre or a flight was flown, and the rows of a flight's answer.
 """
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Final, NamedTuple
 
 from yawid.answers.heard import VehicleSeen
@@ -14,10 +14,7 @@ from yawid.answers.run_summary import (
     DutchRoll,
     Flight,
     Manoeuvre,
-    Orders,
-    Refit,
     RunSummary,
-    Try,
     Value,
     VerdictSummary,
 )
@@ -37,6 +34,8 @@ MOST_DIGITS: Final = 6
 NEXT: Final = "next:"
 """Begins the last line of a verdict that is not usable: what to do about the first fatal reason."""
 NOT_USED: Final = "usable, not used"
+CT: Final = "ct"
+"""The method of a manoeuvre: the continuous-time fit."""
 _AS_GIVEN: Final = ("calibrated", "indicated")
 """Kinds of airspeed that are used as if they were the equivalent airspeed."""
 
@@ -159,39 +158,9 @@ def count(manoeuvres: int) -> str:
     return "one manoeuvre" if manoeuvres == 1 else f"{manoeuvres} manoeuvres"
 
 
-def dutch_roll_in(found: Manoeuvre, flights: Sequence[Flight]) -> DutchRoll | None:
-    """Return a manoeuvre's Dutch roll as its flight uses it: by the flight's orders."""
-    refit = _refit(found, flights)
-    return found.dutch_roll if refit is None else refit.dutch_roll
-
-
-def orders_in(found: Manoeuvre, flights: Sequence[Flight]) -> Orders:
-    """Return the orders by which a manoeuvre's flight uses it."""
-    by = (each.orders for each in flights for refit in each.refits or () if refit.n == found.n)
-    return next(by, None) or found.orders
-
-
-def physics_in(found: Manoeuvre, flights: Sequence[Flight]) -> Mapping[str, Value]:
-    """Return a manoeuvre's numbers of eq. 22-23 as its flight uses them."""
-    refit = _refit(found, flights) or found.answer
-    return {} if refit is None else refit.physics or {}
-
-
-def _refit(found: Manoeuvre, flights: Sequence[Flight]) -> Refit | None:
-    refits = (each for flight in flights for each in flight.refits or () if each.n == found.n)
-    return next(refits, None)
-
-
-def refitted(flights: Sequence[Flight]) -> str:
-    """Return which manoeuvres a flight uses by other orders than their own, "" for none."""
-    said = [
-        f"{', '.join(str(each.n) for each in flight.refits)} by orders {flight.orders}"
-        for flight in flights
-        if flight.refits
-    ]
-    if not said:
-        return ""
-    return f"wn and zeta of {' and of '.join(said)}, which explain held-back samples better"
+def method_words(method: str) -> str:
+    """Return a method in words."""
+    return "a continuous-time fit" if method == CT else method.upper()
 
 
 def counted(flight: Flight, manoeuvres: Sequence[Manoeuvre]) -> str:
@@ -209,29 +178,12 @@ def flown(found: Manoeuvre) -> str:
     return ", ".join(said)
 
 
-def says(found: Manoeuvre, flights: Sequence[Flight] = ()) -> str:
+def says(found: Manoeuvre) -> str:
     """Return a manoeuvre's answer: its Dutch roll, or the first reason why it is not usable."""
-    mode = dutch_roll_in(found, flights)
+    mode = found.dutch_roll
     if found.verdict.why is not None or mode is None:
         return f"not usable: {found.verdict.why}"
     return dutch_roll(mode)
-
-
-def said_try(each: Try) -> str:
-    """Return in words how a try fitted a manoeuvre."""
-    low_high = "" if each.band_hz is None else "{:.2g} to {:.2g} Hz".format(*each.band_hz)
-    turn = "turn removed" if each.turn == "remove" else ""
-    inputs = " and ".join(each.inputs)
-    return ", ".join(filter(None, (low_high, turn, inputs, f"orders {each.orders}")))
-
-
-def tried(found: Manoeuvre) -> str:
-    """Return which try answered a manoeuvre, "" where there was only one."""
-    tries = found.tries or []
-    for number, each in enumerate(tries, 1):
-        if each.answers and found.verdict.usable:
-            return f"by try {number}: {said_try(each)}"
-    return f"{len(tries)} tries, none usable" if tries else ""
 
 
 def outcome(manoeuvre: Manoeuvre, flights: Sequence[Flight]) -> str:
@@ -364,5 +316,5 @@ def _flown(
         yield f"in {' and '.join(modes)}"
     if vehicle is not None:
         yield f"vehicle {vehicle.sysid}/{vehicle.compid}, {vehicle.kind}"
-    if flight.method is not None and flight.orders is not None:
-        yield f"answered by {flight.method.upper()}, orders {flight.orders}"
+    if flight.method is not None:
+        yield f"answered by {method_words(flight.method)}"

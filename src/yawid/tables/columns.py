@@ -210,7 +210,7 @@ def record_columns(rows: RunRows, known: Units, motion: MotionBlock | None = Non
 
 
 def manoeuvre_columns(summary: RunSummary, known: Units) -> Iterator[Column]:
-    """Yield columns with a row for each manoeuvre: its conditions, its answer, its theta."""
+    """Yield columns with a row for each manoeuvre: its conditions and its answer."""
     found = summary.manoeuvres or []
     fields = [manoeuvre_fields(each) for each in found]
     types = {name: _TYPES.get(kind, object) for name, kind in TABLE["Manoeuvre"]}
@@ -223,12 +223,6 @@ def manoeuvre_columns(summary: RunSummary, known: Units) -> Iterator[Column]:
             used = np.array([each.n in summary.used for each in found], bool)
             yield Column("used", used, says=says)
     yield from _derivative_columns(found, known)
-    kinds = (("theta", "", "parameter"), ("theta_std", "_std", "its sigma, of noise"))
-    for name in _parameters(found):
-        for field, suffix, says in kinds:
-            values = [_parameter(each, field, name) for each in found]
-            unit = theta_unit(name, known)
-            yield Column(name + suffix, np.array(values, float), unit, says)
 
 
 def _derivative_columns(found: Sequence[Manoeuvre], known: Units) -> Iterator[Column]:
@@ -291,16 +285,3 @@ def _one(value: Any) -> Any:
     if isinstance(value, list):
         return " ".join(each["id"] if isinstance(each, dict) else each for each in value) or None
     return None if value == "" else value
-
-
-def _parameters(found: Iterable[Manoeuvre]) -> list[str]:
-    """Return the names of all parameters in the answering models, each once."""
-    names: dict[str, None] = {}
-    for each in found:
-        names |= dict.fromkeys(() if each.answer is None else each.answer.theta)
-    return list(names)
-
-
-def _parameter(each: Manoeuvre, field: str, name: str) -> float:
-    values = {} if each.answer is None else getattr(each.answer, field)
-    return float(values.get(name, np.nan))

@@ -88,7 +88,7 @@ class Run:
         if answer is None or not verdict.usable:
             return Flight(used=[], disagree=[], verdict=verdict)
         return Flight(
-            method=answer.method, orders=answer.orders, dutch_roll=answer.dutch_roll,
+            method=answer.method, dutch_roll=answer.dutch_roll,
             physics=answer.physics, used=[], disagree=[], verdict=verdict,
         )  # fmt: skip
 

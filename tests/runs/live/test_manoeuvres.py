@@ -26,10 +26,10 @@ from live_link import (
     wait_for_size,
 )
 from places import REPLAY_LOGS
-
-from yawid.config.run import RunConfig
 from yawid.manoeuvres.answer import Answered
 from yawid.manoeuvres.tries import answer
+
+from yawid.config.run import RunConfig
 from yawid.runs.live import Ended
 from yawid.runs.outputs import Outputs
 from yawid.runs.replay import StopFlag, replay

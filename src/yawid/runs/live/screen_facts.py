@@ -41,7 +41,7 @@ class Gatherer:
         """
         channels, vehicle = pipeline.channels, pipeline.channels.lock.vehicle
         rates, unused = self._rates(pipeline, link)
-        progress, unanswered = pipeline.progress(closely=closely)
+        progress, unanswered = pipeline.progress()
         flights = () if answer is None else answer.flights
         verdict = answer.verdict if answer is not None and flights else None
         status = state(pipeline)

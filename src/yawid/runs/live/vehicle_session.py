@@ -30,7 +30,7 @@ from yawid.runs.outputs import Outputs, finish, open_mcap, open_rerun, parameter
 from yawid.sinks.base import Sink
 from yawid.sinks.rerun.sink import RerunSink
 from yawid.sinks.terminal.live_facts import VehicleFacts
-from yawid.sinks.words import flown, lateral_says, says, tried
+from yawid.sinks.words import flown, lateral_says, says
 from yawid.sources.open_log import ReadOptions
 
 MOST_EVENTS = 100
@@ -312,8 +312,7 @@ class LiveSession:
 
     def _report(self, answered: list[Manoeuvre]) -> None:
         for found in answered:
-            again = f" ({tried(found)})" if found.tries else ""
-            self.say(f"manoeuvre {found.n} ({flown(found)}): {says(found)}{again}")
+            self.say(f"manoeuvre {found.n} ({flown(found)}): {says(found)}")
 
     def _report_lateral(self, found: list[tuple[int, Bare]]) -> None:
         for n, bare in found:

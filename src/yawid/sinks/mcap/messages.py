@@ -21,7 +21,6 @@ from yawid.sinks.mcap.schemas import (
     descriptor,
     message_class,
 )
-from yawid.sinks.words import said_try
 
 Rows = Array
 
@@ -162,14 +161,15 @@ def lateral_message(n: int, bare: Bare) -> bytes:
 def manoeuvre_fields(found: Manoeuvre) -> dict[str, Any]:
     """Return the fields of a ``yawid.Manoeuvre`` in order; unknown ones are NaN or empty."""
     answer, roll, verdict = found.answer, found.dutch_roll, found.verdict
-    known = found.to_json() | found.orders.to_json()
+    known = found.to_json()
     if answer is not None:
         gain = (answer.physics or {}).get("K", Value())
-        known |= {"method": answer.method, "K": gain.value, "K_std": gain.std}
-        known |= {"K_std_noise": gain.std_noise} | answer.fit.to_json()
+        rate = answer.yaw_acceleration or Value()
+        known |= {"method": answer.method, "structure": answer.structure}
+        known |= {"K": gain.value, "K_std": gain.std} | answer.fit.to_json()
+        known |= {"yaw_acceleration": rate.value, "yaw_acceleration_std": rate.std}
     if roll is not None:
         known |= roll.to_json()
-    known["tries"] = [said_try(each) for each in found.tries or ()]
     known |= {"usable": verdict.usable, "reasons": [each.to_json() for each in verdict.reasons]}
     missing = {"double": math.nan, "string": ""}
     fields = {}

@@ -67,12 +67,12 @@ TABLE: Final[Mapping[str, tuple[tuple[str, str], ...]]] = {
         ("n", "fixed32"), ("from_s", "double"), ("to_s", "double"), ("duration_s", "double"),
         ("date", "string"), ("mode", "string"), ("loop", "string"), ("airspeed_m_s", "double"),
         ("airspeed_std_m_s", "double"), ("airspeed_source", "string"), ("altitude_m", "double"),
-        ("inputs", "string[]"), *_ORDERS, ("turn_removed", "bool"), ("method", "string"),
+        ("inputs", "string[]"), ("turn_removed", "bool"), ("method", "string"),
         ("wn_rad_s", "double"), ("wn_std", "double"), ("zeta", "double"), ("zeta_std", "double"),
-        ("K", "double"), ("K_std", "double"), ("simulation_pct", "double"),
-        ("simulation_held_back_pct", "double"), ("usable", "bool"),
+        ("K", "double"), ("K_std", "double"), ("yaw_acceleration", "double"),
+        ("yaw_acceleration_std", "double"), ("simulation_pct", "double"), ("usable", "bool"),
         ("reasons", ".yawid.Reason[]"), ("wn_std_noise", "double"), ("zeta_std_noise", "double"),
-        ("K_std_noise", "double"), ("airspeed_kind", "string"), ("tries", "string[]"),
+        ("airspeed_kind", "string"), ("structure", "string"),
     ),
 }  # fmt: skip
 """The fields of each message, as (name, type). A type with [] is repeated; one that begins with a

@@ -19,15 +19,12 @@ from yawid.sinks.words import (
     bare_rows,
     conditions,
     dutch_roll,
-    dutch_roll_in,
     loop_of,
     next_step,
     numbers,
     of_noise,
     plus_minus,
-    refitted,
     sigma_means,
-    tried,
     whose,
 )
 
@@ -113,14 +110,12 @@ def manoeuvres_markdown(found: Sequence[Manoeuvre], flights: Sequence[Flight] = 
     for each in found:
         speed = "" if each.airspeed_m_s is None else f"{each.airspeed_m_s:.1f}"
         cells = [str(each.n), each.mode or "", loop_of(each.loop).name, speed]
-        again = f", {tried(each)}" if each.tries else ""
-        cells += [*numbers(dutch_roll_in(each, flights)), f"{_usable(each.verdict)}{again}"]
+        cells += [*numbers(each.dutch_roll), _usable(each.verdict)]
         if has_bare:
             cells += numbers(None if each.lateral is None else each.lateral.dutch_roll)
         lines.append(f"| {' | '.join(cells)} |")
     means = sigma_means(each.dutch_roll for each in found)
-    notes = filter(None, (f"± is one sigma{means}", refitted(flights)))
-    return "\n".join([*lines, "", f"{'; '.join(notes)}."]) + "\n"
+    return "\n".join([*lines, "", f"± is one sigma{means}."]) + "\n"
 
 
 def flight_line(flight: Flight) -> str:

@@ -12,12 +12,9 @@ from rich.table import Table
 from yawid.answers.run_summary import DutchRoll, Flight, Manoeuvre
 from yawid.quantities.airspeed import GROUND_SPEED
 from yawid.sinks.words import (
-    dutch_roll_in,
     loop_of,
     outcome,
-    refitted,
     sigma_means,
-    tried,
     utc,
     whose,
 )
@@ -54,7 +51,7 @@ def manoeuvres_table(manoeuvres: Sequence[Manoeuvre], flights: Sequence[Flight])
         if left_out > 0 and i == half:
             table.add_row("..", style="dim")
         style = "" if each.verdict.usable else "dim"
-        mode = dutch_roll_in(each, flights)
+        mode = each.dutch_roll
         table.add_row(*_cells(each), *in_columns(mode), outcome(each, flights), style=style)
     return table
 
@@ -100,10 +97,6 @@ def table_notes(manoeuvres: Sequence[Manoeuvre], flights: Sequence[Flight]) -> s
         notes.append("no airspeed is known")
     loops = {loop_of(each.loop): whose(each) for each in manoeuvres}
     notes.append(f"loop: {', '.join(f'{loop.short} is {of}' for loop, of in loops.items())}")
-    notes += [
-        f"{each.n} {tried(each)}" for each in manoeuvres if each.tries and each.verdict.usable
-    ]
-    notes += filter(None, [refitted(flights)])
     notes += _since(manoeuvres)
     if len(manoeuvres) > MOST_ROWS:
         notes.append(f"{len(manoeuvres) - MOST_ROWS} more are in --json")

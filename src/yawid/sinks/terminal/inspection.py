@@ -11,7 +11,7 @@ from yawid.answers.inspection import FlightPhase, Inspection, MessageRate, Span
 from yawid.answers.run_summary import Flight, Manoeuvre
 from yawid.sinks.door import page_console
 from yawid.sinks.terminal.summary_table import NAME_WIDTH, hanging, origin, print_verdict
-from yawid.sinks.words import count, dutch_roll, flown, of_loop, says, tried
+from yawid.sinks.words import count, dutch_roll, flown, of_loop, says
 
 MOST_PHASES = 6
 LEAST_PHASE_S = 3.0
@@ -104,8 +104,7 @@ def _flight(
     for other in flights[1:]:
         yield "also", of_loop(other, manoeuvres)
     for each in manoeuvres[:MOST_MANOEUVRES]:
-        again = f" ({tried(each)})" if each.tries else ""
-        yield f"#{each.n}", f"{flown(each)}: {says(each, flights)}{again}"
+        yield f"#{each.n}", f"{flown(each)}: {says(each)}"
     if len(manoeuvres) > MOST_MANOEUVRES:
         yield "", f"and {count(len(manoeuvres) - MOST_MANOEUVRES)} more"
 

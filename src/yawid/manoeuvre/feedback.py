@@ -10,7 +10,6 @@ lacks: answers were right up to a share of 0.9, and 9 to 12 % too high from 1.3 
 """
 
 import math
-from collections.abc import Iterator
 from operator import itemgetter
 from typing import NamedTuple
 
@@ -18,7 +17,6 @@ import numpy as np
 
 from yawid.blocks import Floats, shifted
 from yawid.lateral.roll_law import trimmed_regression
-from yawid.results.reasons import Reason
 
 KEPT = 0.7
 """The part of the samples that the regression keeps: the others are a pilot's movements."""
@@ -27,9 +25,6 @@ LEAST_EXPLAINED = 0.8
 with a damper of YAW2SRV_DAMP 0.5 or more, and 0.2 at most for a negative gain without one."""
 PERIOD_SHARE = 0.1
 """The time over which changes are taken, in periods of the mode."""
-SOME_SHARE, MOST_SHARE = 0.5, 1.0
-"""The feedback near the mode, over the whole rudder there, above which there is a warning, and
-above which there is no answer: there it is larger than the rudder that it is a part of."""
 NEAR_MODE = (0.5, 2.0)
 """Of wn: what is near the mode."""
 
@@ -78,18 +73,3 @@ def near_mode(x: Floats, wn_rad_s: float, sample_time_s: float) -> float:
     of_wn = 2.0 * np.pi * np.fft.rfftfreq(len(x), sample_time_s) / wn_rad_s
     near = (of_wn > NEAR_MODE[0]) & (of_wn < NEAR_MODE[1])
     return float(np.sum(np.abs(spectrum[near]) ** 2))
-
-
-def fed_back_reasons(found: Feedback | None) -> Iterator[Reason]:
-    """Judge how much of the rudder near the mode feeds back the yaw rate."""
-    if found is None or found.share <= SOME_SHARE:
-        return
-    said = (
-        f"the rudder feeds back the yaw rate, as a yaw damper does (gain {found.gain:.2g} per "
-        f"rad/s): near the mode that part is {found.share:.2f} times the whole rudder"
-    )
-    if found.share > MOST_SHARE:
-        text = f"{said}, and at most {MOST_SHARE:g} times is allowed: wn may be 12 % off"
-        yield Reason("mode_not_driven", text)
-    else:
-        yield Reason("closed_loop", f"{said}; beyond {MOST_SHARE:g} times it biases the answer")

@@ -11,14 +11,11 @@ import numpy as np
 
 from yawid.answers.run_summary import Bare, Flight
 from yawid.blocks import Floats, Ints, MotionBlock, SampleBlock
-from yawid.manoeuvres.airspeed_check import AirspeedCheck
-from yawid.manoeuvres.answer import Answered, ManoeuvreSetting
-from yawid.manoeuvres.candidate import LONGEST_S, UnderWay
-from yawid.manoeuvres.conditions import is_bare
-from yawid.manoeuvres.find import LONGEST_STATED_S, Finder, Stated
-from yawid.manoeuvres.flight import flights_of
-from yawid.manoeuvres.laterals import Laterals, done_by
-from yawid.manoeuvres.tries import answer
+from yawid.manoeuvre.answered import Answered, ManoeuvreSetting, answer
+from yawid.manoeuvre.conditions import AirspeedCheck, is_bare
+from yawid.manoeuvre.find import LONGEST_S, LONGEST_STATED_S, Finder, UnderWay
+from yawid.manoeuvre.flight import flights_of
+from yawid.manoeuvre.laterals import Laterals, done_by
 from yawid.results.reasons import Reason, Verdict
 
 SAME: Final = 0.9
@@ -53,13 +50,13 @@ class Manoeuvres:
         self._airspeed = AirspeedCheck(setting.sample_time_s)
         self.laterals: Laterals | None = None
         if setting.config.lateral == "auto":
-            longest_s = LONGEST_STATED_S if isinstance(self._finder, Stated) else LONGEST_S
+            longest_s = LONGEST_STATED_S if self._finder.is_stated else LONGEST_S
             lag_s, modes_of = setting.config.servo_lag, setting.modes_of
             self.laterals = Laterals(longest_s, lag_s, lateral_worker, modes_of, yaw_loop)
 
-    def progress(self, *, closely: bool) -> UnderWay:
-        """Return the progress of the current manoeuvre, ``closely`` with the rudder's movement."""
-        return self._finder.progress(closely=closely)
+    def progress(self) -> UnderWay:
+        """Return the progress of the current manoeuvre."""
+        return self._finder.progress()
 
     @property
     def unanswered(self) -> int:
@@ -149,11 +146,12 @@ class Manoeuvres:
             self.laterals.answer(self._count, found)
 
 
-def _finder(setting: ManoeuvreSetting) -> Finder | Stated:
+def _finder(setting: ManoeuvreSetting) -> Finder:
     """Return the search for manoeuvres; a named stretch of at most 600 s is one manoeuvre."""
     low_us, high_us = setting.config.window_us
-    if high_us - low_us <= 1e6 * LONGEST_STATED_S:
-        return Stated()
     return Finder(
-        setting.sample_time_s, setting.config.half_travel, partial(is_bare, setting.modes_of)
+        setting.sample_time_s,
+        setting.config.half_travel,
+        partial(is_bare, setting.modes_of),
+        is_stated=high_us - low_us <= 1e6 * LONGEST_STATED_S,
     )

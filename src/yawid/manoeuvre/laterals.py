@@ -9,8 +9,8 @@ from typing import Any
 
 from yawid.answers.run_summary import Bare, Flight
 from yawid.blocks import MotionBlock, SampleBlock
-from yawid.manoeuvres.answer import Answered
-from yawid.manoeuvres.bare_answer import (
+from yawid.manoeuvre.answered import Answered
+from yawid.manoeuvre.bare_answer import (
     Fitted,
     against_flown,
     bare_of,
@@ -18,8 +18,8 @@ from yawid.manoeuvres.bare_answer import (
     lateral_of,
     yaw_damped,
 )
-from yawid.manoeuvres.conditions import conditions
-from yawid.manoeuvres.motion_store import MotionStore
+from yawid.manoeuvre.conditions import conditions
+from yawid.manoeuvre.motion_store import MotionStore
 from yawid.quantities.vehicles import AIRFRAME
 from yawid.results.reasons import Reason
 

@@ -30,12 +30,12 @@ from yawid.lateral.airframe import Airframe, AsFlown, FailedGate, Known, with_mo
 from yawid.lateral.fit_airframe import ANSWERED, fit_airframe, mean
 from yawid.lateral.gates import GATES, WN_KNOWN
 from yawid.lateral.motion import Motion
-from yawid.manoeuvres.feedback import rate_feedback
-from yawid.manoeuvres.flight import DISAGREE_WN, LEAST_AGREEING, LEFT_OUT, agreement, disagreement
+from yawid.manoeuvre.answered import seen_in
+from yawid.manoeuvre.feedback import rate_feedback
+from yawid.manoeuvre.flight import DISAGREE_WN, LEAST_AGREEING, LEFT_OUT, agreement, disagreement
 from yawid.quantities.flying_qualities import dutch_roll_level, wrong_sign
 from yawid.quantities.vehicles import AIRFRAME
 from yawid.results.reasons import KINDS
-from yawid.results.structures import seen_in
 
 BARE_UNKNOWN: Final = "bare_unknown"
 DISAGREE: Final = "manoeuvres_disagree"
@@ -162,7 +162,7 @@ def _seen_as_flown(
     if closed is None or flown.inputs != ["rudder"] or isinstance(motion, str):
         return None
     yaw_rate = np.where(np.isfinite(motion.r), closed.yaw_rate, np.nan)
-    seen = seen_in(flown.orders, motion.sample_time_s, closed.rudder[:, None], yaw_rate)
+    seen = seen_in(motion.sample_time_s, closed.rudder, yaw_rate)
     wn, zeta = seen.tolist()
     if not wn > 0.0:
         return closed.wn_rad_s, closed.zeta

@@ -21,22 +21,21 @@ from yawid.answers.run_summary import (
     BetweenStd,
     DutchRoll,
     Flight,
-    Orders,
-    Refit,
     Value,
 )
 from yawid.blocks import Bools, Floats
-from yawid.manoeuvres.airspeed_check import Finding
-from yawid.manoeuvres.answer import OTHER_ORDERS, Answered, Structure
+from yawid.manoeuvre.answered import Answered
+from yawid.manoeuvre.conditions import Finding
+from yawid.manoeuvre.judge import rough_reasons
 from yawid.quantities.vehicles import AIRFRAME
-from yawid.results.judge_estimate import DISAGREE_SIGMAS
-from yawid.results.judge_samples import rough_reasons
 from yawid.results.reasons import Reason, Verdict
 from yawid.results.summary import as_summary
 
 FEW = 4
 """Up to this number, manoeuvres do not show how much they scatter: there tau has a floor. With more
 of them the floor sinks, as the uncertainty of a scatter does."""
+DISAGREE_SIGMAS = 3.0
+"""The sigmas of the difference by which a manoeuvre must differ to disagree with the others."""
 DISAGREE_WN = 0.1
 """The part of wn by which a manoeuvre must differ to disagree with the others."""
 LEAST_STD = 1e-6
@@ -44,9 +43,6 @@ LEAST_STD = 1e-6
 manoeuvres of a flight would be lost in rounding."""
 LEAST_AGREEING = 2.0 / 3.0
 """The share of weight that must agree, or else ``manoeuvres_disagree`` is fatal."""
-BETTER_PCT = 1.0
-"""Points that more parameters must add to the mean held-back fit to be chosen for a flight."""
-
 LEFT_OUT: Final = (": it is left out of the answer", ": they are left out of the answer")
 POWERS: Final = {
     "K": 1, "T_theta_s": -1, "a_z_beta": 1, "a_my_omega_y": 1, "a_my_beta": 2, "a_my_delta_h": 2,
@@ -70,6 +66,11 @@ class Pooled:
     noise: float
     beyond: float
     least: float = 0.0
+
+    @property
+    def std_mean(self) -> float:
+        """The sigma of the mean."""
+        return max(math.hypot(self.error, self.beyond), self.least)
 
     @property
     def std(self) -> float:
@@ -134,28 +135,6 @@ def _refused(answered: Sequence[Answered], of_the_log: list[Reason]) -> tuple[Fl
     return Flight(used=[], disagree=[], verdict=as_summary(verdict)), verdict
 
 
-def _orders(alike: Sequence[Answered]) -> tuple[int, ...] | None:
-    """Return the flight's orders: the richer ones if they add 1 point to the mean held-back fit.
-
-    With more parameters a model has more modes to choose from. In each manoeuvre both orders must
-    have found the same one; otherwise the manoeuvres' own orders are returned, None where these
-    differ.
-    """
-    if len({next(iter(each.structures)) for each in alike}) > 1:
-        return None
-    own = next(iter(alike[0].structures))
-    gains = []
-    for each in alike:
-        first, other = next(iter(each.structures.values())), each.structures.get(OTHER_ORDERS)
-        if other is None or not np.isfinite(other.dutch_roll).all():
-            return own
-        if abs(other.dutch_roll[0] - first.dutch_roll[0]) > DISAGREE_WN * first.dutch_roll[0]:
-            return own
-        gains.append(other.held_back_pct - first.held_back_pct)
-    known = [gain for gain in gains if math.isfinite(gain)]
-    return OTHER_ORDERS if known and np.mean(known) > BETTER_PCT else own
-
-
 def _together(
     alike: Sequence[Answered], of_the_log: list[Reason], untrue: Finding | None
 ) -> tuple[Flight, Verdict]:
@@ -163,16 +142,11 @@ def _together(
 
     An airspeed that is wrong by one factor still serves to compare manoeuvres.
     """
-    orders = _orders(alike)
-    chosen = [
-        next(iter(each.structures.values())) if orders is None else each.structures[orders]
-        for each in alike
-    ]
+    rolls = np.array([_dutch_roll(each) for each in alike])
     speeds = np.array([each.found.airspeed_m_s or np.nan for each in alike])
     sources = {each.found.airspeed_source for each in alike}
     scaled = sources == {"airspeed"} and (untrue is None or untrue.is_factor)
     by = speeds if scaled else np.ones(len(alike))
-    rolls = np.array([each.dutch_roll for each in chosen])
     x, std = rolls[:, 0] / by, rolls[:, 1] / by
     agree, share = agreement(x, std, TAU_WN_SHARE * float(np.median(x)), DISAGREE_WN)
     used = [alike[i] for i in np.flatnonzero(agree).tolist()]
@@ -183,8 +157,8 @@ def _together(
     heights = [h for each in used if (h := each.found.altitude_m) is not None]
     warned = list(_warnings(used))
     moves = np.max([(0.0, 0.0), *(reason.moves for reason in warned)], axis=0)
-    wn, zeta = _averages([(*each.dutch_roll, *each.beyond) for each in chosen], by, agree, moves)
-    physics = _physics([chosen[i] for i in np.flatnonzero(agree).tolist()], by[agree])
+    wn, zeta = _averages(rolls, by, agree, moves)
+    physics = _physics(used, by[agree])
     reasons = [*of_the_log, *warned, *rough_reasons(wn.mean * unit, wn.std * unit)]
     if rest:
         apart = [(each.n, f"wn {own:.3g} rad/s", each.airspeed_m_s) for each, own in rest]
@@ -194,7 +168,6 @@ def _together(
     loop = used[0].found.loop
     flight = Flight(
         method=verdict.method,
-        orders=None if orders is None else Orders(*orders),
         airspeed_m_s=speed,
         airspeed_source=_common(sources) if is_true else None,
         airspeed_kind=_common({m.found.airspeed_kind for m in alike}) if is_true else None,
@@ -204,6 +177,7 @@ def _together(
         dutch_roll=DutchRoll.of(
             (wn.mean * unit, wn.std * unit, zeta.mean, zeta.std),
             (wn.noise * unit, zeta.noise),
+            (wn.std_mean * unit, zeta.std_mean),
             has_level=loop == AIRFRAME,
         ),
         kappa_rad_m=Value(wn.mean, wn.std, wn.noise) if scaled and is_true else None,
@@ -212,38 +186,19 @@ def _together(
         between_std=BetweenStd(wn_rad_s=wn.tau * unit, zeta=zeta.tau),
         used=[each.found.n for each in used],
         disagree=[each.n for each, _ in rest],
-        refits=list(_refits(alike, chosen)) or None,
         verdict=as_summary(verdict),
     )
     return flight, verdict
 
 
-def _refits(alike: Sequence[Answered], chosen: Sequence[Structure]) -> Iterator[Refit]:
-    """Yield the results ``chosen`` of manoeuvres whose own results are by other orders."""
-    for each, used in zip(alike, chosen, strict=True):
-        if used is next(iter(each.structures.values())):
-            continue
-        wn, wn_std, zeta, zeta_std = used.dutch_roll.tolist()
-        total = np.hypot((wn_std, zeta_std), used.beyond).tolist()
-        roll = DutchRoll.of(
-            (wn, total[0], zeta, total[1]), (wn_std, zeta_std),
-            has_level=each.found.loop == AIRFRAME,
-        )  # fmt: skip
-        assert roll is not None  # only a structure with a Dutch roll is chosen
-        numbers = {name: used.physics[name] for name in POWERS if name in used.physics}
-        physics = {n: Value(x, math.hypot(std, more), std) for n, (x, std, more) in numbers.items()}
-        yield Refit(n=each.found.n, dutch_roll=roll, physics=physics or None)
-
-
-def _averages(
-    chosen: Sequence[tuple[float, ...]], by: Floats, agree: Bools, moves: Floats
-) -> tuple[Pooled, Pooled]:
+def _averages(rolls: Floats, by: Floats, agree: Bools, moves: Floats) -> tuple[Pooled, Pooled]:
     """Return the means of wn / ``by`` and of zeta over the manoeuvres that agree.
 
-    A row of ``chosen`` holds wn, its sigma, zeta, its sigma, and the sigmas of both that noise does
-    not explain. ``moves`` (2,) is how far wn (relative) and zeta may be wrong by a warning.
+    A row of ``rolls`` (n, 6) holds wn, its sigma, zeta, its sigma, of noise, and the sigmas of both
+    that noise does not explain. ``moves`` (2,) is how far wn (relative) and zeta may be wrong by a
+    warning.
     """
-    wn, wn_std, zeta, zeta_std, wn_beyond, zeta_beyond = np.array(chosen)[agree, :6].T
+    wn, wn_std, zeta, zeta_std, wn_beyond, zeta_beyond = rolls[agree].T
     wn, wn_std, wn_beyond = wn / by[agree], wn_std / by[agree], wn_beyond / by[agree]
     x = pooled(wn, wn_std, TAU_WN_SHARE * float(np.median(wn)), wn_beyond)
     rest = pooled(zeta, zeta_std, TAU_ZETA, zeta_beyond)
@@ -309,19 +264,33 @@ def _left_out(text: str, count: int, share: float) -> Reason:
     return Reason("manoeuvres_disagree", text, warns=share >= LEAST_AGREEING)
 
 
-def _physics(chosen: Sequence[Structure], speeds: Floats) -> Mapping[str, Value]:
+def _dutch_roll(each: Answered) -> tuple[float, ...]:
+    """Return wn, zeta, each with its sigma of noise, then what noise does not explain of both."""
+    roll = each.found.dutch_roll
+    assert roll is not None  # a usable manoeuvre has one
+    stds = np.array([roll.wn_std, roll.zeta_std], np.float64)
+    noise = np.array([roll.wn_std_noise, roll.zeta_std_noise], np.float64)
+    beyond = np.sqrt(np.maximum(stds**2 - noise**2, 0.0))
+    return (roll.wn_rad_s, noise[0], roll.zeta, noise[1], *beyond.tolist())
+
+
+def _physics(used: Sequence[Answered], speeds: Floats) -> Mapping[str, Value]:
     """Return the numbers of eq. 22-23 over the power of V with which they go, where known.
 
-    ``chosen`` are the results of n manoeuvres, ``speeds`` (n,) their airspeeds.
+    ``speeds`` (n,) are the airspeeds of the n manoeuvres. Sigma of one is common to all: most of it
+    is what a structure leaves out.
     """
     found = {}
+    answers = [each.found.answer for each in used]
     for name, power in POWERS.items():
-        rows = np.array([each.physics.get(name, (math.nan,) * 3) for each in chosen])
+        values = [(answer.physics or {}).get(name) if answer else None for answer in answers]
+        rows = np.array(
+            [(each.value, each.std) if each else (None, None) for each in values], float
+        )
         known = np.isfinite(rows).all(axis=1) & (rows[:, 1] > 0.0)
         if known.any():
-            x, std, beyond = (rows[known] / speeds[known, None] ** power).T
-            floor = TAU_WN_SHARE * abs(power) * abs(float(np.median(x)))
-            mean = pooled(x, std, floor, beyond)
+            x, std = (rows[known] / speeds[known, None] ** power).T
+            mean = pooled(x, std, TAU_WN_SHARE * abs(power) * abs(float(np.median(x))), std)
             found[name] = Value(mean.mean, mean.std, mean.noise)
     return found
 

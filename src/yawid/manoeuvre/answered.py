@@ -1,0 +1,258 @@
+"""One manoeuvre from its samples to its answer: inputs and outputs, the fit, the verdict.
+
+The inputs are the rudder and, where it moves by itself and explains more of the yaw rate, the
+aileron; the outputs are the yaw rate, less the turn rate where the bank would drown the rudder, and
+roll. What the user gives (``--inputs``, ``--turn``) binds.
+"""
+
+import math
+from dataclasses import asdict, dataclass, replace
+
+import msgspec
+import numpy as np
+
+from yawid.answers.model_parts import Fit as HowWell
+from yawid.answers.model_parts import Mode
+from yawid.answers.run_summary import (
+    DutchRoll,
+    Manoeuvre,
+    MethodSummary,
+    OneStructure,
+    Response,
+    Value,
+)
+from yawid.blocks import Floats, SampleBlock
+from yawid.config.run import BOTH, RunConfig
+from yawid.estimation.fit import fit_percent
+from yawid.manoeuvre.answer import Answer, Known, answer_of
+from yawid.manoeuvre.conditions import Conditions, conditions
+from yawid.manoeuvre.fit import Fit, fits_of
+from yawid.manoeuvre.judge import WORTH_PCT, Evidence, is_turning, reasons
+from yawid.manoeuvre.likelihood import simulated
+from yawid.manoeuvre.projection import ROLL
+from yawid.manoeuvre.record import Record
+from yawid.manoeuvre.signals import aileron_moves, record_of, roll_fault
+from yawid.quantities.vehicles import AIRFRAME, WITH_ROLL_LOOP
+from yawid.results.reasons import Reason, Verdict
+from yawid.results.summary import as_summary
+
+CT = "ct"
+"""The name of the continuous-time fit."""
+
+
+@dataclass(frozen=True, slots=True)
+class ManoeuvreSetting:
+    """What all manoeuvres of a run have in common.
+
+    ``rates_hz`` holds the rates of yaw and rudder messages, ``modes_of`` autopilot and vehicle
+    type.
+    """
+
+    config: RunConfig
+    sample_time_s: float
+    rates_hz: tuple[float, float]
+    modes_of: tuple[int, int]
+
+
+@dataclass(frozen=True, slots=True)
+class Answered:
+    """A manoeuvre with its answer; ``span_ns`` is the Unix time of its first and last sample."""
+
+    found: Manoeuvre
+    verdict: Verdict
+    span_ns: tuple[int, int]
+
+    def with_reason(self, reason: Reason) -> "Answered":
+        """Return the answer with a further reason in its verdict."""
+        verdict = Verdict.of([*self.verdict.reasons, reason], self.verdict.method)
+        found = msgspec.structs.replace(self.found, verdict=as_summary(verdict))
+        return replace(self, found=found, verdict=verdict)
+
+
+@dataclass(frozen=True, slots=True)
+class Fitted:
+    """The fits of a manoeuvre with some inputs.
+
+    ``fit`` is the one of yaw rate with the least BIC, ``pct`` the part of the yaw rate in percent
+    that it explains when simulated. ``answer`` is None where no fit knows a pair.
+    """
+
+    inputs: tuple[str, ...]
+    roll_left_out: str
+    fits: list[Fit]
+    fit: Fit
+    pct: float
+    answer: Answer | None
+
+
+def answer(samples: SampleBlock, n: int, setting: ManoeuvreSetting) -> Answered:
+    """Return the answer of the ``n``-th manoeuvre from its samples."""
+    config, found = setting.config, conditions(samples, setting.modes_of)
+    turn = config.turn == "keep" and not config.binds("turn") and is_turning(samples)
+    fitted = _fitted(samples, config, found, turn)
+    evidence = Evidence(
+        samples, setting, turn, *((None, None) if fitted is None else (fitted.fit, fitted.answer))
+    )
+    flown = {name: value for name, value in asdict(found).items() if name != "untrue"}
+    verdict = Verdict.of(
+        [*reasons(evidence), *([] if found.untrue is None else [found.untrue])], CT
+    )
+    manoeuvre = Manoeuvre(
+        n=n,
+        **flown,
+        inputs=list(config.inputs if fitted is None else fitted.inputs),
+        turn_removed=turn or config.turn == "remove",
+        estimates={} if fitted is None else {CT: _summary(fitted, setting, found)},
+        verdict=as_summary(verdict),
+    )
+    return Answered(manoeuvre, verdict, (int(samples.unix_ns[0]), int(samples.unix_ns[-1])))
+
+
+def _fitted(
+    samples: SampleBlock, config: RunConfig, found: Conditions, turn_removed: bool
+) -> Fitted | None:
+    """Return the fits, with the aileron as an input where it is asked for or worth it."""
+    has_loop = found.loop != AIRFRAME
+    alone = _by_inputs(samples, config.inputs, turn_removed, has_loop)
+    may_add = not config.binds("inputs") and found.loop != WITH_ROLL_LOOP
+    if alone is None or not (may_add and aileron_moves(samples)):
+        return alone
+    both = _by_inputs(samples, BOTH, turn_removed, has_loop)
+    return alone if both is None or both.pct <= alone.pct + WORTH_PCT else both
+
+
+def _by_inputs(
+    samples: SampleBlock, inputs: tuple[str, ...], turn_removed: bool, has_loop: bool
+) -> Fitted | None:
+    """Return the fits with these inputs, None where the samples are too few or do not move."""
+    fault, both = roll_fault(samples), inputs == BOTH
+    record = record_of(samples, turn_removed=turn_removed, with_aileron=both, with_roll=not fault)
+    if not record.is_enough:
+        return None
+    fits = fits_of(record)
+    fit = min((each for each in fits if each.structure.name != ROLL), key=lambda each: each.bic)
+    pct = fit_percent(*simulated(fit))
+    found = answer_of(fits, has_roll_loop=has_loop and not both)
+    return Fitted(inputs, fault, fits, fit, pct, found)
+
+
+def seen_in(sample_time_s: float, rudder: Floats, yaw_rate: Floats) -> Floats:
+    """Return wn in rad/s and zeta (2,) that the fit sees in a yaw rate (n,); NaN without."""
+    record = Record.of(sample_time_s, rudder[:, None], yaw_rate)
+    found = answer_of(fits_of(record)) if record.is_enough else None
+    return np.full(2, np.nan) if found is None else np.array([found.wn_rad_s[0], found.zeta[0]])
+
+
+def _summary(fitted: Fitted, setting: ManoeuvreSetting, found: Conditions) -> MethodSummary:
+    """Return the answer as ``--json`` prints it."""
+    samples = int(np.diff(fitted.fit.blocks.record.runs).sum())
+    bare = MethodSummary(
+        method=CT,
+        sample_time_s=setting.sample_time_s,
+        updates=samples,
+        held=len(fitted.fit.blocks.record.u) - samples,
+        structure=fitted.fit.structure.name,
+        roll_left_out=fitted.roll_left_out or None,
+        fit=HowWell(simulation_pct=fitted.pct),
+    )
+    if (answer := fitted.answer) is None:
+        return bare
+    wn, zeta, rudder = answer.wn_rad_s, answer.zeta, answer.eq_23[0]
+    noise = _noise(fitted.fits, answer)
+    numbers = _eq_22(wn, zeta, rudder.K, rudder.T_s, rudder.yaw_acceleration)
+    return msgspec.structs.replace(
+        bare,
+        modes=_modes(answer.model),
+        dutch_roll=DutchRoll.of((*wn, *zeta), noise, has_level=found.loop == AIRFRAME),
+        physics={name: Value(each.value, each.std) for name, each in numbers.items()},
+        yaw_acceleration=Value(*rudder.yaw_acceleration),
+        response=response_of(answer, fitted.inputs),
+        structures=_structures(fitted.fits, answer),
+    )
+
+
+def _noise(fits: list[Fit], answer: Answer) -> tuple[float, float]:
+    """Return the sigmas of wn and zeta that noise alone explains, the mean over the structures."""
+    weights = answer.weights
+    some = [(weights[each.structure.name], each) for each in fits if each.structure.name in weights]
+    log_wn, zeta = (math.sqrt(sum(w * each.pair_std[i] ** 2 for w, each in some)) for i in range(2))
+    return answer.wn_rad_s.value * log_wn, zeta
+
+
+def _structures(fits: list[Fit], answer: Answer) -> dict[str, OneStructure]:
+    """Return what each structure found."""
+    found = {}
+    for fit in fits:
+        (log_wn, log_zeta), (wn_std, zeta_std) = fit.log_pair.tolist(), fit.pair_std
+        wn = math.exp(log_wn)
+        weight = answer.weights.get(fit.structure.name, 0.0)
+        found[fit.structure.name] = OneStructure(
+            wn_rad_s=wn, wn_std=wn * wn_std, zeta=math.exp(log_zeta), zeta_std=zeta_std,
+            weight=weight,
+        )  # fmt: skip
+    return found
+
+
+def _eq_22(wn: Known, zeta: Known, K: Known, T: Known, rate: Known) -> dict[str, Known]:
+    """Return the numbers of eq. 22-23 of eq. 23's.
+
+    T = 1/a_z, 2 xi omega = a_omega + a_z, omega^2 = a_omega a_z + a_beta, K omega^2 = a_delta a_z:
+    see :mod:`yawid.physics.derivatives`. T and the pair count as independent.
+    """
+    a_z = 1.0 / T.value
+    a_omega = 2.0 * zeta.value * wn.value - a_z
+    a_z_std = T.std * a_z**2
+    a_omega_std = math.hypot(2.0 * wn.value * zeta.std, 2.0 * zeta.value * wn.std, a_z_std)
+    a_beta_std = math.hypot(
+        2.0 * (wn.value - zeta.value * a_z) * wn.std,
+        2.0 * wn.value * a_z * zeta.std,
+        (2.0 * zeta.value * wn.value - 2.0 * a_z) * a_z_std,
+    )
+    return {
+        "K": K, "T_theta_s": T, "omega_beta": wn, "xi_beta": zeta, "a_z_beta": Known(a_z, a_z_std),
+        "a_my_omega_y": Known(a_omega, a_omega_std),
+        "a_my_beta": Known(wn.value**2 - a_omega * a_z, a_beta_std), "a_my_delta_h": rate,
+    }  # fmt: skip
+
+
+def _modes(model: Fit) -> list[Mode]:
+    """Return the modes of the answer's model: the pair, then the real poles."""
+    found = []
+    for pole in model.structure.poles(model.theta).tolist():
+        if pole.imag:
+            wn = abs(pole)
+            found.append(Mode(kind="oscillatory", wn_rad_s=wn, zeta=-pole.real / wn,
+                              period_s=2.0 * math.pi / pole.imag))  # fmt: skip
+        else:
+            found.append(Mode(kind="real", time_constant_s=-1.0 / pole.real))
+    return found
+
+
+def response_of(answer: Answer, inputs: tuple[str, ...]) -> Response:
+    """Return the transfer function of an answer's model, with the covariance of its numbers.
+
+    Fit and answer have them as log w, log zeta, log a and elements of beta: 1/2 (c - i d) are a
+    pair's residues, and those of a lag are minus their sum.
+    """
+    model, structure = answer.model, answer.model.structure
+    poles = structure.poles(model.theta)
+    residues = structure.residues(model.elements, len(inputs))
+    residues[: structure.pairs] *= 0.5
+    by_theta = np.exp(model.theta)
+    by_theta[2 * structure.pairs :] *= -1.0
+    width = structure.mixing
+    half = np.ones(len(width))
+    half[: 2 * structure.pairs] = 0.5
+    half[1 : 2 * structure.pairs : 2] = -0.5
+    each = half[:, None] * width
+    slopes = np.zeros((len(by_theta) + len(inputs) * len(width), len(answer.of_model)))
+    slopes[: len(by_theta), : len(by_theta)] = np.diag(by_theta)
+    slopes[len(by_theta) :, len(by_theta) :] = np.kron(np.eye(len(inputs)), each)
+    return Response(
+        poles=[[p.real, p.imag] for p in poles.tolist()],
+        residues={
+            name: [[r.real, r.imag] for r in residues[:, i].tolist()]
+            for i, name in enumerate(inputs)
+        },
+        covariance=(slopes @ answer.of_model @ slopes.T).tolist(),
+    )

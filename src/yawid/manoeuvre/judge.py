@@ -1,0 +1,338 @@
+"""Whether a manoeuvre's answer may be used, and if not, why and what would help.
+
+What is asked is one thing: did this rudder make this yaw motion, and is its mode known well enough?
+
+    driven   2 log(L / L_0) of the model against free decay of the same poles, and against the same
+             rudder moved in time: by 0.2 to 1.5 periods, and round the record by more than 3
+    known    the total sigma of wn and zeta, at least two periods, the simulated fit
+    flown    the rudder's own part moved both ways, at one airspeed, not by the yaw rate itself
+
+Free decay alone has the right wn and zeta whatever the rudder did, so that without the first row
+another flight's rudder gives an answer that looks right. Where no other flights are named, a limit
+was chosen on flights of JSBSim drawn with the seeds 8101 and 7101 and on their misled copies:
+another flight's rudder, reversed, 0.4 s late. Tables report other ones.
+"""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final, NamedTuple
+
+import numpy as np
+
+from yawid.blocks import AIRSPEED_SHARE, Floats, SampleBlock
+from yawid.estimation.fit import fit_percent
+from yawid.manoeuvre.answer import Answer
+from yawid.manoeuvre.feedback import rate_feedback
+from yawid.manoeuvre.find import OTHER_SPEED, speed_factor
+from yawid.manoeuvre.fit import Fit
+from yawid.manoeuvre.likelihood import free_decay, freed, shifted, simulated
+from yawid.results.excitation import LEAST_STROKE, own_part
+from yawid.results.judge_samples import COLLINEAR, closeness
+from yawid.results.reasons import Reason
+
+if TYPE_CHECKING:
+    from yawid.manoeuvre.answered import ManoeuvreSetting
+
+UNCERTAIN_WN, UNCERTAIN_ZETA = 0.1, 0.1
+"""The total sigma of wn, as a part of it, and of zeta, beyond which nothing follows from them."""
+ROUGH_WN: Final = 0.05
+"""The total sigma of wn, as a part of it, from which it is a rough value: a warning."""
+LEAST_FREE: Final = 30.0
+"""The least ratio against free decay. Of misled copies that pass the test of shifts by chance none
+had more than 25."""
+LEAST_SHIFTED: Final = 40.0
+"""The least ratio against the rudder moved in time. At 20, of a rudder that is 0.4 s late one copy
+in 88 had a usable answer, 10 % off."""
+SHIFTS, NEAR_PERIODS, FAR_PERIODS, FAR = 12, (0.2, 1.5), 3.0, 99
+"""How many shifts there are, and of how many periods: a zero and a lag imitate less than 0.2."""
+LEAST_PCT: Final = 40.0
+"""The least simulated fit in percent. Of a T38 in heavy gusts it was 30, and zeta 0.2 too low."""
+LEAST_PERIODS: Final = 2.0
+"""The least length in periods of the mode: a drift and a bias make half a wave of anything."""
+LEAST_SWINGS: Final = 2
+"""The least strokes of the rudder, there and back. Of one way alone its gain is the bias."""
+WORTH_PCT: Final = 2.0
+"""The points of the simulated fit that the aileron must add to be an input: any input adds some."""
+TURNS: Final = 0.6
+"""The correlation of yaw rate and turn rate above which the bank, not the rudder, makes the yaw
+rate."""
+LEAST_HZ, LOW_HZ, LEAST_RATIO, LOW_RATIO = 5.0, 10.0, 4.0, 10.0
+"""Message rates, and samples in a period of the mode, below which there is no answer, and below
+which zeta is uncertain: a step of the command is known to a sample only."""
+SLACK: Final = 0.98
+"""A rate may be that much lower than a limit: a stream of 5 Hz has 4.95."""
+SATURATED: Final = 0.05
+"""The part of the time at the stops from which there is a warning."""
+SOME_FED_BACK, MOST_FED_BACK = 0.5, 1.0
+"""The part of the rudder near the mode that feeds back the yaw rate, for a warning and for none. On
+flights of an ArduPlane answers were right up to 0.9, and 9 to 12 % too high from 1.3 on."""
+CLEAR_SIGMAS: Final = 3.0
+"""The sigmas of the yaw acceleration from which a reversed rudder is no chance."""
+
+
+class Driven(NamedTuple):
+    """The likelihood ratios of the rudder: see the top of the file.
+
+    ``late_s`` is the shift that has ``near``, the least of the small ones; ``far`` is infinite
+    where the record is too short for one.
+    """
+
+    free: float
+    near: float
+    late_s: float
+    far: float
+
+
+def driven(fit: Fit) -> Driven:
+    """Return how much better this rudder explains the yaw rate than none, or another one."""
+    record = fit.blocks.record
+    rows, period = len(record.u), 2.0 * math.pi / math.exp(fit.log_pair[0]) / record.sample_time_s
+    sizes = np.unique(np.round(np.geomspace(*NEAR_PERIODS, SHIFTS) * period).astype(int))
+    near = np.concatenate([-sizes[::-1], sizes])
+    ratios = 2.0 * shifted(fit, near)
+    pairs = [(float(ratio), int(late)) for ratio, late in zip(ratios, near, strict=True)]
+    again = [(2.0 * freed(fit, late), late) for _, late in sorted(pairs)[:2]]
+    least, late = min([*pairs, *again])
+    apart, far = math.ceil(FAR_PERIODS * period), math.inf
+    if rows > 2 * apart:
+        others = np.unique(np.linspace(apart, rows - apart, FAR).astype(int))
+        far = float(2.0 * shifted(fit, others).min())
+    return Driven(2.0 * free_decay(fit).nats, least, late * record.sample_time_s, far)
+
+
+@dataclass(frozen=True, slots=True)
+class Evidence:
+    """What a manoeuvre is judged by; ``fit`` and ``answer`` are None where nothing was found."""
+
+    samples: SampleBlock
+    setting: "ManoeuvreSetting"
+    turn_removed: bool
+    fit: Fit | None
+    answer: Answer | None
+
+    @property
+    def rudder(self) -> Floats:
+        """The rudder (n,) in half travels, NaN where a sample is not used."""
+        samples = self.samples
+        used = np.isfinite(samples.y) & (samples.held == 0)
+        return np.where(used, samples.u[:, 0] / self.setting.config.half_travel, np.nan)
+
+
+def reasons(of: Evidence) -> Iterator[Reason]:
+    """Yield what speaks against the answer, and what is worth a warning."""
+    yield from _flown(of)
+    yield from _inputs(of)
+    yield from _rates(of)
+    if of.answer is None or of.fit is None:
+        yield Reason(
+            "not_converged",
+            "no oscillation of the yaw rate was found on which the structures of the fit agree",
+        )
+        return
+    yield from _known(of, of.answer, of.fit)
+    yield from _driven(of.fit)
+    yield from _fed_back(of, of.answer.wn_rad_s.value)
+    rate = of.answer.eq_23[0].yaw_acceleration
+    if rate.value < -CLEAR_SIGMAS * rate.std:
+        yield Reason(
+            "wrong_sign",
+            "positive rudder turns the nose left: the servo is reversed, or --rudder-sign is wrong",
+        )
+
+
+def _flown(of: Evidence) -> Iterator[Reason]:
+    """Judge how it was flown: the rudder's own movement, and the airspeed."""
+    samples, rudder, config = of.samples, of.rudder, of.setting.config
+    aileron = samples.aileron[np.isfinite(samples.aileron)]
+    own = rudder
+    if len(aileron) and float(np.ptp(aileron)) > 0.0:  # an aileron at rest explains nothing
+        own = own_part(rudder, samples.aileron, samples.mode, samples.sample_time_s)
+    moves = swings(own[np.isfinite(own)], LEAST_STROKE)
+    if moves < LEAST_SWINGS:
+        how = "in one direction only" if moves else f"less than {100 * LEAST_STROKE:.0f} %"
+        yield Reason(
+            "not_excited",
+            f"the rudder by itself moved {how}: it must move by {100 * LEAST_STROKE:.0f} % of "
+            f"{config.travel_said} or more, there and back",
+        )
+    stroke_deg = math.degrees(float(np.ptp(rudder[np.isfinite(rudder)])) * config.half_travel)
+    if stroke_deg < config.stroke_floor_deg:
+        yield Reason(
+            "not_excited",
+            f"the rudder moved by {stroke_deg:.2g} deg: at least {config.stroke_floor_deg:g} deg "
+            "is needed where its travel is unknown (--least-stroke-deg)",
+        )
+    factor = speed_factor(samples.airspeed[np.isfinite(samples.airspeed)], samples.sample_time_s)
+    if factor > OTHER_SPEED:
+        yield Reason(
+            "not_converged",
+            f"the first and the last airspeed differ by a factor of {factor:.2f}, and wn varies "
+            f"with it: at most {OTHER_SPEED:g} is allowed; choose a stretch by --from and --to",
+        )
+    speed = samples.airspeed[np.isfinite(rudder) & np.isfinite(samples.airspeed)]
+    few = np.ones(1) if len(speed) < 2 else speed
+    low, middle, high = np.percentile(few, [5.0, 50.0, 95.0]).tolist()
+    if high - low > 2.0 * AIRSPEED_SHARE * abs(middle):
+        yield Reason(
+            "airspeed_changed",
+            f"the airspeed ranged from {low:.1f} to {high:.1f} m/s: wn and the gain vary with it",
+        )
+    if is_turning(samples) and not of.turn_removed and config.turn == "keep":
+        yield Reason(
+            "turn_dominated",
+            f"the yaw rate follows the bank and not the rudder: its correlation with the turn rate "
+            f"is above {TURNS:g}",
+            {"turn": "remove"},
+        )
+
+
+def _inputs(of: Evidence) -> Iterator[Reason]:
+    """Judge the rudder at its stops, and an aileron that is an input and moves with it."""
+    config = of.setting.config
+    rudder = of.rudder[np.isfinite(of.rudder)] * config.half_travel
+    stops = float(np.mean(np.abs(rudder) >= 0.99 * config.stop)) if len(rudder) else 0.0
+    if stops > SATURATED:
+        text = f"the rudder was at its stops for {100 * stops:.0f} % of the time"
+        yield Reason("saturated", text)
+    if of.fit is not None and len(of.fit.blocks.record.u.T) > 1:
+        close = closeness(of.rudder, of.samples.aileron)
+        if close > COLLINEAR:
+            yield Reason(
+                "collinear_inputs",
+                f"rudder and aileron move together ({100 * close:.1f} % in common, at most "
+                f"{100 * COLLINEAR:.1f} % are allowed): their effects cannot be separated",
+            )
+
+
+def _rates(of: Evidence) -> Iterator[Reason]:
+    """Judge the message rates, by themselves and against the mode."""
+    yaw_hz, rudder_hz = of.setting.rates_hz
+    slowest, grid_hz = min(of.setting.rates_hz), 1.0 / of.setting.sample_time_s
+    said = f"yaw comes at {yaw_hz:.3g} Hz and the rudder at {rudder_hz:.3g} Hz"
+    if slowest < SLACK * LEAST_HZ:
+        yield Reason("rate_too_low", f"{said}: at least {LEAST_HZ:g} Hz are needed")
+    elif slowest < SLACK * LOW_HZ:
+        yield Reason("rate_low", f"{said}: below {LOW_HZ:g} Hz the damping is uncertain")
+    if of.answer is None or not of.answer.wn_rad_s.std < UNCERTAIN_WN * of.answer.wn_rad_s.value:
+        return
+    mode_hz, have_hz = of.answer.wn_rad_s.value / (2.0 * math.pi), min(slowest, grid_hz)
+    if have_hz < LEAST_RATIO * mode_hz:
+        yield Reason(
+            "rate_too_low",
+            f"the rate is {have_hz:.3g} Hz: {LEAST_RATIO * mode_hz:.3g} Hz are needed, "
+            f"{LEAST_RATIO:g} samples in a period of the mode found",
+        )
+    elif have_hz < LOW_RATIO * mode_hz:
+        better = f"; the log allows --rate {slowest:.3g}" if slowest > 1.05 * have_hz else ""
+        yield Reason(
+            "rate_low",
+            f"the rate of {have_hz:.3g} Hz gives {have_hz / mode_hz:.1f} samples in a period of "
+            f"the mode: {LOW_RATIO:g} are better{better}",
+        )
+
+
+def _known(of: Evidence, answer: Answer, fit: Fit) -> Iterator[Reason]:
+    """Judge how well the mode is known, and how much of the yaw rate its model explains."""
+    (wn, wn_std), (zeta, zeta_std) = answer.wn_rad_s, answer.zeta
+    said = f"wn {wn:.3g} ± {wn_std:.2g} rad/s, zeta {zeta:.3g} ± {zeta_std:.2g}"
+    if not (wn_std < UNCERTAIN_WN * wn and zeta_std < UNCERTAIN_ZETA):
+        yield Reason(
+            "not_converged",
+            f"the Dutch roll is not known well enough: {said}; sigma must be below "
+            f"{100 * UNCERTAIN_WN:g} % of wn, and {UNCERTAIN_ZETA:g} of zeta",
+        )
+    else:
+        yield from rough_reasons(wn, wn_std)
+    seconds = fit.blocks.record.seconds
+    if (periods := seconds * wn / (2.0 * math.pi)) < LEAST_PERIODS:
+        yield Reason(
+            "not_converged",
+            f"the {seconds:.1f} s hold only {periods:.1f} periods of the Dutch roll found: at "
+            f"least {LEAST_PERIODS:g} are needed",
+        )
+    if (pct := fit_percent(*simulated(fit))) < LEAST_PCT:
+        yield Reason(
+            "poor_fit",
+            f"the rudder explains only {max(pct, 0.0):.0f} % of the yaw rate (simulated): at least "
+            f"{LEAST_PCT:g} % are needed",
+        )
+
+
+def rough_reasons(wn_rad_s: float, wn_std: float) -> Iterator[Reason]:
+    """Judge whether the total sigma of wn allows more than a rough value."""
+    if wn_std > ROUGH_WN * wn_rad_s:
+        yield Reason(
+            "poorly_known",
+            f"wn is only known to {100 * wn_std / wn_rad_s:.0f} % ({wn_rad_s:.3g} ± {wn_std:.2g} "
+            f"rad/s, one sigma): usable up to {100 * UNCERTAIN_WN:g} %, but a rough value above "
+            f"{100 * ROUGH_WN:g} %",
+        )
+
+
+def _driven(fit: Fit) -> Iterator[Reason]:
+    """Judge whether this rudder made the motion."""
+    found = driven(fit)
+    if found.free < LEAST_FREE:
+        yield Reason(
+            "mode_not_driven",
+            "the rudder explains the yaw rate hardly better than free decay alone: likelihood "
+            f"ratio {max(found.free, 0.0):.0f}, at least {LEAST_FREE:g} needed",
+        )
+    elif found.near < LEAST_SHIFTED:
+        when = "later" if found.late_s > 0.0 else "earlier"
+        yield Reason(
+            "mode_not_driven",
+            f"the same rudder {abs(found.late_s):.2g} s {when} explains the yaw rate nearly as "
+            f"well: likelihood ratio {max(found.near, 0.0):.0f}, at least {LEAST_SHIFTED:g} needed",
+        )
+    elif found.far < 0.0:
+        yield Reason(
+            "mode_not_driven",
+            "the rudder of another part of the manoeuvre explains the yaw rate as well: the "
+            "movements are too few or too alike",
+        )
+
+
+def _fed_back(of: Evidence, wn_rad_s: float) -> Iterator[Reason]:
+    """Judge how much of the rudder near the mode feeds back the yaw rate."""
+    samples, config = of.samples, of.setting.config
+    rudder = of.rudder * config.half_travel
+    y = samples.y - samples.turn_rate if of.turn_removed else samples.y
+    found = rate_feedback(
+        rudder, np.where(np.isfinite(rudder), y, np.nan), samples.aileron, wn_rad_s,
+        samples.sample_time_s,
+    )  # fmt: skip
+    if found is None or found.share <= SOME_FED_BACK:
+        return
+    said = (
+        f"the rudder feeds back the yaw rate, as a yaw damper does (gain {found.gain:.2g} per "
+        f"rad/s): near the mode that part is {found.share:.2f} times the whole rudder"
+    )
+    if found.share > MOST_FED_BACK:
+        text = f"{said}, and at most {MOST_FED_BACK:g} times is allowed: wn may be 12 % off"
+        yield Reason("mode_not_driven", text)
+    else:
+        yield Reason("closed_loop", f"{said}; beyond {MOST_FED_BACK:g} times it biases the answer")
+
+
+def is_turning(samples: SampleBlock) -> bool:
+    """Return whether the bank makes most of the yaw rate."""
+    rows = np.isfinite(samples.y) & np.isfinite(samples.turn_rate)
+    y, turn = samples.y[rows], samples.turn_rate[rows]
+    if len(y) < 3 or not (np.ptp(y) > 0.0 and np.ptp(turn) > 0.0):
+        return False
+    return float(np.corrcoef(y, turn)[0, 1]) > TURNS
+
+
+def swings(x: Floats, least: float) -> int:
+    """Return how many moves by at least ``least`` x (n,) made, in alternating directions."""
+    count, low, high = 0, math.inf, -math.inf
+    up = None
+    for value in x.tolist():
+        low, high = min(low, value), max(high, value)
+        if up is not True and value - low >= least:
+            up, high, count = True, value, count + 1
+        elif up is not False and high - value >= least:
+            up, low, count = False, value, count + 1
+    return count
