@@ -30,7 +30,7 @@ from yawid.manoeuvre.projection import (
     Structure,
     ar_of,
 )
-from yawid.manoeuvre.record import Blocks, Complexes, Record, blocks_for
+from yawid.manoeuvre.record import LEAST_BLOCKS, Blocks, Complexes, Record, blocks_for
 
 PER_PERIOD: Final = 16
 """Blocks in a period of w. With the raw samples of a fine grid BIC prefers a resonance of the noise
@@ -265,8 +265,9 @@ def _covariance(problem: Problem, point: Point, first: int) -> Floats:
 
 def fits_of(record: Record) -> list[Fit]:
     """Return the fits of a manoeuvre: "2", "2L", "3", and "roll" where the record has roll."""
-    rows = int(np.diff(record.runs).sum())
-    coarse = Blocks(record, max(1, round(FINE_S / record.sample_time_s), rows // MOST_ROWS))
+    rows = np.diff(record.runs)
+    q = max(round(FINE_S / record.sample_time_s), int(rows.sum()) // MOST_ROWS)
+    coarse = Blocks(record, max(1, min(q, int(rows.max()) // LEAST_BLOCKS)))
     problem = Problem(coarse, TWO, np.eye(1)[None])
     found = [descended(problem, each, 6, 0.1) for each in grid(coarse)]
     log_w, log_z = min(found, key=lambda each: float(each[1].e @ each[1].e))[0]

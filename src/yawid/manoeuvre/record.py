@@ -29,7 +29,7 @@ from yawid.estimation.all_pole import all_pole
 
 Complexes = NDArray[np.complex128]
 LEAST_SAMPLES: Final = 20
-"""The fewest samples of a fit: those of the smallest structure have nine unknowns."""
+"""The fewest samples of the longest run: the smallest structure has nine unknowns."""
 LEAST_BLOCKS: Final = 8
 """The least length of a run in blocks: each run has free initial states of its own, three in most
 structures, which explain a shorter one whatever the poles are. By counting; on no flights."""
@@ -64,7 +64,7 @@ class Record:
     @property
     def is_enough(self) -> bool:
         """Whether there are rows for a fit, in which yaw rate and inputs move."""
-        rows = sum(b - a for a, b in self.runs.tolist())
+        rows = max((b - a for a, b in self.runs.tolist()), default=0)
         moves = np.ptp(self.u, axis=0).all() and np.ptp(self.y[:, 0]) > 0.0
         return bool(rows >= LEAST_SAMPLES and moves)
 
@@ -200,8 +200,10 @@ def _one_pole(L: complex, drive: Complexes) -> Complexes:
 
 def blocks_for(record: Record, wn_rad_s: float, per_period: int, least: int) -> Blocks:
     """Return the record in ``per_period`` blocks a period of wn, but ``least`` blocks at least."""
+    rows = np.diff(record.runs)
     q = min(
         int(2.0 * math.pi / wn_rad_s / record.sample_time_s / per_period),
-        int(np.diff(record.runs).sum()) // least,
+        int(rows.sum()) // least,
+        int(rows.max()) // LEAST_BLOCKS,
     )
     return Blocks(record, max(1, q))
