@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from manoeuvres.streams import HZ, cut, stream
+from manoeuvre.streams import HZ, cut, stream
 
 from yawid.blocks import Floats, SampleBlock
 from yawid.manoeuvre.conditions import AirspeedCheck, Finding, conditions

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from flightlog import FlightLog, samples_of
-from manoeuvres.streams import HZ, doublets, joined, rest, stream
+from manoeuvre.streams import HZ, doublets, joined, rest, stream
 from pymavlink import mavutil
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from manoeuvres.streams import (
+from manoeuvre.streams import (
     HZ,
     TS_S,
     assert_same,

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from finished_runs import replayed
-from manoeuvres.streams import HZ, cut, stream
+from manoeuvre.streams import HZ, cut, stream
 from sources.logs import dataflash_flight
 from sources.logs.onboard_flight import flown
 from yawid.manoeuvres.airspeed_check import AirspeedCheck, Finding, of_one_manoeuvre

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from manoeuvres.streams import HZ, TS_S, WN, ZETA, doublets, flown, rest, stream, yawing
+from manoeuvre.streams import HZ, TS_S, WN, ZETA, doublets, flown, rest, stream, yawing
 from places import C172P
 from scipy.signal import butter, lfilter
 from yawid.manoeuvres.answer import BOTH, OTHER_ORDERS, Answered, ManoeuvreSetting

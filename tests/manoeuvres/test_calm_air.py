@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from manoeuvres.streams import HZ, TS_S, WN, ZETA, flown, rest, stream, yawing
+from manoeuvre.streams import HZ, TS_S, WN, ZETA, flown, rest, stream, yawing
 from scipy.signal import butter, cont2discrete, lfilter
 from yawid.manoeuvres.answer import Answered, ManoeuvreSetting
 from yawid.manoeuvres.calm_air import apart_reasons, is_calm

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from manoeuvres.streams import HZ, TS_S, stream
+from manoeuvre.streams import HZ, TS_S, stream
 from scipy.signal import cont2discrete, lfilter
 from yawid.manoeuvres.answer import Answered, ManoeuvreSetting
 from yawid.manoeuvres.tries import answer

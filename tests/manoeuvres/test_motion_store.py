@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from manoeuvres.streams import stream
+from manoeuvre.streams import stream
 from yawid.manoeuvres.motion_store import angle_of_climb, motion_of
 
 from yawid.blocks import StampedRows

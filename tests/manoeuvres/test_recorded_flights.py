@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from flightlog import samples_of, summarised
-from manoeuvres.streams import found_in
+from manoeuvre.streams import found_in
 from places import SHARED_FLIGHTS
 
 from yawid.blocks import SampleBlock

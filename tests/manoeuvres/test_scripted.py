@@ -7,7 +7,7 @@ second later. PX4's autotune adds steps or a sweep to the setpoint of its yaw-ra
 
 import numpy as np
 import pytest
-from manoeuvres.streams import HZ, TS_S, WN, ZETA, assert_same, cut, rest, spans, stream, yawing
+from manoeuvre.streams import HZ, TS_S, WN, ZETA, assert_same, cut, rest, spans, stream, yawing
 from yawid.manoeuvres.answer import Answered, ManoeuvreSetting
 from yawid.manoeuvres.find import Finder
 from yawid.manoeuvres.stage import Manoeuvres

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from manoeuvres.streams import HZ, TS_S, flown, found_in, rest, stream
+from manoeuvre.streams import HZ, TS_S, flown, found_in, rest, stream
 from scipy.signal import cont2discrete, lfilter
 from yawid.manoeuvres.answer import Fits, ManoeuvreSetting, short_reasons
 from yawid.manoeuvres.tries import answer

@@ -6,7 +6,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from manoeuvres.streams import HZ, TS_S, WN, ZETA, flown, rest, stream, yawing
+from manoeuvre.streams import HZ, TS_S, WN, ZETA, flown, rest, stream, yawing
 from manoeuvres.test_answer import told
 from scipy.signal import butter, lfilter
 from yawid.manoeuvres.answer import Answered

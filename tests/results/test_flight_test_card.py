@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from flightlog import FlightLog
 from hand_flights import forty, four_of_a_flight, none_usable
-from manoeuvres.streams import stream
+from manoeuvre.streams import stream
 from msgspec.structs import replace
 from places import C172P, REPLAY_LOGS
 from printed import printed

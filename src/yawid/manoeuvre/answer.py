@@ -5,7 +5,7 @@ mean over them, and its variance the mean of theirs plus their spread (Buckland 
 
     x = sum_s W_s x_s,   C = sum_s W_s (I_s C_s + (x_s - x)(x_s - x)') + floors
 
-for x = (log wn, zeta, G(jw) from .6 to 1.6 wn), so that each number below has a sigma of the same C.
+for x = (log wn, zeta, G(jw) from .6 to 1.6 wn): each number below has its sigma from one C.
 Of "2", "2L" and "3" W_s goes with exp(-(BIC - least) / (2 T)), T = N / 10 within 8 and 50. What
 these leave out is the roll loop's pair. Its distance from the Dutch roll's, D = |log(p_2 / p_1)|,
 says how much that matters, so that "roll" has the weight
@@ -43,8 +43,8 @@ INFLATED, INFLATED_ROLL = 1.25, 3.75
 """The factors of variance of the structures, and of the one with roll: without the second, sigma in
 gusts is half the error. Chosen on 72 drawn flights and 200 simulated aircraft."""
 LEFT_OUT: Final = 0.015
-"""About the error of yaw rate alone where D is 1, relative: without it a light weight of roll leaves
-2 % of wn in a roll loop's neighbourhood. Chosen on the same aircraft."""
+"""About the error of yaw rate alone where D is 1, relative: without it too light a weight of roll
+leaves 2 % of wn in a roll loop's neighbourhood. Chosen on the same aircraft."""
 FLOOR_WN, FLOOR_ZETA = 0.005, 0.004
 """The least sigma of wn, relative, and of zeta."""
 HIDDEN_ZETA: Final = 0.04
@@ -57,8 +57,9 @@ UNKNOWN: Final = 0.2
 FLOOR_GAIN: Final = 0.02
 """The least sigma of all of a response together, relative: commands are known only when messages
 come, and a servo has an effectiveness of its own."""
-RESOLVED: Final = 1e-3
-"""The relative part of a response below which its numbers need not explain it."""
+RESOLVED, WIDE = 1e-3, 1e4
+"""The relative part of a response below which the model's numbers need not explain it, and by how
+much their variance may be larger than the structure has it."""
 LOWEST, HIGHEST, POINTS = 0.6, 1.6, 21
 """The frequencies of the response as parts of wn, and their number."""
 
@@ -88,9 +89,8 @@ class Answer:
     """The answer of a manoeuvre.
 
     ``weights`` are those of the structures that were averaged, by name. ``model`` is the answer's
-    model. At ``w`` (n,) in rad/s it has the ``response`` (inputs, n) from each input; ``covariance``
-    is that of (log wn, zeta, its real parts, its imaginary parts), and ``eq_23`` has an entry for
-    each input.
+    model. At ``w`` (n,) in rad/s it has the ``response`` (inputs, n); ``covariance`` is that of
+    (log wn, zeta, its real parts, its imaginary parts). ``eq_23`` has an entry for each input.
     """
 
     wn_rad_s: Known
@@ -152,15 +152,15 @@ def _of_model(model: Fit, w: Floats, C: Floats) -> Floats:
 
     What the response does not show of them stays as the structure has it.
     """
-    x, own = _numbers(model, w)
-    at = 2 * model.pair
-    J = np.zeros((len(x), len(model.covariance)))
-    J[0, at], J[1, at + 1] = 1.0, x[1]
-    moved = model.response(w)[1]
-    J[2:] = np.concatenate([moved.real, moved.imag], axis=1).reshape(len(moved), -1).T
-    noise = np.diag((RESOLVED * np.abs(x)) ** 2 + 1e-300)
-    wide = 1e4 * model.covariance
-    gain = np.linalg.solve(J @ wide @ J.T + noise, J @ wide).T
+    at, (G, slopes) = 2 * model.pair, model.response(w)
+    J = np.zeros((len(C), len(model.covariance)))
+    J[0, at], J[1, at + 1] = 1.0, math.exp(model.log_pair[1])
+    moved = slopes.reshape(len(slopes), -1).T
+    J[2:] = np.concatenate([moved.real, moved.imag])
+    size = np.concatenate([np.ones(2), np.tile(np.abs(G).ravel(), 2)])
+    wide = WIDE * model.covariance
+    seen = J @ wide @ J.T + np.diag((RESOLVED * size) ** 2)
+    gain = np.linalg.solve(seen, J @ wide).T
     rest = np.eye(len(gain)) - gain @ J
     found: Floats = gain @ C @ gain.T + rest @ model.covariance @ rest.T
     return found
@@ -168,6 +168,8 @@ def _of_model(model: Fit, w: Floats, C: Floats) -> Floats:
 
 def weights_of(fits: Sequence[Fit]) -> list[tuple[Fit, float]]:
     """Return the fits that count, and their weights."""
+    if not fits:
+        return []
     mid = float(np.median([fit.log_pair[0] for fit in fits if fit.structure.name != ROLL]))
 
     def counts(fit: Fit) -> bool:

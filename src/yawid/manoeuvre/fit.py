@@ -35,23 +35,25 @@ from yawid.manoeuvre.record import LEAST_BLOCKS, Blocks, Complexes, Record, bloc
 PER_PERIOD: Final = 16
 """Blocks in a period of w. With the raw samples of a fine grid BIC prefers a resonance of the noise
 at half the rate: at 50 Hz a business jet had 1.54 rad/s instead of 1.36."""
-LEAST_ROWS, MOST_ROWS = 80, 1200
-"""With fewer blocks the steps found nine parameters in nine blocks."""
+LEAST_ROWS, MOST_ROWS, FEWEST_ROWS = 80, 1200, 24
+"""Blocks are shorter than that where they would be fewer than the first: the steps found nine
+parameters in nine blocks. The grid's are longer where they would be more than the second, and there
+is no fit of fewer samples than the third. By counting."""
 GRID_W, GRID_Z = 36, (0.015, 0.05, 0.12, 0.25, 0.45, 0.75)
-"""The grid's frequencies, and its damping ratios: nearer than a light mode is wide is not needed,
-as each minimum is followed."""
+"""The grid's frequencies, and its damping ratios."""
 MOST_STARTS, NEAR_BEST = 3, 2.0
 """Minima of the grid that are followed, and the most that their squares may exceed the best's."""
 FINE_S: Final = 0.05
+"""The grid's blocks in s."""
 LEAST_W, MOST_W, OF_RATE = 0.25, 30.0, 0.6
 """The frequencies searched in rad/s, and the highest as a part of pi / Ts."""
 _RIDGE: Final = 1e-10
 TRIALS: Final = 3
 """Trials of a step that a descent has on average, before it ends where it is."""
 LIGHTEST, LIGHTEST_LOOP = 0.002, 0.05
-"""A lighter pair has no vote: it is an edge of the search, or follows a line of the noise, and so is
-a roll loop's. Without it a roll loop of .04 took the place of none on a light trainer in calm air.
-Chosen on 72 drawn flights."""
+"""A lighter pair has no vote: it is an edge of the search, or a line of the noise, as a roll loop
+that light is. Without it a trainer whose roll loop has real modes had one of zeta .04, and a Dutch
+roll 3 % off. Chosen on 72 drawn flights."""
 AR_ROUNDS: Final = 2
 
 
@@ -219,7 +221,8 @@ def bic_of(problem: Problem, point: Point) -> float:
 
 def unknowns(problem: Problem, point: Point) -> int:
     """Return how many numbers a fit found, those of the AR included."""
-    return point.J.shape[1] + point.beta.size + (len(problem.D) - 1) * problem.outputs**2
+    found = point.J.shape[1] + point.beta.size + (len(problem.D) - 1) * problem.outputs**2
+    return int(found)
 
 
 def finished(problem: Problem, theta: Floats, point: Point, pair: int = 0) -> Fit:
@@ -264,10 +267,15 @@ def _covariance(problem: Problem, point: Point, first: int) -> Floats:
 
 
 def fits_of(record: Record) -> list[Fit]:
-    """Return the fits of a manoeuvre: "2", "2L", "3", and "roll" where the record has roll."""
+    """Return the fits of a manoeuvre: "2", "2L", "3", and "roll" where the record has roll.
+
+    There is none where the record has too few samples.
+    """
     rows = np.diff(record.runs)
     q = max(round(FINE_S / record.sample_time_s), int(rows.sum()) // MOST_ROWS)
     coarse = Blocks(record, max(1, min(q, int(rows.max()) // LEAST_BLOCKS)))
+    if len(coarse) < FEWEST_ROWS:
+        return []
     problem = Problem(coarse, TWO, np.eye(1)[None])
     found = [descended(problem, each, 6, 0.1) for each in grid(coarse)]
     log_w, log_z = min(found, key=lambda each: float(each[1].e @ each[1].e))[0]

@@ -156,7 +156,9 @@ def _flown(of: Evidence) -> Iterator[Reason]:
             f"the rudder by itself moved {how}: it must move by {100 * LEAST_STROKE:.0f} % of "
             f"{config.travel_said} or more, there and back",
         )
-    stroke_deg = math.degrees(float(np.ptp(rudder[np.isfinite(rudder)])) * config.half_travel)
+    known = rudder[np.isfinite(rudder)]
+    stroke = float(known.max(initial=0.0) - known.min(initial=0.0))
+    stroke_deg = math.degrees(stroke * config.half_travel)
     if stroke_deg < config.stroke_floor_deg:
         yield Reason(
             "not_excited",

@@ -57,8 +57,11 @@ class Record:
     ) -> "Record":
         """Return the record of u (n, inputs) and outputs (n,) each; a row with NaN is a gap."""
         y = np.stack(outputs, axis=1)
-        good: Bools = np.isfinite(u).all(axis=1) & np.isfinite(y).all(axis=1)
-        u, y = (np.where(good[:, None], x - x[good].mean(axis=0), 0.0) for x in (u, y))
+        good: Bools = np.isfinite(np.concatenate([u, y], axis=1)).all(axis=1)
+        means = (x[good].sum(axis=0) / max(np.count_nonzero(good), 1) for x in (u, y))
+        u, y = (
+            np.where(good[:, None], x - mean, 0.0) for x, mean in zip((u, y), means, strict=True)
+        )
         return cls(sample_time_s, u, y, runs_of(good), linear)
 
     @property

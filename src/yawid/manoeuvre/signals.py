@@ -13,7 +13,7 @@ from typing import Final
 
 import numpy as np
 
-from yawid.blocks import Floats, SampleBlock
+from yawid.blocks import Bools, Floats, SampleBlock
 from yawid.estimation.grids import as_held
 from yawid.manoeuvre.record import Record
 
@@ -47,7 +47,7 @@ def record_of(
     if with_aileron:
         u = np.column_stack([u, samples.aileron])
     outputs = [y, samples.roll] if with_roll else [y]
-    good = np.isfinite(u).all(axis=1) & np.isfinite(np.stack(outputs)).all(axis=0)
+    good: Bools = np.asarray(np.isfinite(np.column_stack([u, *outputs])).all(axis=1))
     held = as_held(np.where(good[:, None], u, np.nan), samples.rudder_moves == 1.0)
     return Record.of(samples.sample_time_s, held, *outputs)
 

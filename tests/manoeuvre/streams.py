@@ -6,9 +6,9 @@ from itertools import pairwise
 
 import numpy as np
 from scipy.signal import cont2discrete, lfilter
-from yawid.manoeuvres.find import Finder
 
 from yawid.blocks import Floats, Held, SampleBlock
+from yawid.manoeuvre.find import Finder
 from yawid.quantities.airspeed import Kind
 
 TS_S = 0.05
