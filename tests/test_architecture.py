@@ -30,7 +30,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "models": {"config", "estimation", "physics"},
     "damper": {"config", "models", "physics"},
     "results": {"config", "estimation", "physics"},
-    "manoeuvre": {"results"},
+    "manoeuvre": {"estimation", "results"},
     "manoeuvres": {"config", "estimation", "lateral", "results"},
     "sinks": {"estimation", "results"},
     "sinks/mcap": {"config", "estimation", "sinks"},

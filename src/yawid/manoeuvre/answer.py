@@ -1,0 +1,245 @@
+"""A manoeuvre's answer: wn and zeta over the structures, and the model that has them.
+
+No structure is an aircraft, and each is wrong in its own way. With weights W_s the answer is the
+mean over them, and its variance the mean of theirs plus their spread (Buckland and others, 1997):
+
+    x = sum_s W_s x_s,   C = sum_s W_s (I_s C_s + (x_s - x)(x_s - x)') + floors
+
+for x = (log wn, zeta, G(jw) from .6 to 1.6 wn): each number below has its sigma from one C.
+Of "2", "2L" and "3" W_s goes with exp(-(BIC - least) / (2 T)), T = N / 10 within 8 and 50. What
+these leave out is the roll loop's pair. Its distance from the Dutch roll's, D = |log(p_2 / p_1)|,
+says how much that matters, so that "roll" has the weight
+
+    q = V / (V + V_roll) exp(-max(d^2 - 2, 0) / 2),   V = tr C_yaw + 2 (LEFT_OUT / D)^2
+
+with the traces of the covariances of log wn and zeta, which are the two parts of a pole's
+relative error, and the distance d in sigma of the two results.
+
+The answer's model is the structure of the least BIC with its pair at (wn, zeta), its residues,
+initial states and bias solved again. Of its response eq. 23's K and T follow by least squares,
+
+    K (T s + 1) wn^2 / (s^2 + 2 zeta wn s + wn^2) = G(s),   s = jw from .6 to 1.6 wn
+
+of the relative misfit. A doublet shows the yaw acceleration K T wn^2 of a step, and |G| near wn,
+better than K alone.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from yawid.blocks import Floats
+from yawid.manoeuvre.fit import Fit, refitted
+from yawid.manoeuvre.projection import ROLL
+from yawid.manoeuvre.record import Complexes
+
+LEAST_TEMPER, TEMPER, ROWS_PER_TEMPER = 8.0, 50.0, 10.0
+"""With BIC as it is, one structure has all of the weight on a long record, though each of them is
+wrong by more than its sigma. Chosen by the prototype on 30 drawn flights."""
+INFLATED, INFLATED_ROLL = 1.25, 3.75
+"""The factors of variance of the structures, and of the one with roll: without the second, sigma in
+gusts is half the error. Chosen on 72 drawn flights and 200 simulated aircraft."""
+LEFT_OUT: Final = 0.015
+"""About the error of yaw rate alone where D is 1, relative: without it too light a weight of roll
+leaves 2 % of wn in a roll loop's neighbourhood. Chosen on the same aircraft."""
+FLOOR_WN, FLOOR_ZETA = 0.005, 0.004
+"""The least sigma of wn, relative, and of zeta."""
+HIDDEN_ZETA: Final = 0.04
+"""The part of zeta that a closed roll loop may hide where roll does not show it: of JSBSim's
+linearised aircraft with a roll hold three poles are .036 off (RMS)."""
+ALIKE: Final = 1.25
+"""A structure whose wn differs from the median by more than this factor found another mode."""
+UNKNOWN: Final = 0.2
+"""A structure with a larger sigma, relative for wn and absolute for zeta, has no vote."""
+FLOOR_GAIN: Final = 0.02
+"""The least sigma of all of a response together, relative: commands are known only when messages
+come, and a servo has an effectiveness of its own."""
+LOWEST, HIGHEST, POINTS = 0.6, 1.6, 21
+"""The frequencies of the response as parts of wn, and their number."""
+
+
+class Known(NamedTuple):
+    """A number and its sigma."""
+
+    value: float
+    std: float
+
+
+@dataclass(frozen=True, slots=True)
+class Eq23:
+    """Eq. 23 for one input: K in rad/s per unit, T in s, and the yaw acceleration K T wn^2.
+
+    ``misfit`` is the root mean square of its relative difference from the model's response.
+    """
+
+    K: Known
+    T_s: Known
+    yaw_acceleration: Known
+    misfit: float
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """The answer of a manoeuvre.
+
+    ``weights`` are those of the structures that were averaged, by name. ``model`` is the answer's
+    model. At ``w`` (n,) in rad/s it has the ``response`` (inputs, n); ``covariance`` is that of
+    (log wn, zeta, its real parts, its imaginary parts). ``eq_23`` has an entry for each input.
+    """
+
+    wn_rad_s: Known
+    zeta: Known
+    weights: dict[str, float]
+    model: Fit
+    w: Floats
+    response: Complexes
+    covariance: Floats
+    eq_23: tuple[Eq23, ...]
+
+    def gain(self, number: int = 0) -> tuple[Floats, Floats]:
+        """Return |G(jw)| (n,) of an input, and its sigma (n,)."""
+        G, n = self.response[number], len(self.w)
+        at = 2 + number * n + np.arange(n)
+        slopes = np.zeros((n, len(self.covariance)))
+        slopes[np.arange(n), at] = G.real / np.abs(G)
+        slopes[np.arange(n), at + self.response.size] = G.imag / np.abs(G)
+        return np.abs(G), np.sqrt(np.einsum("ij,jk,ik->i", slopes, self.covariance, slopes))
+
+
+def answer_of(fits: Sequence[Fit], *, has_roll_loop: bool = False) -> Answer | None:
+    """Return the answer of a manoeuvre's fits; None where none of them knows its pair.
+
+    With a roll loop that roll does not show, zeta's sigma has the part that the loop may hide.
+    """
+    weighted = weights_of(fits)
+    if not weighted:
+        return None
+    share = np.array([x for _, x in weighted])
+    pairs = np.stack([_pair(fit)[0] for fit, _ in weighted])
+    log_wn, zeta = (share @ pairs).tolist()
+    wn = math.exp(log_wn)
+    w = wn * np.linspace(LOWEST, HIGHEST, POINTS)
+    best = min((fit for fit, _ in weighted if fit.structure.name != ROLL), key=lambda f: f.bic)
+    model = with_pair(best, wn, zeta)
+    G = model.response(w)[0]
+    x = np.concatenate([[log_wn, zeta], G.real.ravel(), G.imag.ravel()])
+    C = np.zeros((len(x), len(x)))
+    for fit, s in weighted:
+        each, own = _numbers(fit, w)
+        C += s * (_inflated(fit) * own + np.outer(each - x, each - x))
+    shows_roll = any(fit.structure.name == ROLL for fit, _ in weighted)
+    hidden = HIDDEN_ZETA * zeta if has_roll_loop and not shows_roll else 0.0
+    C[[0, 1], [0, 1]] += FLOOR_WN**2, FLOOR_ZETA**2 + hidden**2
+    C[2:, 2:] += FLOOR_GAIN**2 * np.outer(x[2:], x[2:])
+    std = np.sqrt(np.diag(C)[:2])
+    return Answer(
+        Known(wn, wn * float(std[0])), Known(zeta, float(std[1])),
+        {fit.structure.name: s for fit, s in weighted}, model, w, G, C,
+        tuple(_eq_23(wn, zeta, w, G, C, number) for number in range(len(G))),
+    )  # fmt: skip
+
+
+def weights_of(fits: Sequence[Fit]) -> list[tuple[Fit, float]]:
+    """Return the fits that count, and their weights."""
+    if not fits:
+        return []
+    mid = float(np.median([fit.log_pair[0] for fit in fits if fit.structure.name != ROLL]))
+
+    def counts(fit: Fit) -> bool:
+        x, C = _pair(fit)
+        is_near = abs(x[0] - mid) < math.log(ALIKE)
+        return bool(not fit.at_bound and is_near and np.diag(C).max() < UNKNOWN**2)
+
+    kept = [fit for fit in fits if counts(fit)]
+    yaw = [fit for fit in kept if fit.structure.name != ROLL]
+    if not yaw:
+        return []
+    bic = np.array([fit.bic for fit in yaw])
+    temper = min(max(len(yaw[0].blocks) / ROWS_PER_TEMPER, LEAST_TEMPER), TEMPER)
+    share = np.exp(-(bic - bic.min()) / (2.0 * temper))
+    share /= share.sum()
+    roll = [fit for fit in kept if fit.structure.name == ROLL]
+    q = _weight_of_roll(roll[0], yaw, share) if roll else 0.0
+    return [*zip(yaw, ((1.0 - q) * share).tolist(), strict=True), *((fit, q) for fit in roll)]
+
+
+def _weight_of_roll(roll: Fit, yaw: Sequence[Fit], share: Floats) -> float:
+    pairs, own = zip(*map(_pair, yaw), strict=True)
+    mean = share @ np.stack(pairs)
+    apart = np.stack(pairs) - mean
+    poles = np.array(roll.structure.poles(roll.theta))
+    others = np.delete(poles, roll.pair)
+    D = float(np.abs(np.log(others / poles[roll.pair])).min())
+    V = np.tensordot(share, INFLATED * np.stack(own), 1) + (apart.T * share) @ apart
+    V += (LEFT_OUT / D) ** 2 * np.eye(2)
+    x, C = _pair(roll)
+    of_roll, off = _inflated(roll) * C, x - mean
+    surprise = float(off @ np.linalg.solve(V + of_roll, off))
+    return float(np.trace(V) / np.trace(V + of_roll)) * math.exp(-0.5 * max(surprise - 2.0, 0.0))
+
+
+def with_pair(fit: Fit, wn_rad_s: float, zeta: float) -> Fit:
+    """Return a fit with its pair at wn and zeta, and all that is linear solved again."""
+    theta = fit.theta.copy()
+    theta[2 * fit.pair : 2 * fit.pair + 2] = math.log(wn_rad_s), math.log(zeta)
+    return refitted(fit, theta)
+
+
+def _inflated(fit: Fit) -> float:
+    return INFLATED_ROLL if fit.structure.name == ROLL else INFLATED
+
+
+def _pair(fit: Fit) -> tuple[Floats, Floats]:
+    """Return log wn and zeta (2,) of a fit, and their covariance."""
+    at, (log_w, log_z) = 2 * fit.pair, fit.log_pair
+    scale = np.array([1.0, math.exp(log_z)])
+    own = fit.covariance[at : at + 2, at : at + 2]
+    return np.array([log_w, math.exp(log_z)]), own * np.outer(scale, scale)
+
+
+def _numbers(fit: Fit, w: Floats) -> tuple[Floats, Floats]:
+    """Return x (2 + 2 inputs n,) of a fit at w (n,), and its covariance."""
+    at, (pair, _) = 2 * fit.pair, _pair(fit)
+    G, slopes = fit.response(w)
+    J = np.zeros((2 + 2 * G.size, len(fit.covariance)))
+    J[0, at], J[1, at + 1] = 1.0, pair[1]
+    moved = slopes.reshape(len(slopes), -1).T
+    J[2:] = np.concatenate([moved.real, moved.imag])
+    x = np.concatenate([pair, G.real.ravel(), G.imag.ravel()])
+    return x, J @ fit.covariance @ J.T
+
+
+def _eq_23(wn: float, zeta: float, w: Floats, G: Complexes, C: Floats, number: int) -> Eq23:
+    """Return K and T of one input from the response G (inputs, n) with the covariance C.
+
+    P (K, K T) = 1 is solved for the relative misfit, so the slopes are -(P'P)^-1 P' (dP x).
+    """
+    s, g, n = 1j * w, G[number], len(w)
+    den = s * s + 2.0 * zeta * wn * s + wn * wn
+    columns = np.stack([wn * wn / den / g, wn * wn / den / g * s])
+    P = np.concatenate([columns.real, columns.imag], axis=1).T
+    inverse = np.linalg.inv(P.T @ P)
+    solve = inverse @ P.T
+    x = solve @ np.repeat([1.0, 0.0], n)
+    M = x @ columns
+    moved = np.zeros((n, len(C)), complex)
+    moved[:, 0] = M * (2.0 - (2.0 * zeta * wn * s + 2.0 * wn * wn) / den)
+    moved[:, 1] = M * (-2.0 * wn * s / den)
+    at = 2 + number * n + np.arange(n)
+    moved[np.arange(n), at] = -M / g
+    moved[np.arange(n), at + G.size] = -1j * M / g
+    S = -solve @ np.concatenate([moved.real, moved.imag])
+    misfit = float(np.mean(np.abs(M - 1.0) ** 2))
+    V = S @ C @ S.T + inverse * (misfit * n / 2.0)
+    K, KT = x.tolist()
+    by_wn = S @ C[:, 0]
+    rate = wn * wn * KT
+    of_rate = wn**4 * (V[1, 1] + 4.0 * KT * by_wn[1] + 4.0 * KT * KT * C[0, 0])
+    by_T = np.array([-KT / K, 1.0]) / K
+    return Eq23(
+        Known(K, math.sqrt(V[0, 0])), Known(KT / K, math.sqrt(by_T @ V @ by_T)),
+        Known(rate, math.sqrt(max(of_rate, 0.0))), math.sqrt(misfit),
+    )  # fmt: skip

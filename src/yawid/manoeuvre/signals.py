@@ -1,0 +1,96 @@
+"""What of a manoeuvre's samples a fit sees: the turn, the aileron, and whether roll may be used.
+
+Yaw rate and roll have the same poles only while the roll loop is linear and both are measured at
+the same instants, so roll is left out, with the reason in words, where they are not. Its lag
+follows from the roll rate p, which comes with the yaw rate r: as roll' = p + r tan(pitch) roughly,
+roll(t) = c + d t + a sum(p) + b sum(r) - lag p(t), by least squares.
+
+An aileron that only holds the wings level is a part of the aircraft as flown. It is an input where
+it moves by itself, that is, where rudder, yaw rate, roll and roll before do not explain it.
+"""
+
+from typing import Final
+
+import numpy as np
+
+from yawid.blocks import Bools, Floats, SampleBlock
+from yawid.estimation.grids import as_held
+from yawid.manoeuvre.record import Record
+
+MOST_LAG: Final = 0.3
+"""The most samples by which roll may be later than the yaw rate: zeta is off by about as many
+radians as the pair turns in that time, .01 for five samples of 20 Hz at 2 rad/s. By arithmetic."""
+MOST_STILL: Final = 0.3
+"""The most samples, as a part, in which roll may stay where it was to the bit: more is a coarse
+roll, or one that comes more rarely than the yaw rate. By arithmetic; on no flights."""
+MOST_LIMITED: Final = 0.05
+"""The most samples, as a part, that roll may be at its largest or at its least value: a loop that
+is limited there is not linear. By arithmetic; on no flights."""
+MOST_REACTION, LEAST_STROKE = 0.5, 0.1
+"""The most of an aileron's variance that the motion may explain, and how far its own part must move
+of half its travel, in all: as today's rules have it, which were chosen on 90 flights."""
+
+
+def record_of(
+    samples: SampleBlock,
+    *,
+    turn_removed: bool = False,
+    with_aileron: bool = False,
+    with_roll: bool = True,
+) -> Record:
+    """Return the record of a manoeuvre's samples; a sample that lacks one of its signals is a gap.
+
+    The rudder is the first input, the aileron the second one, and roll the second output.
+    """
+    y = samples.y - samples.turn_rate if turn_removed else samples.y
+    u = samples.u[:, :1]
+    if with_aileron:
+        u = np.column_stack([u, samples.aileron])
+    outputs = [y, samples.roll] if with_roll else [y]
+    good: Bools = np.asarray(np.isfinite(np.column_stack([u, *outputs])).all(axis=1))
+    held = as_held(np.where(good[:, None], u, np.nan), samples.rudder_moves == 1.0)
+    return Record.of(samples.sample_time_s, held, *outputs)
+
+
+def roll_fault(samples: SampleBlock, p: Floats | None = None) -> str:
+    """Return in words why roll is left out, "" where it is used.
+
+    ``p`` (n,) is the roll rate in rad/s at the samples' instants, None where it is unknown.
+    """
+    known = np.isfinite(samples.y)
+    roll = samples.roll[known]
+    if not np.isfinite(roll).all():
+        return "roll is missing"
+    still = float(np.mean(np.diff(roll) == 0.0)) if len(roll) > 1 else 1.0
+    if still > MOST_STILL:
+        return f"roll stays the same in {100.0 * still:.0f} % of the samples: it is too coarse"
+    at_end = max(float(np.mean(roll == roll.max())), float(np.mean(roll == roll.min())))
+    if at_end > MOST_LIMITED:
+        return f"roll is at its limit in {100.0 * at_end:.0f} % of the samples"
+    if p is not None and (lag := roll_lag_s(samples, p)) > MOST_LAG * samples.sample_time_s:
+        return f"roll is {1e3 * lag:.0f} ms later than the yaw rate"
+    return ""
+
+
+def roll_lag_s(samples: SampleBlock, p: Floats) -> float:
+    """Return by how many s roll is later than the roll rate ``p`` (n,) in rad/s."""
+    known = np.isfinite(samples.y) & np.isfinite(samples.roll) & np.isfinite(p)
+    rate, yaw = (np.where(known, x, 0.0) * samples.sample_time_s for x in (p, samples.y))
+    sums = [np.cumsum(x) - 0.5 * x for x in (rate, yaw)]
+    columns = np.column_stack([np.ones(len(p)), np.arange(len(p)), *sums, -p])[known]
+    found = np.linalg.lstsq(columns, samples.roll[known], rcond=None)[0]
+    return float(found[-1])
+
+
+def aileron_moves(samples: SampleBlock) -> bool:
+    """Return whether the aileron moves by itself, so that it may be an input."""
+    before = np.concatenate([[np.nan], samples.roll[:-1]])
+    causes = [samples.u[:, 0], samples.y, samples.roll, before, np.ones(len(before))]
+    columns = np.column_stack(causes)
+    known = np.isfinite(columns).all(axis=1) & np.isfinite(samples.aileron)
+    aileron = samples.aileron[known]
+    if not len(aileron) or float(np.ptp(aileron)) < LEAST_STROKE:
+        return False
+    own = aileron - columns[known] @ np.linalg.lstsq(columns[known], aileron, rcond=None)[0]
+    is_own = float(own.var()) > (1.0 - MOST_REACTION) * float(aileron.var())
+    return bool(is_own and float(np.ptp(own)) >= LEAST_STROKE)

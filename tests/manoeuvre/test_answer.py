@@ -1,0 +1,147 @@
+"""The answer over the structures: weights, its model, and the numbers of eq. 23 with sigma."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from manoeuvre.exact import Floats, doublets, lateral, record, states, yaw_channel
+
+from yawid.manoeuvre.answer import HIDDEN_ZETA, Answer, answer_of, weights_of
+from yawid.manoeuvre.fit import Fit, fits_of
+from yawid.manoeuvre.record import Record
+
+WN, ZETA, K, T_S = 2.0, 0.1, 0.3, 0.8
+
+
+@pytest.fixture(scope="module")
+def fits() -> list[Fit]:
+    u = doublets(WN, 0.05, periods=7.0)
+    return fits_of(record(u, yaw_channel(u, 0.05), 0.05, noise=0.01))
+
+
+@pytest.fixture(scope="module")
+def answer(fits: list[Fit]) -> Answer:
+    found = answer_of(fits)
+    assert found is not None
+    return found
+
+
+@pytest.fixture(scope="module")
+def with_roll() -> tuple[list[Fit], Floats]:
+    u = doublets(2.0, 0.05, periods=12.0)
+    r, roll, truth = lateral(u, 0.05)
+    rng = np.random.default_rng(4)
+    y, roll = (x + 1e-3 * np.abs(x).max() * rng.standard_normal(len(x)) for x in (r, roll))
+    return fits_of(Record.of(0.05, u[:, None], y, roll)), truth
+
+
+def test_its_model_has_the_answers_poles(answer: Answer):
+    wn, zeta = answer.wn_rad_s.value, answer.zeta.value
+    pole = answer.model.structure.poles(answer.model.theta)[answer.model.pair]
+    assert abs(pole) == pytest.approx(wn, rel=1e-12)
+    assert -pole.real / abs(pole) == pytest.approx(zeta, rel=1e-12)
+
+
+def test_its_model_has_the_least_squares_of_all_models_with_these_poles(answer: Answer):
+    model = answer.model
+    columns = [
+        part
+        for response in model.blocks.responses(model.structure.poles(model.theta))
+        for x in (response.forced, response.free)
+        for part in ((x.real, x.imag) if abs(x.imag).max() > 0.0 else (x.real,))
+    ]
+    y = model.blocks.y[:, 0]
+    X = np.concatenate([*columns, np.ones((len(y), 1))], axis=1)
+    least = np.linalg.lstsq(X, y, rcond=1e-12)[1][0]
+    if len(model.D) == 1:
+        assert np.sum((model.e / model.D[0, 0, 0]) ** 2) == pytest.approx(least, rel=1e-6)
+    else:
+        assert least <= np.sum(y**2)
+
+
+def test_eq_23_is_found_with_its_sigma(answer: Answer):
+    (found,) = answer.eq_23
+    for known, true in (
+        (answer.wn_rad_s, WN),
+        (answer.zeta, ZETA),
+        (found.K, K),
+        (found.T_s, T_S),
+        (found.yaw_acceleration, K * T_S * WN**2),
+    ):
+        assert abs(known.value - true) < 2.0 * known.std
+    assert found.yaw_acceleration.value == pytest.approx(K * T_S * WN**2, rel=0.02)
+    assert found.misfit < 0.02
+
+
+def test_the_gain_near_the_mode_is_found_with_its_sigma(answer: Answer):
+    s = 1j * answer.w
+    true = np.abs(K * (T_S * s + 1.0) * WN**2 / (s * s + 2.0 * ZETA * WN * s + WN**2))
+    gain, std = answer.gain()
+    assert (np.abs(gain - true) < 2.0 * std).all()
+    assert answer.w[[0, -1]] == pytest.approx(answer.wn_rad_s.value * np.array([0.6, 1.6]))
+
+
+def test_the_answer_scales_with_the_units_of_the_rudder_and_of_nothing_else(answer: Answer):
+    u = doublets(WN, 0.05, periods=7.0)
+    in_rad = answer_of(fits_of(record(0.1 * u, yaw_channel(u, 0.05), 0.05, noise=0.01)))
+    assert in_rad is not None
+    assert in_rad.wn_rad_s == pytest.approx(answer.wn_rad_s, rel=1e-6)
+    assert in_rad.eq_23[0].K.value == pytest.approx(10.0 * answer.eq_23[0].K.value, rel=1e-5)
+    assert in_rad.eq_23[0].K.std == pytest.approx(10.0 * answer.eq_23[0].K.std, rel=1e-4)
+
+
+def test_sigma_holds_noise_and_the_spread_of_the_structures():
+    """A real mode next to the pair, which each structure makes up for in its own way"""
+    A = [[0.0, 1.0, 0.0], [-4.0, -0.6, 0.0], [0.0, 0.0, -0.7]]
+    u = doublets(2.0, 0.05, periods=6.0)
+    y = states(A, [[0.0], [1.0], [1.0]], u[:, None], 0.05) @ [0.5, 1.0, 0.2]
+    inside = []
+    for seed in range(10):
+        found = answer_of(fits_of(record(u, y, 0.05, noise=0.03, seed=seed)))
+        assert found is not None
+        inside += [abs(found.wn_rad_s.value - 2.0) < 2.0 * found.wn_rad_s.std]
+        inside += [abs(found.zeta.value - 0.15) < 2.0 * found.zeta.std]
+    assert np.mean(inside) > 0.9
+
+
+def test_a_pair_at_an_edge_of_the_search_has_no_vote(fits: list[Fit]):
+    lost = [replace(fit, at_bound=fit.structure.name == "2") for fit in fits]
+    assert {fit.structure.name for fit, _ in weights_of(fits)} == {"2", "2L", "3"}
+    assert {fit.structure.name for fit, _ in weights_of(lost)} == {"2L", "3"}
+    assert answer_of([replace(fit, at_bound=True) for fit in fits]) is None
+
+
+def test_roll_has_the_more_weight_the_better_it_knows(with_roll: tuple[list[Fit], Floats]):
+    fits, truth = with_roll
+    weights = []
+    for variance in (1.0, 100.0, 1e4):
+        roll = replace(fits[-1], covariance=variance * fits[-1].covariance)
+        found = {fit.structure.name: x for fit, x in weights_of([*fits[:-1], roll])}
+        assert sum(found.values()) == pytest.approx(1.0)
+        weights.append(found.get("roll", 0.0))
+    assert weights[0] > 0.8
+    assert weights[0] > weights[1] > weights[2]
+
+    found = answer_of(fits)
+    assert found is not None
+    assert found.wn_rad_s.value == pytest.approx(truth[0], rel=0.02)
+    assert found.zeta.value == pytest.approx(truth[1], abs=0.02)
+
+
+def test_where_roll_does_not_show_its_loop_zeta_may_hide_a_part(fits: list[Fit]):
+    open_loop, closed = answer_of(fits), answer_of(fits, has_roll_loop=True)
+    assert open_loop is not None
+    assert closed is not None
+    hidden = np.sqrt(closed.zeta.std**2 - open_loop.zeta.std**2)
+    assert hidden == pytest.approx(HIDDEN_ZETA * closed.zeta.value)
+    assert closed.wn_rad_s == open_loop.wn_rad_s
+
+
+def test_roll_that_shows_its_loop_leaves_nothing_hidden(with_roll: tuple[list[Fit], Floats]):
+    fits, _ = with_roll
+    open_loop, closed = answer_of(fits), answer_of(fits, has_roll_loop=True)
+    assert open_loop is not None
+    assert closed is not None
+    assert closed.zeta == open_loop.zeta

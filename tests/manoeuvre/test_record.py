@@ -1,0 +1,76 @@
+"""The exact responses of poles over blocks, against scipy's matrix exponential."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from manoeuvre.exact import Floats, states
+
+from yawid.manoeuvre.record import LEAST_BLOCKS, Blocks, Record, blocks_for
+
+TS_S = 0.05
+POLES = np.array([-0.3 + 2.0j, -1.5 + 0.0j])
+
+
+def moved(n: int = 200) -> Floats:
+    return np.repeat(np.random.default_rng(3).normal(size=(n // 10, 2)), 10, axis=0)
+
+
+@pytest.mark.parametrize("linear", [False, True])
+@pytest.mark.parametrize("q", [1, 3])
+def test_a_response_is_that_of_the_differential_equation_averaged_over_blocks(q: int, linear: bool):
+    u = moved()
+    record = Record.of(TS_S, u, np.zeros(len(u)), linear=linear)
+    found = Blocks(record, q).responses(POLES)
+    for pole, response in zip(POLES, found, strict=True):
+        A = [[pole.real, -pole.imag], [pole.imag, pole.real]]
+        for i in range(2):
+            x = states(A, [[1.0], [0.0]], record.u[:, i : i + 1], TS_S, linear=linear)
+            exact = x @ [1.0, 1.0j]
+            rows = len(response.forced) * q
+            mean = exact[:rows].reshape(-1, q).mean(axis=1)
+            np.testing.assert_allclose(response.forced[:, i], mean, atol=1e-12)
+
+
+@pytest.mark.parametrize("linear", [False, True])
+def test_its_slope_is_the_difference_of_two_poles(linear: bool):
+    u = moved()
+    u[90:93] = np.nan
+    blocks = Blocks(Record.of(TS_S, u, np.zeros(len(u)), linear=linear), 3)
+    step = 1e-6
+    for at, above, below in zip(
+        *(blocks.responses(POLES + each) for each in (0.0, step, -step)), strict=True
+    ):
+        slope = (above.forced - below.forced) / (2.0 * step)
+        np.testing.assert_allclose(at.forced_slope, slope, atol=1e-7)
+        slope = (above.free - below.free) / (2.0 * step)
+        np.testing.assert_allclose(at.free_slope, slope, atol=1e-7)
+
+
+def test_a_gap_ends_a_run_whose_free_response_is_its_own():
+    y = np.zeros(200)
+    y[100] = np.nan
+    blocks = Blocks(Record.of(TS_S, moved(), y), 4)
+    response = blocks.responses(POLES[:1])[0]
+
+    assert blocks.runs.tolist() == [[0, 25], [25, 49]]
+    decay = np.exp(POLES[0] * TS_S * np.arange(100)).reshape(-1, 4).mean(axis=1)
+    np.testing.assert_allclose(response.free[:25, 0], decay, atol=1e-12)
+    np.testing.assert_allclose(response.free[25:, 1], decay[:24], atol=1e-12)
+    assert not response.free[25:, 0].any()
+    assert response.forced[25].tolist() != response.forced[24].tolist()
+
+
+def test_a_run_too_short_for_its_own_initial_state_is_left_out():
+    y = np.zeros(200)
+    y[4 * LEAST_BLOCKS - 1] = np.nan
+    assert Blocks(Record.of(TS_S, moved(), y), 4).runs.tolist() == [[0, (200 - 32) // 4]]
+
+
+def test_blocks_are_a_share_of_the_period_whatever_the_rate():
+    for hz in (10, 20, 50):
+        record = Record.of(1.0 / hz, np.zeros((100 * hz, 1)), np.zeros(100 * hz))
+        sixteenth = 2.0 * np.pi / 16
+        assert 0.75 * sixteenth < blocks_for(record, 1.0, 16, 80).step_s <= sixteenth
+    short = Record.of(0.05, np.zeros((100, 1)), np.zeros(100))
+    assert len(blocks_for(short, 0.5, 16, 80)) == 100

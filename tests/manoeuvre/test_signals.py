@@ -1,0 +1,92 @@
+"""What of the samples a fit sees, and why roll is left out."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from manoeuvre.exact import doublets, lateral
+from manoeuvres.streams import TS_S, stream
+
+from yawid.blocks import Floats, SampleBlock
+from yawid.manoeuvre.signals import aileron_moves, record_of, roll_fault, roll_lag_s
+
+RUDDER = doublets(2.0, TS_S, periods=10.0)
+R, ROLL, _ = lateral(RUDDER, TS_S)
+NOISE = np.random.default_rng(6).standard_normal((3, len(R)))
+P = np.gradient(ROLL, TS_S) + 1e-3 * NOISE[0]
+"""The roll rate of level flight."""
+
+
+def samples(roll: Floats = ROLL, aileron: Floats | float = np.nan) -> SampleBlock:
+    return stream(RUDDER, y=R + 1e-3 * NOISE[1], roll=roll, aileron=aileron)
+
+
+def test_a_fine_roll_at_the_yaw_rates_instants_is_used():
+    assert roll_fault(samples(ROLL + 1e-4 * NOISE[2]), P) == ""
+
+
+def test_roll_that_is_missing_is_left_out():
+    roll = ROLL.copy()
+    roll[40:] = np.nan
+    assert roll_fault(samples(roll)) == "roll is missing"
+
+
+def test_a_coarse_roll_is_left_out():
+    assert "too coarse" in roll_fault(samples(np.round(ROLL, 2)))
+
+
+def test_a_roll_that_comes_at_a_third_of_the_rate_is_left_out():
+    assert "too coarse" in roll_fault(samples(np.repeat(ROLL[::3], 3)[: len(ROLL)]))
+
+
+def test_a_limited_roll_is_left_out():
+    limited = np.minimum(ROLL, 0.5 * ROLL.max())
+    assert "at its limit" in roll_fault(samples(limited))
+
+
+@pytest.mark.parametrize("lag_s", [0.0, 0.01, 0.05])
+def test_the_roll_rate_shows_how_late_roll_is(lag_s: float):
+    t = TS_S * np.arange(len(ROLL))
+    late = samples(np.interp(t - lag_s, t, ROLL) + 1e-4 * NOISE[2])
+    assert roll_lag_s(late, P) == pytest.approx(lag_s, abs=0.005)
+    fault = roll_fault(late, P)
+    assert fault == "" if lag_s < 0.3 * TS_S else "later than the yaw rate" in fault
+
+
+def test_an_aileron_that_holds_the_wings_level_is_no_input():
+    held = -5.0 * ROLL - 1.5 * P
+    assert np.ptp(held) > 0.1
+    assert not aileron_moves(samples(aileron=held))
+
+
+def test_an_aileron_that_a_hand_moves_is_an_input():
+    own = 0.2 * np.where(np.arange(len(R)) // 23 % 3 == 0, 1.0, 0.0)
+    assert aileron_moves(samples(aileron=own - 0.5 * ROLL))
+    assert not aileron_moves(samples(aileron=0.1 * own))
+    assert not aileron_moves(samples())
+
+
+def test_a_sample_without_one_of_its_signals_is_a_gap():
+    roll = ROLL.copy()
+    roll[100] = np.nan
+    whole = samples(roll)
+
+    assert record_of(whole, with_roll=False).runs.tolist() == [[0, len(R)]]
+    assert record_of(whole).runs.tolist() == [[0, 100], [101, len(R)]]
+    assert record_of(whole).y.shape == (len(R), 2)
+
+
+def test_the_turn_is_taken_off_where_asked():
+    turn = np.linspace(0.0, 0.3, len(R))
+    turning = replace(samples(), y=R + turn, turn_rate=turn)
+    found = record_of(turning, turn_removed=True, with_roll=False).y[:, 0]
+    np.testing.assert_allclose(found, R - R.mean(), atol=1e-12)
+
+
+def test_a_rudder_that_moved_within_its_samples_is_taken_as_held():
+    moves = replace(samples(), rudder_moves=np.ones(len(R)))
+    plain, corrected = (record_of(x, with_roll=False).u for x in (samples(), moves))
+    assert corrected.sum() == pytest.approx(plain.sum(), abs=1e-9)
+    assert np.abs(corrected - plain).max() > 0.01
