@@ -87,19 +87,16 @@ class Fitted:
 
 def answer(samples: SampleBlock, n: int, setting: ManoeuvreSetting) -> Answered:
     """Return the answer of the ``n``-th manoeuvre from its samples."""
-    config, found = setting.config, conditions(samples, setting.modes_of)
+    config, (found, untrue) = setting.config, conditions(samples, setting.modes_of)
     turn = config.turn == "keep" and not config.binds("turn") and is_turning(samples)
     fitted = _fitted(samples, config, found, turn)
     evidence = Evidence(
         samples, setting, turn, *((None, None) if fitted is None else (fitted.fit, fitted.answer))
     )
-    flown = {name: value for name, value in asdict(found).items() if name != "untrue"}
-    verdict = Verdict.of(
-        [*reasons(evidence), *([] if found.untrue is None else [found.untrue])], CT
-    )
+    verdict = Verdict.of([*reasons(evidence), *([] if untrue is None else [untrue])], CT)
     manoeuvre = Manoeuvre(
         n=n,
-        **flown,
+        **asdict(found),
         inputs=list(config.inputs if fitted is None else fitted.inputs),
         turn_removed=turn or config.turn == "remove",
         estimates={} if fitted is None else {CT: _summary(fitted, setting, found)},

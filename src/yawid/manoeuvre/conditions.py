@@ -83,8 +83,7 @@ class Conditions:
 
     Times are in s since boot, ``date`` in UTC; airspeed in m/s, altitude in m above the sea.
     ``airspeed_kind`` is the kind that the source gives, a name of
-    :class:`yawid.quantities.airspeed.Kind`. Where the airspeed cannot be true, ``untrue`` says why
-    and the airspeed is unknown.
+    :class:`yawid.quantities.airspeed.Kind`.
     """
 
     from_s: float
@@ -98,11 +97,13 @@ class Conditions:
     airspeed_source: str | None
     airspeed_kind: str | None
     altitude_m: float | None
-    untrue: Reason | None
 
 
-def conditions(samples: SampleBlock, modes_of: tuple[int, int]) -> Conditions:
-    """Return the conditions of a manoeuvre's samples; ``modes_of`` is (autopilot, vehicle type)."""
+def conditions(samples: SampleBlock, modes_of: tuple[int, int]) -> tuple[Conditions, Reason | None]:
+    """Return the conditions of a manoeuvre's samples, and why its airspeed cannot be true.
+
+    Such an airspeed is unknown. ``modes_of`` is (autopilot, vehicle type).
+    """
     used = samples.select(np.flatnonzero(samples.held == 0))
     by_ground = used.noted & Noted.GROUND_SPEED.value != 0
     names = [mode_name(*modes_of, int(m)) for m in np.unique(samples.mode) if math.isfinite(m)]
@@ -117,7 +118,7 @@ def conditions(samples: SampleBlock, modes_of: tuple[int, int]) -> Conditions:
     from_s, to_s = (samples.boot_us[[0, -1]] / 1e6).tolist()
     unix_ns = int(samples.unix_ns[0])
     date = datetime.fromtimestamp(unix_ns // 10**6 / 1e3, UTC).isoformat(timespec="milliseconds")
-    return Conditions(
+    found = Conditions(
         from_s=from_s,
         to_s=to_s,
         duration_s=to_s - from_s,
@@ -129,8 +130,8 @@ def conditions(samples: SampleBlock, modes_of: tuple[int, int]) -> Conditions:
         airspeed_source=source,
         airspeed_kind=name_of(float(kind[np.argmax(count)])) if has_kind else None,
         altitude_m=_mean(used.altitude),
-        untrue=None if untrue is None else untrue.reason,
     )
+    return found, None if untrue is None else untrue.reason
 
 
 def loop_of(autopilot: int, mode: str) -> str:

@@ -68,7 +68,7 @@ class Laterals:
     def answer(self, n: int, samples: SampleBlock) -> None:
         """Fit the airframe to the motion of manoeuvre ``n``, whose samples these are."""
         motion, span_ns = self._store.cut(samples), (samples.unix_ns[0], samples.unix_ns[-1])
-        flown = conditions(samples, self._modes_of)
+        flown, _ = conditions(samples, self._modes_of)
         if flown.loop != AIRFRAME:
             self._held_s[n] = flown.from_s, flown.to_s
         gains = self._damper(n)
