@@ -30,7 +30,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "models": {"config", "estimation", "physics"},
     "damper": {"config", "models", "physics"},
     "results": {"config", "estimation", "physics"},
-    "manoeuvre": {"config", "estimation", "lateral", "results"},
+    "manoeuvre": {"config", "estimation", "lateral", "physics", "results"},
     "sinks": {"estimation", "results"},
     "sinks/mcap": {"config", "estimation", "sinks"},
     "sinks/rerun": {"physics", "sinks"},

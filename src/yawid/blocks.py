@@ -375,6 +375,10 @@ class EstimateBlock:
         columns = (theta, theta_std, y_hat, innovation, residual, noise_std, status, *last)
         return cls(np.column_stack(columns).astype(np.float64, copy=False), p)
 
+    def row(self, at: int) -> "EstimateBlock":
+        """Return the estimate of one sample as a block."""
+        return EstimateBlock(self.rows[at : at + 1], self.p)
+
     @property
     def theta(self) -> Floats:
         """The parameters (n, p) in the user's units."""

@@ -218,7 +218,7 @@ class Pipeline:
         for sink in self.sinks:
             sink.write(samples, estimates, self.modes)
         if self._manoeuvres is not None:
-            self._manoeuvres.feed(samples)
+            self._manoeuvres.feed(samples, estimates)
             if self._worker is None:
                 self.collect()
                 self.collect_lateral()

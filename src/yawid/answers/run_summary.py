@@ -144,8 +144,8 @@ class MethodSummary(Part, frozen=True, kw_only=True):
     orders: Orders | None = None
     sample_time_s: Positive
     forgetting_factor: Number | None = None
-    updates: Count
-    held: Count
+    updates: Count | None = None
+    held: Count | None = None
     theta: dict[str, Number] | None = None
     theta_std: dict[str, Number] | None = None
     modes: list[Mode] | None = None

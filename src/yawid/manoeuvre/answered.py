@@ -6,6 +6,7 @@ roll. What the user gives (``--inputs``, ``--turn``) binds.
 """
 
 import math
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 
 import msgspec
@@ -18,12 +19,14 @@ from yawid.answers.run_summary import (
     Manoeuvre,
     MethodSummary,
     OneStructure,
+    Orders,
     Response,
     Value,
 )
-from yawid.blocks import Floats, SampleBlock
+from yawid.blocks import EstimateBlock, Floats, SampleBlock, finite
 from yawid.config.run import BOTH, RunConfig
 from yawid.estimation.fit import fit_percent
+from yawid.estimation.polynomials import parameter_names
 from yawid.manoeuvre.answer import Answer, Known, answer_of
 from yawid.manoeuvre.conditions import Conditions, conditions
 from yawid.manoeuvre.fit import Fit, fits_of
@@ -32,6 +35,7 @@ from yawid.manoeuvre.likelihood import simulated
 from yawid.manoeuvre.projection import ROLL
 from yawid.manoeuvre.record import Record
 from yawid.manoeuvre.signals import aileron_moves, record_of, roll_fault
+from yawid.physics.modes import modes
 from yawid.quantities.vehicles import AIRFRAME, WITH_ROLL_LOOP
 from yawid.results.reasons import Reason, Verdict
 from yawid.results.summary import as_summary
@@ -85,8 +89,16 @@ class Fitted:
     answer: Answer | None
 
 
-def answer(samples: SampleBlock, n: int, setting: ManoeuvreSetting) -> Answered:
-    """Return the answer of the ``n``-th manoeuvre from its samples."""
+def answer(
+    samples: SampleBlock,
+    n: int,
+    setting: ManoeuvreSetting,
+    running: Mapping[str, EstimateBlock] | None = None,
+) -> Answered:
+    """Return the answer of the ``n``-th manoeuvre from its samples.
+
+    ``running`` holds the recursive estimates of its last sample, which are shown with it.
+    """
     config, (found, untrue) = setting.config, conditions(samples, setting.modes_of)
     turn = config.turn == "keep" and not config.binds("turn") and is_turning(samples)
     fitted = _fitted(samples, config, found, turn)
@@ -99,7 +111,8 @@ def answer(samples: SampleBlock, n: int, setting: ManoeuvreSetting) -> Answered:
         **asdict(found),
         inputs=list(config.inputs if fitted is None else fitted.inputs),
         turn_removed=turn or config.turn == "remove",
-        estimates={} if fitted is None else {CT: _summary(fitted, setting, found)},
+        estimates=({} if fitted is None else {CT: _summary(fitted, setting, found)})
+        | {name: _of_stream(name, each, setting) for name, each in (running or {}).items()},
         verdict=as_summary(verdict),
     )
     return Answered(manoeuvre, verdict, (int(samples.unix_ns[0]), int(samples.unix_ns[-1])))
@@ -131,6 +144,22 @@ def _by_inputs(
     pct = fit_percent(*simulated(fit))
     found = answer_of(fits, has_roll_loop=has_loop and not both)
     return Fitted(inputs, fault, fits, fit, pct, found)
+
+
+def _of_stream(method: str, last: EstimateBlock, setting: ManoeuvreSetting) -> MethodSummary:
+    """Return what a recursive method had at the end of a manoeuvre, with P's sigmas."""
+    config, orders = setting.config, setting.config.armax_orders()
+    names = parameter_names(orders, config.inputs, bias=True)
+    found = modes(last, orders, setting.sample_time_s, mean_output=config.output == "yaw")
+    return MethodSummary(
+        method=method,
+        orders=Orders(*config.four_orders),
+        sample_time_s=setting.sample_time_s,
+        theta=finite(dict(zip(names, last.theta[0], strict=True))),
+        theta_std=finite(dict(zip(names, last.theta_std[0], strict=True))),
+        dutch_roll=DutchRoll.of(found.dutch_roll[0]),
+        fit=HowWell(**finite({"innovation_std": last.noise_std[0]})),
+    )
 
 
 def seen_in(sample_time_s: float, rudder: Floats, yaw_rate: Floats) -> Floats:

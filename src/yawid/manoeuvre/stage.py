@@ -2,7 +2,7 @@
 
 import math
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Executor, Future
 from functools import partial
 from typing import Final
@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 
 from yawid.answers.run_summary import Bare, Flight
-from yawid.blocks import Floats, Ints, MotionBlock, SampleBlock
+from yawid.blocks import EstimateBlock, Floats, Ints, MotionBlock, SampleBlock
 from yawid.manoeuvre.answered import Answered, ManoeuvreSetting, answer
 from yawid.manoeuvre.conditions import AirspeedCheck, is_bare
 from yawid.manoeuvre.find import LONGEST_S, LONGEST_STATED_S, Finder, UnderWay
@@ -22,6 +22,10 @@ SAME: Final = 0.9
 """The part of a manoeuvre's yaw rates that another boot has, to the bit and at the same times, if
 the log holds it twice. Two flights have none in common; of a log read twice only the first samples
 of a boot differ. Without it a tlog that was appended to itself gave a sigma smaller by a tenth."""
+
+
+LATEST_S: Final = 30.0
+"""A manoeuvre is found at most so many s after its end, until when the estimates are kept."""
 
 
 class Manoeuvres:
@@ -46,6 +50,7 @@ class Manoeuvres:
         self._waiting: deque[tuple[int, Future[Answered]]] = deque()
         self._count = self._repeated = 0
         self._flown: list[tuple[Ints, Floats]] = []
+        self._running: deque[tuple[Ints, Mapping[str, EstimateBlock]]] = deque()
         self._finder = _finder(setting)
         self._airspeed = AirspeedCheck(setting.sample_time_s)
         self.laterals: Laterals | None = None
@@ -63,8 +68,12 @@ class Manoeuvres:
         """The number of manoeuvres that have ended and have no answer yet."""
         return len(self._waiting)
 
-    def feed(self, samples: SampleBlock) -> None:
-        """Take samples in."""
+    def feed(self, samples: SampleBlock, estimates: Mapping[str, EstimateBlock]) -> None:
+        """Take samples in, and the recursive estimates of them by method."""
+        self._running.append((samples.unix_ns, estimates))
+        until_ns = samples.unix_ns[-1] - 1e9 * LATEST_S
+        while len(self._running) > 1 and self._running[0][0][-1] < until_ns:
+            self._running.popleft()
         self._airspeed.feed(samples)
         for found in self._finder.feed(samples):
             self._answer(found)
@@ -122,6 +131,13 @@ class Manoeuvres:
             return None
         return self.laterals.flight([flight for flight, _ in self.flights([])])
 
+    def _stream_at(self, unix_ns: int) -> dict[str, EstimateBlock]:
+        """Return the recursive estimates of the last sample until a time, each a block of one."""
+        for times, estimates in reversed(self._running):
+            if (at := int(np.searchsorted(times, unix_ns, "right")) - 1) >= 0:
+                return {name: each.row(at) for name, each in estimates.items()}
+        return {}
+
     def _is_repeated(self, found: SampleBlock) -> bool:
         """Return whether an earlier manoeuvre of the log has the same samples at the same times."""
         for boot_us, y in self._flown:
@@ -136,11 +152,12 @@ class Manoeuvres:
             self._repeated += 1
             return
         self._count += 1
+        running = self._stream_at(found.unix_ns[-1])
         if self._worker is not None:
-            future = self._worker.submit(answer, found, self._count, self._setting)
+            future = self._worker.submit(answer, found, self._count, self._setting, running)
         else:
             future = Future()
-            future.set_result(answer(found, self._count, self._setting))
+            future.set_result(answer(found, self._count, self._setting, running))
         self._waiting.append((self._count, future))
         if self.laterals is not None:
             self.laterals.answer(self._count, found)

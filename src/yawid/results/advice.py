@@ -175,5 +175,5 @@ def _moved_enough(summary: RunSummary) -> bool:
     if summary.manoeuvres:
         return len(summary.manoeuvres) >= OFTEN
     answer, against = summary.answer, {each.id for each in summary.verdict.reasons}
-    learnt_s = 0.0 if answer is None else answer.updates * answer.sample_time_s
+    learnt_s = 0.0 if answer is None else (answer.updates or 0) * answer.sample_time_s
     return learnt_s >= _LONG_S and not against & _NOT_MOVED

@@ -180,7 +180,7 @@ def _sure(summary: RunSummary) -> Card:
         if answer.fit.simulation_pct is not None:
             explained_pct = max(answer.fit.simulation_pct, 0.0)
             notes.append(f"the model alone explains {explained_pct:.0f} % of the yaw rate")
-        notes.append(f"estimated from {duration(answer.updates * answer.sample_time_s)} of flight")
+        notes.append(f"estimated from {duration((answer.updates or 0) * answer.sample_time_s)} of flight")
     if mode is not None and mode.wn_std is not None and mode.wn_std_noise is None:
         notes.append("σ is of noise alone")
     return _how_sure(summary, mode, notes)
