@@ -50,10 +50,8 @@ LEAST_W, MOST_W, OF_RATE = 0.25, 30.0, 0.6
 _RIDGE: Final = 1e-10
 TRIALS: Final = 3
 """Trials of a step that a descent has on average, before it ends where it is."""
-LIGHTEST, LIGHTEST_LOOP = 0.002, 0.05
-"""A lighter pair has no vote: it is an edge of the search, or a line of the noise, as a roll loop
-that light is. Without it a trainer whose roll loop has real modes had one of zeta .04, and a Dutch
-roll 3 % off. Chosen on 72 drawn flights."""
+LIGHTEST: Final = 0.002
+"""A lighter pair is at an edge of the search, and has no vote."""
 AR_ROUNDS: Final = 2
 
 
@@ -223,13 +221,12 @@ def finished(problem: Problem, theta: Floats, point: Point, pair: int = 0) -> Fi
     blocks, of, N = problem.blocks, problem.structure, len(problem.blocks)
     forced = problem.mixing.shape[1] * len(blocks.u)
     low, high = limits(blocks, of)
-    own, is_own = slice(2 * pair, 2 * pair + 2), np.arange(of.pairs) == pair
-    ends = (theta <= low) | (theta >= high)
-    is_light = np.exp(theta[1 : 2 * of.pairs : 2]) < np.where(is_own, LIGHTEST, LIGHTEST_LOOP)
+    own = slice(2 * pair, 2 * pair + 2)
+    low[own.start + 1] = math.log(LIGHTEST)
     return Fit(
         blocks, of, theta, point.beta[0, :forced],
         _covariance(problem, point, len(theta) + forced), bic_of(problem, point), problem.D,
-        point.e.reshape(-1, N), bool(ends[own].any() or is_light.any()), pair,
+        point.e.reshape(-1, N), bool(((theta <= low) | (theta >= high))[own].any()), pair,
     )  # fmt: skip
 
 

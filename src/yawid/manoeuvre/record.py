@@ -56,7 +56,8 @@ class Record:
         """Return the record of u (n, inputs) and outputs (n,) each; a row with NaN is a gap."""
         y = np.stack(outputs, axis=1)
         good: Bools = np.isfinite(np.concatenate([u, y], axis=1)).all(axis=1)
-        u, y = (np.where(good[:, None], x - x[good].mean(axis=0), 0.0) for x in (u, y))
+        rows = max(np.count_nonzero(good), 1)
+        u, y = (np.where(good[:, None], x - x[good].sum(axis=0) / rows, 0.0) for x in (u, y))
         return cls(sample_time_s, u, y, runs_of(good), linear)
 
     @property
