@@ -30,7 +30,7 @@ from yawid.manoeuvre.projection import (
     Structure,
     ar_of,
 )
-from yawid.manoeuvre.record import Blocks, Complexes, Record, blocks_for
+from yawid.manoeuvre.record import Blocks, Complexes, Record, block_size
 
 PER_PERIOD: Final = 16
 """Blocks in a period of w. With the raw samples of a fine grid BIC prefers a resonance of the noise
@@ -256,10 +256,11 @@ def _covariance(problem: Problem, point: Point, first: int) -> Floats:
     return found
 
 
-def fits_of(record: Record) -> list[Fit]:
+def fits_of(record: Record, q: int | None = None) -> list[Fit]:
     """Return the fits of a manoeuvre: "2", "2L", "3", and "roll" where the record has roll.
 
-    There is none where the record has too few samples.
+    There is none where the record has too few samples. ``q`` is the size of the blocks, else it
+    follows from the period: the BIC of two lists can be compared only if it is the same.
     """
     rows = int(np.diff(record.runs).sum())
     coarse = Blocks(record, max(1, round(FINE_S / record.sample_time_s), rows // MOST_ROWS))
@@ -269,7 +270,8 @@ def fits_of(record: Record) -> list[Fit]:
     found = [descended(problem, each, 6, 0.1) for each in grid(coarse)]
     log_w, log_z = min(found, key=lambda each: float(each[1].e @ each[1].e))[0]
     pair = np.array([log_w, max(log_z, math.log(0.02))])
-    blocks = blocks_for(record, math.exp(log_w), PER_PERIOD, LEAST_ROWS)
+    q = q or block_size(record, math.exp(log_w), PER_PERIOD, LEAST_ROWS)
+    blocks = Blocks(record, q)
     fits = [_fitted(blocks, TWO, [pair])]
     pair = fits[0].theta
     fits += [

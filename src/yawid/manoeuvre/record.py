@@ -190,10 +190,13 @@ def _one_pole(L: complex, drive: Complexes) -> Complexes:
     return re + 1j * im
 
 
-def blocks_for(record: Record, wn_rad_s: float, per_period: int, least: int) -> Blocks:
-    """Return the record in ``per_period`` blocks a period of wn, but ``least`` blocks at least."""
+def block_size(record: Record, wn_rad_s: float, per_period: int, least: int) -> int:
+    """Return the samples of a block, of which a period has ``per_period`` and the record ``least``.
+
+    Where both cannot be, the record has so many.
+    """
     q = min(
         int(2.0 * math.pi / wn_rad_s / record.sample_time_s / per_period),
         int(np.diff(record.runs).sum()) // least,
     )
-    return Blocks(record, max(1, q))
+    return max(1, q)
