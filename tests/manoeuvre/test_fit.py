@@ -115,3 +115,4 @@ def test_sigma_of_the_response_follows_from_its_slopes():
 def test_too_few_samples_have_no_fit():
     u = doublets(2.0, 0.05)[:20]
     assert fits_of(Record.of(0.05, u[:, None], yaw_channel(u, 0.05))) == []
+    assert fits_of(Record.of(0.05, u[:, None], np.full(20, np.nan))) == []

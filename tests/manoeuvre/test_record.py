@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from manoeuvre.exact import Floats, states
 
-from yawid.manoeuvre.record import LEAST_BLOCKS, Blocks, Record, blocks_for
+from yawid.manoeuvre.record import LEAST_BLOCKS, Blocks, Record, block_size
 
 TS_S = 0.05
 POLES = np.array([-0.3 + 2.0j, -1.5 + 0.0j])
@@ -71,6 +71,6 @@ def test_blocks_are_a_share_of_the_period_whatever_the_rate():
     for hz in (10, 20, 50):
         record = Record.of(1.0 / hz, np.zeros((100 * hz, 1)), np.zeros(100 * hz))
         sixteenth = 2.0 * np.pi / 16
-        assert 0.75 * sixteenth < blocks_for(record, 1.0, 16, 80).step_s <= sixteenth
+        assert 0.75 * sixteenth < block_size(record, 1.0, 16, 80) / hz <= sixteenth
     short = Record.of(0.05, np.zeros((100, 1)), np.zeros(100))
-    assert len(blocks_for(short, 0.5, 16, 80)) == 100
+    assert block_size(short, 0.5, 16, 80) == 1

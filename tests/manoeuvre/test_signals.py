@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from manoeuvre.exact import doublets, lateral
+from manoeuvre.exact import doublets, lateral, yaw_channel
 from manoeuvre.streams import TS_S, stream
 
 from yawid.blocks import Floats, SampleBlock
-from yawid.manoeuvre.signals import aileron_moves, record_of, roll_fault, roll_lag_s
+from yawid.manoeuvre.signals import aileron_moves, fitted, record_of, roll_fault, roll_lag_s
 
 RUDDER = doublets(2.0, TS_S, periods=10.0)
 R, ROLL, _ = lateral(RUDDER, TS_S)
@@ -90,3 +90,24 @@ def test_a_rudder_that_moved_within_its_samples_is_taken_as_held():
     plain, corrected = (record_of(x, with_roll=False).u for x in (samples(), moves))
     assert corrected.sum() == pytest.approx(plain.sum(), abs=1e-9)
     assert np.abs(corrected - plain).max() > 0.01
+
+
+def test_an_aileron_is_an_input_where_it_moves_by_itself_and_explains_the_yaw_rate():
+    aileron = 0.2 * np.where(np.arange(len(R)) // 23 % 3 == 0, 1.0, 0.0)
+    yaws = yaw_channel(RUDDER, TS_S) + yaw_channel(aileron, TS_S, K=0.1) + 1e-4 * NOISE[1]
+    still = yaw_channel(RUDDER, TS_S) + 1e-4 * NOISE[1]
+    roll = 1e-3 * NOISE[2]
+    with_both, alone = (
+        fitted(stream(RUDDER, y=y, roll=roll, aileron=aileron)) for y in (yaws, still)
+    )
+    assert with_both.inputs == ("rudder", "aileron")
+    assert len(with_both.fits[0].blocks.u) == 2
+    assert np.exp(with_both.fits[0].log_pair) == pytest.approx([2.0, 0.1], rel=0.01)
+    assert alone.inputs == ("rudder",)
+    assert np.exp(alone.fits[0].log_pair) == pytest.approx([2.0, 0.1], rel=0.01)
+
+
+def test_without_roll_the_fits_say_why():
+    found = fitted(samples(np.round(ROLL, 2)))
+    assert {fit.structure.name for fit in found.fits} == {"2", "2L", "3"}
+    assert "too coarse" in found.roll_left_out

@@ -30,11 +30,11 @@ from yawid.estimation.polynomials import parameter_names
 from yawid.manoeuvre.answer import Answer, Known, answer_of
 from yawid.manoeuvre.conditions import Conditions, conditions
 from yawid.manoeuvre.fit import Fit, fits_of
-from yawid.manoeuvre.judge import WORTH_PCT, Evidence, is_turning, reasons
+from yawid.manoeuvre.judge import Evidence, is_turning, reasons
 from yawid.manoeuvre.likelihood import simulated
 from yawid.manoeuvre.projection import ROLL
 from yawid.manoeuvre.record import Record
-from yawid.manoeuvre.signals import aileron_moves, record_of, roll_fault
+from yawid.manoeuvre.signals import Fitted, fitted
 from yawid.physics.modes import modes
 from yawid.quantities.vehicles import AIRFRAME, WITH_ROLL_LOOP
 from yawid.results.reasons import Reason, Verdict
@@ -73,22 +73,6 @@ class Answered:
         return replace(self, found=found, verdict=verdict)
 
 
-@dataclass(frozen=True, slots=True)
-class Fitted:
-    """The fits of a manoeuvre with some inputs.
-
-    ``fit`` is the one of yaw rate with the least BIC, ``pct`` the part of the yaw rate in percent
-    that it explains when simulated. ``answer`` is None where no fit knows a pair.
-    """
-
-    inputs: tuple[str, ...]
-    roll_left_out: str
-    fits: list[Fit]
-    fit: Fit
-    pct: float
-    answer: Answer | None
-
-
 def answer(
     samples: SampleBlock,
     n: int,
@@ -101,49 +85,26 @@ def answer(
     """
     config, (found, untrue) = setting.config, conditions(samples, setting.modes_of)
     turn = config.turn == "keep" and not config.binds("turn") and is_turning(samples)
-    fitted = _fitted(samples, config, found, turn)
-    evidence = Evidence(
-        samples, setting, turn, *((None, None) if fitted is None else (fitted.fit, fitted.answer))
-    )
+    leaves = found.loop != WITH_ROLL_LOOP and not config.binds("inputs")
+    seen = fitted(samples, turn_removed=turn, inputs=None if leaves else config.inputs)
+    fit = min((each for each in seen.fits if each.structure.name != ROLL),
+              key=lambda each: each.bic, default=None)  # fmt: skip
+    has_loop = found.loop != AIRFRAME and seen.inputs != BOTH
+    found_by_fit = answer_of(seen.fits, has_roll_loop=has_loop) if fit else None
+    evidence = Evidence(samples, setting, turn, fit, found_by_fit)
     verdict = Verdict.of([*reasons(evidence), *([] if untrue is None else [untrue])], CT)
+    estimates = {name: _of_stream(name, each, setting) for name, each in (running or {}).items()}
+    if fit is not None:
+        estimates = {CT: _summary(seen, fit, found_by_fit, setting, found)} | estimates
     manoeuvre = Manoeuvre(
         n=n,
         **asdict(found),
-        inputs=list(config.inputs if fitted is None else fitted.inputs),
+        inputs=list(seen.inputs),
         turn_removed=turn or config.turn == "remove",
-        estimates=({} if fitted is None else {CT: _summary(fitted, setting, found)})
-        | {name: _of_stream(name, each, setting) for name, each in (running or {}).items()},
+        estimates=estimates,
         verdict=as_summary(verdict),
     )
     return Answered(manoeuvre, verdict, (int(samples.unix_ns[0]), int(samples.unix_ns[-1])))
-
-
-def _fitted(
-    samples: SampleBlock, config: RunConfig, found: Conditions, turn_removed: bool
-) -> Fitted | None:
-    """Return the fits, with the aileron as an input where it is asked for or worth it."""
-    has_loop = found.loop != AIRFRAME
-    alone = _by_inputs(samples, config.inputs, turn_removed, has_loop)
-    may_add = not config.binds("inputs") and found.loop != WITH_ROLL_LOOP
-    if alone is None or not (may_add and aileron_moves(samples)):
-        return alone
-    both = _by_inputs(samples, BOTH, turn_removed, has_loop)
-    return alone if both is None or both.pct <= alone.pct + WORTH_PCT else both
-
-
-def _by_inputs(
-    samples: SampleBlock, inputs: tuple[str, ...], turn_removed: bool, has_loop: bool
-) -> Fitted | None:
-    """Return the fits with these inputs, None where the samples are too few or do not move."""
-    fault, both = roll_fault(samples), inputs == BOTH
-    record = record_of(samples, turn_removed=turn_removed, with_aileron=both, with_roll=not fault)
-    if not record.is_enough:
-        return None
-    fits = fits_of(record)
-    fit = min((each for each in fits if each.structure.name != ROLL), key=lambda each: each.bic)
-    pct = fit_percent(*simulated(fit))
-    found = answer_of(fits, has_roll_loop=has_loop and not both)
-    return Fitted(inputs, fault, fits, fit, pct, found)
 
 
 def _of_stream(method: str, last: EstimateBlock, setting: ManoeuvreSetting) -> MethodSummary:
@@ -165,26 +126,29 @@ def _of_stream(method: str, last: EstimateBlock, setting: ManoeuvreSetting) -> M
 def seen_in(sample_time_s: float, rudder: Floats, yaw_rate: Floats) -> Floats:
     """Return wn in rad/s and zeta (2,) that the fit sees in a yaw rate (n,); NaN without."""
     record = Record.of(sample_time_s, rudder[:, None], yaw_rate)
-    found = answer_of(fits_of(record)) if record.is_enough else None
+    fits = fits_of(record)
+    found = answer_of(fits) if fits else None
     return np.full(2, np.nan) if found is None else np.array([found.wn_rad_s[0], found.zeta[0]])
 
 
-def _summary(fitted: Fitted, setting: ManoeuvreSetting, found: Conditions) -> MethodSummary:
-    """Return the answer as ``--json`` prints it."""
-    samples = int(np.diff(fitted.fit.blocks.record.runs).sum())
+def _summary(
+    seen: Fitted, fit: Fit, answer: Answer | None, setting: ManoeuvreSetting, found: Conditions
+) -> MethodSummary:
+    """Return the answer as ``--json`` prints it; ``fit`` is that of yaw rate with the least BIC."""
+    samples = int(np.diff(fit.blocks.record.runs).sum())
     bare = MethodSummary(
         method=CT,
         sample_time_s=setting.sample_time_s,
         updates=samples,
-        held=len(fitted.fit.blocks.record.u) - samples,
-        structure=fitted.fit.structure.name,
-        roll_left_out=fitted.roll_left_out or None,
-        fit=HowWell(simulation_pct=fitted.pct),
+        held=len(fit.blocks.record.u) - samples,
+        structure=fit.structure.name,
+        roll_left_out=seen.roll_left_out or None,
+        fit=HowWell(simulation_pct=fit_percent(*simulated(fit))),
     )
-    if (answer := fitted.answer) is None:
+    if answer is None:
         return bare
     wn, zeta, rudder = answer.wn_rad_s, answer.zeta, answer.eq_23[0]
-    noise = _noise(fitted.fits, answer)
+    noise = _noise(seen.fits, answer)
     numbers = _eq_22(wn, zeta, rudder.K, rudder.T_s, rudder.yaw_acceleration)
     return msgspec.structs.replace(
         bare,
@@ -192,8 +156,8 @@ def _summary(fitted: Fitted, setting: ManoeuvreSetting, found: Conditions) -> Me
         dutch_roll=DutchRoll.of((*wn, *zeta), noise, has_level=found.loop == AIRFRAME),
         physics={name: Value(each.value, each.std) for name, each in numbers.items()},
         yaw_acceleration=Value(*rudder.yaw_acceleration),
-        response=response_of(answer, fitted.inputs),
-        structures=_structures(fitted.fits, answer),
+        response=response_of(answer, seen.inputs),
+        structures=_structures(seen.fits, answer),
     )
 
 

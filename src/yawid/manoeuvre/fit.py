@@ -30,7 +30,7 @@ from yawid.manoeuvre.projection import (
     Structure,
     ar_of,
 )
-from yawid.manoeuvre.record import LEAST_BLOCKS, Blocks, Complexes, Record, blocks_for
+from yawid.manoeuvre.record import Blocks, Complexes, Record, block_size
 
 PER_PERIOD: Final = 16
 """Blocks in a period of w. With the raw samples of a fine grid BIC prefers a resonance of the noise
@@ -50,10 +50,8 @@ LEAST_W, MOST_W, OF_RATE = 0.25, 30.0, 0.6
 _RIDGE: Final = 1e-10
 TRIALS: Final = 3
 """Trials of a step that a descent has on average, before it ends where it is."""
-LIGHTEST, LIGHTEST_LOOP = 0.002, 0.05
-"""A lighter pair has no vote: it is an edge of the search, or a line of the noise, as a roll loop
-that light is. Without it a trainer whose roll loop has real modes had one of zeta .04, and a Dutch
-roll 3 % off. Chosen on 72 drawn flights."""
+LIGHTEST: Final = 0.002
+"""A lighter pair is at an edge of the search, and has no vote."""
 AR_ROUNDS: Final = 2
 
 
@@ -230,13 +228,12 @@ def finished(problem: Problem, theta: Floats, point: Point, pair: int = 0) -> Fi
     blocks, of, N = problem.blocks, problem.structure, len(problem.blocks)
     forced = problem.mixing.shape[1] * len(blocks.u)
     low, high = limits(blocks, of)
-    own, is_own = slice(2 * pair, 2 * pair + 2), np.arange(of.pairs) == pair
-    ends = (theta <= low) | (theta >= high)
-    is_light = np.exp(theta[1 : 2 * of.pairs : 2]) < np.where(is_own, LIGHTEST, LIGHTEST_LOOP)
+    own = slice(2 * pair, 2 * pair + 2)
+    low[own.start + 1] = math.log(LIGHTEST)
     return Fit(
         blocks, of, theta, point.beta[0, :forced],
         _covariance(problem, point, len(theta) + forced), bic_of(problem, point), problem.D,
-        point.e.reshape(-1, N), bool(ends[own].any() or is_light.any()), pair,
+        point.e.reshape(-1, N), bool(((theta <= low) | (theta >= high))[own].any()), pair,
     )  # fmt: skip
 
 
@@ -266,21 +263,22 @@ def _covariance(problem: Problem, point: Point, first: int) -> Floats:
     return found
 
 
-def fits_of(record: Record) -> list[Fit]:
+def fits_of(record: Record, q: int | None = None) -> list[Fit]:
     """Return the fits of a manoeuvre: "2", "2L", "3", and "roll" where the record has roll.
 
-    There is none where the record has too few samples.
+    There is none where the record has too few samples. ``q`` is the size of the blocks, else it
+    follows from the period: the BIC of two lists can be compared only if it is the same.
     """
-    rows = np.diff(record.runs)
-    q = max(round(FINE_S / record.sample_time_s), int(rows.sum()) // MOST_ROWS)
-    coarse = Blocks(record, max(1, min(q, int(rows.max()) // LEAST_BLOCKS)))
+    rows = int(np.diff(record.runs).sum())
+    coarse = Blocks(record, max(1, round(FINE_S / record.sample_time_s), rows // MOST_ROWS))
     if len(coarse) < FEWEST_ROWS:
         return []
     problem = Problem(coarse, TWO, np.eye(1)[None])
     found = [descended(problem, each, 6, 0.1) for each in grid(coarse)]
     log_w, log_z = min(found, key=lambda each: float(each[1].e @ each[1].e))[0]
     pair = np.array([log_w, max(log_z, math.log(0.02))])
-    blocks = blocks_for(record, math.exp(log_w), PER_PERIOD, LEAST_ROWS)
+    q = q or block_size(record, math.exp(log_w), PER_PERIOD, LEAST_ROWS)
+    blocks = Blocks(record, q)
     fits = [_fitted(blocks, TWO, [pair])]
     pair = fits[0].theta
     fits += [

@@ -277,8 +277,8 @@ def _dutch_roll(each: Answered) -> tuple[float, ...]:
 def _physics(used: Sequence[Answered], speeds: Floats) -> Mapping[str, Value]:
     """Return the numbers of eq. 22-23 over the power of V with which they go, where known.
 
-    ``speeds`` (n,) are the airspeeds of the n manoeuvres. Sigma of one is common to all: most of it
-    is what a structure leaves out.
+    ``speeds`` (n,) are the airspeeds of the n manoeuvres. Half of a variance counts as common to
+    all manoeuvres: what a structure leaves out is.
     """
     found = {}
     answers = [each.found.answer for each in used]
@@ -290,7 +290,8 @@ def _physics(used: Sequence[Answered], speeds: Floats) -> Mapping[str, Value]:
         known = np.isfinite(rows).all(axis=1) & (rows[:, 1] > 0.0)
         if known.any():
             x, std = (rows[known] / speeds[known, None] ** power).T
-            mean = pooled(x, std, TAU_WN_SHARE * abs(power) * abs(float(np.median(x))), std)
+            half = math.sqrt(0.5) * std
+            mean = pooled(x, half, TAU_WN_SHARE * abs(power) * abs(float(np.median(x))), half)
             found[name] = Value(mean.mean, mean.std, mean.noise)
     return found
 

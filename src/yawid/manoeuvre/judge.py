@@ -52,8 +52,6 @@ LEAST_PERIODS: Final = 2.0
 """The least length in periods of the mode: a drift and a bias make half a wave of anything."""
 LEAST_SWINGS: Final = 2
 """The least strokes of the rudder, there and back. Of one way alone its gain is the bias."""
-WORTH_PCT: Final = 2.0
-"""The points of the simulated fit that the aileron must add to be an input: any input adds some."""
 TURNS: Final = 0.6
 """The correlation of yaw rate and turn rate above which the bank, not the rudder, makes the yaw
 rate."""

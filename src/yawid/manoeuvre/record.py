@@ -28,8 +28,6 @@ from yawid.blocks import Bools, Floats, Ints, runs_of
 from yawid.estimation.all_pole import all_pole
 
 Complexes = NDArray[np.complex128]
-LEAST_SAMPLES: Final = 20
-"""The fewest samples of the longest run: the smallest structure has nine unknowns."""
 LEAST_BLOCKS: Final = 8
 """The least length of a run in blocks: each run has free initial states of its own, three in most
 structures, which explain a shorter one whatever the poles are. By counting; on no flights."""
@@ -58,18 +56,9 @@ class Record:
         """Return the record of u (n, inputs) and outputs (n,) each; a row with NaN is a gap."""
         y = np.stack(outputs, axis=1)
         good: Bools = np.isfinite(np.concatenate([u, y], axis=1)).all(axis=1)
-        means = (x[good].sum(axis=0) / max(np.count_nonzero(good), 1) for x in (u, y))
-        u, y = (
-            np.where(good[:, None], x - mean, 0.0) for x, mean in zip((u, y), means, strict=True)
-        )
+        rows = max(np.count_nonzero(good), 1)
+        u, y = (np.where(good[:, None], x - x[good].sum(axis=0) / rows, 0.0) for x in (u, y))
         return cls(sample_time_s, u, y, runs_of(good), linear)
-
-    @property
-    def is_enough(self) -> bool:
-        """Whether there are rows for a fit, in which yaw rate and inputs move."""
-        rows = max((b - a for a, b in self.runs.tolist()), default=0)
-        moves = np.ptp(self.u, axis=0).all() and np.ptp(self.y[:, 0]) > 0.0
-        return bool(rows >= LEAST_SAMPLES and moves)
 
     @property
     def seconds(self) -> float:
@@ -201,12 +190,14 @@ def _one_pole(L: complex, drive: Complexes) -> Complexes:
     return re + 1j * im
 
 
-def blocks_for(record: Record, wn_rad_s: float, per_period: int, least: int) -> Blocks:
-    """Return the record in ``per_period`` blocks a period of wn, but ``least`` blocks at least."""
-    rows = np.diff(record.runs)
+def block_size(record: Record, wn_rad_s: float, per_period: int, least: int) -> int:
+    """Return the samples of a block, of which a period has ``per_period`` and the record ``least``.
+
+    Where both cannot be, the record has so many.
+    """
     q = min(
         int(2.0 * math.pi / wn_rad_s / record.sample_time_s / per_period),
-        int(rows.sum()) // least,
-        int(rows.max()) // LEAST_BLOCKS,
+        int(np.diff(record.runs).sum()) // least,
+        int(np.diff(record.runs).max()) // LEAST_BLOCKS,
     )
-    return Blocks(record, max(1, q))
+    return max(1, q)
