@@ -44,6 +44,20 @@ def test_its_model_has_the_answers_poles(answer: Answer):
     assert -pole.real / abs(pole) == pytest.approx(zeta, rel=1e-12)
 
 
+def test_its_models_parameters_have_the_sigma_of_its_numbers(answer: Answer):
+    model, at = answer.model, 2 * answer.model.pair
+    std = np.sqrt(np.diag(model.covariance)[at : at + 2])
+    zeta = answer.zeta.value
+    assert std[0] == pytest.approx(answer.wn_rad_s.std / answer.wn_rad_s.value, rel=0.02)
+    assert zeta * std[1] == pytest.approx(answer.zeta.std, rel=0.02)
+
+    G, slopes = model.response(answer.w)
+    by = (np.conj(G[0]) * slopes[:, 0]).real / np.abs(G[0])
+    std = np.sqrt(np.einsum("in,ij,jn->n", by, model.covariance, by))
+    assert (std / answer.gain()[1] > 0.7).all()
+    assert (std / answer.gain()[1] < 2.0).all()  # zeta's floor, 4 % of it here, is in them alone
+
+
 def test_its_model_has_the_least_squares_of_all_models_with_these_poles(answer: Answer):
     model = answer.model
     columns = [

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from flightlog import FlightLog, samples_of
@@ -12,6 +14,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from yawid.blocks import Noted
 from yawid.config.run import RunConfig
 from yawid.manoeuvre.conditions import conditions, loop_of
+from yawid.quantities.airspeed import Kind
 from yawid.quantities.vehicles import mode_name
 
 ARDUPILOT, PX4, OTHER = 3, 12, 8
@@ -156,3 +159,10 @@ def test_a_ground_speed_is_of_no_kind():
     samples = stream(doublets(5.0), noted=int(Noted.GROUND_SPEED))
 
     assert conditions(samples, PLANE)[0].airspeed_kind is None
+
+
+def test_the_kind_of_an_airspeed_is_that_of_most_of_it():
+    samples = stream(doublets(5.0))
+    kinds = np.where(np.arange(len(samples)) < 30, float(Kind.TRUE), float(Kind.CALIBRATED))
+
+    assert conditions(replace(samples, airspeed_kind=kinds), PLANE)[0].airspeed_kind == "calibrated"

@@ -507,6 +507,23 @@ def test_blocks_of_1_of_7_and_of_100_samples_are_the_same_too(
     assert_same(found_bare(samples, range(0, len(samples), every)), found_bare(samples))
 
 
+@pytest.mark.parametrize("every", [1, 7, 100])
+def test_the_mix_is_that_of_the_same_20_seconds_however_the_stream_is_cut(every: int):
+    """Two of three samples are held, so that an old one more would change it"""
+    aileron = weave(120.0)
+    rudder = flown(rest(40), doublets(10), rest(20), doublets(10, 0.06), rest(40))
+    rudder = np.where(np.arange(len(rudder)) % 3, np.nan, rudder + 0.5 * aileron)
+    samples = stream(rudder, aileron=aileron)
+    for until in (47 * HZ, 53 * HZ):
+        strokes = []
+        for edges in ([], range(30 * HZ, until, every)):
+            finder = Finder(TS_S, 1.0)
+            for block in cut(samples.select(slice(0, until)), edges):
+                finder.feed(block)
+            strokes.append(finder.progress().stroke)
+        assert strokes[0] == strokes[1] > 0.0
+
+
 @settings(deadline=None, max_examples=20)
 @given(pieces=PIECES)
 def test_each_is_a_piece_of_the_stream_as_it_came(pieces: list[dict[str, Any]]):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -10,10 +11,11 @@ from manoeuvre.exact import doublets, lateral, yaw_channel
 from manoeuvre.streams import TS_S, stream
 
 from yawid.blocks import Floats, SampleBlock
+from yawid.manoeuvre.answer import answer_of
 from yawid.manoeuvre.signals import aileron_moves, fitted, record_of, roll_fault, roll_lag_s
 
 RUDDER = doublets(2.0, TS_S, periods=10.0)
-R, ROLL, _ = lateral(RUDDER, TS_S)
+R, ROLL, TRUTH = lateral(RUDDER, TS_S)
 NOISE = np.random.default_rng(6).standard_normal((3, len(R)))
 P = np.gradient(ROLL, TS_S) + 1e-3 * NOISE[0]
 """The roll rate of level flight."""
@@ -33,26 +35,39 @@ def test_roll_that_is_missing_is_left_out():
     assert roll_fault(samples(roll)) == "roll is missing"
 
 
-def test_a_coarse_roll_is_left_out():
-    assert "too coarse" in roll_fault(samples(np.round(ROLL, 2)))
+def test_a_roll_that_stays_where_it_is_is_left_out():
+    assert roll_fault(samples(np.zeros(len(R)))) == "roll stays where it is"
+    assert roll_fault(samples(np.round(ROLL / np.ptp(ROLL)))) == "roll stays where it is"
 
 
-def test_a_roll_that_comes_at_a_third_of_the_rate_is_left_out():
-    assert "too coarse" in roll_fault(samples(np.repeat(ROLL[::3], 3)[: len(ROLL)]))
+@pytest.mark.parametrize(
+    "seen",
+    [
+        lambda roll: np.round(roll / roll.std()) * roll.std(),
+        lambda roll: np.repeat(roll[::5], 5)[: len(roll)],
+    ],
+    ids=["coarse", "slow"],
+)
+def test_even_a_coarse_or_slow_roll_shows_the_dutch_roll_better_than_none(
+    seen: Callable[[Floats], Floats],
+):
+    off = []
+    for roll in (seen(ROLL), np.zeros(len(R))):
+        found = answer_of(fitted(samples(roll)).fits, has_roll_loop=True)
+        assert found is not None
+        off.append(abs(found.wn_rad_s.value - TRUTH[0]))
+        assert off[-1] < 2.0 * found.wn_rad_s.std
+        assert abs(found.zeta.value - TRUTH[1]) < 2.0 * found.zeta.std
+    assert off[0] < off[1]
 
 
-def test_a_limited_roll_is_left_out():
-    limited = np.minimum(ROLL, 0.5 * ROLL.max())
-    assert "at its limit" in roll_fault(samples(limited))
-
-
-@pytest.mark.parametrize("lag_s", [0.0, 0.01, 0.05])
+@pytest.mark.parametrize("lag_s", [0.0, 0.08, 0.15])
 def test_the_roll_rate_shows_how_late_roll_is(lag_s: float):
     t = TS_S * np.arange(len(ROLL))
     late = samples(np.interp(t - lag_s, t, ROLL) + 1e-4 * NOISE[2])
-    assert roll_lag_s(late, P) == pytest.approx(lag_s, abs=0.005)
+    assert roll_lag_s(late, P) == pytest.approx(lag_s, rel=0.15, abs=0.005)
     fault = roll_fault(late, P)
-    assert fault == "" if lag_s < 0.3 * TS_S else "later than the yaw rate" in fault
+    assert fault == "" if lag_s < 2.0 * TS_S else "later than the yaw rate" in fault
 
 
 def test_an_aileron_that_holds_the_wings_level_is_no_input():
@@ -108,6 +123,6 @@ def test_an_aileron_is_an_input_where_it_moves_by_itself_and_explains_the_yaw_ra
 
 
 def test_without_roll_the_fits_say_why():
-    found = fitted(samples(np.round(ROLL, 2)))
+    found = fitted(samples(np.zeros(len(R))))
     assert {fit.structure.name for fit in found.fits} == {"2", "2L", "3"}
-    assert "too coarse" in found.roll_left_out
+    assert found.roll_left_out == "roll stays where it is"

@@ -17,7 +17,8 @@ relative error, and the distance d in sigma of the two results. Of (LEFT_OUT / D
 stays in the variance of zeta.
 
 The answer's model is the structure of the least BIC with its pair at (wn, zeta), its residues,
-initial states and bias solved again. Of its response eq. 23's K and T follow by least squares,
+initial states and bias solved again; its parameters have the covariance that is nearest to C. Of
+its response eq. 23's K and T follow by least squares,
 
     K (T s + 1) wn^2 / (s^2 + 2 zeta wn s + wn^2) = G(s),   s = jw from .6 to 1.6 wn
 
@@ -27,7 +28,7 @@ better than K alone.
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -68,9 +69,8 @@ LIGHT_LOOP, KNOWN_LOOP = 0.05, 0.25
 """A roll loop's pair whose zeta is less than the first must be known to the second, relative: else
 it is a line of the noise, and roll has no vote. Without it a trainer whose roll loop has real modes
 had one of zeta .04, and a Dutch roll 3 % off. Chosen on 72 drawn flights."""
-RESOLVED, WIDE = 1e-3, 1e4
-"""The relative part of a response below which the model's numbers need not explain it, and by how
-much their variance may be larger than the structure has it."""
+PAIR_FIRST: Final = 100.0
+"""How much more wn and zeta weigh than each part of the response in the model's covariance."""
 LOWEST, HIGHEST, POINTS = 0.6, 1.6, 21
 """The frequencies of the response as parts of wn, and their number."""
 
@@ -102,7 +102,6 @@ class Answer:
     ``weights`` are those of the structures that were averaged, by name. ``model`` is the answer's
     model. At ``w`` (n,) in rad/s it has the ``response`` (inputs, n); ``covariance`` is that of
     (log wn, zeta, its real parts, its imaginary parts). ``eq_23`` has an entry for each input.
-    ``of_model`` is the covariance of the model's own theta and elements.
     """
 
     wn_rad_s: Known
@@ -113,7 +112,6 @@ class Answer:
     response: Complexes
     covariance: Floats
     eq_23: tuple[Eq23, ...]
-    of_model: Floats
 
     def gain(self, number: int = 0) -> tuple[Floats, Floats]:
         """Return |G(jw)| (n,) of an input, and its sigma (n,)."""
@@ -144,8 +142,8 @@ def answer_of(fits: Sequence[Fit], *, has_roll_loop: bool = False) -> Answer | N
     x = np.concatenate([[log_wn, zeta], G.real.ravel(), G.imag.ravel()])
     C = np.zeros((len(x), len(x)))
     for fit, s in weighted:
-        each, own = _numbers(fit, w)
-        C += s * (_inflated(fit) * own + np.outer(each - x, each - x))
+        each, J = _numbers(fit, w)
+        C += s * (_inflated(fit) * J @ fit.covariance @ J.T + np.outer(each - x, each - x))
     hidden = HIDDEN_ZETA * zeta if has_roll_loop else 0.0
     if weighted[-1][0].structure.name == ROLL:
         hidden = math.sqrt(1.0 - share[-1]) * _left_out(weighted[-1][0])
@@ -154,32 +152,13 @@ def answer_of(fits: Sequence[Fit], *, has_roll_loop: bool = False) -> Answer | N
     for moved in (FLOOR_GAIN * G, late):
         each = np.concatenate([moved.real.ravel(), moved.imag.ravel()])
         C[2:, 2:] += np.outer(each, each)
+    model = replace(model, covariance=_as_parameters(model, w, C))
     std = np.sqrt(np.diag(C)[:2])
     return Answer(
         Known(wn, wn * float(std[0])), Known(zeta, float(std[1])),
         {fit.structure.name: s for fit, s in weighted}, model, w, G, C,
         tuple(_eq_23(wn, zeta, w, G, C, number) for number in range(len(G))),
-        _of_model(model, w, C),
     )  # fmt: skip
-
-
-def _of_model(model: Fit, w: Floats, C: Floats) -> Floats:
-    """Return the covariance of the model's own numbers, with which its response has C.
-
-    What the response does not show of them stays as the structure has it.
-    """
-    at, (G, slopes) = 2 * model.pair, model.response(w)
-    J = np.zeros((len(C), len(model.covariance)))
-    J[0, at], J[1, at + 1] = 1.0, math.exp(model.log_pair[1])
-    moved = slopes.reshape(len(slopes), -1).T
-    J[2:] = np.concatenate([moved.real, moved.imag])
-    size = np.concatenate([np.ones(2), np.tile(np.abs(G).ravel(), 2)])
-    wide = WIDE * model.covariance
-    seen = J @ wide @ J.T + np.diag((RESOLVED * size) ** 2)
-    gain = np.linalg.solve(seen, J @ wide).T
-    rest = np.eye(len(gain)) - gain @ J
-    found: Floats = gain @ C @ gain.T + rest @ model.covariance @ rest.T
-    return found
 
 
 def weights_of(fits: Sequence[Fit]) -> list[tuple[Fit, float]]:
@@ -250,15 +229,26 @@ def _pair(fit: Fit) -> tuple[Floats, Floats]:
 
 
 def _numbers(fit: Fit, w: Floats) -> tuple[Floats, Floats]:
-    """Return x (2 + 2 inputs n,) of a fit at w (n,), and its covariance."""
+    """Return x (2 + 2 inputs n,) of a fit at w (n,), and its slopes by the parameters."""
     at, (pair, _) = 2 * fit.pair, _pair(fit)
     G, slopes = fit.response(w)
     J = np.zeros((2 + 2 * G.size, len(fit.covariance)))
     J[0, at], J[1, at + 1] = 1.0, pair[1]
     moved = slopes.reshape(len(slopes), -1).T
     J[2:] = np.concatenate([moved.real, moved.imag])
-    x = np.concatenate([pair, G.real.ravel(), G.imag.ravel()])
-    return x, J @ fit.covariance @ J.T
+    return np.concatenate([pair, G.real.ravel(), G.imag.ravel()]), J
+
+
+def _as_parameters(model: Fit, w: Floats, C: Floats) -> Floats:
+    """Return the covariance of a model's parameters that is nearest to C of x at w (n,).
+
+    wn and zeta count most, so that their sigmas are those of C.
+    """
+    scale = 1.0 / np.sqrt(np.diag(C))
+    scale[:2] *= PAIR_FIRST
+    back = np.linalg.pinv(scale[:, None] * _numbers(model, w)[1], rcond=1e-9) * scale
+    found: Floats = back @ C @ back.T
+    return found
 
 
 def _eq_23(wn: float, zeta: float, w: Floats, G: Complexes, C: Floats, number: int) -> Eq23:

@@ -235,7 +235,7 @@ def response_of(answer: Answer, inputs: tuple[str, ...]) -> Response:
     half[: 2 * structure.pairs] = 0.5
     half[1 : 2 * structure.pairs : 2] = -0.5
     each = half[:, None] * width
-    slopes = np.zeros((len(by_theta) + len(inputs) * len(width), len(answer.of_model)))
+    slopes = np.zeros((len(by_theta) + len(inputs) * len(width), len(model.covariance)))
     slopes[: len(by_theta), : len(by_theta)] = np.diag(by_theta)
     slopes[len(by_theta) :, len(by_theta) :] = np.kron(np.eye(len(inputs)), each)
     return Response(
@@ -244,5 +244,5 @@ def response_of(answer: Answer, inputs: tuple[str, ...]) -> Response:
             name: [[r.real, r.imag] for r in residues[:, i].tolist()]
             for i, name in enumerate(inputs)
         },
-        covariance=(slopes @ answer.of_model @ slopes.T).tolist(),
+        covariance=(slopes @ model.covariance @ slopes.T).tolist(),
     )

@@ -254,7 +254,7 @@ class Finder:
                 self._stroke = stroke
                 found += self._decide(stroke)
         start_k = self._next_k if self._start_k is None else self._start_k
-        oldest_k = min(start_k, self._looked_k - self._chunk - self._rest - self._reach)
+        oldest_k = min(start_k - self._rest, self._looked_k - self._chunk)
         first = int(np.searchsorted(self._kept[0].k, oldest_k))
         self._kept = [self._kept[0].select(slice(first, None))]
         return found
@@ -286,7 +286,7 @@ class Finder:
         None while too little is known of how it follows the aileron; without an aileron that moves
         it is the whole rudder.
         """
-        low_k = max(stop_k - self._chunk - self._rest, self._low_k + self._reach)
+        low_k = max(min(first_k, stop_k - self._chunk), self._low_k + self._reach)
         rudder = self._table(low_k, stop_k)[:, RUDDER]
         aileron = self._table(low_k - self._reach, stop_k + self._reach)[:, AILERON]
         newest = slice(first_k - low_k, None)
@@ -295,7 +295,6 @@ class Finder:
         lags = sliding_window_view(aileron, 2 * self._reach + 1)
         columns = np.column_stack([lags, np.ones(len(rudder))])
         good = np.flatnonzero(np.isfinite(columns).all(axis=1) & np.isfinite(rudder))
-        good = good[-self._chunk :]
         if len(good) < ROWS_PER_LAG * columns.shape[1]:
             return None
         # The constant is not subtracted: it drifts as the window slides, which is no movement.
