@@ -46,7 +46,7 @@ def run(tmp_path_factory) -> Run:
     lines += [f"{a:.2f},{b:.4f},{c:.6f},{V},0.0" for a, b, c in zip(t, u, r, strict=True)]
     path = tmp_path_factory.mktemp("damper") / "flight.csv"
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
-    return yawid.replay(path, rudder_unit="half-travel", rudder_is="commanded", orders=(2, 2, 2, 1))
+    return yawid.replay(path, rudder_unit="half-travel", rudder_is="commanded")
 
 
 def pair(gain: float, airspeed: float = V) -> complex:
@@ -72,7 +72,7 @@ def test_the_predictions_are_those_of_the_true_aircraft(run: Run) -> None:
         assert at.zeta == pytest.approx(-true.real / abs(true), abs=0.02)
         assert 0.0 < at.zeta_std < 0.05
     # No damper was flown: all of the rudder is the pilot's.
-    drawn = found.predicted.manoeuvre.judged.u[:, 0]
+    drawn = found.predicted.manoeuvre.u[:, 0]
     assert found.predicted.pilot == pytest.approx(np.nan_to_num(drawn - np.nanmedian(drawn)))
     flight = run.summary.flight.dutch_roll
     assert rows[0.0].wn_rad_s == pytest.approx(flight.wn_rad_s, rel=0.005)
@@ -157,7 +157,6 @@ def test_an_uncertain_or_refused_answer_gives_no_advice(run: Run) -> None:
     wide = change(flight, dutch_roll=change(flight.dutch_roll, wn_std=0.3))
     verdict = change(flight.verdict, usable=False)
     for each, id_ in ((wide, "wn_uncertain"), (change(flight, verdict=verdict), "not_usable"),
-                      (change(flight, orders=None), "not_fitted"),
                       (change(flight, airspeed_m_s=None), "airspeed_unknown")):  # fmt: skip
         other = Run(run.path, change(run.summary, flight=each), run.config, None, None)
         found = other.damper(autopilot="ardupilot", parameters=PLANE)
@@ -201,14 +200,14 @@ def test_a_turn_that_the_damper_feeds_back_is_refused(tmp_path: Path) -> None:
 
 def test_the_damped_response_is_that_of_the_steps_of_the_autopilot(run: Run) -> None:
     found = run.damper(autopilot="ardupilot", parameters=PLANE, gains=[0.3])
-    G, law = found.predicted.central, law_at(AUTOPILOTS["ardupilot"], PLANE, 200.0, V)
+    G, law = found.predicted.aircraft.central, law_at(AUTOPILOTS["ardupilot"], PLANE, 200.0, V)
     u = np.zeros(400)
     u[20:40], u[40:60] = 0.2, -0.2
 
     damped = closed_response(G, law, 0.3, u, 0.05)
 
     # The aircraft stepped at 200 Hz with the source's washout in between.
-    num, den = (np.real(p) for p in invres(G.residues[0], G.poles[0], [G.direct[0]]))
+    num, den = (np.real(p) for p in invres(G.residues[0], G.poles[0], []))
     b, a, _ = cont2discrete((np.trim_zeros(num.round(9), "f"), den), 0.005)
     b = b.ravel()
     y, put_in, washed, before = np.zeros(4000), np.zeros(4000), 0.0, 0.0

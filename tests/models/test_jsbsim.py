@@ -32,7 +32,7 @@ def identified(fdm: Any, A: np.ndarray, aileron: np.ndarray, rudder: np.ndarray)
     matrices = partial(_airframe, names=NAMES, airspeed_m_s=V)
     form = Form(NAMES, ("",) * len(NAMES), np.array(values), np.zeros((13, 13)), matrices)
     inputs = Signal("aileron", "half-travel"), Signal("rudder", "half-travel")
-    return LinearModel("bare airframe", True, (), "total", "mean", form, form, inputs, (), (),
+    return LinearModel("bare airframe", True, (), "mean", form, form, inputs, (), (),
                        facts={"airspeed_m_s": V})  # fmt: skip
 
 

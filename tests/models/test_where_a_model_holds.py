@@ -6,7 +6,6 @@ import json
 from pathlib import Path
 
 import numpy as np
-import pytest
 from flights.records import HZ, SAID, Leg, states
 
 import yawid
@@ -29,7 +28,6 @@ def flown() -> dict[str, np.ndarray]:
     return {"t": t, "rudder": rudder, "r": rate + noise, "airspeed": V + 0.0 * t}
 
 
-@pytest.mark.xfail(strict=True, reason="The answer anew")
 def test_the_response_of_a_model_is_within_three_sigmas_of_the_aircraft_where_sigma_is_given(
     tmp_path: Path,
 ) -> None:

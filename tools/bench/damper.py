@@ -175,14 +175,14 @@ def _decays(found: Study, after: Run, truth: dict[str, Any]) -> Row:
     plan, _, _ = plan_of(truth["place"])
     stick = excitation(plan)
     stick[-round(REST_S / STEP_S) :] = 0.0
-    step = predicted.manoeuvre.model.sample_time_s
+    step = predicted.manoeuvre.sample_time_s
     # The pilot's own rudder on the grid, as the damper's part is in the servo's output.
     first = t[0] - truth["rest"][1] + plan.seconds
     edges = first + step * np.arange(len(t) + 1)
     total = np.concatenate([[0.0], np.cumsum(stick) * STEP_S])
     mean = np.diff(np.interp(edges, STEP_S * np.arange(len(total)), total)) / step
     law = predicted.laws[0]
-    response = closed_response(predicted.central, law, truth["gain"], mean, step)
+    response = closed_response(predicted.aircraft.central, law, truth["gain"], mean, step)
     # From the last movement of the stick on.
     last = float(STEP_S * np.flatnonzero(stick)[-1]) - first + t[0]
     rows = (

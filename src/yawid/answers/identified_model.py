@@ -33,7 +33,6 @@ class ModelForm(Part, frozen=True, kw_only=True):
     """A model in continuous time, or, where it has a sample time, with held inputs."""
 
     sample_time_s: Number | None = None
-    delay_s: Number
     parameters: dict[str, ModelParameter]
     covariance: list[list[Number]]
     A: list[list[Number]]
@@ -46,15 +45,18 @@ class ModelForm(Part, frozen=True, kw_only=True):
 
 
 class ModelResponse(Part, frozen=True, kw_only=True):
-    """The frequency response from an input to an output; what is unknown of coherence is null."""
+    """The frequency response from an input to an output.
+
+    A sigma is null where the model does not hold, what is unknown of coherence is, too.
+    """
 
     input: str
     output: str
     w_rad_s: list[Number]
     re: list[Number]
     im: list[Number]
-    magnitude_std: list[Number]
-    phase_std_rad: list[Number]
+    magnitude_std: list[Number | None]
+    phase_std_rad: list[Number | None]
     coherence: list[Number | None] | None = None
 
 

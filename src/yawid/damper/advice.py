@@ -17,8 +17,7 @@ from yawid.blocks import Bools, Floats, finite
 from yawid.damper.autopilots import Law
 from yawid.damper.loop import closed_dutch_roll, known_frequencies, margins
 from yawid.models.draws import Aircraft
-from yawid.models.refit import Drawn
-from yawid.physics.continuous import Transfer
+from yawid.models.flown import Flown
 from yawid.physics.modes import Complexes
 
 LEAST_PHASE_DEG, LEAST_GAIN_DB = 45.0, 6.0
@@ -52,7 +51,6 @@ class Closed:
     phase_deg: Floats
     gain_db: Floats
     beyond: Bools
-    own: Bools
 
     @property
     def wn(self) -> Floats:
@@ -65,10 +63,9 @@ class Closed:
         return np.asarray(-self.s.real / np.abs(self.s))
 
     def middle(self, values: Floats) -> Floats:
-        """Return the medians (v, m) of the draws with the answer's own structure."""
-        own = values[..., self.own]
-        known: Bools = np.isfinite(own)
-        found = np.nanmedian(np.where(known.any(axis=-1, keepdims=True), own, 0.0), axis=-1)
+        """Return the medians (v, m) of the draws."""
+        known: Bools = np.isfinite(values)
+        found = np.nanmedian(np.where(known.any(axis=-1, keepdims=True), values, 0.0), axis=-1)
         return np.where(known.mean(axis=-1) >= LEAST_KNOWN, found, np.nan)
 
     def std(self, values: Floats) -> Floats:
@@ -118,15 +115,13 @@ class Closed:
 class Predicted:
     """The damped aircraft, for sentences and pages.
 
-    ``central`` is one aircraft with exactly the flight's answer, ``laws`` are by airspeed.
-    ``pilot`` (n,) is the rudder that the pilot moved in ``manoeuvre``.
+    ``laws`` are by airspeed. ``pilot`` (n,) is the rudder that the pilot moved in ``manoeuvre``.
     """
 
     aircraft: Aircraft
-    central: Transfer
     laws: tuple[Law, ...]
     closed: Closed
-    manoeuvre: Drawn
+    manoeuvre: Flown
     pilot: Floats
 
 
@@ -149,7 +144,7 @@ def closed_with(
         rows.append((s, found.phase_deg, found.gain_db, found.beyond))
     columns = [np.stack(column) for column in zip(*rows, strict=True)]
     s, phase, gain_db, beyond = columns
-    return Closed(gains, airspeeds_m_s, s, phase, gain_db, beyond, aircraft.own)
+    return Closed(gains, airspeeds_m_s, s, phase, gain_db, beyond)
 
 
 def largest_gain(aircraft: Aircraft, laws: Sequence[Law], airspeeds_m_s: Sequence[float]) -> float:

@@ -27,8 +27,7 @@ from yawid.damper.refusals import (
     usable_flight,
 )
 from yawid.damper.response import closed_response
-from yawid.models.draws import few
-from yawid.models.refit import Rows
+from yawid.models.flown import Rows
 
 ROWS: Final = 9
 """The gains, from 0 to the flown one, over which the closed pole is followed."""
@@ -68,12 +67,17 @@ class _Side:
         Raises:
             Refused: the answer is not usable, or not good enough for a prediction.
         """
-        flight, known = usable_flight(self.facts.summary), self.facts.parameters
+        flight = usable_flight(self.facts.summary)
         check_known(flight, MOST_WN_STD)
         check_input(self.facts.summary, self.facts.config)
-        turn = None if self.autopilot.turn is None else known.get(self.autopilot.turn, 1.0)
         rows = [self.rows[each.n] for each in _used(self.facts)]
-        return identified(self.facts, flight, rows, turn, MOST_GAIN_STD)
+        return identified(self.facts, flight, rows, self.turn_factor, MOST_GAIN_STD)
+
+    @property
+    def turn_factor(self) -> float | None:
+        """The damper's parameter of the wanted turn, None where it has no such term."""
+        name = self.autopilot.turn
+        return None if name is None else self.facts.parameters.get(name, 1.0)
 
 
 def before_after(a: Facts, b: Facts) -> BeforeAfter | None:
@@ -125,7 +129,7 @@ def _side(name: str, facts: Facts) -> _Side | None:
             by_gain.setdefault(round(gain, 6), []).append(each)
     # Of each gain those that the answer uses, where it uses any.
     numbers = {each.n for each in used}
-    kept = {gain: few([each for each in some if each.n in numbers] or some)
+    kept = {gain: [each for each in some if each.n in numbers] or some
             for gain, some in by_gain.items()}  # fmt: skip
     needed = {each.n: each for some in (used, *kept.values()) for each in some}
     rows = dict(zip(needed, facts.rows([*needed.values()]), strict=True))
@@ -135,7 +139,7 @@ def _side(name: str, facts: Facts) -> _Side | None:
 def _used(facts: Facts) -> list[Manoeuvre]:
     flight = facts.summary.flight
     used = set(flight.used) if flight is not None else set()
-    return few([each for each in facts.summary.manoeuvres or () if each.n in used])
+    return [each for each in facts.summary.manoeuvres or () if each.n in used]
 
 
 def _flown(side: _Side, by: Identified | None) -> Iterator[FlownGain]:
@@ -172,26 +176,23 @@ def _decays(
     side: _Side, law: Law, gain: float, manoeuvres: Sequence[Manoeuvre], by: Identified, wn: float
 ) -> dict[str, Decay]:
     """Return the damped sine of the decays as flown and as predicted, nothing without a decay."""
-    turn = side.autopilot.turn
-    off = turn is None or side.facts.config.turn == "remove"  # then the samples are less it already
-    factor = 0.0 if off else side.facts.parameters.get(turn or "", 1.0)
     flown: list[Floats] = []
     predicted: list[Floats] = []
     step = side.facts.sample_time_s
     for each in manoeuvres if side.facts.config.output != "yaw" else ():
-        columns = side.rows[each.n].columns()
-        if columns is None:
+        then = side.rows[each.n].flown(side.facts.config)
+        if then is None:
             continue
-        u, y = columns.u, columns.y
-        good = np.isfinite(u[:, 0]) & np.isfinite(y)
+        good, y = then.known, then.y
         t = np.arange(len(y))
         if np.count_nonzero(good) < len(y) / 2:
             continue
-        rudder, r = (np.interp(t, t[good], x[good]) for x in (u[:, 0], y))
-        error = r - factor * np.nan_to_num(columns.turn_rate)
+        rudder, r = (np.interp(t, t[good], x[good]) for x in (then.u[:, 0], y))
+        left = side.facts.turn_left(each, side.turn_factor)
+        error = r - left * np.nan_to_num(then.turn_rate)
         v = pilots_rudder(law, gain, rudder, error, step)
         speed = each.airspeed_m_s or by.aircraft.airspeed_m_s
-        G = by.central.faster(speed / by.aircraft.airspeed_m_s)  # noqa: N806
+        G = by.aircraft.central.faster(speed / by.aircraft.airspeed_m_s)  # noqa: N806
         decays = [rows for rows in decays_in(v, step, wn) if good[rows].all()]
         # What a wrong gain leaves of v in a decay would make the response that flown.
         for rows in decays:
@@ -225,5 +226,5 @@ def _effect(model: Identified) -> Value:
     """Return the rudder's effect over V^2, with the sigma of the draws."""
     aircraft = model.aircraft
     effect = aircraft.G.effect / aircraft.airspeed_m_s**2
-    middle = float(np.median(effect[aircraft.own]))
+    middle = float(np.median(effect))
     return Value(value=middle, std=float(np.sqrt(np.mean((effect - middle) ** 2))))

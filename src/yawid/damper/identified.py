@@ -1,25 +1,18 @@
-"""The aircraft that a run identified: its manoeuvres fitted again, and the draws made of them."""
+"""The aircraft that a run identified: the draws of its manoeuvres' answers."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from math import radians
-from typing import Final
 
 from yawid.answers.more_manoeuvres import MORE, of_mean
-from yawid.answers.run_summary import Flight
+from yawid.answers.run_summary import Flight, Manoeuvre
 from yawid.damper.autopilots import Autopilot, Law, law_at
-from yawid.damper.refusals import MOST_GAIN_STD, Refused, gain_uncertain, turn_share
-from yawid.models.draws import Aircraft, central, drawn_aircraft, fits
+from yawid.damper.refusals import MOST_GAIN_STD, Refused, check_turn, gain_uncertain
+from yawid.errors import NotIdentifiable
+from yawid.models.answered import Answered
+from yawid.models.draws import Aircraft, drawn_aircraft
+from yawid.models.flown import Flown, Rows, flown_in
 from yawid.models.identify import Recorded
-from yawid.models.refit import Drawn, Rows
-from yawid.physics.continuous import Transfer
-
-LEAST_TURN: Final = 0.05
-"""From this share of the yaw rate near wn on the wanted turn is in the model. Without it zeta was
-.03 to .04 low with a damper that adds .2."""
-RICHER: Final = ((3, 3, 2), (4, 4, 3))
-"""Structures: the draws have the flight's own and the other one of these."""
 
 
 class Facts(Recorded):
@@ -38,18 +31,26 @@ class Facts(Recorded):
         """Half the rudder's travel, in the unit of its channel."""
         return radians(self.config.rudder_max_deg) if self.config.rudder_max_deg else 1.0
 
+    def turn_left(self, found: Manoeuvre, factor: float | None) -> float:
+        """Return the part of the turn rate that the damper takes off a manoeuvre's yaw rate.
+
+        ``factor`` is the damper's parameter of the wanted turn, None where it has no such term.
+        """
+        if factor is None or self.config.turn == "remove":
+            return 0.0
+        return factor - float(found.turn_removed)
+
 
 @dataclass(frozen=True, slots=True)
 class Identified:
-    """The aircraft without its damper: in draws, and as one with exactly the flight's answer.
+    """The aircraft without its damper, from the rudder to the yaw rate less the wanted turn.
 
-    ``manoeuvre`` is the first of those that were fitted again. The output is the yaw rate, less
-    the wanted turn where that matters; ``turn`` is the part of it still to be taken off.
+    ``manoeuvre`` is the first of the flight's, and ``turn`` the part of the turn rate that is still
+    to be taken off its yaw rate.
     """
 
     aircraft: Aircraft
-    central: Transfer
-    manoeuvre: Drawn
+    manoeuvre: Flown
     turn: float
 
 
@@ -57,40 +58,33 @@ def identified(
     facts: Facts, flight: Flight, rows: Sequence[Rows], turn_factor: float | None,
     most_gain_std: float = MOST_GAIN_STD,
 ) -> Identified:  # fmt: skip
-    """Return the aircraft of a usable flight from the samples of some of its manoeuvres.
+    """Return the aircraft of a usable flight from the answers of its manoeuvres.
 
     ``turn_factor`` is the damper's parameter of the wanted turn, None where it has no such term.
     Closed on the yaw rate less that turn, the loop has the term exactly.
 
     Raises:
-        Refused: they do not give the flight's answer, the gain at wn is not known well enough, or
-            the wanted turn is too large a part of the yaw rate.
+        Refused: the manoeuvres have no models or no samples, the gain at wn is not known well
+            enough, or the wanted turn is too large a part of the yaw rate.
     """
-    assert flight.orders is not None  # check_known refuses others
-    assert flight.dutch_roll is not None
-    na, nb, nc, nk = (getattr(flight.orders, name) for name in ("na", "nb", "nc", "nk"))
-    other = RICHER[1] if (na, nb, nc) != RICHER[1] else RICHER[0]
-    structures, turn = ((na, nb, nc, nk), (*other, nk)), 0.0
-    of = partial(fits, facts.config, facts.sample_time_s, rows)
-    own = of(structures[0])
-    if turn_factor and own:
-        share = turn_share([each for each, _ in own], flight.dutch_roll.wn_rad_s, turn_factor)
-        if share > LEAST_TURN and facts.config.turn == "keep":
-            turn = turn_factor
-            own = of(structures[0], turn)
-    richer = of(structures[1], turn)
-    models = [[(each.model, speed) for each, speed in some] for some in (own, richer)]
-    held = facts.config.rudder_is == "commanded"
+    assert flight.dutch_roll is not None  # usable_flight() has seen to it
+    flown = flown_in(rows, facts.config)
+    try:
+        models = [Answered.of(each.found) for each in flown]
+    except NotIdentifiable as error:
+        raise Refused("not_fitted", str(error), "replay the log with this version") from error
+    left = [facts.turn_left(each.found, turn_factor) for each in flown]
+    if turn_factor and facts.config.turn == "keep":
+        check_turn(flown, flight.dutch_roll.wn_rad_s, turn_factor)
+    models = [_turned(*each) for each in zip(models, flown, left, strict=True)]
 
     def drawn(more: int) -> Aircraft | None:
         """Return the draws, with the sigmas of the mean after more manoeuvres."""
-        mean, output = of_mean(flight, more), facts.config.output
-        return drawn_aircraft(mean, *models, held=held, mean_output=output == "yaw")
+        return drawn_aircraft(of_mean(flight, more), models)
 
     aircraft = drawn(0)
     if aircraft is None:
-        text = "the manoeuvres, fitted again, do not give the flight's answer"
-        raise Refused("not_fitted", text, "replay the log with this version")
+        raise Refused("not_fitted", "its samples are not in the file", "replay the log again")
     n = len(flight.used)
     if (std := aircraft.effect_std(n)) > most_gain_std:
         later = {more: drawn(more) for more in MORE}
@@ -100,5 +94,15 @@ def identified(
             for more, each in later.items()
         }
         raise gain_uncertain(std, falls, most_gain_std)
-    left = 0.0 if facts.config.turn == "remove" else (turn_factor or 0.0) - turn
-    return Identified(aircraft, central(aircraft, flight), own[0][0], left)
+    return Identified(aircraft, flown[0], left[0])
+
+
+def _turned(model: Answered, flown: Flown, left: float) -> Answered:
+    """Return the model of the yaw rate less ``left`` times the turn rate: its poles are the same.
+
+    By linearity its residues are those of the yaw rate and of the turn rate.
+    """
+    if left == 0.0:
+        return model
+    poles, residues = model.halves()
+    return model.with_rudder(residues[0] - left * flown.explained_by_rudder(poles, flown.turn_rate))

@@ -103,13 +103,15 @@ def margins(G: Transfer, law: Law, gains: Floats, w: Floats) -> Margins:  # noqa
     """Return the margins for gains (m,) over the frequencies w (k,) in rad/s."""
     s: Complexes = (1j * w).astype(np.complex128)
     aircraft = G.at(s)
-    shape = (len(gains), len(G))
+    shape, each = (len(gains), len(G)), np.arange(len(G))
+    mode = np.argmin(np.abs(w - np.abs(G.dutch_roll)[:, None]), axis=1)
     phase, gain_db, beyond = np.full(shape, np.inf), np.full(shape, np.inf), np.zeros(shape, bool)
     for row, gain in enumerate(gains.tolist()):
         L = law.at(s, gain) * aircraft  # noqa: N806
         if not (L != 0.0).any():
             continue
         over, angle = np.log(np.abs(L)), np.unwrap(np.angle(L), axis=1)
+        angle -= 2.0 * np.pi * np.round(angle[each, mode] / (2.0 * np.pi))[:, None]
         phase[row], gain_db[row] = _phase_margin(over, angle), _gain_margin(over, angle)
         beyond[row] = over[:, -1] > 0.0
     return Margins(phase, gain_db, beyond)
@@ -118,8 +120,9 @@ def margins(G: Transfer, law: Law, gains: Floats, w: Floats) -> Margins:  # noqa
 def _phase_margin(over: Floats, angle: Floats) -> Floats:
     """Return the least phase margin (n,) in degrees; ``over`` is ln |L|, both (n, k).
 
-    ``angle`` is continuous from the lowest frequency on: where |L| is 1 the loop is stable as long
-    as it lies between -180 and 180 degrees.
+    ``angle`` is continuous, and nearest to 0 at the mode: where |L| is 1 the loop is stable as long
+    as it lies between -180 and 180 degrees. At the lowest frequency it is not known: the sign of
+    the gain there is that of a zero near 0, which no doublet shows.
     """
     crosses = (over[:, :-1] > 0.0) != (over[:, 1:] > 0.0)
     with np.errstate(divide="ignore", invalid="ignore"):

@@ -11,7 +11,7 @@ from yawid.answers.more_manoeuvres import MORE, of_mean
 from yawid.answers.run_summary import Flight, Manoeuvre, ReasonSummary, RunSummary
 from yawid.config.run import RunConfig
 from yawid.damper.autopilots import AUTOPILOTS, Autopilot, first
-from yawid.models.refit import Drawn
+from yawid.models.flown import Flown
 from yawid.quantities.vehicles import AIRFRAME
 
 EXIT_CODES: Final = {
@@ -56,10 +56,10 @@ def usable_flight(summary: RunSummary) -> Flight:
 
 
 def check_known(flight: Flight, most_wn_std: float = MOST_WN_STD) -> None:
-    """Check that a usable flight gives one model, at a known airspeed, of a wn known well enough.
+    """Check that a usable flight has a known airspeed, and a wn that is known well enough.
 
     Raises:
-        Refused: it does not; its manoeuvres may have different orders.
+        Refused: it has not.
     """
     roll = of_mean(flight).dutch_roll
     assert roll is not None  # usable_flight() has seen to it
@@ -68,9 +68,6 @@ def check_known(flight: Flight, most_wn_std: float = MOST_WN_STD) -> None:
         known = "no sigma" if part is None else f"a sigma of {percent(part)} %"
         text = f"wn has {known}, and at most {100 * most_wn_std:g} % is needed"
         raise Refused("wn_uncertain", text, fly_more(_wn_after(flight), most_wn_std))
-    if flight.orders is None:
-        text = "the manoeuvres were answered with different orders, and one model is needed"
-        raise Refused("not_fitted", text, "replay the log with the --orders of one of them")
     if flight.airspeed_m_s is None or flight.airspeed_source != "airspeed":
         text = "the airspeed of the manoeuvres is not known, and the damper is scaled by it"
         raise Refused("airspeed_unknown", text, "fly with an airspeed in the log")
@@ -184,8 +181,8 @@ def gain_uncertain(std: float, falls: Falls, most_std: float) -> Refused:
     return Refused("gain_uncertain", text, fly_more(falls, most_std))
 
 
-def turn_share(fits: Sequence[Drawn], wn: float, factor: float) -> float:
-    """Return the share of the turn's term, which feeds the roll back, in the yaw rate near wn.
+def check_turn(flown: Sequence[Flown], wn: float, factor: float) -> None:
+    """Check the share of the turn's term, which feeds the roll back, in the yaw rate near wn.
 
     ``factor`` is the parameter of the term, wn is in rad/s.
 
@@ -193,15 +190,15 @@ def turn_share(fits: Sequence[Drawn], wn: float, factor: float) -> float:
         Refused: it is above 20 %, or the bank is not known.
     """
     total = np.zeros(2)
-    for each in fits:
-        good = np.isfinite(each.judged.y) & np.isfinite(each.turn_rate)
+    for each in flown:
+        good = np.isfinite(each.y) & np.isfinite(each.turn_rate)
         if np.count_nonzero(good) < len(good) / 2:
             text = "bank or airspeed is not known: the damper also feeds back the wanted turn"
             raise Refused("roll_term", text, "log ATTITUDE and the airspeed")
         t = np.arange(len(good))
-        w = 2.0 * pi * np.fft.rfftfreq(len(t), each.model.sample_time_s)
+        w = 2.0 * pi * np.fft.rfftfreq(len(t), each.sample_time_s)
         near = (w >= NEAR_WN[0] * wn) & (w <= NEAR_WN[1] * wn)
-        for i, signal in enumerate((each.judged.y, factor * each.turn_rate)):
+        for i, signal in enumerate((each.y, factor * each.turn_rate)):
             whole = np.interp(t, t[good], signal[good])
             spectrum = np.fft.rfft((whole - whole.mean()) * np.hanning(len(t)))
             total[i] += np.sum(np.abs(spectrum[near]) ** 2)
@@ -212,4 +209,3 @@ def turn_share(fits: Sequence[Drawn], wn: float, factor: float) -> float:
             f"rate: at most {100 * MOST_TURN:g} % can be trusted in the loop"
         )
         raise Refused("roll_term", text, "hold the roll more closely in the manoeuvres")
-    return share

@@ -145,7 +145,7 @@ def _with_more_gain(predicted: Predicted, name: str) -> str:
     v, row = (int(i) for i in np.unravel_index(np.nanargmin(zeta - zeta[:, :1]), zeta.shape))
     G = predicted.aircraft.at(closed.airspeeds_m_s[v])  # noqa: N806
     lagging = predicted.aircraft.lag >= 0
-    slow = G.poles[lagging, predicted.aircraft.lag[lagging].astype(int)].real
+    slow = G.poles[lagging, predicted.aircraft.lag[lagging]].real
     lag = f", behind a lag of {float(np.median(-1.0 / slow)):.2g} s" if len(slow) else ""
     return (
         f"At {closed.airspeeds_m_s[v]:.1f} m/s more {name} takes damping from the pair{lag} (a "

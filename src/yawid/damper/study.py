@@ -36,8 +36,7 @@ from yawid.damper.refusals import (
 )
 from yawid.damper.sentences import Without, leave_out, sentences, warnings, without_damper
 from yawid.errors import ConfigError
-from yawid.models.draws import few
-from yawid.models.refit import Drawn
+from yawid.models.flown import Flown
 
 DIGITS: Final = 6
 """Decimal places of a gain."""
@@ -158,7 +157,7 @@ def _predicted(
     known: Mapping[str, float], loop_hz: float, asked: Asked,
 ) -> Predicted:  # fmt: skip
     turn = None if autopilot.turn is None else known.get(autopilot.turn, 1.0)
-    found = identified(facts, flight, facts.rows(few(used)), turn)
+    found = identified(facts, flight, facts.rows(used), turn)
     speeds = _airspeeds(flight, used, asked)
     laws = facts.laws(autopilot, known, loop_hz, speeds)
     largest = largest_gain(found.aircraft, laws, speeds)
@@ -166,14 +165,14 @@ def _predicted(
     closed = closed_with(found.aircraft, laws, gains, speeds, facts.sample_time_s)
     near = int(np.argmin(np.abs(np.array(speeds) - found.aircraft.airspeed_m_s)))
     pilot = _pilots(found.manoeuvre, laws[near], known[autopilot.gain], found.turn)
-    return Predicted(found.aircraft, found.central, tuple(laws), closed, found.manoeuvre, pilot)
+    return Predicted(found.aircraft, tuple(laws), closed, found.manoeuvre, pilot)
 
 
-def _pilots(drawn: Drawn, law: Law, gain: float, turn: float) -> Floats:
+def _pilots(flown: Flown, law: Law, gain: float, turn: float) -> Floats:
     """Return the rudder that the pilot moved; ``turn`` is the part of the turn rate taken off."""
-    rudder, r = (np.nan_to_num(x - np.nanmedian(x)) for x in (drawn.judged.u[:, 0], drawn.judged.y))
-    error = r - turn * np.nan_to_num(drawn.turn_rate)
-    return pilots_rudder(law, gain, rudder, error, drawn.model.sample_time_s)
+    rudder, r = (np.nan_to_num(x - np.nanmedian(x)) for x in (flown.u[:, 0], flown.y))
+    error = r - turn * np.nan_to_num(flown.turn_rate)
+    return pilots_rudder(law, gain, rudder, error, flown.sample_time_s)
 
 
 def _airspeeds(flight: Flight, used: Sequence[Manoeuvre], asked: Asked) -> list[float]:

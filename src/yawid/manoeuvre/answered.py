@@ -84,6 +84,8 @@ def answer(
     ``running`` holds the recursive estimates of its last sample, which are shown with it.
     """
     config, (found, untrue) = setting.config, conditions(samples, setting.modes_of)
+    if config.rudder_is == "measured":  # what moves on lines moves within every sample
+        samples = replace(samples, rudder_moves=np.ones(len(samples)))
     turn = config.turn == "keep" and not config.binds("turn") and is_turning(samples)
     leaves = found.loop != WITH_ROLL_LOOP and not config.binds("inputs")
     seen = fitted(samples, turn_removed=turn, inputs=None if leaves else config.inputs)

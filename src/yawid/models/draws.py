@@ -1,185 +1,146 @@
-"""The aircraft as far as it is known: transfer functions drawn from the answer's covariance.
+"""The aircraft as far as it is known: transfer functions drawn from the answers' covariance.
 
-Each draw is one of the flight's manoeuvres, fitted by its own structure or by the next richer one,
-with theta drawn from its covariance. Moved to the flight's airspeed, the draws' Dutch rolls have
-the flight's wn and zeta on average, and its total sigmas.
+Each draw is the model of one of the flight's manoeuvres, its numbers drawn from their covariance.
+Moved to the flight's airspeed, the draws' Dutch rolls have the flight's wn and zeta on average, and
+its total sigmas.
+
+Models of different structures have one form from LOWEST to HIGHEST of wn, where they hold: that of
+a pair and one real pole, the median of theirs, whose residues are solved by least squares.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
-from yawid.answers.run_summary import Flight, Manoeuvre
-from yawid.blocks import Bools, Floats
-from yawid.config.run import RunConfig
-from yawid.models.fitted import Model
-from yawid.models.refit import Drawn, Rows
-from yawid.physics.continuous import Transfer, transfer
+from yawid.answers.run_summary import Flight
+from yawid.blocks import Floats, Ints
+from yawid.models.answered import LEAST_ZETA, MOST_ZETA, Answered
+from yawid.physics.continuous import Transfer, pole_of
 from yawid.physics.modes import Complexes
 
 DRAWS: Final = 160
 SEED: Final = 20260101
-ALIKE: Final = 0.15
-"""A structure whose wn differs by more than this part of it has found another mode."""
-OWN_SHARE: Final = 0.6
-"""The share of the draws that have the answer's own structure."""
-MOST_MANOEUVRES: Final = 6
-"""The largest number of manoeuvres that are fitted again."""
+LOWEST, HIGHEST, POINTS = 0.6, 1.6, 21
+"""Where a model holds, as parts of wn: its covariance is that of the response there. Below it a
+model of eq. 23 does not have the zeros of an aircraft: |G| was 6 times too high at .3 wn."""
 
 
 @dataclass(frozen=True, slots=True)
 class Aircraft:
     """Draws of the aircraft at ``airspeed_m_s``: n transfer functions.
 
-    ``own`` (n,) says which have the answer's own structure. ``lag`` (n,) is the column of the real
-    pole that stays where it is at another airspeed, -1 in half of the draws: whether it is the
-    servo's or the aircraft's is not known. ``scatter`` is the sigma of the rudder's effect on the
-    pair in the draws of the own structure as they were fitted, one manoeuvre each, over its median.
+    ``lag`` (n,) is the column of the real pole that stays where it is at another airspeed, -1 in
+    half of the draws: whether it is the servo's or the aircraft's is not known. ``central`` is one
+    with exactly the flight's wn and zeta, and the mean of its manoeuvres' responses. ``falls`` is
+    the variance of the rudder's effect on the pair, over its median, that noise and the scatter
+    between manoeuvres cause: it falls with their number.
     """
 
     G: Transfer
-    own: Bools
-    lag: Floats
+    central: Transfer
+    lag: Ints
     airspeed_m_s: float
-    scatter: float
+    falls: float
 
     def at(self, airspeed_m_s: float) -> Transfer:
         """Return the transfer functions at another equivalent airspeed."""
         return self.G.faster(airspeed_m_s / self.airspeed_m_s, self.lag)
 
     def effect_std(self, manoeuvres: int) -> float:
-        """Return the sigma of the rudder's effect on the pair, over its median in the own draws.
+        """Return the sigma of the rudder's effect on the pair, over its median, of their mean.
 
-        What one manoeuvre scatters by falls with 1/sqrt(n) in the mean over ``manoeuvres``; what
-        the structures and the sigmas of wn and zeta make of it is common to all.
+        What the structures and the sigmas of wn and zeta make of it is common to all.
         """
-        effect, own = self.G.effect, self.scatter**2
-        total = float(np.mean((effect / np.median(effect[self.own]) - 1.0) ** 2))
-        return float(np.sqrt(max(total - own, 0.0) + own / manoeuvres))
+        effect = self.G.effect
+        total = float(np.mean((effect / np.median(effect) - 1.0) ** 2))
+        return float(np.sqrt(max(total - self.falls, 0.0) + self.falls / manoeuvres))
+
+    @property
+    def alike(self) -> Transfer:
+        """The draws in the form of ``central``."""
+        return alike(self.G, abs(self.central.dutch_roll[0]), self.central.poles[0, 2:])
 
 
-def few(manoeuvres: Sequence[Manoeuvre]) -> list[Manoeuvre]:
-    """Return as many of the manoeuvres as are fitted again, evenly spaced."""
-    count = min(len(manoeuvres), MOST_MANOEUVRES)
-    return [manoeuvres[i] for i in np.linspace(0, len(manoeuvres) - 1, count).round().astype(int)]
-
-
-def fits(
-    config: RunConfig, sample_time_s: float, rows: Sequence[Rows], orders: Sequence[int],
-    turn: float = 0.0,
-) -> list[tuple[Drawn, float]]:  # fmt: skip
-    """Return manoeuvres fitted by these orders, each with its airspeed in m/s.
-
-    The output is less ``turn`` times the turn rate.
-    """
-    drawn = [(each.drawn(config, sample_time_s, orders, turn), each.found.airspeed_m_s)
-             for each in rows]  # fmt: skip
-    return [(fit, speed) for fit, speed in drawn if fit is not None and speed is not None]
-
-
-def drawn_aircraft(
-    flight: Flight,
-    own: Sequence[tuple[Model, float]],
-    richer: Sequence[tuple[Model, float]],
-    *,
-    held: bool,
-    mean_output: bool = False,
-) -> Aircraft | None:
-    """Return the flight's aircraft from models, each with its airspeed in m/s; None without one.
-
-    ``own`` are the manoeuvres' models by the flight's own structure, ``richer`` by another.
-    ``held`` and ``mean_output`` are those of :func:`transfer`.
-    """
+def drawn_aircraft(flight: Flight, models: Sequence[Answered]) -> Aircraft | None:
+    """Return the flight's aircraft from the models of its manoeuvres; None where there is none."""
     roll, speed = flight.dutch_roll, flight.airspeed_m_s
-    if roll is None or speed is None or not own:
+    flown = [(each, each.found.airspeed_m_s) for each in models]
+    at = [(each, speed / own) for each, own in flown if speed is not None and own is not None]
+    if roll is None or speed is None or not at:
         return None
-    rng = np.random.default_rng(SEED)
-    wn = roll.wn_rad_s
-    parts: list[tuple[Transfer, bool]] = []
-    first = round(DRAWS * (OWN_SHARE if richer else 1.0))
-    for models, count, is_own in ((own, first, True), (richer, DRAWS - first, False)):
-        for i, (model, at) in enumerate(models):
-            share = count // len(models) + (i < count % len(models))
-            if share:
-                theta = _drawn(model, share, rng)
-                kept = transfer(
-                    theta, model.orders, model.sample_time_s, held=held, mean_output=mean_output
-                ).faster(speed / at)
-                near = np.abs(np.abs(kept.dutch_roll) / wn - 1.0) < ALIKE
-                parts.append((kept.select(near), is_own))
-    width = max(each.poles.shape[1] for each, _ in parts)
-    wide = [_widened(each, width) for each, _ in parts]
-    G = Transfer(
-        poles=np.concatenate([each.poles for each in wide]),
-        residues=np.concatenate([each.residues for each in wide]),
-        direct=np.concatenate([each.direct for each in wide]),
-        delay_s=wide[0].delay_s,
-        pair=np.concatenate([each.pair for each in wide]),
-    )
-    own_rows = np.concatenate([np.full(len(each), is_own) for each, is_own in parts])
-    if np.count_nonzero(own_rows) < DRAWS // 4:
-        return None
-    fitted = G.effect[own_rows]
-    G = G.with_pair(_as_answered(flight, G.dutch_roll, own_rows, rng))
+    rng, count = np.random.default_rng(SEED), max(1, round(DRAWS / len(at)))
+    parts = [each.transfer(each.drawn(count, rng)).faster(factor) for each, factor in at]
+    drawn = Transfer.joined(parts)
+    of_mean = Transfer.joined([each.transfer().faster(factor) for each, factor in at])
+    wn, zeta = roll.wn_rad_s, roll.zeta
+    of_mean = of_mean.with_pair(np.full(len(at), pole_of(wn, np.array(zeta))))
+    mean = alike(of_mean, wn, _median_real(drawn))
+    central = Transfer(mean.poles[:1], mean.residues.mean(axis=0)[None])
+    middle = float(np.median(drawn.effect))
+    common = [
+        (1.0 - _share_of_noise(each)) * np.var(part.effect / middle)
+        for (each, _), part in zip(at, parts, strict=True)
+    ]
+    falls = max(float(np.var(drawn.effect / middle) - np.mean(common)), 0.0)
+    G = drawn.with_pair(_as_answered(flight, drawn.dutch_roll, rng))
     lag = np.where(np.arange(len(G)) % 2 == 0, _fastest_real(G), -1)
-    scatter = float(np.std(fitted) / np.median(fitted))
-    return Aircraft(G, own_rows, lag, speed, scatter)
+    return Aircraft(G, central, lag, speed, falls)
 
 
-def central(aircraft: Aircraft, flight: Flight) -> Transfer:
-    """Return one transfer function with exactly the flight's wn and zeta, at its airspeed."""
-    assert flight.dutch_roll is not None
-    wn, zeta = flight.dutch_roll.wn_rad_s, flight.dutch_roll.zeta
-    poles = aircraft.G.dutch_roll
-    off = np.abs(np.log(np.abs(poles) / wn)) + np.abs(-poles.real / np.abs(poles) - zeta)
-    nearest = int(np.argmin(np.where(aircraft.own, off, np.inf)))
-    return aircraft.G.select(slice(nearest, nearest + 1)).with_pair(pole_of(wn, np.array([zeta])))
+def alike(G: Transfer, wn_rad_s: float, reals: Complexes) -> Transfer:
+    """Return models with their own pairs and these real poles (m,), with nearly their responses.
+
+    Their residues have the least relative error where a model with a pair at ``wn_rad_s`` holds.
+    """
+    s = np.asarray(1j * wn_rad_s * np.linspace(LOWEST, HIGHEST, POINTS), complex)
+    wanted = G.at(s)
+    near, far = (1.0 / (s - p[:, None]) for p in (G.dutch_roll, np.conj(G.dutch_roll)))
+    lags = [np.broadcast_to(1.0 / (s - p), near.shape) for p in reals]
+    columns = np.stack([near + far, 1j * (near - far), *lags], axis=2) / wanted[:, :, None]
+    rows = np.concatenate([columns.real, columns.imag], axis=1)
+    goal = np.repeat([1.0, 0.0], len(s))
+    found = np.linalg.pinv(rows) @ goal
+    pair = found[:, 0] + 1j * found[:, 1]
+    poles = np.column_stack([G.dutch_roll, np.conj(G.dutch_roll), np.tile(reals, (len(G), 1))])
+    return Transfer(poles, np.column_stack([pair, np.conj(pair), found[:, 2:]]))
 
 
-def _drawn(model: Model, count: int, rng: np.random.Generator) -> Floats:
-    """Return ``count`` draws of a model's theta."""
-    root = np.linalg.eigh(0.5 * (model.covariance + model.covariance.T))
-    spread = root.eigenvectors * np.sqrt(np.maximum(root.eigenvalues, 0.0))
-    found: Floats = model.theta + rng.normal(size=(count, len(model.theta))) @ spread.T
-    return found
+def _median_real(G: Transfer) -> Complexes:
+    """Return the median of the draws' first real pole (1,), nothing where none has any."""
+    known = np.flatnonzero((G.residues[:, 2:3] != 0.0).any(axis=1))
+    every = np.sort(G.poles[known, 2:3].real, axis=0)
+    return every[len(every) // 2 : len(every) // 2 + 1].ravel().astype(complex)
 
 
-def _as_answered(
-    flight: Flight, poles: Complexes, own: Bools, rng: np.random.Generator
-) -> Complexes:
+def _share_of_noise(model: Answered) -> float:
+    """Return the part of a manoeuvre's variance that noise explains, as wn has it."""
+    roll = model.found.dutch_roll
+    if roll is None or not roll.wn_std or roll.wn_std_noise is None:
+        return 0.0
+    return min(1.0, (roll.wn_std_noise / roll.wn_std) ** 2)
+
+
+def _as_answered(flight: Flight, poles: Complexes, rng: np.random.Generator) -> Complexes:
     """Return the Dutch rolls (n,) with the flight's mean and total sigma of wn and zeta."""
     assert flight.dutch_roll is not None
     roll = flight.dutch_roll
     ln_wn, zeta = np.log(np.abs(poles)), -poles.real / np.abs(poles)
     wanted = ((ln_wn, np.log(roll.wn_rad_s), (roll.wn_std or 0.0) / roll.wn_rad_s),
               (zeta, roll.zeta, roll.zeta_std or 0.0))  # fmt: skip
-    drawn = []
+    drawn: list[Floats] = []
     for values, mean, std in wanted:
-        apart = values - np.mean(values[own])
-        have = float(np.sqrt(np.mean(apart**2)))
+        apart = values - np.mean(values)
+        have = float(np.std(apart))
         more = np.sqrt(max(std**2 - have**2, 0.0))
         apart = apart * min(1.0, std / have if have > 0.0 else 1.0)
         drawn.append(mean + apart + more * rng.normal(size=len(values)))
-    return pole_of(np.exp(drawn[0]), np.clip(drawn[1], -0.9, 0.95))
+    return pole_of(np.exp(drawn[0]), np.clip(drawn[1], LEAST_ZETA, MOST_ZETA))
 
 
-def pole_of(wn: Floats | float, zeta: Floats) -> Complexes:
-    """Return the pole (n,) in the upper half plane of wn in rad/s and zeta (n,)."""
-    return np.asarray(wn * (-zeta + 1j * np.sqrt(1.0 - zeta**2)), complex)
-
-
-def _widened(G: Transfer, width: int) -> Transfer:
-    """Return it with further poles far away that have no effect, ``width`` in all."""
-    more = ((0, 0), (0, width - G.poles.shape[1]))
-    poles = np.pad(G.poles, more, constant_values=-1e9)
-    return replace(G, poles=poles, residues=np.pad(G.residues, more))
-
-
-def _fastest_real(G: Transfer) -> Floats:
+def _fastest_real(G: Transfer) -> Ints:
     """Return the column (n,) of the fastest stable real pole with an effect, -1 without one."""
     real = (np.abs(G.poles.imag) < 1e-9) & (G.poles.real < 0.0) & (np.abs(G.residues) > 0.0)
     speed = np.where(real, -G.poles.real, -np.inf)
-    fastest = np.argmax(speed, axis=1)
-    return np.where(real.any(axis=1), fastest, -1).astype(float)
+    return np.where(real.any(axis=1), np.argmax(speed, axis=1), -1)

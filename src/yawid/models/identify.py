@@ -1,12 +1,14 @@
 """The models of a run: of a manoeuvre, of the flight, and of the bare airframe (``LinearModel``).
 
 The yaw channel is in observer form: the first state is the yaw rate, each further one a sum of
-earlier samples or of derivatives, and the elements of A and B are the coefficients themselves. The
+derivatives, and the elements of A and B are the coefficients themselves. A manoeuvre's are those of
+its answer's poles and residues, whose covariance the delta method takes over. The flight's are the
+mean of its manoeuvres' in one form, and their covariance is that of the flight's draws. The
 bare airframe has the states of :mod:`yawid.lateral.model`.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -15,20 +17,17 @@ from scipy import signal
 
 from yawid.answers.run_summary import Bare, Manoeuvre, RunSummary, VerdictSummary
 from yawid.blocks import Floats, SampleBlock
-from yawid.config.estimator import ArmaxOrders
 from yawid.config.run import RunConfig
 from yawid.errors import ConfigError, NotIdentifiable
-from yawid.models.draws import drawn_aircraft, few, fits, pole_of
-from yawid.models.fitted import Model
-from yawid.models.linear import Form, LinearModel, Matrices, Signal, slopes_of
-from yawid.models.refit import Rows
-from yawid.physics.continuous import Transfer, transfer
-from yawid.physics.derivatives import numerator_polynomial
+from yawid.models.answered import Answered
+from yawid.models.draws import HIGHEST, LOWEST, drawn_aircraft
+from yawid.models.flown import Flown, Rows
+from yawid.models.linear import Form, LinearModel, Matrices, Measured, Signal, slopes_of
+from yawid.physics.continuous import Transfer
 from yawid.quantities.airspeed import GRAVITY
 from yawid.quantities.units import HALF_TRAVEL, unit_of_derivative
 
 HELD, MEAN = "held", "mean"
-OF_NOISE, TOTAL = "of noise alone", "total"
 _OUTPUT = Signal("r", "rad/s")
 _STATES = (Signal("beta", "rad"), Signal("p", "rad/s"), _OUTPUT, Signal("roll", "rad"))
 
@@ -44,11 +43,6 @@ class Recorded:
     parameters: Mapping[str, float]
 
     @property
-    def held(self) -> bool:
-        """Whether the models' input is held: fits take off what means spread of a command."""
-        return self.config.rudder_is == "commanded"
-
-    @property
     def input_is(self) -> str:
         """How the record has the rudder, see :class:`LinearModel`.
 
@@ -57,7 +51,8 @@ class Recorded:
         """
         rudder = self.summary.channels.get("rudder")
         rate_hz = None if rudder is None else rudder.rate_hz
-        return HELD if self.held and (rate_hz or np.inf) * self.sample_time_s < 1.02 else MEAN
+        commanded = self.config.rudder_is == "commanded"
+        return HELD if commanded and (rate_hz or np.inf) * self.sample_time_s < 1.02 else MEAN
 
     def rows(self, manoeuvres: Sequence[Manoeuvre]) -> list[Rows]:
         """Return the samples of manoeuvres, in one pass over those of the run."""
@@ -97,25 +92,22 @@ def model_of(run: Recorded, which: int | str) -> LinearModel:
 
 def _manoeuvre(run: Recorded, found: Manoeuvre) -> LinearModel:
     [rows] = run.rows([found])
-    drawn = rows.drawn(run.config, run.sample_time_s)
-    if drawn is None:
-        raise NotIdentifiable(f"manoeuvre {found.n} has no answer: {_why(found.verdict)}")
-    model, inputs = drawn.model, run.inputs(found.inputs)
-    discrete = _of_theta(model, inputs)
-    delay_s = (model.orders.nk[0] - 1) * model.sample_time_s
-    to_s = partial(
-        _continuous_of, orders=model.orders, sample_time_s=model.sample_time_s, held=run.held
+    return model_of_answer(run, Answered.of(found), rows.flown(run.config))
+
+
+def model_of_answer(run: Recorded, model: Answered, flown: Flown | None) -> LinearModel:
+    """Return the model of a manoeuvre's answer, ``flown`` being its samples."""
+    found, inputs = model.found, run.inputs(model.inputs)
+    slopes = slopes_of(partial(_coefficients, model), model.x, model.std)
+    continuous = _observer(
+        _coefficients(model, model.x), slopes @ model.covariance @ slopes.T, inputs
     )
-    values, slopes = to_s(discrete.values), slopes_of(to_s, discrete.values, discrete.std)
-    continuous = _observer(values, slopes @ discrete.covariance @ slopes.T, inputs)
-    if not run.held:  # theta's own input is the mean of a measured rudder
-        discrete = _sampled(continuous, model.sample_time_s, model.orders.nk[0] - 1)
     return LinearModel(
-        of=f"manoeuvre {found.n}", **_judged(found.verdict), sigma_is=OF_NOISE,
-        input_is=run.input_is,
-        continuous=continuous, discrete=discrete, inputs=inputs,
-        outputs=(_OUTPUT,), states=_chain(continuous),
-        delay_s=delay_s, measured=drawn.judged, facts=_airspeed(found.airspeed_m_s),
+        of=f"manoeuvre {found.n}", **_judged(found.verdict), input_is=run.input_is,
+        continuous=continuous, discrete=_sampled(continuous, run.sample_time_s), inputs=inputs,
+        outputs=(_OUTPUT,), states=_chain(continuous), facts=_airspeed(found.airspeed_m_s),
+        measured=None if flown is None else Measured.of(flown, model),
+        holds_rad_s=_holds(float(model.x[0])),
     )  # fmt: skip
 
 
@@ -124,48 +116,40 @@ def _flight(run: Recorded) -> LinearModel:
     if flight is None or flight.dutch_roll is None:
         why = _why(run.summary.deciding) or "no manoeuvre was found"
         raise NotIdentifiable(f"the flight has no answer: {why}")
-    if flight.airspeed_m_s is None:
-        raise NotIdentifiable("the airspeed is not known: take the model of one manoeuvre")
     used = [each for each in run.summary.manoeuvres or () if each.n in flight.used]
-    if flight.orders is None:
-        raise NotIdentifiable(
-            "the manoeuvres have different orders: take the model of one, or replay with --orders"
-        )
-    orders = list(flight.orders.to_json().values())
-    own = fits(run.config, run.sample_time_s, run.rows(few(used)), orders)
-    pairs = [(each.model, speed) for each, speed in own]
-    aircraft = drawn_aircraft(flight, pairs, (), held=run.held)
+    aircraft = drawn_aircraft(flight, [Answered.of(each) for each in used])
     if aircraft is None:
-        raise NotIdentifiable("the manoeuvres, fitted again, do not give the flight's answer")
-    draws = [_polynomials(aircraft.G, i) for i in range(len(aircraft.G))]
-    wn, zeta = flight.dutch_roll.wn_rad_s, flight.dutch_roll.zeta
-    pole = pole_of(wn, np.array([zeta]))
-    to_s = partial(transfer, held=run.held)
-    there = [to_s(m.theta[None], m.orders, m.sample_time_s).faster(flight.airspeed_m_s / at)
-             for m, at in pairs]  # fmt: skip
-    scaled = [_polynomials(each.with_pair(pole), 0) for each in there]
-    n = max(len(each) for each in scaled)
-    values = np.mean([each for each in scaled if len(each) == n], axis=0)
-    some = np.array([each for each in draws if len(each) == n])
+        raise NotIdentifiable("the airspeed is not known: take the model of one manoeuvre")
     inputs = run.inputs(("rudder",))
-    continuous = _observer(values, np.cov(some.T), inputs)
-    delay = pairs[0][0].orders.nk[0] - 1
+    values, draws = _polynomials(aircraft.central)[0], _polynomials(aircraft.alike)
+    apart = draws - values
+    continuous = _observer(values, apart.T @ apart / len(apart), inputs)
     return LinearModel(
-        of="flight", **_judged(flight.verdict), sigma_is=TOTAL, input_is=run.input_is,
-        continuous=continuous, inputs=inputs,
-        discrete=_sampled(continuous, run.sample_time_s, delay),
-        outputs=(_OUTPUT,), states=_chain(continuous),
-        delay_s=delay * run.sample_time_s,
-        facts=_airspeed(flight.airspeed_m_s),
+        of="flight", **_judged(flight.verdict), input_is=run.input_is,
+        continuous=continuous, discrete=_sampled(continuous, run.sample_time_s), inputs=inputs,
+        outputs=(_OUTPUT,), states=_chain(continuous), facts=_airspeed(flight.airspeed_m_s),
+        holds_rad_s=_holds(flight.dutch_roll.wn_rad_s),
     )  # fmt: skip
 
 
-def _polynomials(G: Transfer, row: int) -> Floats:
-    """Return the coefficients of den and num without the leading 1, highest power first (2n,)."""
-    kept = G.residues[row] != 0.0
-    p, residues = G.poles[row][kept], G.residues[row][kept]
-    num = numerator_polynomial(p[None], residues[None])[0][::-1]
-    return np.concatenate([np.real(np.poly(p))[1:], num])
+def _holds(wn_rad_s: float) -> tuple[float, float]:
+    return LOWEST * wn_rad_s, HIGHEST * wn_rad_s
+
+
+def _coefficients(model: Answered, x: Floats) -> Floats:
+    """Return the coefficients of den, then of each input's num, for the numbers x (p,)."""
+    n = model.order
+    each = [_polynomials(model.transfer(x[None], i))[0] for i in range(len(model.inputs))]
+    return np.concatenate([each[0][:n], *(both[n:] for both in each)])
+
+
+def _polynomials(G: Transfer) -> Floats:
+    """Return the coefficients (n, 2m) of den and num without its leading 1, high powers first."""
+    found = []
+    for p, residues in zip(G.poles, G.residues, strict=True):
+        parts = [r * np.poly(np.delete(p, i)) for i, r in enumerate(residues)]
+        found.append(np.concatenate([np.poly(p)[1:], np.sum(parts, axis=0)]).real)
+    return np.stack(found)
 
 
 def _bare(run: Recorded) -> LinearModel:
@@ -189,7 +173,7 @@ def _bare(run: Recorded) -> LinearModel:
     continuous = Form(names, units, values, covariance, matrices)
     lag = {} if bare.servo_lag_s is None else {"servo_lag_s": bare.servo_lag_s.value or 0.0}
     return LinearModel(
-        of="bare airframe", **_judged(bare.verdict), sigma_is=TOTAL, input_is=MEAN,
+        of="bare airframe", **_judged(bare.verdict), input_is=MEAN,
         continuous=continuous,
         discrete=_sampled(continuous, run.sample_time_s), inputs=inputs, outputs=_STATES,
         states=_STATES, facts=_airspeed(bare.airspeed_m_s) | lag,
@@ -212,67 +196,14 @@ def _airframe(values: Floats, names: Sequence[str], airspeed_m_s: float) -> Matr
     return A, B, np.eye(4), np.zeros((4, 2))
 
 
-def _sampled(continuous: Form, sample_time_s: float, delay: int = 0) -> Form:
-    """Return the form with the inputs held from sample to sample, ``delay`` samples late."""
+def _sampled(continuous: Form, sample_time_s: float) -> Form:
+    """Return the form with the inputs held from sample to sample."""
 
     def matrices(values: Floats) -> Matrices:
         A, B, C, D, _ = signal.cont2discrete(continuous.matrices(values), sample_time_s)
-        for _ in range(delay):  # the input of one sample before becomes a state
-            n, m = B.shape
-            A = np.block([[A, B], [np.zeros((m, n + m))]])
-            B, C = np.vstack([np.zeros((n, m)), np.eye(m)]), np.hstack([C, D])
-            D = np.zeros_like(D)
         return A, B, C, D
 
-    return Form(
-        continuous.names, continuous.units, continuous.values, continuous.covariance, matrices,
-        sample_time_s,
-    )  # fmt: skip
-
-
-def _of_theta(model: Model, inputs: Sequence[Signal]) -> Form:
-    """Return a manoeuvre's own coefficients as the discrete form."""
-    orders, p = model.orders, model.orders.na + sum(model.orders.nb)
-    names = [f"a{i + 1}" for i in range(orders.na)]
-    units = ["1"] * orders.na
-    for each, nb in zip(inputs, orders.nb, strict=True):
-        names += [f"b{i + 1}_{each.name}" for i in range(nb)]
-        units += [f"rad/s per {each.unit}"] * nb
-    return Form(
-        tuple(names), tuple(units), model.theta[:p], model.covariance[:p, :p],
-        partial(_discrete, orders=orders), model.sample_time_s,
-    )  # fmt: skip
-
-
-def _discrete(theta: Floats, orders: ArmaxOrders) -> Matrices:
-    lags = [nb + nk - 1 for nb, nk in zip(orders.nb, orders.nk, strict=True)]
-    n = max(orders.na, *lags)
-    A, B = np.eye(n, k=1), np.zeros((n, len(orders.nb)))
-    A[: orders.na, 0] = -theta[: orders.na]
-    first = orders.na
-    for i, (nb, nk) in enumerate(zip(orders.nb, orders.nk, strict=True)):
-        B[nk - 1 : nk - 1 + nb, i] = theta[first : first + nb]
-        first += nb
-    return A, B, np.eye(1, n), np.zeros((1, len(orders.nb)))
-
-
-def _continuous_of(
-    theta: Floats, orders: ArmaxOrders, sample_time_s: float, *, held: bool
-) -> Floats:
-    """Return the coefficients of den, then of each input's num, without leading zeros (m,)."""
-    found: list[Floats] = []
-    lags, first = None, orders.na
-    for nb, nk in zip(orders.nb, orders.nk, strict=True):
-        one = ArmaxOrders(na=orders.na, nb=(nb,), nc=0, nk=(nk,))
-        both = np.concatenate([theta[: orders.na], theta[first : first + nb]])
-        try:
-            G = transfer(both[None], one, sample_time_s, held=held, lags=lags)
-        except ValueError as error:
-            raise NotIdentifiable(f"there is no continuous model: {error}") from error
-        lags, coefficients = G.poles, _polynomials(G, 0)
-        found.append(coefficients if not found else coefficients[len(coefficients) // 2 :])
-        first += nb
-    return np.concatenate(found)
+    return replace(continuous, matrices=matrices, sample_time_s=sample_time_s)
 
 
 def _observer(values: Floats, covariance: Floats, inputs: Sequence[Signal]) -> Form:

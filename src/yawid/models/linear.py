@@ -14,7 +14,8 @@ from scipy import signal
 
 from yawid.blocks import Floats
 from yawid.errors import ConfigError
-from yawid.models.fitted import Judged
+from yawid.models.answered import Answered
+from yawid.models.flown import Flown
 from yawid.physics.frequency_response import frequency_response as measured_response
 from yawid.physics.modes import Complexes
 
@@ -24,6 +25,10 @@ STEP, LEAST_STEP = 1e-3, 1e-7
 """Steps of the slopes, in sigmas, and as a part of a parameter without one."""
 SEGMENTS = 4
 """Segments without overlap into which a manoeuvre is cut for its coherence."""
+COHERENT = 0.6
+"""The least coherence at which the response has a sigma: below it the model does not explain what
+was measured there. Signals that have nothing in common reach it in .6 % of records of 4 segments,
+(1 - .6)^(n - 1) for the n = 6.65 independent averages of 7 that overlap by half."""
 
 
 class Signal(NamedTuple):
@@ -36,7 +41,7 @@ class Signal(NamedTuple):
 class TransferFunction(NamedTuple):
     """num and den, highest power first, of one input to one output, with their sigmas.
 
-    In s, or in z where ``sample_time_s`` is not 0; a dead time ``delay_s`` comes on top in s.
+    In s, or in z where ``sample_time_s`` is not 0.
     """
 
     num: Floats
@@ -44,14 +49,12 @@ class TransferFunction(NamedTuple):
     num_std: Floats
     den_std: Floats
     sample_time_s: float
-    delay_s: float
 
 
 class StateSpace(NamedTuple):
     """x' = A x + B u, y = C x + D u, or x(k+1) = A x(k) + B u(k) where ``sample_time_s`` is not 0.
 
-    ``A_std`` and ``B_std`` are the sigmas of the elements, 0 where they are known. In continuous
-    time a dead time ``delay_s`` of the inputs comes on top.
+    ``A_std`` and ``B_std`` are the sigmas of the elements, 0 where they are known.
     """
 
     A: Floats
@@ -61,14 +64,14 @@ class StateSpace(NamedTuple):
     A_std: Floats
     B_std: Floats
     sample_time_s: float
-    delay_s: float
 
 
 class FrequencyResponse(NamedTuple):
     """G at ``w`` (k,) in rad/s from one input to one output, in y per u.
 
-    ``magnitude_std`` (k,) in y per u and ``phase_std_rad`` (k,) are sigmas of |G| and of its angle.
-    ``coherence`` (k,) is the squared coherence of the record, NaN where there is none.
+    ``magnitude_std`` (k,) in y per u and ``phase_std_rad`` (k,) are sigmas of |G| and of its angle,
+    NaN where the model does not hold. ``coherence`` (k,) is the squared coherence of what was
+    measured and what the model makes of it, NaN where there is none.
     """
 
     w: Floats
@@ -119,30 +122,59 @@ class Form:
 
 
 @dataclass(frozen=True, slots=True)
+class Measured:
+    """A manoeuvre as measured and as modelled, (n,) each, u (n, inputs); NaN in a gap.
+
+    ``t`` is in s since boot, ``y`` and ``simulated`` are in rad/s. ``longest`` has the rows of the
+    longest stretch without a gap.
+    """
+
+    t: Floats
+    u: Floats
+    y: Floats
+    simulated: Floats
+    longest: slice
+
+    @classmethod
+    def of(cls, flown: Flown, model: Answered) -> "Measured":
+        """Return a manoeuvre's samples with those of its model."""
+        simulated = flown.simulated(*model.halves())
+        return cls(flown.t, flown.u, flown.y, simulated, flown.longest_stretch)
+
+    def coherence(self, w: Floats, sample_time_s: float) -> Floats:
+        """Return the squared coherence (k,) of y and simulated at ``w`` (k,); NaN if too short."""
+        y, simulated = self.y[self.longest], self.simulated[self.longest]
+        if len(y) < 8 * SEGMENTS or not np.ptp(simulated) > 0.0:
+            return np.full(len(w), np.nan)
+        length_s = len(y) // SEGMENTS * sample_time_s
+        found = measured_response(simulated, y, sample_time_s, length_s)
+        at = 2.0 * np.pi * found.frequency_hz
+        return np.interp(w, at, found.coherence, left=np.nan, right=np.nan)
+
+
+@dataclass(frozen=True, slots=True)
 class LinearModel:
     """An identified model: of a manoeuvre, of the flight, or of the bare airframe.
 
-    ``of`` says which, ``usable`` and ``reasons`` whether its answer may be used, and ``sigma_is``
-    whether sigmas are total or of noise alone, as a manoeuvre's are. ``input_is`` says how the
-    record has the rudder: "mean" of each sample, or "held" from one to the next. The model answers
-    the rudder itself, in discrete time one that is held. Inputs move from their trim; a unit of
-    them is that of their channel. ``measured`` has the samples of a
-    manoeuvre, as measured and as modelled, else None. ``facts`` are further numbers.
+    ``of`` says which, ``usable`` and ``reasons`` whether its answer may be used. ``input_is`` says
+    how the record has the rudder: "mean" of each sample, or "held" from one to the next. The model
+    answers the rudder itself, in discrete time one that is held. Inputs move from their trim; a
+    unit of them is that of their channel. ``measured`` has the samples of a manoeuvre, else None.
+    ``holds_rad_s`` are the frequencies between which the response has a sigma, None where it has
+    one at all. ``facts`` are further numbers.
     """
 
     of: str
     usable: bool
     reasons: tuple[str, ...]
-    sigma_is: str
     input_is: str
     continuous: Form
     discrete: Form
     inputs: tuple[Signal, ...]
     outputs: tuple[Signal, ...]
     states: tuple[Signal, ...]
-    delay_s: float = 0.0
-    """The dead time of the inputs; in discrete time it is in the states."""
-    measured: Judged | None = None
+    measured: Measured | None = None
+    holds_rad_s: tuple[float, float] | None = None
     facts: dict[str, float] = field(default_factory=dict)
     from_prior: tuple[str, ...] = ()
     """The parameters that what is known beforehand determines more than the record does."""
@@ -163,10 +195,7 @@ class LinearModel:
         form = self._form(discrete)
         A, B, C, D = form.matrices(form.values)
         A_std, B_std = (form.sigma(itemgetter(i)) for i in (0, 1))
-        return StateSpace(A, B, C, D, A_std, B_std, form.sample_time_s, self._delay(discrete))
-
-    def _delay(self, discrete: bool) -> float:
-        return 0.0 if discrete else self.delay_s
+        return StateSpace(A, B, C, D, A_std, B_std, form.sample_time_s)
 
     def tf(
         self, input: str | None = None, output: str | None = None, *, discrete: bool = False
@@ -187,9 +216,7 @@ class LinearModel:
         num_std, den_std = form.sigma(polynomials)
         clean = np.abs(num) > 1e-12 * np.abs(num).max()
         first = int(np.argmax(clean)) if clean.any() else len(num) - 1
-        return TransferFunction(
-            num[first:], den, num_std[first:], den_std, form.sample_time_s, self._delay(discrete)
-        )
+        return TransferFunction(num[first:], den, num_std[first:], den_std, form.sample_time_s)
 
     @staticmethod
     def place_of(signals: Sequence[Signal], name: str | None) -> int:
@@ -221,27 +248,18 @@ class LinearModel:
         def response(m: Matrices) -> Complexes:
             A, B, C, D = m
             x = np.linalg.solve(1j * w[:, None, None] * np.eye(len(A)) - A, B[:, i, None])
-            found = (C[o] @ x)[:, 0] + D[o, i]
-            return np.asarray(found * np.exp(-1j * w * self.delay_s), np.complex128)
+            return np.asarray((C[o] @ x)[:, 0] + D[o, i], np.complex128)
 
-        form = self.continuous
+        form, known = self.continuous, np.full(len(w), np.nan)
         G = response(form.matrices(form.values))
         slopes = form.slopes(response) * (np.conj(G) / np.abs(G))[:, None]
-        along, across = form.spread(slopes.real), form.spread(slopes.imag)
-        return FrequencyResponse(w, G, along, across / np.abs(G), self._coherence(w, i))
-
-    def _coherence(self, w: Floats, place: int) -> Floats:
-        """Return the squared coherence (k,) of the longest stretch of the record."""
-        nothing = np.full(len(w), np.nan)
-        if self.measured is None:
-            return nothing
-        rows = self.measured.longest_stretch()
-        u, y, Ts = self.measured.u[rows, place], self.measured.y[rows], self.sample_time_s
-        if len(y) < 8 * SEGMENTS:
-            return nothing
-        found = measured_response(u, y, Ts, len(y) // SEGMENTS * Ts)
-        at = 2.0 * np.pi * found.frequency_hz
-        return np.interp(w, at, found.coherence, left=np.nan, right=np.nan)
+        along, across = form.spread(slopes.real), form.spread(slopes.imag) / np.abs(G)
+        if self.measured is not None:
+            known = self.measured.coherence(w, self.sample_time_s)
+        low, high = self.holds_rad_s or (0.0, np.inf)
+        lost = (w < low) | (w > high) | (known < COHERENT)
+        along[lost] = across[lost] = np.nan
+        return FrequencyResponse(w, G, along, across, known)
 
     def simulate(self, u: Sequence[float] | Floats) -> Floats:
         """Return the outputs of the model at rest for inputs on its grid: (n,), or (n, outputs).
@@ -267,7 +285,7 @@ class LinearModel:
         """Return a ``control.StateSpace`` of python-control with the signals' names.
 
         Raises:
-            ConfigError: python-control is not installed, or the continuous model has a dead time.
+            ConfigError: python-control is not installed.
         """
         try:
             import control
@@ -275,10 +293,5 @@ class LinearModel:
             text = "to_control needs python-control: pip install control"
             raise ConfigError(f"{text} ({error})") from error
         found = self.ss(discrete=discrete)
-        if found.delay_s:
-            raise ConfigError(
-                f"a dead time of {found.delay_s:g} s fits no continuous state space: "
-                "to_control(discrete=True) has it"
-            )
         names = {key: [each.name for each in getattr(self, key)] for key in ("inputs", "outputs")}
         return control.ss(*found[:4], found.sample_time_s, **names)

@@ -39,7 +39,6 @@ from yawid.physics.modes import (
     residues_of,
     rows_at_once,
 )
-from yawid.physics.moving_rudder import response
 from yawid.quantities.table import REDUCTION_ERROR, YAW_CHANNEL
 
 SERVO = list(YAW_CHANNEL).index("servo_tau_s")
@@ -194,12 +193,30 @@ def _of_response(
     """
     omega = np.sqrt(np.take_along_axis(p, yaw, axis=1).prod(axis=1).real)
     w = np.minimum(omega[:, None] * _BAND, _OF_NYQUIST * np.pi / sample_time_s)
-    wanted = response(theta, orders, sample_time_s, w, held=True, mean_output=mean_output)
+    wanted = _response(theta, orders, sample_time_s, w, mean_output=mean_output)
     s = 1j * w
     for i in range(p.shape[1]):
         pole = p[:, i, None]
         wanted = wanted * np.where((yaw == i).any(axis=1)[:, None], s - pole, 1.0 - s / pole)
     return _line(w, wanted.real, wanted.imag / w)
+
+
+def _response(
+    theta: Floats, orders: ArmaxOrders, sample_time_s: float, w: Floats, *, mean_output: bool
+) -> Complexes:
+    """Return the continuous response (n, k) at w (n, k) of models theta (n, p), their hold undone.
+
+    A dead time is left out.
+    """
+    z = np.exp(-1j * w * sample_time_s)
+    den, num = np.ones_like(z), np.zeros_like(z)
+    for i in range(orders.na):
+        den += theta[:, i, None] * z ** (i + 1)
+    for i in range(orders.nb[0]):
+        num += theta[:, orders.na + i, None] * z ** (i + 1)
+    hold = (1.0 - z) / (1j * w * sample_time_s)
+    found: Complexes = num / den / (hold**2 if mean_output else hold)
+    return found
 
 
 def _line(w: Floats, even: Floats, odd: Floats) -> tuple[Floats, Floats, Floats]:

@@ -116,9 +116,8 @@ def _over_gain(report: DamperReport, predicted: Predicted) -> Picture:
 
 
 def _middle_of(predicted: Predicted, v: int) -> Transfer:
-    return predicted.central.faster(
-        predicted.closed.airspeeds_m_s[v] / predicted.aircraft.airspeed_m_s
-    )
+    aircraft = predicted.aircraft
+    return aircraft.central.faster(predicted.closed.airspeeds_m_s[v] / aircraft.airspeed_m_s)
 
 
 def _locus(report: DamperReport, predicted: Predicted) -> Picture:
@@ -150,7 +149,7 @@ def _bode(predicted: Predicted, gain: float, name: str) -> Picture:
     law, speed = predicted.laws[0], predicted.closed.airspeeds_m_s[0]
     aircraft = predicted.aircraft.at(speed)
     w = known_frequencies(
-        float(np.median(np.abs(aircraft.dutch_roll))), predicted.manoeuvre.model.sample_time_s
+        float(np.median(np.abs(aircraft.dutch_roll))), predicted.manoeuvre.sample_time_s
     )
     s: Complexes = (1j * w).astype(np.complex128)
     every = law.at(s, gain) * aircraft.at(s)
@@ -186,16 +185,16 @@ def _ninety_five(values: Floats) -> tuple[Floats, Floats]:
 
 
 def _response(predicted: Predicted, gain: float, name: str) -> Picture:
-    judged, model = predicted.manoeuvre.judged, predicted.manoeuvre.model
+    flown = predicted.manoeuvre
     speeds = np.array(predicted.closed.airspeeds_m_s)
     v = int(np.argmin(np.abs(speeds - predicted.aircraft.airspeed_m_s)))
     G, law = _middle_of(predicted, v), predicted.laws[v]
     period_s = 2.0 * np.pi / float(np.abs(G.dutch_roll[0]))
-    shown = slice(0, round(PERIODS_SHOWN * period_s / model.sample_time_s))
-    u, t = predicted.pilot[shown], (judged.t - judged.t[0])[shown]
-    y = (judged.y - np.nanmedian(judged.y))[shown]
+    shown = slice(0, round(PERIODS_SHOWN * period_s / flown.sample_time_s))
+    u, t = predicted.pilot[shown], (flown.t - flown.t[0])[shown]
+    y = (flown.y - np.nanmedian(flown.y))[shown]
     without, damped = (
-        closed_response(G, law, each, u, model.sample_time_s) for each in (None, gain)
+        closed_response(G, law, each, u, flown.sample_time_s) for each in (None, gain)
     )
 
     def draw(figure: Figure) -> None:

@@ -1,8 +1,4 @@
-"""The data of the report: the rows of a run, and its final model estimated again.
-
-The file holds the sigma of theta but not its covariance, which every band needs. Estimating again
-from the samples gives the covariance, and shows that the file can be replayed.
-"""
+"""The data of the report: the rows of a run, and the models of its best manoeuvres."""
 
 from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass
@@ -10,7 +6,6 @@ from enum import IntFlag
 from typing import Any, Final
 
 import numpy as np
-from msgspec.structs import astuple
 
 from yawid.answers.run_summary import Manoeuvre
 from yawid.blocks import (
@@ -25,13 +20,13 @@ from yawid.blocks import (
     runs_of,
     words,
 )
-from yawid.estimation.bank import Bank
-from yawid.estimation.fit import simulate
-from yawid.models.fitted import Judged, Model
-from yawid.models.refit import Drawn, Rows
+from yawid.models.answered import Answered
+from yawid.models.flown import Rows
+from yawid.models.identify import Recorded, model_of_answer
+from yawid.models.linear import LinearModel, Measured
 from yawid.physics.modes import modes as physics_modes
+from yawid.sinks.base import Grid
 from yawid.sinks.mcap.reader import McapRun
-from yawid.sinks.words import orders_in
 
 TRACK_POINTS = 600
 MOST_DRAWN: Final = 4
@@ -79,119 +74,122 @@ class Whole:
 
 
 @dataclass(frozen=True, slots=True)
-class ReportData:
-    """The data drawn of one run: ``tracks`` by method; ``drawn`` has the best manoeuvre first."""
+class Drawn:
+    """A manoeuvre that is drawn: its answer's model, and its samples with what that makes of it."""
 
-    method: str
-    model: Model
+    answered: Answered
+    model: LinearModel
+
+    @property
+    def found(self) -> Manoeuvre:
+        """The manoeuvre."""
+        return self.answered.found
+
+    @property
+    def measured(self) -> Measured:
+        """Its samples."""
+        assert self.model.measured is not None  # gather() had them
+        return self.model.measured
+
+    @property
+    def wn_rad_s(self) -> float:
+        """The natural frequency of the answer."""
+        return float(self.answered.x[0])
+
+
+@dataclass(frozen=True, slots=True)
+class ReportData:
+    """The data drawn of one run.
+
+    ``tracks`` are by method, that of the modes in the file first; ``drawn`` has the best manoeuvre
+    first.
+    """
+
     tracks: dict[str, Track]
-    judged: Judged
     events: Events
     whole: Whole
     drawn: tuple[Drawn, ...]
 
     @property
     def track(self) -> Track:
-        """The track of the method that is drawn."""
-        return self.tracks[self.method]
+        """The first method's track."""
+        return next(iter(self.tracks.values()))
 
 
-def gather(run: McapRun, method: str | None = None) -> ReportData | None:
-    """Return the data to draw of a run, None where it has no rows or no finite covariance.
-
-    ``method`` is the estimator to draw; the default is the run's primary one.
+def gather(run: McapRun) -> ReportData | None:
+    """Return the data to draw of a run, None where it has no rows.
 
     Raises:
         SourceError: the file is damaged.
     """
-    if run.grid is None or not run.rows or run.config.bank_methods() != run.grid.methods:
+    if run.grid is None or not run.rows:
         return None
-    if method not in run.grid.methods:
-        method = run.grid.methods[0]
-    gatherer = _Gatherer(run, method, run.grid.sample_time_s)
+    gatherer = _Gatherer(run, run.grid)
     for block in run.blocks():
         gatherer.add(block.samples, block.estimates, block.modes)
     return gatherer.result()
 
 
 class _Gatherer:
-    def __init__(self, run: McapRun, method: str, sample_time_s: float) -> None:
-        self.method = method
-        self._bank = Bank(run.config, sample_time_s)
+    def __init__(self, run: McapRun, grid: Grid) -> None:
+        self._run, self._grid = run, grid
         self._stride = -(-run.rows // TRACK_POINTS)
         self._rows = 0
-        self._thin: dict[str, list[tuple[Floats, ...]]] = {m: [] for m in self._bank.methods}
+        self._thin: dict[str, list[tuple[Floats, ...]]] = {m: [] for m in grid.methods}
         self._full: list[tuple[Any, ...]] = []
-        self._last = np.empty(0)
         self._found = run.summary.manoeuvres or ()
-        drawn = to_draw(self._found, run.summary.used)
-        self._manoeuvres = {each.n: Rows(each) for each in drawn}
-        self._orders = {each.n: orders_in(each, run.summary.by_loop) for each in drawn}
+        self._manoeuvres = [Rows(each) for each in to_draw(self._found, run.summary.used)]
 
     def add(
         self, samples: SampleBlock, estimates: Mapping[str, EstimateBlock], modes: ModesBlock
     ) -> None:
-        again = [self._bank.run(part) for part in samples.epochs()]
         thin = slice(-self._rows % self._stride, None, self._stride)
         for method, estimate in estimates.items():
-            dutch_roll = modes.dutch_roll[thin].copy()
-            if method != self._bank.methods[0]:  # the file has the modes of the primary method
-                rows = np.concatenate([part[method].rows for part in again])[thin]
-                dutch_roll = self._modes(method, EstimateBlock(rows, estimate.p))
-            live = (estimate.status[thin] != Status.WARMING_UP)[:, None]
+            some = EstimateBlock(estimate.rows[thin], estimate.p)
+            # The file has the modes of the first method, with their sigmas.
+            first = method == self._grid.methods[0]
+            dutch_roll = modes.dutch_roll[thin].copy() if first else self._modes(method, some)
+            live = (some.status != Status.WARMING_UP)[:, None]
             theta, theta_std = (
-                np.where(live, column[thin], np.nan)
-                for column in (estimate.theta, estimate.theta_std)
+                np.where(live, column, np.nan) for column in (some.theta, some.theta_std)
             )
             self._thin[method].append((samples.boot_us[thin] / 1e6, theta, theta_std, dutch_roll))
-        estimate = estimates[self.method]
         delay_s = (samples.received_us - samples.unix_ns / 1e3) / 1e6
         self._full.append(
-            (samples.boot_us, samples.held, samples.noted, estimate.residual.copy(), delay_s,
-             samples.u[:, 0].copy(), samples.y.copy())
+            (samples.boot_us, samples.held, samples.noted, delay_s, samples.u[:, 0].copy(),
+             samples.y.copy())
         )  # fmt: skip
         self._rows += len(samples)
-        self._last = estimate.theta[-1].copy()
-        for each in self._manoeuvres.values():
+        for each in self._manoeuvres:
             each.add(samples)
 
     def _modes(self, method: str, estimates: EstimateBlock) -> Floats:
-        """Return the Dutch roll (n, 4), with sigmas, of estimates that have their covariance."""
-        config = self._bank.estimators[method].config
-        mean_output = self._bank.config.output == "yaw"
-        return physics_modes(
+        """Return the Dutch roll (n, 4) of estimates, without sigmas: they need a covariance."""
+        config = self._run.config.estimator(method, self._grid.sample_time_s)
+        mean_output = self._run.config.output == "yaw"
+        found = physics_modes(
             estimates, config.orders, config.sample_time_s, mean_output=mean_output
-        ).dutch_roll
+        )
+        return found.dutch_roll
 
-    def result(self) -> ReportData | None:
-        block = self._bank.last[self.method]
-        theta, covariance = block.theta[-1], block.covariance
-        if covariance is None or not np.isfinite(covariance[-1]).all():
-            return None
-        config = self._bank.estimators[self.method].config
-        same = bool(np.array_equal(theta, self._last))
-        model = Model(theta, covariance[-1], config.orders, config.sample_time_s, same)
-        boot_us, held, noted, residual, delay_s, rudder, output = _joined(self._full)
-        boot_s, history = boot_us / 1e6, self._bank.history()
-        n, u, y = len(history.y), history.u, history.y
-        simulated = simulate(theta, config.orders, config.bias, u, y)
-        y_hat = history.y_hat[self.method]
-        again = [
-            each.drawn(self._bank.config, model.sample_time_s, astuple(self._orders[n]))
-            for n, each in self._manoeuvres.items()
-        ]
+    def result(self) -> ReportData:
+        boot_us, held, noted, delay_s, rudder, output = _joined(self._full)
+        boot_s, run = boot_us / 1e6, self._run
+        recorded = Recorded(run.summary, run.config, self._grid.sample_time_s, (), {})
+        drawn = []
+        for each in self._manoeuvres:
+            if (flown := each.flown(run.config)) is not None:
+                answered = Answered.of(each.found)
+                drawn.append(Drawn(answered, model_of_answer(recorded, answered, flown)))
         return ReportData(
-            self.method,
-            model,
             {method: _track(*_joined(rows)) for method, rows in self._thin.items()},
-            Judged(boot_s[-n:], u, y, y_hat, simulated, residual[-n:]),
             self._events(boot_s, held, noted, delay_s),
             Whole(boot_s, rudder, output),
-            tuple(each for each in again if each is not None),
+            tuple(drawn),
         )
 
     def _events(self, t: Floats, held: Ints, noted: Ints, delay_s: Floats) -> Events:
-        spans, step_s = runs_of(held != 0), self._bank.sample_time_s
+        spans, step_s = runs_of(held != 0), self._grid.sample_time_s
         changed = noted & Noted.MODE_CHANGED.value != 0
         changes = t[changed & ~np.concatenate([[False], changed[:-1]])]
         # Of each stretch the longest delay is drawn: a stall must not fall between the points.
@@ -235,4 +233,5 @@ def to_draw(manoeuvres: Sequence[Manoeuvre], used: Container[int]) -> list[Manoe
         fit = None if answer is None else answer.fit.simulation_pct
         return each.n not in used, each.standing if fit is None else (0, -fit)
 
-    return sorted((each for each in manoeuvres if each.answer is not None), key=worth)[:MOST_DRAWN]
+    known = (each for each in manoeuvres if each.answer and each.answer.response)
+    return sorted(known, key=worth)[:MOST_DRAWN]

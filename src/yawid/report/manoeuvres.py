@@ -3,24 +3,21 @@
 from collections.abc import Iterator, Sequence
 from typing import Final
 
-from yawid.answers.run_summary import Flight, Manoeuvre, MethodSummary, RunSummary, Value
-from yawid.models.refit import Drawn
+from yawid.answers.run_summary import Flight, Manoeuvre, RunSummary, Value
+from yawid.report.data import Drawn
 from yawid.report.html import Cell, note, sheet, table
 from yawid.report.run_tables import NO_YAW_CHANNEL, yaw_channel
 from yawid.sinks.words import (
     NONE,
-    dutch_roll_in,
     in_brackets,
     loop_of,
+    method_words,
     no_manoeuvre,
     of_value,
     outcome,
     percent,
-    physics_in,
     plus_minus,
-    refitted,
     sigma_means,
-    tried,
     utc,
     whose,
 )
@@ -39,18 +36,16 @@ def flight_section(summary: RunSummary, rudder_unit: str) -> Iterator[str]:
         return
     heading = (
         "n", "ωn, rad/s", "ζ", "from–to, s", "mode", "airspeed, m/s", "altitude, m", "inputs",
-        f"K, rad/s per {rudder_unit}", "fit, %", "result",
+        f"K, rad/s per {rudder_unit}", "explained, %", "result",
     )  # fmt: skip  # wn and zeta come second: on a phone the first columns alone are seen
     rows = [(_row(each, flights), not each.verdict.usable) for each in manoeuvres]
     yield sheet("Manoeuvres", heading, rows)
     means = sigma_means(each.dutch_roll for each in manoeuvres)
-    refits = refitted(flights)
     in_brackets = "; in brackets of noise alone" if means.startswith(":") else ""
     yield note(
         "",
         f"± is one sigma{means}{in_brackets}. Seconds are those since boot, as on the pictures' "
-        "axes. Fit: one step ahead / simulated / simulated on held-back data."
-        f"{refits and f' {_begun(refits)}; the column fit has the orders next to it.'}",
+        "axes. Explained: the part of the yaw rate that the model, run free, has.",
     )
     reasons = {
         f"{each.n}: {reason.name}": reason.text
@@ -66,8 +61,7 @@ def _begun(text: str) -> str:
 
 
 def _row(each: Manoeuvre, flights: Sequence[Flight]) -> Iterator[Cell]:
-    answer = each.answer
-    mode, physics = dutch_roll_in(each, flights), physics_in(each, flights)
+    answer, mode = each.answer, each.dutch_roll
     yield str(each.n), ""
     if mode is None:
         yield "none", ""
@@ -79,10 +73,11 @@ def _row(each: Manoeuvre, flights: Sequence[Flight]) -> Iterator[Cell]:
     yield each.mode or NONE, loop_of(each.loop).name
     yield _speed(each), each.airspeed_source or ""
     yield NONE if each.altitude_m is None else f"{each.altitude_m:.0f}", ""
-    yield ", ".join(each.inputs), tried(each) or ("turn removed" if each.turn_removed else "")
-    gain = physics.get("K", Value())
+    yield ", ".join(each.inputs), "turn removed" if each.turn_removed else ""
+    gain = ((answer and answer.physics) or {}).get("K", Value())
     yield plus_minus(gain.value, gain.std), in_brackets(gain.std_noise)
-    yield (NONE, "") if answer is None else (_fits(answer), _method(each))
+    share = None if answer is None else answer.fit.simulation_pct
+    yield NONE if share is None else percent(share, ".0f"), ""
     ids = [reason.name for reason in each.verdict.reasons]
     yield outcome(each, flights).replace("_", " "), ", ".join(ids) if each.verdict.usable else ""
 
@@ -92,16 +87,6 @@ def _speed(each: Manoeuvre) -> str:
         return NONE
     spread = "" if each.airspeed_std_m_s is None else f" ± {each.airspeed_std_m_s:.2f}"
     return f"{each.airspeed_m_s:.2f}{spread}"
-
-
-def _method(each: Manoeuvre) -> str:
-    return f"{(each.verdict.method or '').upper()} {each.orders}"
-
-
-def _fits(answer: MethodSummary) -> str:
-    fit = answer.fit
-    every = (fit.one_step_pct, fit.simulation_pct, fit.simulation_held_back_pct)
-    return " / ".join(NONE if value is None else percent(value, ".0f") for value in every)
 
 
 def flight_numbers(summary: RunSummary, drawn: Sequence[Drawn], rudder_unit: str) -> Iterator[str]:
@@ -165,6 +150,6 @@ def _facts(flight: Flight, rudder_unit: str) -> Iterator[tuple[str, str]]:
     if flight.disagree:
         yield "left out, as they disagree", ", ".join(map(str, flight.disagree))
     if flight.method is not None:
-        yield "answered by", f"{flight.method.upper()}, orders {flight.orders or 'of each'}"
+        yield "answered by", method_words(flight.method)
     if flight.date is not None:
         yield "date", utc(flight.date)

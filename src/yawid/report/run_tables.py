@@ -32,8 +32,9 @@ def stream_numbers(summary: RunSummary, answer: MethodSummary, run_grid: Grid) -
     estimates, others = summary.estimates or {}, summary.others
     answers = " answers" if others and summary.verdict.usable and summary.flight is None else ""
     methods = [m.upper() + ("" if m in others else answers) for m in estimates]
+    found = [(e.theta or {}, e.theta_std or {}) for e in estimates.values()]
     rows = [
-        (name, *(plus_minus(e.theta.get(name), e.theta_std.get(name)) for e in estimates.values()))
+        (name, *(plus_minus(theta.get(name), std.get(name)) for theta, std in found))
         for name in run_grid.parameters
     ]
     yield grid("Parameters, ± one σ of noise", ("", *methods), rows)
@@ -103,18 +104,11 @@ def channel_tables(summary: RunSummary, data: ReportData | None) -> Iterator[str
             yield table(f"samples {title}, by reason", said or {"any": "no sample"})
 
 
-def provenance(run: McapRun, data: ReportData | None) -> Iterator[str]:
+def provenance(run: McapRun) -> Iterator[str]:
     """Yield the tables of the run's source, its configuration and its versions."""
     origin, source = run.summary.own_source.to_json(), run.summary.source
     if source is not None:
         origin |= {f"samples from, {key}": value for key, value in source.to_json().items()}
-    if data is not None:
-        origin["reproduced"] = (
-            "yes: estimated again from the samples in the file, to the bit"
-            if data.model.same
-            else "no: estimating again gives other numbers (another version or machine); "
-            "bands and model pictures are of the new estimate"
-        )
     yield table("source", origin | {"signs": run.metadata.get("sign", {}).get("text", "")})
     yield _configuration(run)
     yield table("versions", run.metadata.get("versions", {}))

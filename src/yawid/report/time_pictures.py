@@ -1,7 +1,6 @@
 """Pictures over time: the whole flight, a fit, parameters, modes, and the link's delays."""
 
 import math
-from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
@@ -10,12 +9,9 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import StrMethodFormatter
 
-from yawid.answers.model_parts import Fit
-from yawid.answers.run_summary import DutchRoll, Flight
 from yawid.blocks import Floats
-from yawid.models.fitted import Judged
-from yawid.models.refit import Drawn
-from yawid.report.data import ReportData
+from yawid.models.linear import Measured
+from yawid.report.data import Drawn, ReportData
 from yawid.report.picture import (
     Picture,
     band,
@@ -26,7 +22,7 @@ from yawid.report.picture import (
 )
 from yawid.sinks.base import Grid
 from yawid.sinks.palette import DATA, METHODS, MODEL, NEUTRAL, RUDDER
-from yawid.sinks.words import dutch_roll_in, orders_in, percent
+from yawid.sinks.words import percent
 
 PERIODS_SHOWN: Final = 12.0
 """Periods of the Dutch roll in the picture of a fit: with more, each is too narrow to compare."""
@@ -61,28 +57,12 @@ def whole_picture(data: ReportData, grid: Grid) -> Picture:
     return Picture("whole", "The whole flight", look + manoeuvres_note(data.events), draw)
 
 
-def manoeuvre_picture(drawn: Drawn, flights: Sequence[Flight], grid: Grid) -> Picture:
-    """Return a manoeuvre as measured, and as simulated by the model that its flight uses."""
-    found = drawn.found
-    assert found.answer is not None
-    method, orders = found.answer.method.upper(), orders_in(found, flights)
+def manoeuvre_picture(drawn: Drawn, grid: Grid) -> Picture:
+    """Return a manoeuvre as measured, and as simulated by its answer's model."""
+    found, judged = drawn.found, drawn.measured
     refused = "" if found.verdict.usable else ", not usable"
-    by = "" if orders == found.orders else f" of orders {orders}"
-    title = f"Manoeuvre {found.n}{refused}: measured, and {method}'s model{by}"
-    key = f"manoeuvre{found.n}"
-    return _fit(key, title, drawn.judged, dutch_roll_in(found, flights), drawn.fit, grid)
-
-
-def fit_picture(data: ReportData, mode: DutchRoll | None, fit: Fit, grid: Grid) -> Picture:
-    """Return the picture of the rows that judge the stream's final model: measured, simulated."""
-    title = f"The end of the stream: measured, and {data.method.upper()}'s model"
-    return _fit("fit", title, data.judged, mode, fit, grid)
-
-
-def _fit(
-    key: str, title: str, judged: Judged, mode: DutchRoll | None, fit: Fit, grid: Grid
-) -> Picture:
-    rows = _shown(judged, mode)
+    title = f"Manoeuvre {found.n}{refused}: measured, and the model"
+    rows = _shown(judged, drawn.wn_rad_s)
     whole = rows.stop - rows.start >= len(judged.t)
     low, high = _limits(judged.y[rows])
     room = OUTSIDE * (high - low)
@@ -113,25 +93,18 @@ def _fit(
         figure.align_ylabels(axes)
         figure.legend(*yaw.get_legend_handles_labels(), loc="outside upper right", ncols=2)
 
-    numbers = [
-        f"{percent(value, '.0f')} % {name}"
-        for name, value in (
-            ("of the yaw rate", fit.simulation_pct),
-            ("on held-back data", fit.simulation_held_back_pct),
-            ("one step ahead (always high: judge by the first number)", fit.one_step_pct),
-        )
-        if value is not None
-    ]
-    look = f"Run free, the model explains {', '.join(numbers) or 'an unknown share'}."
+    share = None if found.answer is None else found.answer.fit.simulation_pct
+    known = "an unknown share" if share is None else f"{percent(share, '.0f')} %"
+    look = f"Run free from the rudder, the model explains {known} of the yaw rate."
     if not whole:
         look += (
             " The box above marks the stretch where the model swings most; the fit is of the whole "
             "record."
         )
-    return Picture(key, title, look, draw, (5.6, 4.4 if whole else 4.9))
+    return Picture(f"manoeuvre{found.n}", title, look, draw, (5.6, 4.4 if whole else 4.9))
 
 
-def _overview(ax: Axes, judged: Judged, rows: slice) -> None:
+def _overview(ax: Axes, judged: Measured, rows: slice) -> None:
     traced(ax, judged.t, judged.u[:, 0], RUDDER)
     ax.axvspan(judged.t[rows.start], judged.t[rows.stop - 1], facecolor="none",
                edgecolor="#222222", linewidth=1.0)  # fmt: skip
@@ -140,11 +113,10 @@ def _overview(ax: Axes, judged: Judged, rows: slice) -> None:
     ax.set_ylabel("all of it", rotation=0, ha="right", va="center")
 
 
-def _shown(judged: Judged, mode: DutchRoll | None) -> slice:
+def _shown(judged: Measured, wn_rad_s: float) -> slice:
     """Return the rows, some periods of the Dutch roll long, in which the model swings most."""
     n = len(judged.t)
-    period = 2.0 * math.pi / mode.wn_rad_s if mode is not None else MOST_SHOWN_S
-    seconds = min(max(PERIODS_SHOWN * period, LEAST_SHOWN_S), MOST_SHOWN_S)
+    seconds = min(max(PERIODS_SHOWN * 2.0 * math.pi / wn_rad_s, LEAST_SHOWN_S), MOST_SHOWN_S)
     step = float(np.median(np.diff(judged.t))) if n > 1 else 1.0
     width = round(seconds / step) if step > 0.0 else n
     if n <= 1.3 * width:
@@ -268,9 +240,9 @@ def modes_picture(data: ReportData) -> Picture:
         _methods_legend(figure, data)
 
     look = (
-        "Has each line settled before the end, and do both agree? Bands: 2 sigma of noise alone; a "
-        "line that leaves its earlier band is moved by more than noise. What lies far outside is "
-        "cut off." + manoeuvres_note(data.events)
+        "The estimates sample by sample. Has each line settled before the end, and do both agree? "
+        "Band: 2 sigma of noise alone, of the first; a line that leaves its earlier band is moved "
+        "by more than noise. What lies far outside is cut off." + manoeuvres_note(data.events)
     )
     return Picture("modes", "Dutch roll over time", look, draw)
 

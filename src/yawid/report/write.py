@@ -5,11 +5,10 @@ from functools import cached_property
 from pathlib import Path
 
 from yawid.answers.run_summary import ReasonSummary, RunSummary
-from yawid.models.refit import Drawn
 from yawid.quantities.units import HALF_TRAVEL
 from yawid.report.airspeed_picture import airspeed_picture
 from yawid.report.bare import bare_section
-from yawid.report.data import gather
+from yawid.report.data import Drawn, gather
 from yawid.report.html import first_screen, note, numbers, page, pictures, tables
 from yawid.report.lateral_picture import lateral_picture
 from yawid.report.manoeuvres import flight_numbers, flight_section
@@ -23,7 +22,6 @@ from yawid.report.run_tables import (
     stream_numbers,
 )
 from yawid.report.time_pictures import (
-    fit_picture,
     link_picture,
     manoeuvre_picture,
     modes_picture,
@@ -33,7 +31,7 @@ from yawid.report.time_pictures import (
 from yawid.results.advice import to_do
 from yawid.sinks.answers import cards, headline
 from yawid.sinks.mcap.reader import McapRun, open_run
-from yawid.sinks.words import dutch_roll_in, next_step, sigma_means, utc
+from yawid.sinks.words import method_words, next_step, sigma_means, utc
 from yawid.system.part_file import check_free, os_errors_as_sink_error, write_whole
 
 
@@ -77,7 +75,7 @@ class Report:
 
     def __init__(self, run: McapRun) -> None:
         self._run, self._summary = run, run.summary
-        self._data = gather(run, run.summary.answering)
+        self._data = gather(run)
 
     def html(self) -> str:
         """Return the page."""
@@ -117,7 +115,7 @@ class Report:
             yield from self._stream("Numbers")
         yield tables("Channels and link", channel_tables(summary, self._data), facts=True)
         yield pictures("", self._of_link())
-        yield tables("Configuration and provenance", provenance(run, self._data), facts=True)
+        yield tables("Configuration and provenance", provenance(run), facts=True)
         yield folded(run)
         if summary.flight is not None:
             yield _stream_note(summary)
@@ -142,15 +140,12 @@ class Report:
 
     def _of_flight(self) -> list[Picture]:
         data, grid, summary = self._data, self._run.grid, self._summary
-        if data is None or grid is None or summary.answer is None:
+        if data is None or grid is None:
             return []
-        shown = [whole_picture(data, grid)]
-        flight = summary.flight
-        if flight is None:
-            return [*shown, fit_picture(data, summary.dutch_roll, summary.answer.fit, grid)]
         over_airspeed = airspeed_picture(summary.manoeuvres or [], summary.by_loop)
         in_order = sorted(data.drawn, key=lambda each: each.found.n)
-        fits = [manoeuvre_picture(each, summary.by_loop, grid) for each in in_order]
+        fits = [manoeuvre_picture(each, grid) for each in in_order]
+        shown = [whole_picture(data, grid)]
         return [*shown, *([over_airspeed] if over_airspeed is not None else []), *fits]
 
     @cached_property
@@ -159,19 +154,14 @@ class Report:
         return [] if shown is None else [shown]
 
     def _of_model(self) -> list[Picture]:
-        data, grid, answer = self._data, self._run.grid, self._summary.answer
-        if data is None or grid is None or answer is None:
+        first, grid, bare = self._first, self._run.grid, self._summary.bare
+        if first is None or grid is None:
             return []
-        model, judged, mode, fit = data.model, data.judged, self._summary.dutch_roll, answer.fit
-        first, bare = self._first, self._summary.bare
-        if first is not None:
-            model, judged, fit = first.model, first.judged, first.fit
-            mode = dutch_roll_in(first.found, self._summary.by_loop)
         return [
-            bode_picture(model, judged, mode, grid),
-            poles_picture(model, None if bare is None else bare.dutch_roll),
-            step_picture(model, mode, grid),
-            residuals_picture(judged, fit.whiteness_p),
+            bode_picture(first, grid),
+            poles_picture(first, None if bare is None else bare.dutch_roll),
+            step_picture(first, grid),
+            residuals_picture(first),
         ]
 
     def _of_stream(self) -> list[Picture]:
@@ -210,8 +200,7 @@ def _origin(run: McapRun) -> str:
         if best.method is None:  # a flight without a usable manoeuvre
             parts.append(f"at {rate}")
         else:
-            name = best.method.upper()
-            parts.append(f"{name}, orders na,nb,nc,nk = {best.orders} at {rate}")
+            parts.append(f"{method_words(best.method)} at {rate}")
     return " · ".join(parts)
 
 

@@ -27,7 +27,9 @@ from yawid.tables.run import Run
 
 MODEL_FORMATS: Final = (".json", ".mat", ".xml")
 FREQUENCIES: Final = 100
-"""The number of frequencies of the response, from 0.1 rad/s to 0.8 of the Nyquist frequency."""
+"""The number of frequencies of the response."""
+TOTAL: Final = "total"
+"""Which sigmas a model has."""
 
 
 def write_model(
@@ -71,7 +73,7 @@ def model_file(model: LinearModel, log: str) -> ModelFile:
         of=model.of,
         usable=model.usable,
         reasons=list(model.reasons),
-        sigma_is=model.sigma_is,
+        sigma_is=TOTAL,
         input_is=model.input_is,
         airspeed_m_s=model.facts.get("airspeed_m_s"),
         servo_lag_s=model.facts.get("servo_lag_s"),
@@ -99,7 +101,6 @@ def _form(model: LinearModel, *, discrete: bool) -> ModelForm:
     matrices = {key: getattr(space, key).tolist() for key in ["A", "B", "C", "D", "A_std", "B_std"]}
     return ModelForm(
         sample_time_s=form.sample_time_s or None,
-        delay_s=space.delay_s,
         parameters=dict(zip(form.names, (ModelParameter(*n) for n in numbers), strict=True)),
         covariance=form.covariance.tolist(),
         **matrices,
@@ -108,17 +109,22 @@ def _form(model: LinearModel, *, discrete: bool) -> ModelForm:
 
 
 def frequencies(model: LinearModel) -> Array:
-    """Return the frequencies (n,) in rad/s of a model's response."""
-    return np.geomspace(0.1, 0.8 * np.pi / model.sample_time_s, FREQUENCIES)
+    """Return the frequencies (n,) in rad/s of a model's response.
+
+    They begin where it holds, else at 0.1 rad/s, and end at 0.8 of the Nyquist frequency.
+    """
+    low, _ = model.holds_rad_s or (0.1, None)
+    return np.geomspace(low, 0.8 * np.pi / model.sample_time_s, FREQUENCIES)
 
 
 def _response(model: LinearModel, i: str, o: str) -> ModelResponse:
     found = model.frequency_response(frequencies(model), i, o)
-    coherence = [None if math.isnan(x) else x for x in found.coherence.tolist()]
+    magnitude_std, phase_std, coherence = (
+        [None if math.isnan(x) else x for x in each.tolist()] for each in found[2:]
+    )
     return ModelResponse(
         input=i, output=o, w_rad_s=found.w.tolist(), re=found.G.real.tolist(),
-        im=found.G.imag.tolist(), magnitude_std=found.magnitude_std.tolist(),
-        phase_std_rad=found.phase_std_rad.tolist(),
+        im=found.G.imag.tolist(), magnitude_std=magnitude_std, phase_std_rad=phase_std,
         coherence=coherence if any(x is not None for x in coherence) else None,
     )  # fmt: skip
 
@@ -131,7 +137,7 @@ def _matlab(model: LinearModel) -> bytes:
     kept: dict[str, Any] = dict(zip("ABCD", sampled[:4], strict=True))
     kept |= {"Ts": sampled.sample_time_s, "A_std": sampled.A_std, "B_std": sampled.B_std}
     kept |= dict(zip(("Ac", "Bc", "Cc", "Dc"), space[:4], strict=True))
-    kept |= {"Ac_std": space.A_std, "Bc_std": space.B_std, "delay": space.delay_s}
+    kept |= {"Ac_std": space.A_std, "Bc_std": space.B_std}
     for key in ("inputs", "outputs", "states"):
         for what in ("name", "unit"):
             texts = [getattr(each, what) for each in getattr(model, key)]
@@ -144,7 +150,7 @@ def _matlab(model: LinearModel) -> bytes:
     for (i, o), each in found.items():
         names = ("w", f"G_{o}_{i}", f"magnitude_std_{o}_{i}", f"phase_std_{o}_{i}")
         kept |= dict(zip((*names, f"coherence_{o}_{i}"), each, strict=True))
-    kept |= {"of": model.of, "usable": model.usable, "sigma_is": model.sigma_is}
+    kept |= {"of": model.of, "usable": model.usable, "sigma_is": TOTAL}
     kept |= {"input_is": model.input_is, "reasons": np.array(model.reasons, object)}
     stream = io.BytesIO()
     savemat(stream, kept | model.facts, oned_as="column")

@@ -1,0 +1,112 @@
+"""The transfer function of a manoeuvre's answer, with the covariance of its numbers.
+
+The numbers, x (p,), are those of :class:`Response`: wn and zeta of each pair, each real pole, then
+for each input the residues: the real and the imaginary part of a pair's, and a real pole's.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from yawid.answers.run_summary import Manoeuvre
+from yawid.blocks import Floats
+from yawid.errors import NotIdentifiable
+from yawid.physics.continuous import Transfer, pole_of
+from yawid.physics.modes import Complexes
+
+LEAST_ZETA, MOST_ZETA = -0.9, 0.95
+"""Where a draw's damping ratio ends: beyond them it is no pair."""
+
+
+@dataclass(frozen=True, slots=True)
+class Answered:
+    """The model of a manoeuvre: x (p,) and their covariance (p, p), of so many pairs of poles.
+
+    The first pair has at least the answer's total sigmas, whose floors its response does not show.
+    """
+
+    found: Manoeuvre
+    inputs: tuple[str, ...]
+    pairs: int
+    x: Floats
+    covariance: Floats
+
+    @classmethod
+    def of(cls, found: Manoeuvre) -> "Answered":
+        """Return the model of a manoeuvre's answer.
+
+        Raises:
+            NotIdentifiable: it has none; the text says why.
+        """
+        answer = found.answer
+        if answer is None or answer.response is None:
+            why = "; ".join(str(each) for each in found.verdict.fatal or found.verdict.reasons)
+            old = answer is not None and answer.dutch_roll is not None
+            why = "its file is of an older version: replay it first" if old else why
+            raise NotIdentifiable(f"manoeuvre {found.n} has no model: {why}")
+        poles, by_input = np.array(answer.response.poles, float), answer.response.residues
+        pairs = int(np.count_nonzero(poles[:, 1]))
+        wn = np.hypot(*poles[:pairs].T)
+        poles[:pairs] = np.stack([wn, -poles[:pairs, 0] / wn], axis=1)
+        parts = [poles, *(np.array(each, float) for each in by_input.values())]
+        x = [np.concatenate([each[:pairs].ravel(), each[pairs:, 0]]) for each in parts]
+        covariance, roll = np.array(answer.response.covariance, float), answer.dutch_roll
+        for i, std in enumerate((roll.wn_std, roll.zeta_std) if roll else ()):
+            covariance[i, i] = max(covariance[i, i], (std or 0.0) ** 2)
+        return cls(found, tuple(by_input), pairs, np.concatenate(x), covariance)
+
+    @property
+    def std(self) -> Floats:
+        """The sigmas (p,) of the numbers."""
+        return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
+
+    @property
+    def order(self) -> int:
+        """The number of poles, both of a pair counted."""
+        return len(self.x) // (1 + len(self.inputs))
+
+    def transfer(self, x: Floats | None = None, number: int = 0) -> Transfer:
+        """Return the transfer functions from one input for its own or other numbers (n, p)."""
+        x = self.x[None] if x is None else x
+        n, pairs = self.order, 2 * self.pairs
+        of_poles, of_residues = x[:, :n], x[:, n * (1 + number) : n * (2 + number)]
+        wn, zeta = of_poles[:, 0:pairs:2], of_poles[:, 1:pairs:2]
+        return Transfer(
+            _whole(pole_of(wn, zeta), of_poles[:, pairs:]),
+            _whole(
+                of_residues[:, 0:pairs:2] + 1j * of_residues[:, 1:pairs:2], of_residues[:, pairs:]
+            ),
+        )
+
+    def halves(self) -> tuple[Complexes, Complexes]:
+        """Return one pole (m,) of each pair, then the real ones, and the residues (inputs, m)."""
+        every = [self.transfer(number=i) for i in range(len(self.inputs))]
+        upper = np.r_[0 : 2 * self.pairs : 2, 2 * self.pairs : self.order]
+        return every[0].poles[0, upper], np.stack([each.residues[0, upper] for each in every])
+
+    def drawn(self, count: int, rng: np.random.Generator) -> Floats:
+        """Return draws (count, p) of the numbers.
+
+        Frequencies and real poles are log-normal, so that none changes its sign.
+        """
+        size, axes = np.linalg.eigh(0.5 * (self.covariance + self.covariance.T))
+        spread = axes * np.sqrt(np.maximum(size, 0.0))
+        moved: Floats = rng.normal(size=(count, len(self.x))) @ spread.T
+        x, pairs = self.x + moved, 2 * self.pairs
+        signed = np.r_[0:pairs:2, pairs : self.order]
+        x[:, signed] = self.x[signed] * np.exp(moved[:, signed] / self.x[signed])
+        x[:, 1:pairs:2] = np.clip(x[:, 1:pairs:2], LEAST_ZETA, MOST_ZETA)
+        return x
+
+    def with_rudder(self, residues: Complexes) -> "Answered":
+        """Return it with other residues (m,) of the first input, as :meth:`halves` has them."""
+        x, n, pairs = self.x.copy(), self.order, self.pairs
+        x[n : n + 2 * pairs] = residues[:pairs].copy().view(float)
+        x[n + 2 * pairs : 2 * n] = residues[pairs:].real
+        return replace(self, x=x)
+
+
+def _whole(pairs: Complexes, reals: Floats) -> Complexes:
+    """Return pairs (n, m) with their conjugates next to them, then the real ones."""
+    both = np.stack([pairs, np.conj(pairs)], axis=2).reshape(len(pairs), -1)
+    return np.concatenate([both, reals.astype(complex)], axis=1)

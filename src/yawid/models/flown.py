@@ -1,0 +1,144 @@
+"""A manoeuvre's samples out of a run's rows, and what a model with known poles makes of them.
+
+A pole p answers an input u that is held over each sample of Ts seconds exactly by
+
+    x(k+1) = exp(p Ts) x(k) + (exp(p Ts) - 1) / p u(k)
+
+and is free as exp(p Ts k). Initial states, one for each pole and each run without a gap, and the
+bias are solved by least squares.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from typing import Final
+
+import numpy as np
+from scipy.signal import lfilter
+
+from yawid.answers.run_summary import Manoeuvre
+from yawid.blocks import Bools, Floats, SampleBlock, runs_of
+from yawid.config.run import RunConfig
+from yawid.estimation.grids import as_held
+from yawid.physics.modes import Complexes
+
+_AWAY_NS: Final = 2_000_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class Flown:
+    """A manoeuvre and its samples (n,), as the fit took them: NaN in ``u`` and ``y`` is a gap.
+
+    ``t`` is in s since boot, ``u`` (n, inputs) the mean of each input over its sample, and ``held``
+    (n, inputs) what acts like it when it is held. ``y`` is the yaw rate in rad/s, less
+    ``turn_rate`` where the manoeuvre says so.
+    """
+
+    found: Manoeuvre
+    sample_time_s: float
+    t: Floats
+    u: Floats
+    held: Floats
+    y: Floats
+    turn_rate: Floats
+
+    @property
+    def known(self) -> Bools:
+        """The samples (n,) that are no gap."""
+        return np.asarray(np.isfinite(self.y))
+
+    @property
+    def longest_stretch(self) -> slice:
+        """The rows of the longest stretch without a gap."""
+        runs = runs_of(self.known)
+        if not len(runs):
+            return slice(0, 0)
+        first, last = runs[np.argmax(runs[:, 1] - runs[:, 0])].tolist()
+        return slice(first, last)
+
+    def simulated(self, poles: Complexes, residues: Complexes) -> Floats:
+        """Return the yaw rate (n,) of a model; NaN in a gap.
+
+        It has one pole (m,) of each pair, and their residues (inputs, m).
+        """
+        forced, free = self._responses(poles)
+        twice = np.where(poles.imag > 0.0, 2.0, 1.0)
+        answer = np.einsum("nim,im->n", forced, residues * twice).real
+        known = self.known
+        rest = np.linalg.lstsq(free[known], (self.y - answer)[known])[0]
+        return np.where(known, answer + free @ rest, np.nan)
+
+    def explained_by_rudder(self, poles: Complexes, y: Floats) -> Complexes:
+        """Return the residues (m,) with which the rudder explains another output y (n,) best."""
+        forced, free = self._responses(poles)
+        x, pairs = forced[:, 0], poles.imag > 0.0
+        parts = np.concatenate([x.real * np.where(pairs, 2.0, 1.0), -2.0 * x.imag[:, pairs]], 1)
+        columns = np.column_stack([parts, free])
+        known = np.asarray(self.known & np.isfinite(y))
+        found = np.linalg.lstsq(columns[known], y[known])[0]
+        residues: Complexes = found[: len(poles)].astype(complex)
+        residues[pairs] += 1j * found[len(poles) : parts.shape[1]]
+        return residues
+
+    def _responses(self, poles: Complexes) -> tuple[Complexes, Floats]:
+        """Return the forced responses (n, inputs, m), and a column (n, k) for each free part."""
+        runs, Ts = runs_of(self.known), self.sample_time_s
+        forced = np.zeros((len(self.y), self.held.shape[1], len(poles)), complex)
+        free = np.zeros((len(self.y), len(runs), len(poles)), complex)
+        for i, p in enumerate(poles.tolist()):
+            decay = np.exp(p * Ts)
+            for run, (first, last) in enumerate(runs.tolist()):
+                drive = np.expm1(p * Ts) / p * self.held[first:last]
+                forced[first:last, :, i] = lfilter([0.0, 1.0], [1.0, -decay], drive, axis=0)
+                free[first:last, run, i] = np.exp(p * Ts * np.arange(last - first))
+        wide = free.reshape(len(free), -1)
+        own = wide.imag[:, np.tile(poles.imag > 0.0, len(runs))]
+        return forced, np.column_stack([wide.real, own, self.known])
+
+
+class Rows:
+    """The samples of one manoeuvre, taken from the blocks of a run."""
+
+    def __init__(self, found: Manoeuvre) -> None:
+        self.found = found
+        self._parts: list[SampleBlock] = []
+        try:
+            begin = datetime.fromisoformat(found.date or "").timestamp()
+        except ValueError:  # a record without a date, or a file that somebody has changed
+            begin = np.nan
+        self._from_ns = begin * 1e9 - _AWAY_NS
+        self._to_ns = (begin + found.duration_s) * 1e9 + _AWAY_NS
+
+    def add(self, samples: SampleBlock) -> None:
+        """Take the manoeuvre's samples from a block; another boot may have the same seconds."""
+        t = samples.boot_us / 1e6
+        # A tolerance of a thousandth of a sample, since the summary's seconds are rounded.
+        near = 1e-3 * samples.sample_time_s
+        rows: Bools = (t >= self.found.from_s - near) & (t <= self.found.to_s + near)
+        if np.isfinite(self._from_ns):
+            rows &= (samples.unix_ns >= self._from_ns) & (samples.unix_ns <= self._to_ns)
+        if rows.any():
+            self._parts.append(samples.select(rows))
+
+    def flown(self, config: RunConfig) -> Flown | None:
+        """Return the samples; None where the run has none."""
+        if not self._parts:
+            return None
+        samples, found = SampleBlock.joined(self._parts), self.found
+        u = samples.u[:, : len(found.inputs)]
+        if u.shape[1] < len(found.inputs):
+            u = np.column_stack([u, samples.aileron])
+        turned = found.turn_removed and config.turn == "keep"
+        y = samples.y - samples.turn_rate if turned else samples.y
+        good = np.isfinite(y) & np.isfinite(u).all(axis=1)
+        u, y = np.where(good[:, None], u, np.nan), np.where(good, y, np.nan)
+        moves = (samples.rudder_moves == 1.0) | (config.rudder_is == "measured")
+        return Flown(
+            found, samples.sample_time_s, samples.boot_us / 1e6, u, as_held(u, moves), y,
+            samples.turn_rate,
+        )  # fmt: skip
+
+
+def flown_in(rows: Sequence[Rows], config: RunConfig) -> list[Flown]:
+    """Return the manoeuvres that have samples."""
+    return [flown for each in rows if (flown := each.flown(config)) is not None]

@@ -1,0 +1,227 @@
+"""Models of answers written by hand: each number is known, so that nothing is left to a fit."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from models.answers_by_hand import STEP_S, flight, manoeuvre, numbers, response, run_of
+from msgspec.structs import replace
+from scipy.signal import cont2discrete, lfilter
+
+from yawid.errors import NotIdentifiable
+from yawid.models.answered import Answered
+from yawid.models.draws import drawn_aircraft
+
+PAIR, LAG = complex(-0.6, 4.0), -9.0
+R, C = complex(3.0, -0.4), -6.0
+WN, ZETA = abs(PAIR), 0.6 / abs(PAIR)
+STD = [0.05, 0.01, 0.4, 0.1, 0.05, 0.2]
+"""Sigmas of wn, zeta, the lag, both parts of the pair's residue, and the lag's."""
+
+
+def G(s, pair=PAIR, lag=LAG, r=R, c=C):
+    """Return the transfer function, by its definition."""
+    return r / (s - pair) + np.conj(r) / (s - np.conj(pair)) + c / (s - lag)
+
+
+def still(n: int = 200) -> dict[str, np.ndarray]:
+    return {"rudder": np.zeros(n), "r [rad/s]": np.zeros(n)}
+
+
+def moved(n: int = 1000) -> np.ndarray:
+    u = np.zeros(n)
+    for start in (60, 200, 520):
+        u[start : start + 15], u[start + 15 : start + 30] = 0.3, -0.2
+    return u
+
+
+def exact(u: np.ndarray) -> np.ndarray:
+    """Return the yaw rate from rest of G for a rudder that is held over each sample, by SciPy."""
+    den = np.poly([PAIR, PAIR.conjugate(), LAG]).real
+    num = [0.0, 0.0, 0.0]
+    for p, r in ((PAIR, R), (PAIR.conjugate(), R.conjugate()), (LAG, C)):
+        num = num + r * np.poly([q for q in (PAIR, PAIR.conjugate(), LAG) if q != p])
+    assert abs(num[0]) < 1e-12  # a lag's residues sum to 0
+    b, a, _ = cont2discrete((np.real(num[1:]), den), STEP_S)
+    return lfilter(b.ravel(), a, u)
+
+
+def lagged(std=STD):
+    return response([PAIR, LAG], {"rudder": [R, C]}, std)
+
+
+def test_the_model_has_the_answers_very_poles_and_response() -> None:
+    model = run_of(still(), [manoeuvre(1, lagged())]).model(1)
+
+    poles = np.array([PAIR, PAIR.conjugate(), LAG])
+    found = np.sort_complex(np.linalg.eigvals(model.ss().A))
+    np.testing.assert_allclose(found, np.sort_complex(poles), rtol=1e-12)
+    sampled = np.linalg.eigvals(model.ss(discrete=True).A)
+    np.testing.assert_allclose(
+        np.sort_complex(sampled), np.sort_complex(np.exp(poles * STEP_S)), rtol=1e-11
+    )
+    w = np.array([0.5, 3.0, WN, 6.0, 30.0])
+    np.testing.assert_allclose(model.frequency_response(w).G, G(1j * w), rtol=1e-10)
+    u = moved()
+    np.testing.assert_allclose(model.simulate(u), exact(u), atol=1e-12)
+
+
+def test_its_sigmas_are_those_of_the_answers_numbers_where_the_model_holds() -> None:
+    model = run_of(still(), [manoeuvre(1, lagged())]).model(1)
+    w = np.array([0.5, 0.59, 0.61, 0.9, 1.0, 1.3, 1.59, 1.61, 3.0]) * WN
+
+    found = model.frequency_response(w)
+
+    def of(x):
+        pair = x[0] * (-x[1] + 1j * np.sqrt(1.0 - x[1] ** 2))
+        return G(1j * w, pair, x[2], complex(x[3], x[4]), x[5])
+
+    x, step = numbers([PAIR, LAG], [[R, C]]), 1e-6
+    slopes = [(of(x + step * e) - of(x - step * e)) / (2.0 * step) for e in np.eye(6)]
+    relative = np.array(STD)[:, None] * slopes / of(x)
+    outside = (w < 0.6 * WN) | (w > 1.6 * WN)
+    for std, parts in (
+        (found.magnitude_std / np.abs(of(x)), relative.real),
+        (found.phase_std_rad, relative.imag),
+    ):
+        assert np.isnan(std[outside]).all()
+        np.testing.assert_allclose(
+            std[~outside], np.linalg.norm(parts, axis=0)[~outside], rtol=1e-4
+        )
+    assert model.ss().A_std[0, 0] == pytest.approx(
+        np.linalg.norm([2.0 * ZETA * 0.05, 2.0 * WN * 0.01, 0.4]), rel=1e-4
+    )  # den is s^3 + (2 zeta wn - lag) s^2 + ...
+
+
+def test_the_pair_has_the_total_sigma_of_the_answer() -> None:
+    found = manoeuvre(1, lagged())
+    answer = found.estimates["ct"]
+    roll = replace(answer.dutch_roll, zeta_std=0.03)
+    found = replace(found, estimates={"ct": replace(answer, dutch_roll=roll)})
+
+    assert Answered.of(found).std[:3].tolist() == pytest.approx([0.05, 0.03, 0.4])
+
+
+def test_draws_have_the_covariance_that_was_given() -> None:
+    rng = np.random.default_rng(4)
+    mixing = np.eye(6) + 0.4 * rng.normal(size=(6, 6))
+    spread = 0.1 * np.diag(STD)  # small, so that all is nearly linear
+    covariance = spread @ mixing @ mixing.T @ spread
+
+    x = Answered.of(manoeuvre(1, lagged(covariance))).drawn(20_000, rng)
+
+    size = np.sqrt(np.diag(covariance))
+    np.testing.assert_allclose(
+        np.cov(x.T) / np.outer(size, size), covariance / np.outer(size, size), atol=0.03
+    )
+    np.testing.assert_allclose((x.mean(axis=0) - numbers([PAIR, LAG], [[R, C]])) / size, 0.0,
+                               atol=0.03)  # fmt: skip
+    wide = Answered.of(manoeuvre(1, lagged([0.05, 0.01, 9.0, 0.1, 0.05, 0.2]))).drawn(500, rng)
+    assert (wide[:, 2] < 0.0).all()  # no lag is unstable
+
+
+def faster(factor: float):
+    """Return the answer of the same aircraft at another airspeed: G becomes f G(s / f)."""
+    return response([factor * PAIR], {"rudder": [factor**2 * R]}, np.array(STD)[[0, 1, 3, 4]])
+
+
+def test_the_flight_has_its_airspeeds_aircraft_with_its_wn_zeta_and_sigmas() -> None:
+    slow, fast = manoeuvre(1, faster(0.9), speed=18.0), manoeuvre(2, faster(1.1), speed=22.0)
+    run = run_of(still(), [slow, fast], flight([slow, fast], 1.02 * WN, 1.1 * ZETA))
+
+    model = run.model("flight")
+
+    num, den, _, den_std, _ = model.tf()
+    assert den == pytest.approx([1.0, 2.0 * 1.1 * ZETA * 1.02 * WN, (1.02 * WN) ** 2], rel=1e-12)
+    assert den_std[2] / (2.0 * 1.02 * WN) == pytest.approx(0.02 * 1.02 * WN, rel=0.15)
+    # At 20 m/s both are G itself, whose zero and high end stay when its pair moves.
+    assert num == pytest.approx([2.0 * R.real, -2.0 * (R * PAIR.conjugate()).real], rel=1e-9)
+
+
+def test_a_flight_of_two_structures_has_the_mean_of_their_responses() -> None:
+    one, other = (
+        manoeuvre(1, faster(1.0)),
+        manoeuvre(2, lagged([0.01, 0.002, 0.1, 0.05, 0.02, 0.1])),
+    )
+    of = flight([one, other], WN, ZETA, 1e-4)
+    w = WN * np.linspace(0.6, 1.6, 7)
+
+    found = run_of(still(), [one, other], of).model("flight").frequency_response(w)
+
+    alone, behind = G(1j * w, c=0.0), G(1j * w)
+    np.testing.assert_allclose(found.G, 0.5 * (alone + behind), rtol=0.01)
+    apart = np.abs(np.abs(alone) - np.abs(behind))
+    assert (found.magnitude_std > 0.45 * apart).all()  # half of it, were there no other sigma
+
+
+def test_the_sigma_of_the_effect_falls_with_manoeuvres_only_as_far_as_noise_makes_it() -> None:
+    every = [manoeuvre(n, faster(1.0)) for n in range(1, 5)]
+    of = flight(every, WN, ZETA, 1e-6)
+    aircraft = drawn_aircraft(of, [Answered.of(each) for each in every])
+
+    assert aircraft is not None
+    one = np.hypot(0.1 * R.real, 0.05 * R.imag) / abs(R) ** 2
+    assert aircraft.effect_std(1) == pytest.approx(one, rel=0.2)
+    # .6 of sigma is noise: what is left with many is .8 of it.
+    assert aircraft.effect_std(1000) / aircraft.effect_std(1) == pytest.approx(0.8, abs=0.08)
+
+
+def test_a_manoeuvre_is_simulated_exactly_with_its_own_begin_bias_and_gap() -> None:
+    u = moved()
+    y = exact(u) + 0.03
+    columns = {"rudder": u[50:], "r [rad/s]": y[50:].copy()}
+    columns["r [rad/s]"][300:330] = np.nan
+
+    span_s = (10.0 + 150 * STEP_S, 10.0 + 900 * STEP_S)  # it begins in the decay of a doublet
+    measured = run_of(columns, [manoeuvre(1, lagged(), span_s)]).model(1).measured
+
+    assert measured is not None
+    known = np.isfinite(measured.y)
+    assert 600 < known.sum() < 740
+    np.testing.assert_allclose(measured.simulated[known], measured.y[known], atol=1e-9)
+    assert np.isnan(measured.simulated[~known]).all()
+    assert measured.longest.stop - measured.longest.start > 500
+
+
+def test_where_record_and_model_do_not_cohere_the_response_has_no_sigma() -> None:
+    u = moved()
+    noise = np.random.default_rng(3).standard_normal(len(u))
+    w = WN * np.array([0.7, 1.0, 1.4])
+    for size, known in ((0.001, True), (5.0, False)):
+        columns = {"rudder": u, "r [rad/s]": exact(u) + size * noise}
+        found = run_of(columns, [manoeuvre(1, lagged())]).model(1).frequency_response(w)
+        assert np.isfinite(found.magnitude_std).tolist() == [known] * 3
+        assert (found.coherence > 0.6).tolist() == [known] * 3
+
+
+def test_each_input_has_its_own_residues() -> None:
+    of = response([PAIR], {"rudder": [R], "aileron": [complex(-1.0, 0.5)]}, 0.01)
+    u, aileron = moved(), np.roll(moved(), 77)
+    b, a, _ = cont2discrete(([-2.0, -2.0 * (0.6 * 1.0 + 4.0 * 0.5)], [1.0, 1.2, WN**2]), STEP_S)
+    rb, ra, _ = cont2discrete(
+        ([2.0 * R.real, -2.0 * (R * PAIR.conjugate()).real], [1.0, 1.2, WN**2]), STEP_S
+    )
+    y = lfilter(rb.ravel(), ra, u) + lfilter(b.ravel(), a, aileron)
+    columns = {"rudder": u, "aileron": aileron, "r [rad/s]": y}
+
+    model = run_of(columns, [manoeuvre(1, of)]).model(1)
+
+    w = np.array([2.0, 4.0])
+    G_a = model.frequency_response(w, "aileron").G
+    np.testing.assert_allclose(G_a, G(1j * w, r=complex(-1.0, 0.5), c=0.0), rtol=1e-10)
+    assert model.measured is not None
+    known = np.isfinite(model.measured.y)
+    np.testing.assert_allclose(model.measured.simulated[known], model.measured.y[known], atol=1e-9)
+
+
+def test_an_answer_without_a_model_says_what_to_do() -> None:
+    found = manoeuvre(1, lagged())
+    old = replace(found, estimates={"ct": replace(found.estimates["ct"], response=None)})
+
+    with pytest.raises(NotIdentifiable, match=r"manoeuvre 1 has no model.*replay it first"):
+        run_of(still(), [old]).model(1)
+    with pytest.raises(NotIdentifiable, match="manoeuvre 1 has no model"):
+        run_of(still(), [manoeuvre(1, None)]).model(1)
+    alone = manoeuvre(1, lagged(), speed=None)
+    with pytest.raises(NotIdentifiable, match="airspeed is not known: take the model of one"):
+        run_of(still(), [alone], flight([alone], WN, ZETA)).model("flight")
