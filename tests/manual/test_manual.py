@@ -13,7 +13,6 @@ from typing import Any
 
 import pytest
 from places import C172P, ROOT, SRC
-from yawid.manoeuvres import airspeed_check, answer, candidate, find, flight
 
 import yawid
 from yawid.blocks import AIRSPEED_SHARE
@@ -27,7 +26,8 @@ from yawid.config.run import (
     RunConfig,
     check_settings,
 )
-from yawid.results import coherence, excitation, judge_estimate, judge_rudder, judge_samples
+from yawid.manoeuvre import answer, conditions, find, fit, flight, judge, signals
+from yawid.results import excitation, judge_samples
 
 MANUAL = SRC / "manual"
 PAGES = {path.name: path.read_text(encoding="utf-8") for path in sorted(MANUAL.glob("*.md"))}
@@ -199,8 +199,8 @@ def test_the_settings_file_has_every_option_with_its_default():
 
 
 LIMITS = {
-    "rate_too_low": (judge_samples.LEAST_RATE_HZ, judge_samples.REFUSED_RATIO),
-    "rate_low": (judge_samples.LOW_RATE_HZ, judge_samples.LOW_RATIO),
+    "rate_too_low": (judge.LEAST_HZ, judge.LEAST_RATIO),
+    "rate_low": (judge.LOW_HZ, judge.LOW_RATIO),
     "rate_changed": (judge_samples.RATE_CHANGED,),
     "not_in_command": (
         100 * command.MOVED, command.LEAST_ROWS, 100 * judge_samples.LEAST_RESPONSE,
@@ -209,32 +209,24 @@ LIMITS = {
     "mixed_rudder": (100 * excitation.LEAST_STROKE, excitation.REACH_S),
     "collinear_inputs": (judge_samples.COLLINEAR, judge_samples.LAGS_COMPARED),
     "mode_not_driven": (
-        100 * (1 - coherence.LEVEL), coherence.SEGMENTS, 100 * judge_samples.CLOSED_LOOP,
-        100 * judge_rudder.BY_CHANCE, judge_rudder.LEAST_POINTS, judge_rudder.LEAST_RATIO,
+        judge.LEAST_FREE, judge.LEAST_SHIFTED, *judge.NEAR_PERIODS, judge.FAR_PERIODS, judge.FAR,
     ),
     "not_converged": (
-        100 * judge_samples.UNCERTAIN_WN, judge_samples.UNCERTAIN_ZETA,
-        judge_estimate.DISAGREE_SIGMAS, 100 * judge_estimate.MOVING_SHARE, answer.LEAST_PERIODS,
-        candidate.OTHER_SPEED,
+        100 * judge.UNCERTAIN_WN, judge.UNCERTAIN_ZETA, judge.LEAST_PERIODS, find.OTHER_SPEED,
     ),
-    "poor_fit": (
-        judge_estimate.LEAST_SIMULATION_PCT, judge_estimate.LEAST_HELD_BACK_PCT,
-        answer.LEAST_ALONE_PCT, judge_estimate.IN_GUSTS_PCT, 100 * judge_estimate.IN_GUSTS_WN,
-        100 * judge_estimate.REACTS, 100 * (judge_estimate.ALIKE - 1),
-    ),
-    "turn_dominated": (judge_samples.TURN_DOMINATED,),
-    "manoeuvres_disagree": (100 * flight.DISAGREE_WN, judge_estimate.DISAGREE_SIGMAS),
+    "poor_fit": (judge.LEAST_PCT,),
+    "turn_dominated": (judge.TURNS,),
+    "manoeuvres_disagree": (100 * flight.DISAGREE_WN, flight.DISAGREE_SIGMAS),
     "rudder_assumed": (100 * surface_reader.TOLERANCE, 100 * surface_reader.LEAST_SHARE),
-    "els_rml_disagree": (judge_estimate.DISAGREE_SIGMAS, 100 * judge_estimate.DISAGREE_SHARE),
-    "coloured_residuals": (judge_estimate.LEAST_COLOUR, 100 * judge_estimate.WHITE_P),
-    "poorly_known": (100 * judge_samples.ROUGH_WN, 100 * judge_samples.UNCERTAIN_WN),
-    "saturated": (100 * judge_samples.SATURATED_SHARE,),
+    "poorly_known": (100 * judge.ROUGH_WN, 100 * judge.UNCERTAIN_WN),
+    "saturated": (100 * judge.SATURATED,),
     "airspeed_changed": (100 * AIRSPEED_SHARE,),
     "airspeed_implausible": (
-        airspeed_check.FACTOR, airspeed_check.SIGMAS, airspeed_check.SLIP,
-        100 * airspeed_check.SLIP_SIGMA, airspeed_check.TAIL_WIND,
+        conditions.FACTOR, conditions.SIGMAS, conditions.SLIP, 100 * conditions.SLIP_SIGMA,
+        conditions.TAIL_WIND,
     ),
-    "closed_loop": (100 * judge_samples.CLOSED_LOOP,),
+    "wrong_sign": (judge.CLEAR_SIGMAS,),
+    "closed_loop": (judge.SOME_FED_BACK,),
 }  # fmt: skip
 """The numbers that each reason is judged by."""
 
@@ -247,16 +239,36 @@ def test_the_limits_of_a_reason_are_those_of_the_code(reason: str):
     assert {round(limit, 6) for limit in LIMITS[reason]} <= numbers
 
 
-def test_a_manoeuvre_begins_and_ends_as_the_code_has_it():
-    (part,) = re.findall(r"## What a manoeuvre is\n(.*?)\n##", PAGES["first_flight.md"], re.DOTALL)
-    numbers = {float(number) for number in re.findall(r"\d+(?:\.\d+)?", part)}
+def numbers_of(heading: str) -> set[float]:
+    """Return the numbers below a heading of the page on manoeuvres."""
+    (part,) = re.findall(rf"## {heading}\n(.*?)(?:\n## |\Z)", PAGES["manoeuvre.md"], re.DOTALL)
+    return {float(number) for number in re.findall(r"\d+(?:\.\d+)?", part)}
 
+
+def test_a_manoeuvre_begins_and_ends_as_the_code_has_it():
     assert {
-        *(100 * candidate.MOVES, 100 * excitation.LEAST_STROKE, candidate.LONGEST_S),
-        *(find.LONGEST_GAP_S, find.LONGEST_STATED_S, 100 * AIRSPEED_SHARE),
-    } <= numbers
-    assert find.LEAD_S == 1.0
-    assert "begins one second before" in " ".join(part.split())
+        *(100 * find.MOVES, 100 * excitation.LEAST_STROKE, excitation.REACH_S, find.REST),
+        *(find.PERIODS, find.LONGEST_PERIOD_S, find.DECAY, find.LONGEST_S, find.LONGEST_GAP_S),
+        *(find.LONGEST_STATED_S, 100 * AIRSPEED_SHARE),
+    } <= numbers_of("Where a manoeuvre is")
+
+
+def test_the_limits_of_a_manoeuvres_answer_are_those_of_the_code():
+    assert signals.WORTH_BIC in numbers_of("Inputs and outputs")
+    assert fit.PER_PERIOD in numbers_of("The fit")
+    assert {
+        *(answer.INFLATED, answer.INFLATED_ROLL, 100 * answer.FLOOR_WN, answer.FLOOR_ZETA),
+        *(100 * answer.HIDDEN_ZETA, 100 * answer.FLOOR_GAIN),
+    } <= numbers_of("wn, zeta and their sigma")
+    assert {answer.LOWEST, answer.HIGHEST} <= numbers_of("K, T, and what a doublet shows")
+    assert {
+        *(judge.LEAST_FREE, judge.LEAST_SHIFTED, *judge.NEAR_PERIODS, judge.FAR, judge.FAR_PERIODS),
+        *(100 * judge.UNCERTAIN_WN, judge.UNCERTAIN_ZETA, judge.LEAST_PERIODS, judge.LEAST_PCT),
+    } <= numbers_of("What is judged")
+    assert {
+        *(100 * flight.TAU_WN_SHARE, flight.TAU_ZETA, flight.DISAGREE_SIGMAS),
+        100 * flight.DISAGREE_WN,
+    } <= numbers_of("The flight")
 
 
 def test_what_the_manual_names_exists():

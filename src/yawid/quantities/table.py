@@ -135,9 +135,17 @@ _OTHERS: Final = (
         "effect_per_V2", f"rad/m^2 per {RUDDER}",
         "the rudder's effect on the Dutch roll (its residue) over V^2", symbol="b/V²",
     ),
+    Quantity(
+        "yaw_acceleration", f"rad/s^2 per {RUDDER}", "what a step of the rudder makes at once, "
+        "K T ωn^2",
+    ),
     Quantity(REDUCTION_ERROR, "1", "misfit of eq. 23, 0.3 to 3 ωn"),
     # Of the model and its fit.
-    Quantity("method", "", "els (extended least squares) or rml (recursive maximum likelihood)"),
+    Quantity(
+        "method", "", "ct (continuous-time fit), els (extended least squares) or rml (recursive "
+        "maximum likelihood)",
+    ),
+    Quantity("structure", "", "the poles of a continuous-time fit: 2, 2L or 3"),
     Quantity("na", "", "order of A"),
     Quantity("nb", "", "order of the B of every input"),
     Quantity("nc", "", "order of C"),
@@ -194,9 +202,6 @@ _OTHERS: Final = (
     Quantity(
         "turn_removed", "", "whether the turn that bank and airspeed imply was subtracted"
     ),
-    Quantity(
-        "tries", "", "each fit that was tried, where the first one was refused"
-    ),
     Quantity("usable", "", "whether the answer may be used"),
     # Of the link.
     Quantity("frames", "", "intact frames"),
@@ -225,7 +230,7 @@ def quantity(name: str) -> Quantity:
     std = name.removesuffix("_noise")
     of = std.removesuffix("_std")
     row = QUANTITIES[_STEMS.get(of, of)]
-    words = "total sigma: noise, scatter over the record, other structures"
+    words = "total sigma: noise, how the structures of the fit differ, floors"
     if std != name:
         words = f"the part of {std} that noise alone explains"
     return Quantity(name, row.unit, row.words if of == name else words)
