@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import re
 
 import msgspec
@@ -21,7 +20,6 @@ from yawid.answers.run_summary import (
     VerdictSummary,
 )
 from yawid.blocks import StampedRows
-from yawid.physics.modes import pair_poles
 from yawid.report.bare import bare_section
 from yawid.report.lateral_picture import acceleration
 from yawid.sinks.rerun.documents import verdict_markdown
@@ -94,16 +92,6 @@ def test_an_airframe_that_is_not_known_has_its_cause_and_no_number():
 def test_without_the_option_there_is_nothing():
     assert list(bare_section(summary(None))) == []
     assert list(bare_rows(summary(None))) == []
-
-
-def test_the_pole_map_has_the_bare_airframe_next_to_the_model():
-    """s = -zeta wn +- i wn sqrt(1 - zeta^2), and z = exp(s Ts)."""
-    z = pair_poles(2.41, 0.12, 0.05)
-
-    assert np.abs(z) == pytest.approx(math.exp(-0.12 * 2.41 * 0.05))
-    assert np.angle(z) == pytest.approx(
-        [0.05 * 2.41 * math.sqrt(1 - 0.12**2), -0.05 * 2.41 * math.sqrt(1 - 0.12**2)]
-    )
 
 
 @pytest.mark.parametrize(("y_beta", "explained"), [(-0.3, True), (-0.6, False)])

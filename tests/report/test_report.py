@@ -7,7 +7,6 @@ import re
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -19,17 +18,12 @@ from report_page import Page, first_screen
 
 from yawid.blocks import Noted
 from yawid.cli.main import main
-from yawid.config.estimator import ArmaxOrders
-from yawid.report.data import Model, gather
-from yawid.report.model_pictures import frequency_band, poles_with_sigma, step_band
 from yawid.report.write import Report
 from yawid.sinks.mcap.reader import open_run
 
-PICTURES = (
-    "whole", "fit", "bode", "poles", "step", "residuals", "modes", "parameters", "link",
-)  # fmt: skip
+PICTURES = ("whole", "modes", "parameters", "link")
 STREAM = ("--manoeuvres", "off")
-"""These tests are of the stream's answer; tests of a flight's are in test_flight_page.py."""
+"""These tests are of the stream alone; tests of a flight's page are in test_flight_page.py."""
 PAIRS = (("wn_rad_s", "wn_std"), ("zeta", "zeta_std"))
 
 
@@ -173,47 +167,6 @@ def test_without_a_folder_for_the_cache_of_matplotlib_stderr_has_no_line(
         order, env=environment, capture_output=True, text=True, timeout=120, check=True
     )
     assert told.stderr == ""
-
-
-def test_the_file_replays_from_itself(good: Path) -> None:
-    data = gather(open_run(good))
-    assert data is not None
-    assert data.model.same
-    assert np.isfinite(data.model.covariance).all()
-
-
-def model(rng: np.random.Generator) -> tuple[Model, Any]:
-    theta = np.array([-1.5, 0.62, 0.11, 0.06, 0.3, 0.0])
-    spread = np.diag([0.01, 0.012, 0.004, 0.005, 0.02, 1e-3])
-    mixing = np.eye(6) + 0.3 * rng.normal(size=(6, 6))
-    covariance = mixing @ spread**2 @ mixing.T
-    orders = ArmaxOrders(na=2, nb=2, nc=1, nk=1)  # type: ignore[arg-type] # an int means one input
-    return Model(theta, covariance, orders, 0.1, True), rng.multivariate_normal(
-        theta, covariance, 4000
-    )
-
-
-def test_bands_are_the_spread_of_what_the_covariance_allows() -> None:
-    given, drawn = model(np.random.default_rng(3))
-    frequency_hz = np.array([0.2, 0.7, 2.0])
-    band = frequency_band(given, frequency_hz)
-    answer, answer_std = step_band(given, 40)
-    every = [Model(theta, given.covariance, given.orders, 0.1, True) for theta in drawn]
-    ln_g = np.array([np.log(frequency_band(m, frequency_hz).G / band.G) for m in every])
-    steps = np.array([step_band(m, 40)[0] for m in every])
-
-    np.testing.assert_allclose(band.log_magnitude_std, ln_g.real.std(axis=0), rtol=0.1)
-    np.testing.assert_allclose(band.phase_std_rad, ln_g.imag.std(axis=0), rtol=0.1)
-    np.testing.assert_allclose(answer_std[1:15], steps.std(axis=0)[1:15], rtol=0.1)
-    np.testing.assert_allclose(answer[:2], [0.0, given.theta[2]])
-    z, spread = poles_with_sigma(given)
-    upper = z[np.argmax(z.imag)]
-    a = drawn[:, :2]
-    poles = -a[:, 0] / 2 + np.sqrt((a[:, 0] ** 2 / 4 - a[:, 1]).astype(complex))
-    assert upper.imag > 0.0
-    np.testing.assert_allclose(
-        np.sqrt(np.diag(spread[np.argmax(z.imag)])), [poles.real.std(), poles.imag.std()], rtol=0.1
-    )
 
 
 @pytest.mark.skipif(find_chromium() is None, reason="no chromium is installed")

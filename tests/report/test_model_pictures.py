@@ -1,0 +1,192 @@
+"""The pictures of a manoeuvre's model: of an answer written by hand, and of a fitted flight."""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from finished_runs import replayed
+from matplotlib.collections import FillBetweenPolyCollection
+from matplotlib.figure import Figure
+from matplotlib.patches import Ellipse
+from models.answers_by_hand import manoeuvre, response, run_of
+from places import C172P
+
+from yawid.answers.run_summary import DutchRoll
+from yawid.estimation.fit import fit_percent
+from yawid.report.data import Drawn, ReportData, gather
+from yawid.report.model_pictures import (
+    bode_picture,
+    poles_picture,
+    residuals_picture,
+    step_band,
+    step_picture,
+)
+from yawid.report.picture import Picture
+from yawid.report.time_pictures import manoeuvre_picture, modes_picture
+from yawid.report.write import Report
+from yawid.sinks.mcap.reader import McapRun, open_run
+
+PAIR, R = complex(-0.5, 5.0), complex(3.0, 0.2)
+WN = abs(PAIR)
+STD = [0.05, 0.01, 0.3, 0.1]
+
+
+def rudder(n: int = 1000) -> np.ndarray:
+    u = np.zeros(n)
+    u[60:72], u[72:84], u[300:312], u[312:324] = 0.3, -0.3, 0.3, -0.3
+    return u
+
+
+def exact(u: np.ndarray) -> np.ndarray:
+    """Return the yaw rate from rest, held over each sample of 0.05 s, by its very sum."""
+    y, x = np.zeros(len(u)), 0j
+    step, gain = np.exp(PAIR * 0.05), np.expm1(PAIR * 0.05) / PAIR
+    for k, value in enumerate(u):
+        y[k], x = 2.0 * (R * x).real, step * x + gain * value
+    return y
+
+
+@pytest.fixture(scope="module")
+def by_hand(tmp_path_factory: pytest.TempPathFactory) -> McapRun:
+    """Return a run with one manoeuvre of which everything is known, and 1 % of noise."""
+    u = rudder()
+    noise = np.random.default_rng(2).normal(0.0, 0.005, len(u))
+    found = manoeuvre(1, response([PAIR], {"rudder": [R]}, STD))
+    run = run_of({"rudder": u, "r [rad/s]": exact(u) + noise}, [found])
+    mcap = open_run(run.mcap(tmp_path_factory.mktemp("by_hand")))
+    return dataclasses.replace(mcap, summary=run.summary)
+
+
+@pytest.fixture(scope="module")
+def data(by_hand: McapRun) -> ReportData:
+    return gather(by_hand)  # type: ignore[return-value]  # it has rows
+
+
+@pytest.fixture(scope="module")
+def drawn(data: ReportData) -> Drawn:
+    (found,) = data.drawn
+    return found
+
+
+def axes_of(picture: Picture) -> list:
+    figure = Figure()
+    picture.draw(figure)
+    figure.draw_without_rendering()
+    return figure.axes
+
+
+def test_a_step_is_that_of_the_poles_and_has_the_sigma_of_its_numbers(drawn: Drawn) -> None:
+    t = np.array([0.0, 0.1, 0.4, 0.9])
+
+    found, std = step_band(drawn.answered, t)
+
+    def step(x: np.ndarray) -> np.ndarray:
+        p = x[0] * (-x[1] + 1j * np.sqrt(1.0 - x[1] ** 2))
+        return 2.0 * np.real(complex(x[2], x[3]) / p * (np.exp(p * t) - 1.0))
+
+    x = np.array([WN, 0.5 / WN, R.real, R.imag])
+    np.testing.assert_allclose(found, step(x), atol=1e-12)
+    slopes = [(step(x + 1e-6 * e) - step(x - 1e-6 * e)) / 2e-6 for e in np.eye(4)]
+    np.testing.assert_allclose(std, np.linalg.norm(np.array(STD)[:, None] * slopes, axis=0),
+                               rtol=1e-4, atol=1e-9)  # fmt: skip
+
+
+def test_the_band_of_the_response_ends_where_the_model_does(drawn: Drawn, by_hand: McapRun) -> None:
+    picture = bode_picture(drawn, by_hand.grid)
+    upper, lower = axes_of(picture)[:2]
+
+    for ax in (upper, lower):
+        (band,) = [c for c in ax.collections if isinstance(c, FillBetweenPolyCollection)]
+        f = np.concatenate([path.vertices[:, 0] for path in band.get_paths()])
+        ends = np.array([f.min(), f.max()]) * 2.0 * np.pi / WN
+        assert ends == pytest.approx([0.6, 1.6], abs=0.05)
+        assert 0.6 <= ends[0] <= ends[1] <= 1.6
+    (points,) = upper.containers
+    assert points.get_label() == "measured (spectra)"
+
+
+def test_the_poles_have_ellipses_of_two_sigma(drawn: Drawn) -> None:
+    (ax,) = axes_of(poles_picture(drawn))
+
+    (ellipse,) = [patch for patch in ax.patches if isinstance(patch, Ellipse)]
+    assert ellipse.get_center() == pytest.approx((PAIR.real, PAIR.imag))
+    # wn moves the pole along its direction, zeta nearly across it.
+    across = WN * STD[1] / np.sqrt(1.0 - (0.5 / WN) ** 2)
+    assert sorted((ellipse.width, ellipse.height)) == pytest.approx(
+        sorted((4.0 * STD[0], 4.0 * across)), rel=0.02
+    )
+    crosses = [line for line in ax.lines if line.get_marker() == "x"]
+    assert crosses[0].get_xydata().tolist() == [pytest.approx([PAIR.real, PAIR.imag])]
+
+
+def test_the_dutch_roll_of_the_bare_airframe_stands_next_to_the_poles(drawn: Drawn) -> None:
+    bare = DutchRoll(wn_rad_s=4.2, zeta=0.3)
+    picture = poles_picture(drawn, bare)
+    (ax,) = axes_of(picture)
+
+    (cross,) = [line for line in ax.lines if line.get_marker() == "+"]
+    assert cross.get_xydata()[0].tolist() == pytest.approx([-1.26, 4.2 * np.sqrt(1.0 - 0.09)])
+    assert "without its roll loop" in picture.look
+
+
+def test_what_is_left_is_the_noise(drawn: Drawn) -> None:
+    (ax,) = axes_of(residuals_picture(drawn))
+
+    measured, left, _ = ax.lines
+    f, power = left.get_xydata().T
+    # White noise of 0.005 rad/s at 20 Hz: its power up to 10 Hz, in dB.
+    assert power[f > 1.5].mean() == pytest.approx(10.0 * np.log10(0.005**2 / 10.0), abs=1.0)
+    near = np.abs(f - WN / (2.0 * np.pi)) < 0.2
+    assert (measured.get_ydata()[near] > power[near] + 20.0).all()
+
+
+def test_no_caption_speaks_of_orders_or_contradicts_the_verdict(
+    by_hand: McapRun, drawn: Drawn
+) -> None:
+    grid = by_hand.grid
+    pictures = [
+        bode_picture(drawn, grid), poles_picture(drawn), step_picture(drawn, grid),
+        residuals_picture(drawn), manoeuvre_picture(drawn, grid),
+    ]  # fmt: skip
+
+    for each in pictures:
+        assert each.svg
+        assert re.findall(r"order|raise n|one step|not fully modelled", each.look) == []
+
+
+def test_what_explodes_leaves_the_picture_and_takes_no_axis_with_it(
+    by_hand: McapRun, data: ReportData, drawn: Drawn
+) -> None:
+    """A warning of the drawing is an error in these tests."""
+    rows = np.arange(len(drawn.measured.t))
+    grown = (-1.0) ** rows * 10.0 ** np.linspace(-3.0, 307.0, len(rows))
+    grown[-100:] = np.inf
+    measured = dataclasses.replace(drawn.measured, simulated=grown)
+    model = dataclasses.replace(drawn.model, measured=measured)
+    track = data.tracks["els"]
+    wild = 1e9 * (np.arange(len(track.t))[:, None] % 50 == 9)
+    far = dataclasses.replace(track, dutch_roll=track.dutch_roll + wild)
+
+    fit = manoeuvre_picture(dataclasses.replace(drawn, model=model), by_hand.grid)
+    over_time = modes_picture(dataclasses.replace(data, tracks=data.tracks | {"els": far}))
+
+    for picture in (fit, over_time):
+        assert not re.findall(r"[0-9]{5,}\.[0-9]", picture.svg)
+
+
+def test_a_manoeuvre_is_drawn_by_the_very_model_that_answered_it(tmp_path: Path) -> None:
+    run = open_run(replayed(C172P, tmp_path))
+    data = gather(run)
+    assert data is not None
+    (found,) = run.summary.manoeuvres or []
+    (drawn,) = data.drawn
+
+    pct = fit_percent(drawn.measured.y, drawn.measured.simulated)
+    assert pct == pytest.approx(found.answer.fit.simulation_pct, abs=1.0)  # type: ignore[union-attr]  # it has one
+    text = Report(run).html()
+    assert f'<figure id="manoeuvre{found.n}">' in text
+    assert all(f'<figure id="{key}">' in text for key in ("bode", "poles", "step", "residuals"))
