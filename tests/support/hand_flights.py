@@ -51,6 +51,13 @@ def estimate(
     return MethodSummary(**(given | more))
 
 
+def answer(roll: DutchRoll | None) -> MethodSummary:
+    """Return a manoeuvre's answer; K T wn^2 is 27.2 rad/s^2."""
+    recursive = {"orders": None, "theta": None, "theta_std": None}
+    yaw, fit = Value(27.2, 0.5), Fit(simulation_pct=91.3)
+    return estimate("ct", roll, fit=fit, structure="2", yaw_acceleration=yaw, **recursive)
+
+
 def roll_of(
     wn: float,
     zeta: float,
@@ -105,11 +112,10 @@ def manoeuvre(
         "airspeed_source": None if speed is None else "airspeed",
         "altitude_m": 102.4,
         "inputs": ["rudder"],
-        "orders": ORDERS,
         "turn_removed": False,
-        "estimates": {"els": estimate("els", roll), "rml": estimate("rml", roll)},
+        "estimates": {"ct": answer(roll)},
         "verdict": VerdictSummary(
-            method="rml", usable=reason is None, reasons=[] if reason is None else [reason]
+            method="ct", usable=reason is None, reasons=[] if reason is None else [reason]
         ),
     }
     return Manoeuvre(**(given | more))
@@ -117,8 +123,7 @@ def manoeuvre(
 
 def flight(**more: Any) -> Flight:
     given: dict[str, Any] = {
-        "method": "rml",
-        "orders": ORDERS,
+        "method": "ct",
         "airspeed_m_s": 22.0,
         "airspeed_source": "airspeed",
         "altitude_m": 102.0,
@@ -130,7 +135,7 @@ def flight(**more: Any) -> Flight:
         "between_std": BetweenStd(wn_rad_s=0.15, zeta=0.02),
         "used": [1, 2],
         "disagree": [3],
-        "verdict": VerdictSummary(method="rml", usable=True, reasons=[]),
+        "verdict": VerdictSummary(method="ct", usable=True, reasons=[]),
     }
     return Flight(**(given | more))
 
@@ -169,7 +174,7 @@ def four_of_a_flight() -> RunSummary:
 
 def none_usable() -> RunSummary:
     refused = [manoeuvre(n, wn, reason=NOT_CONVERGED) for n, wn in ((1, 12.4), (2, None))]
-    verdict = VerdictSummary(method="rml", usable=False, reasons=[NOT_CONVERGED])
+    verdict = VerdictSummary(method="ct", usable=False, reasons=[NOT_CONVERGED])
     return summary(refused, Flight(used=[], disagree=[], verdict=verdict))
 
 

@@ -249,6 +249,12 @@ class Bare(Part, frozen=True, kw_only=True):
         return self.verdict.usable
 
 
+CUT_S = 5.0
+"""The least duration in s of a manoeuvre that ended by itself, as that is rest: a shorter one was
+cut off by the end of the log, by another flight mode or by a gap. Without it a movement of a second
+before a log ended decided for a noisy minute. By the finder; on no flights."""
+
+
 class Manoeuvre(Part, frozen=True, kw_only=True):
     """One manoeuvre, in s since boot, the conditions in which it was flown, and its answer.
 
@@ -283,13 +289,13 @@ class Manoeuvre(Part, frozen=True, kw_only=True):
         return self.estimates.get(self.verdict.method or "")
 
     @property
-    def standing(self) -> tuple[int, float]:
+    def standing(self) -> tuple[bool, int, float]:
         """A sort key, smallest for the manoeuvre whose reasons a flight without an answer gives.
 
         It is the one with the fewest fatal reasons; of several the longest, which contains the most
-        of what was flown.
+        of what was flown. One that was cut off gives them only where all were.
         """
-        return len(self.verdict.fatal), -self.duration_s
+        return self.duration_s < CUT_S, len(self.verdict.fatal), -self.duration_s
 
     @property
     def dutch_roll(self) -> DutchRoll | None:

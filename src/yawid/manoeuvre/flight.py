@@ -57,7 +57,7 @@ class Pooled:
     """A mean over manoeuvres, its standard error, and ``tau``, the scatter between them.
 
     ``noise`` is the standard error that noise alone explains, ``beyond`` the error that all have in
-    common, ``least`` how far wrong the mean may be by a warning.
+    common.
     """
 
     mean: float
@@ -65,17 +65,16 @@ class Pooled:
     tau: float
     noise: float
     beyond: float
-    least: float = 0.0
 
     @property
     def std_mean(self) -> float:
         """The sigma of the mean."""
-        return max(math.hypot(self.error, self.beyond), self.least)
+        return math.hypot(self.error, self.beyond)
 
     @property
     def std(self) -> float:
         """The sigma of the result of a next manoeuvre."""
-        return max(math.sqrt(self.error**2 + self.tau**2 + self.beyond**2), self.least)
+        return math.hypot(self.error, self.tau, self.beyond)
 
 
 def pooled(x: Floats, std: Floats, floor: float, beyond: Floats) -> Pooled:
@@ -155,11 +154,9 @@ def _together(
     unit = median if scaled and math.isfinite(median) else 1.0
     speed = median if is_true and math.isfinite(median) else None
     heights = [h for each in used if (h := each.found.altitude_m) is not None]
-    warned = list(_warnings(used))
-    moves = np.max([(0.0, 0.0), *(reason.moves for reason in warned)], axis=0)
-    wn, zeta = _averages(rolls, by, agree, moves)
+    wn, zeta = _averages(rolls, by, agree)
     physics = _physics(used, by[agree])
-    reasons = [*of_the_log, *warned, *rough_reasons(wn.mean * unit, wn.std * unit)]
+    reasons = [*of_the_log, *_warnings(used), *rough_reasons(wn.mean * unit, wn.std * unit)]
     if rest:
         apart = [(each.n, f"wn {own:.3g} rad/s", each.airspeed_m_s) for each, own in rest]
         text = disagreement(apart, f"{wn.mean * unit:.3g} ± {wn.std * unit:.2g}", speed, len(used))
@@ -191,18 +188,16 @@ def _together(
     return flight, verdict
 
 
-def _averages(rolls: Floats, by: Floats, agree: Bools, moves: Floats) -> tuple[Pooled, Pooled]:
+def _averages(rolls: Floats, by: Floats, agree: Bools) -> tuple[Pooled, Pooled]:
     """Return the means of wn / ``by`` and of zeta over the manoeuvres that agree.
 
     A row of ``rolls`` (n, 6) holds wn, its sigma, zeta, its sigma, of noise, and the sigmas of both
-    that noise does not explain. ``moves`` (2,) is how far wn (relative) and zeta may be wrong by a
-    warning.
+    that noise does not explain.
     """
     wn, wn_std, zeta, zeta_std, wn_beyond, zeta_beyond = rolls[agree].T
     wn, wn_std, wn_beyond = wn / by[agree], wn_std / by[agree], wn_beyond / by[agree]
     x = pooled(wn, wn_std, TAU_WN_SHARE * float(np.median(wn)), wn_beyond)
-    rest = pooled(zeta, zeta_std, TAU_ZETA, zeta_beyond)
-    return replace(x, least=float(moves[0]) * x.mean), replace(rest, least=float(moves[1]))
+    return x, pooled(zeta, zeta_std, TAU_ZETA, zeta_beyond)
 
 
 def _common(values: set[str | None]) -> str | None:

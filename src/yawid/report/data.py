@@ -228,7 +228,7 @@ def to_draw(manoeuvres: Sequence[Manoeuvre], used: Container[int]) -> list[Manoe
     fit first; then refused ones by their standing.
     """
 
-    def worth(each: Manoeuvre) -> tuple[bool, tuple[float, float]]:
+    def worth(each: Manoeuvre) -> tuple[bool, tuple[float, ...]]:
         answer = each.answer if each.verdict.usable else None
         fit = None if answer is None else answer.fit.simulation_pct
         return each.n not in used, each.standing if fit is None else (0, -fit)
