@@ -250,9 +250,8 @@ class Bare(Part, frozen=True, kw_only=True):
 
 
 CUT_S = 5.0
-"""The least duration in s of a manoeuvre that ended by itself, as that is rest: a shorter one was
-cut off by the end of the log, by another flight mode or by a gap. Without it a movement of a second
-before a log ended decided for a noisy minute. By the finder; on no flights."""
+"""The least duration in s of a manoeuvre that ended by itself, as that is rest. Without it a second
+of movement before a log's end gave the reasons of a noisy flight. By the finder; on no flights."""
 
 
 class Manoeuvre(Part, frozen=True, kw_only=True):
