@@ -31,11 +31,11 @@ MAY_IMPORT: dict[str, set[str]] = {
     "damper": {"config", "models", "physics"},
     "results": {"config", "estimation", "physics"},
     "manoeuvre": {"config", "estimation", "lateral", "physics", "results"},
-    "sinks": {"estimation", "results"},
+    "sinks": {"estimation"},
     "sinks/mcap": {"config", "estimation", "sinks"},
     "sinks/rerun": {"physics", "sinks"},
     "sinks/terminal": {"results", "sinks"},
-    "report": {"damper", "models", "physics", "results", "sinks", "sinks/mcap"},
+    "report": {"damper", "models", "physics", "sinks", "sinks/mcap"},
     "pipeline": {"config", "channels", "estimation", "physics", "manoeuvre", "results", "sinks"},
     "runs": {"config", "channels", "offline", "pipeline", "plant", "results"}
     | {"sources", RECORDS, *SINKS},
@@ -46,7 +46,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "fleet": {"config", "dataset", "runs", "sinks"} | {"sources"},
     "trend": {"damper", "dataset", "report", "sinks", "sinks/mcap"},
     "tables": {"config", "damper", "models", "report", "runs", "sources", "sinks", "sinks/mcap"},
-    "cli": {"config", "damper", "dataset", "estimation", "fleet", "report", "results"}
+    "cli": {"config", "damper", "dataset", "estimation", "fleet", "report"}
     | {"runs", "runs/live", "runs/regress", "sinks", "sinks/mcap", "sinks/terminal", "sources"}
     | {"tables", "trend"},
     "__main__": {"cli"},

@@ -104,7 +104,7 @@ def written(path: Path, data: bytes, edges: list[int]) -> dict[str, Any]:
     pieces = [data[low:high] for low, high in zip([0, *edges], [*edges, len(data)], strict=True)]
     source = TlogBytes(pieces, WANTED)
     feed_all(source, pipeline)
-    summary, _ = summarise(pipeline, source.link, "log.tlog", "")
+    summary = summarise(pipeline, source.link, "log.tlog", "")
     finish(pipeline, summary, outputs.files(), parameters_of(pipeline))
     return contents(path)
 

@@ -35,7 +35,7 @@ def pick(block, i: int):
 
 def run(data: bytes, size: int, **settings) -> tuple[np.ndarray, dict]:
     rows = AllRows()
-    summary, _ = finished(data, RunConfig(**settings), size=size, sinks=[rows])
+    summary = finished(data, RunConfig(**settings), size=size, sinks=[rows])
     return np.array(rows.rows), summary.to_json()
 
 

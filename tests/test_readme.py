@@ -16,11 +16,11 @@ from bench.run import BENCHES
 from checks import readme_tables
 from places import C172P, ROOT, SRC, TOOLS
 
+from yawid.answers.reasons import KINDS
 from yawid.cli import main as command_line
 from yawid.cli.config_file import parsed
 from yawid.cli.trend import CHANGED
 from yawid.errors import EXIT_CODES, YawidError
-from yawid.results.reasons import KINDS
 from yawid.runs.stop import SIGNALS
 
 LIMITS = {

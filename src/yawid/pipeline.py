@@ -18,8 +18,9 @@ import numpy as np
 
 from yawid.answers.channel_report import ChannelReport
 from yawid.answers.heard import BootSpan
+from yawid.answers.reasons import Reason
 from yawid.answers.run_summary import Bare, ChannelFound, Flight, Manoeuvre
-from yawid.blocks import FrameBlock, ModesBlock, MotionBlock, RecordBlock, SampleBlock
+from yawid.blocks import FrameBlock, Held, ModesBlock, MotionBlock, RecordBlock, SampleBlock
 from yawid.channels.report import report_of
 from yawid.channels.stage import WANTED, Channels
 from yawid.config.run import RunConfig
@@ -29,7 +30,7 @@ from yawid.manoeuvre.answered import ManoeuvreSetting
 from yawid.manoeuvre.find import UnderWay
 from yawid.manoeuvre.stage import Manoeuvres
 from yawid.physics.stage import PhysicsStage
-from yawid.results.reasons import Reason, Verdict
+from yawid.results.judge_samples import all_held
 from yawid.results.yaw_loop import gains_in
 from yawid.sinks.base import Grid, Sink
 
@@ -73,7 +74,8 @@ class Pipeline:
         self.bank: Bank | None = None
         self.modes: ModesBlock | None = None
         self.newest: SampleBlock | None = None
-        self.samples = 0
+        self.samples = self._used = 0
+        self._held = Held(0)
         self._make_bank = make_bank
         self._modes_of = modes_of
         self._rates_hz = rates_hz
@@ -107,9 +109,22 @@ class Pipeline:
             return UnderWay(None, 0.0), 0
         return stage.progress(), stage.unanswered
 
-    def flights(self, of_the_log: list[Reason]) -> list[tuple[Flight, Verdict]]:
-        """Return the flight's answers with their verdicts, the headline first; see the stage."""
+    def flights(self, of_the_log: list[Reason]) -> list[Flight]:
+        """Return the flight's answers, the headline first; see the stage."""
         return [] if self._manoeuvres is None else self._manoeuvres.flights(of_the_log)
+
+    def why_none(self) -> list[Reason]:
+        """Return why there is no estimate or no manoeuvre, by the samples and what they showed."""
+        stage, bank = self._manoeuvres, self.bank
+        if bank is None:
+            return []
+        if not self._used:
+            return [all_held(self._held)]
+        if stage is not None:
+            return stage.why_none(bank.grounded / bank.taken)
+        if any(estimator.updates for estimator in bank.estimators.values()):
+            return []
+        return [Reason("not_excited", "rudder and yaw rate never moved enough for an estimate")]
 
     def _yaw_loop(self, from_s: float, to_s: float) -> str | None:
         """Return the gains of a yaw damper in a stretch, as far as they are known."""
@@ -215,6 +230,8 @@ class Pipeline:
         estimates = bank.run(samples)
         self.modes = self._physics.of(samples.k, estimates[self.config.method])
         self.newest, self.samples = samples, self.samples + len(samples)
+        self._used += int(np.count_nonzero(samples.held == 0))
+        self._held |= Held(int(np.bitwise_or.reduce(samples.held)))
         for sink in self.sinks:
             sink.write(samples, estimates, self.modes)
         if self._manoeuvres is not None:

@@ -13,7 +13,8 @@ from hand_flights import four_of_a_flight, of_older_version
 from hand_flights import plain_summary as summary
 from places import REPLAY_LOGS
 
-from yawid.answers.run_summary import DutchRoll, MethodSummary, RunSummary, VerdictSummary
+from yawid.answers.reasons import Reason
+from yawid.answers.run_summary import DutchRoll, MethodSummary, RunSummary
 
 
 def estimate(theta: dict[str, Any], roll: DutchRoll | None = None) -> MethodSummary:
@@ -25,9 +26,10 @@ def estimate(theta: dict[str, Any], roll: DutchRoll | None = None) -> MethodSumm
 )
 def test_every_reference_comes_back_with_its_keys_in_their_order(path: Path):
     before = {"log": "log.tlog"} | json.loads(path.read_text(encoding="utf-8"))
-    data = json.dumps(before)
+    after = RunSummary.from_json(json.dumps(before).encode()).to_json()
 
-    assert json.dumps(RunSummary.from_json(data.encode()).to_json()) == data
+    assert after == before
+    assert list(after) == list(before)
 
 
 def test_what_does_not_apply_has_no_key_and_what_is_empty_has():
@@ -89,11 +91,18 @@ def test_a_wrong_value_is_refused_by_its_field(change: dict[str, Any], place: st
         RunSummary.from_json(data)
 
 
-def test_the_answer_is_the_estimate_that_the_verdict_names_else_the_first():
+def test_the_streams_number_is_that_of_the_method_asked_for_which_is_the_first():
     roll = DutchRoll(wn_rad_s=2.0, zeta=0.1)
-    both = {"els": estimate({}), "rml": estimate({}, roll)}
-    named = summary(estimates=both, verdict=VerdictSummary(method="rml", usable=True, reasons=[]))
+    both = summary(estimates={"rml": estimate({}, roll), "els": estimate({})})
 
-    assert (named.answering, named.dutch_roll, list(named.others)) == ("rml", roll, ["els"])
-    assert summary(estimates=both).answering == "els"
-    assert (summary().answering, summary().answer, summary().others) == (None, None, {})
+    assert (both.answer, both.dutch_roll) == (both.estimates["rml"], roll)
+    assert (summary().answer, summary().dutch_roll) == (None, None)
+
+
+def test_where_nothing_was_judged_there_is_no_verdict_and_the_word_says_so():
+    found = summary(verdict=None, warnings=[Reason("rudder_assumed", "servo 4")])
+
+    assert "verdict" not in found.to_json()
+    assert RunSummary.from_json(json.dumps(found.to_json()).encode()) == found
+    assert (found.exit_code, found.deciding.usable, found.deciding.word) == (0, False, "not judged")
+    assert found.deciding.reasons == found.warnings

@@ -195,7 +195,8 @@ def test_a_flight_by_the_receiver_of_an_autopilot_never_armed_is_answered_by_its
 
     The line of 14 rad/s is what the first try finds.
     """
-    summary, verdict = summarised(FLIGHTS / "dawn1_flight1.ulg", RunConfig())
+    summary = summarised(FLIGHTS / "dawn1_flight1.ulg", RunConfig())
+    verdict = summary.verdict
     weights = {reason.id: reason.weight for reason in verdict.reasons}
     roll = summary.flight.dutch_roll
 
@@ -216,14 +217,16 @@ def test_a_flight_by_the_receiver_of_an_autopilot_never_armed_is_answered_by_its
 def test_what_inspect_and_orders_recommend_for_it_leaves_the_second_try_its_freedom():
     """With --orders 3,3,2,1 or --rate given, the vibration is all that is found"""
     log = FLIGHTS / "dawn1_flight1.ulg"
-    report, verdict = orders_report(log, {})
+    report = orders_report(log, {})
+    verdict = report.verdict
     assert verdict.usable
     assert report.recommended is None
     page = io.StringIO()
     print_orders(report, page)
     assert "leave --orders open" in page.getvalue()
 
-    inspection, verdict = inspect(log, {})
+    inspection = inspect(log, {})
+    verdict = inspection.verdict
     assert verdict.usable
     options = check_settings(dict(inspection.recommend), "inspect")
     assert summarised(log, RunConfig(**options))[1].usable
@@ -233,7 +236,8 @@ def test_what_inspect_and_orders_recommend_for_it_leaves_the_second_try_its_free
 @RECORDED
 def test_the_passengers_flight_is_refused_by_its_samples_where_its_channel_is_named():
     config = RunConfig(rudder="control:2")
-    summary, verdict = summarised(FLIGHTS / "seaway_flight3.ulg", config)
+    summary = summarised(FLIGHTS / "seaway_flight3.ulg", config)
+    verdict = summary.verdict
 
     weights = {reason.id: reason.weight for reason in verdict.reasons}
     assert weights["disarmed"] == "warning"

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from yawid.blocks import Held, MessageBlock
-from yawid.channels.find_surface import find_surface, why_no_surface
+from yawid.channels.find_surface import find_surface, no_surface
 from yawid.channels.parameters import ParameterTable
 from yawid.channels.report import report_of
 from yawid.channels.surface import Surface, SurfacePart
@@ -362,7 +362,7 @@ def test_what_turns_without_a_rudder_has_none_by_any_option(autopilot, kind, sel
     alike = vehicle(kind, autopilot)
 
     assert find_surface("rudder", selector, alike, ParameterTable(), CONTROLS) is None
-    assert "has no rudder" in why_no_surface("rudder", alike, ParameterTable())
+    assert "has no rudder" in no_surface("rudder", alike, ParameterTable()).text
 
 
 def test_a_quadrotor_whose_parameters_name_a_rudder_has_one():

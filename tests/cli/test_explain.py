@@ -8,7 +8,7 @@ from string import ascii_uppercase
 
 import pytest
 
-from yawid.answers.run_summary import ReasonSummary, VerdictSummary
+from yawid.answers.reasons import KINDS, Reason, Verdict
 from yawid.cli import main as command_line
 from yawid.cli.explain import explained, listed, parts_of
 from yawid.cli.options import ALIASES
@@ -16,7 +16,6 @@ from yawid.config.run import KEPT_ONLY, RunConfig
 from yawid.damper.refusals import OF_DAMPER
 from yawid.errors import EXIT_CODES
 from yawid.quantities.table import QUANTITIES
-from yawid.results.reasons import KINDS
 from yawid.sinks.words import next_step
 
 PARTS = parts_of(command_line._parser())
@@ -144,8 +143,8 @@ def test_without_a_word_all_words_are_listed(capsys):
 
 
 def test_what_to_do_next_names_the_command_that_explains_why():
-    against = ReasonSummary("not_excited", "fatal", "the rudder rested")
-    verdict = VerdictSummary(usable=False, reasons=[against], next="Fly doublets.")
+    against = Reason("not_excited", "the rudder rested", weight="fatal")
+    verdict = Verdict(usable=False, reasons=[against], next="Fly doublets.")
 
     assert next_step(verdict) == "Fly doublets. (yawid explain not_excited)"
-    assert next_step(VerdictSummary(usable=True, reasons=[])) is None
+    assert next_step(Verdict(usable=True, reasons=[])) is None

@@ -16,7 +16,7 @@ from places import REPLAY_LOGS
 from recorded_flights import recorded
 from scipy.signal import cont2discrete, lfilter
 
-from yawid.answers.run_summary import VerdictSummary
+from yawid.answers.reasons import Verdict
 from yawid.cli import main as command_line
 
 WN, V, DELTA = 5.0, 20.0, 6.0
@@ -112,7 +112,7 @@ def test_the_sigma_of_a_damper_is_that_of_the_mean_over_the_manoeuvres(
         assert shown < 0.9 * std
 
 
-def by_hand(effect_std: float, noise: float, wn_std: float) -> VerdictSummary:
+def by_hand(effect_std: float, noise: float, wn_std: float) -> Verdict:
     """Return the damper's verdict on two manoeuvres whose answers are written by hand.
 
     ``effect_std`` is the sigma of the rudder's effect in each of them, a part of it, ``noise`` the

@@ -10,7 +10,8 @@ from hand_flights import summary as flight_summary
 from msgspec.structs import replace
 
 from yawid.answers.damper_report import Mix
-from yawid.answers.run_summary import Bare, ReasonSummary, Value, VerdictSummary
+from yawid.answers.reasons import Reason, Verdict
+from yawid.answers.run_summary import Bare, Value
 from yawid.damper.autopilots import AUTOPILOTS
 from yawid.damper.mix import mix_of
 
@@ -24,7 +25,7 @@ def known(value: float, std: float) -> Bare:
     derivatives = {"N_delta_a": Value(0.3, 0.01), "N_delta_r": Value(1.5, 0.01)}
     return Bare(
         rudder_mix=Value(value, std), derivatives=derivatives, airspeed_m_s=22.0, used=[1],
-        verdict=VerdictSummary(usable=True, reasons=[]),
+        verdict=Verdict(usable=True, reasons=[]),
     )  # fmt: skip
 
 
@@ -50,8 +51,8 @@ def test_a_mix_beyond_the_parameters_limits_is_held_in_them() -> None:
 
 
 def test_without_the_bare_airframe_it_is_refused_in_words() -> None:
-    said = ReasonSummary("bare_unknown", "warning", "the aileron does not move")
-    verdict = VerdictSummary(usable=False, reasons=[said])
+    said = Reason("bare_unknown", "the aileron does not move", weight="warning")
+    verdict = Verdict(usable=False, reasons=[said])
     unknown = told(Bare(used=[1], verdict=verdict))
 
     assert told(None).value is None

@@ -6,7 +6,8 @@ import pytest
 from hand_flights import four_of_a_flight, manoeuvre, mixed_loops, summary
 from msgspec.structs import replace
 
-from yawid.answers.run_summary import Bare, DutchRoll, TimeConstant, VerdictSummary
+from yawid.answers.reasons import Verdict
+from yawid.answers.run_summary import Bare, DutchRoll, TimeConstant
 from yawid.dataset.files import table_of
 from yawid.dataset.schema import TABLES
 from yawid.dataset.summary_rows import flight_rows, manoeuvre_rows
@@ -47,11 +48,11 @@ def test_each_loop_of_a_flight_is_a_row_and_its_headline_the_first() -> None:
 
 
 def test_the_bare_airframe_is_in_the_rows_of_its_flight_and_of_its_manoeuvre() -> None:
-    usable = VerdictSummary(usable=True, reasons=[])
+    usable = Verdict(usable=True, reasons=[])
     roll = DutchRoll(wn_rad_s=10.3, wn_std=0.2, zeta=0.63, zeta_std=0.02, level=1)
     bare = Bare(dutch_roll=roll, roll_mode=TimeConstant(0.1, 0.01), airspeed_m_s=22.7,
                 used=[1], verdict=usable)  # fmt: skip
-    refused = Bare(used=[2], verdict=VerdictSummary(usable=False, reasons=[]))
+    refused = Bare(used=[2], verdict=Verdict(usable=False, reasons=[]))
     two = [replace(manoeuvre(1), lateral=bare), replace(manoeuvre(2), lateral=refused)]
     run = replace(summary(two, None), bare=bare)
 

@@ -237,7 +237,7 @@ def test_a_session_on_a_socket_and_the_replay_of_its_tlog_have_the_same_airframe
         wait_for_size(session.part("tlog"), tlog_size(sent))
     [ended] = session.ended
     live, outputs = ended.summary, Outputs(tmp_path, "again")
-    again, _ = replay(tmp_path / "live.tlog", asdict(config), outputs, StopFlag())
+    again = replay(tmp_path / "live.tlog", asdict(config), outputs, StopFlag())
 
     assert live.bare is not None
     assert live.bare.verdict.usable != damper

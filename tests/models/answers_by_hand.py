@@ -10,6 +10,7 @@ from msgspec.structs import replace
 
 import yawid
 from yawid.answers.model_parts import Fit
+from yawid.answers.reasons import Verdict
 from yawid.answers.run_summary import (
     BetweenStd,
     DutchRoll,
@@ -17,13 +18,12 @@ from yawid.answers.run_summary import (
     Manoeuvre,
     MethodSummary,
     Response,
-    VerdictSummary,
 )
 from yawid.tables.run import Run
 
 STEP_S, START_S = 0.05, 10.0
 Pole = complex | float
-USABLE = VerdictSummary(method="ct", usable=True, reasons=[])
+USABLE = Verdict(method="ct", usable=True, reasons=[])
 
 
 def numbers(poles: Sequence[Pole], residues: Sequence[Sequence[Pole]]) -> np.ndarray:

@@ -21,7 +21,8 @@ from scipy import signal
 from scipy.io import loadmat
 
 import yawid
-from yawid.answers.run_summary import Bare, Value, VerdictSummary
+from yawid.answers.reasons import Verdict
+from yawid.answers.run_summary import Bare, Value
 from yawid.cli.main import main
 from yawid.errors import ConfigError, NotIdentifiable
 from yawid.models.aerodynamics import Dimensions, coefficients
@@ -186,7 +187,7 @@ def airframe_run() -> Run:
     bare = Bare(
         derivatives=derivatives, alpha_rad=Value(0.0, 0.01), servo_lag_s=Value(0.08, 0.01),
         correlations=np.eye(n).tolist(), from_prior=["Y_beta"], airspeed_m_s=AIRSPEED_M_S,
-        used=[1], verdict=VerdictSummary(usable=True, reasons=[]),
+        used=[1], verdict=Verdict(usable=True, reasons=[]),
     )  # fmt: skip
     found = yawid.replay(record(), **GIVEN)
     found.summary = msgspec.structs.replace(found.summary, bare=bare)

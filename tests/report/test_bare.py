@@ -10,15 +10,8 @@ import pytest
 from msgspec.structs import replace
 
 from yawid.answers.heard import LinkCounts
-from yawid.answers.run_summary import (
-    Bare,
-    DutchRoll,
-    ReasonSummary,
-    RunSummary,
-    TimeConstant,
-    Value,
-    VerdictSummary,
-)
+from yawid.answers.reasons import Reason, Verdict
+from yawid.answers.run_summary import Bare, DutchRoll, RunSummary, TimeConstant, Value
 from yawid.blocks import StampedRows
 from yawid.report.bare import bare_section
 from yawid.report.lateral_picture import acceleration
@@ -26,7 +19,7 @@ from yawid.sinks.rerun.documents import verdict_markdown
 from yawid.sinks.words import bare_rows
 from yawid.tables.page import answer
 
-USABLE = VerdictSummary(usable=True, reasons=[])
+USABLE = Verdict(usable=True, reasons=[])
 KNOWN = Bare(
     dutch_roll=DutchRoll(wn_rad_s=2.41, wn_std=0.03, zeta=0.12, zeta_std=0.008, level=1),
     roll_mode=TimeConstant(0.25, 0.03), spiral=TimeConstant(-40.0, 12.0),
@@ -76,8 +69,8 @@ def test_the_terminal_has_them_in_three_lines():
 
 
 def test_an_airframe_that_is_not_known_has_its_cause_and_no_number():
-    why = ReasonSummary("bare_unknown", "warning", "the aileron is a copy")
-    verdict = VerdictSummary(usable=False, reasons=[why], next="Move the rudder.")
+    why = Reason("bare_unknown", "the aileron is a copy", weight="warning")
+    verdict = Verdict(usable=False, reasons=[why], next="Move the rudder.")
     unknown = Bare(used=[1], verdict=verdict)
 
     said = plain("".join(bare_section(summary(unknown))))

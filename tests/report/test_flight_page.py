@@ -36,12 +36,8 @@ from pictures.browser import Browser, find_chromium
 from places import C172P, REPLAY_LOGS
 from report_page import Page, first_screen
 
-from yawid.answers.run_summary import (
-    Manoeuvre,
-    ReasonSummary,
-    RunSummary,
-    VerdictSummary,
-)
+from yawid.answers.reasons import Reason, Verdict
+from yawid.answers.run_summary import Manoeuvre, RunSummary
 from yawid.report.airspeed_picture import airspeed_picture
 from yawid.report.data import gather, to_draw
 from yawid.report.manoeuvres import flight_section
@@ -232,8 +228,8 @@ def test_the_picture_of_two_loops_says_whose_each_point_is() -> None:
 
 
 def test_of_refused_ones_the_first_drawn_is_the_one_whose_reasons_the_flight_gives() -> None:
-    poor, undriven = (ReasonSummary(id_, "fatal", "") for id_ in ("poor_fit", "mode_not_driven"))
-    several = VerdictSummary(method="ct", usable=False, reasons=[undriven, poor])
+    poor, undriven = (Reason(id_, "", weight="fatal") for id_ in ("poor_fit", "mode_not_driven"))
+    several = Verdict(method="ct", usable=False, reasons=[undriven, poor])
     short = manoeuvre(1, reason=poor)
     long = replace(manoeuvre(2, reason=undriven), duration_s=60.0)
     longest = replace(manoeuvre(3, reason=poor), duration_s=90.0, verdict=several)

@@ -17,7 +17,8 @@ from printed import printed
 from yawid.answers.flight_test_card import FlightTestCard
 from yawid.answers.heard import VehicleSeen
 from yawid.answers.inspection import Inspection
-from yawid.answers.run_summary import ChannelFound, Origin, ReasonSummary, RunSummary
+from yawid.answers.reasons import Reason
+from yawid.answers.run_summary import ChannelFound, Origin, RunSummary
 from yawid.cli.main import main
 from yawid.results.make_card import Flown, make_card
 from yawid.sinks.terminal.card import print_card
@@ -35,7 +36,7 @@ def card_of(
 def page_of(summary: RunSummary, card: FlightTestCard | None) -> list[str]:
     origin = {name: getattr(summary, name) for name in Origin.__struct_fields__}
     report = Inspection(
-        **origin, senders={}, by_sender={}, rates={}, excited=[], recommend={}, card=card,
+        **origin, senders={}, by_sender={}, rates={}, excited=[], card=card,
         verdict=summary.verdict,
     )  # fmt: skip
     stream = io.StringIO()
@@ -108,9 +109,10 @@ def test_without_an_answer_the_period_is_a_guess_and_says_so():
 def test_manoeuvres_that_disagree_give_no_answer_but_a_reason():
     summary = four_of_a_flight()
     assert summary.flight is not None
-    reason = ReasonSummary("manoeuvres_disagree", "fatal", "manoeuvre 2 has wn 5 rad/s")
+    reason = Reason("manoeuvres_disagree", "manoeuvre 2 has wn 5 rad/s", weight="fatal")
     refused = replace(summary.flight.verdict, usable=False, reasons=[reason])
-    card = card_of(replace(summary, flight=replace(summary.flight, verdict=refused)))
+    flight = replace(summary.flight, verdict=refused)
+    card = card_of(replace(summary, flight=flight, verdict=refused))
 
     assert card.answer is None
     assert card.expected == card.answered == []

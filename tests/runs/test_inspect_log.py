@@ -15,7 +15,7 @@ from gate import one_in
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from inspecting import assert_is_read_in_ten_seconds, inspected
-from places import C172P, REPLAY_LOGS, ROOT
+from places import C172P, ROOT
 from places import SHARED_FLIGHTS as FLIGHTS
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from sources.logs.test_bare_frames import bare
@@ -25,7 +25,7 @@ from yawid.channels.series import Series
 from yawid.channels.survey import Survey
 from yawid.channels.yaw_reader import MODE, ON_GROUND, ROW
 from yawid.cli.main import main
-from yawid.config.run import RunConfig, check_settings
+from yawid.config.run import RunConfig
 from yawid.quantities.vehicles import mode_name
 from yawid.runs.inspect_log import inspect
 
@@ -185,31 +185,14 @@ def test_jitter_is_the_middle_of_the_intervals_and_a_gap_or_a_reboot_is_none(
     )
 
 
-def test_a_rate_that_falls_in_flight_is_the_one_recommended(tmp_path: Path, capsys):
-    """The grid may not be finer than the messages that come after its first five seconds."""
-    rng = np.random.default_rng(3)
-    sticks = 1500 + 100 * rng.choice([-1, 1], 400)
-    log = fly(
-        lambda t: 0.4 * np.sin(2.0 * t) * np.cos(0.7 * t),
-        lambda t: int(sticks[int(4 * t)]),
-        90.0,
-        skip=lambda t: t > 8.0 and round(t / 0.02) % 5 > 0,
-    )
-
-    _, report = inspected(log.data, tmp_path, capsys)
-
-    assert report["channels"]["yaw"]["first_rate_hz"] == pytest.approx(50.0, rel=0.01)
-    assert report["channels"]["yaw"]["rate_hz"] < 15.0
-    assert report["recommend"]["rate"] <= 10.0
-
-
 def test_the_report_has_the_contracts_keys(tmp_path: Path, capsys):
     code, report = inspected(C172P, tmp_path, capsys)
 
     assert code == 0
-    keys = {"log", "sha256", "duration_s", "vehicle", "link", "channels", "verdict", "recommend"}
+    keys = {"log", "sha256", "duration_s", "vehicle", "link", "channels", "verdict", "command"}
     assert keys <= report.keys()
-    assert report["recommend"] == {"rate": 20.0, "orders": "3,3,2,1", "inputs": "rudder"}
+    assert report["command"] == f"yawid replay {C172P}"
+    assert "recommend" not in report
     assert [each["n"] for each in report["manoeuvres"]] == report["flight"]["used"] == [1]
     assert report["link"]["frames"] == sum(report["senders"].values())
 
@@ -223,24 +206,6 @@ def test_the_recommended_options_replay(tmp_path: Path, capsys):
     assert found["wn_rad_s"] == pytest.approx(2.404, rel=0.03)  # by JSBSim's own linearisation
 
 
-def test_the_options_recommended_bind_nothing_that_a_manoeuvre_chose():
-    """With the inputs given, the aileron's part is taken for the rudder's."""
-    log = REPLAY_LOGS / "c172p_aileron" / "log.tlog"
-    report, _ = inspect(log, {})
-    again, _ = summarised(log, RunConfig(**check_settings(dict(report.recommend), "inspect")))
-
-    assert again.flight == report.flight
-
-
-def test_the_card_has_the_answer_of_the_replay_that_is_recommended():
-    report, verdict = inspect(C172P, {"manoeuvres": "off"}, with_card=True)
-    again, _ = summarised(C172P, RunConfig(**check_settings(dict(report.recommend), "inspect")))
-
-    assert verdict.usable
-    assert report.card is not None
-    assert report.card.answer == again.dutch_roll
-
-
 @pytest.mark.parametrize(
     "path", one_in(4, RECORDED), ids=lambda path: f"{path.parent.name}/{path.name}"
 )
@@ -250,18 +215,27 @@ def test_a_page_is_read_in_ten_seconds_and_its_command_has_the_verdict_that_insp
     code, report = inspected(path, tmp_path, capsys)
     assert_is_read_in_ten_seconds(report)
 
+    again = main(["replay", str(path), "--json", "--out", str(tmp_path)])
+    summary = json.loads(capsys.readouterr().out)
+    assert again == code
+    for key in ("verdict", "manoeuvres", "flight"):
+        assert summary.get(key) == report.get(key), key
     if "command" not in report:
         assert code != 0
         assert not report["verdict"]["usable"]
         return
-    words = shlex.split(report["command"])
-    assert words[:3] == ["yawid", "replay", str(path)]
-    again = main([*words[1:], "--json", "--out", str(tmp_path)])
-    summary = json.loads(capsys.readouterr().out)
-    assert again == code
-    assert summary.get("flight", summary)["verdict"] == report["verdict"]
-    if "--from" not in words:
-        assert summary["manoeuvres"] == report["manoeuvres"]
+    assert shlex.split(report["command"]) == ["yawid", "replay", str(path)]
+
+
+def test_inspect_says_the_options_asked_for_and_the_card_has_the_answer_of_that_replay():
+    report = inspect(C172P, {"from_s": 40.0}, with_card=True)
+    again = summarised(C172P, RunConfig(from_s=40.0))
+
+    assert report.command == f"yawid replay {C172P} --from 40.0"
+    assert report.verdict == again.verdict
+    assert report.card is not None
+    assert again.flight is not None
+    assert report.card.answer == again.flight.dutch_roll
 
 
 def test_frames_without_stamps_are_inspected_where_the_format_is_given(tmp_path: Path, capsys):
@@ -272,7 +246,7 @@ def test_frames_without_stamps_are_inspected_where_the_format_is_given(tmp_path:
     _, report = inspected(tmp_path / "noname", tmp_path, capsys, "--format", "raw")
     _, with_stamps = inspected(C172P, tmp_path, capsys)
     assert report["phases"] == with_stamps["phases"]
-    assert report["recommend"] == with_stamps["recommend"]
+    assert report["verdict"] == with_stamps["verdict"]
 
 
 def test_with_a_key_only_the_signed_vehicle_is_inspected(tmp_path: Path, capsys):
@@ -305,15 +279,3 @@ def test_orders_reads_frames_without_stamps_too(tmp_path: Path, capsys):
     of_frames = json.loads(capsys.readouterr().out)
     assert main(["orders", str(C172P), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["recommended"] == of_frames["recommended"]
-
-
-def test_the_line_of_a_log_of_several_boots_names_the_boot(tmp_path: Path, capsys):
-    """Whose --from and --to would else cut every boot alike."""
-    log = ROOT / "replay_logs" / "c172p_reboot" / "log.tlog"
-
-    code, report = inspected(log, tmp_path, capsys, "--manoeuvres", "off")
-
-    longest = max(report["excited"], key=lambda each: each["to"] - each["from"])
-    assert code == 0
-    assert report["recommend"]["boot"] == longest["boot"]
-    assert f"--boot {longest['boot']}" in report["command"]

@@ -143,7 +143,7 @@ def test_any_flight_test_is_answered_as_a_log_is(
     # The plant's own: a_omega a_z + a_beta = 0.7 * 0.3 + 5.5.
     assert found["flight"]["dutch_roll"]["wn_rad_s"] == pytest.approx(np.sqrt(5.71), rel=0.01)
     assert found["flight"]["dutch_roll"]["zeta"] == pytest.approx(0.5 / np.sqrt(5.71), abs=0.01)
-    assert manoeuvre["estimates"]["rml"]["physics"]["a_my_delta_h"]["value"] > 0.0
+    assert manoeuvre["estimates"]["ct"]["physics"]["a_my_delta_h"]["value"] > 0.0
     assert "vehicle" not in found
     assert set(found["link"]) == {"reboots", "clock_steps", "gaps"}
     assert "date" not in manoeuvre
@@ -179,7 +179,7 @@ def test_measured_deflections_are_exported_as_held_means_and_give_the_same_answe
 def test_its_sign_is_the_options_and_inspect_says_the_command(
     flight: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    inspected = ["inspect", str(flight), "--json", "--manoeuvres", "off", *NAMES]
+    inspected = ["inspect", str(flight), "--json", *NAMES]
     assert main(inspected) == 0
     left = json.loads(capsys.readouterr().out)
     assert "--columns rudder=delta_r_deg,r=YawRate" in left["command"]

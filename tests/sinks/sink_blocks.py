@@ -18,15 +18,8 @@ from hand_flights import roll_of
 
 from yawid.answers.heard import LinkCounts, VehicleSeen
 from yawid.answers.model_parts import Fit
-from yawid.answers.run_summary import (
-    ChannelFound,
-    Flight,
-    Manoeuvre,
-    ReasonSummary,
-    RunSummary,
-    Value,
-    VerdictSummary,
-)
+from yawid.answers.reasons import Reason, Verdict
+from yawid.answers.run_summary import ChannelFound, Flight, Manoeuvre, RunSummary, Value
 from yawid.blocks import EstimateBlock, Held, ModesBlock, SampleBlock, Status
 from yawid.quantities.table import YAW_CHANNEL
 from yawid.sinks.base import Grid
@@ -35,11 +28,11 @@ PARAMETERS = ("a1", "a2", "b1", "b2", "c1", "bias")
 METHODS = ("els", "rml")
 START_NS = 1_700_000_000_000_000_000
 SAMPLE_TIME_S = 0.05
-VERDICT = VerdictSummary(
+VERDICT = Verdict(
     usable=False,
     reasons=[
-        ReasonSummary("not_excited", "fatal", "the rudder moves by less than 1 %"),
-        ReasonSummary("rudder_assumed", "warning", "servo 4 taken for the rudder"),
+        Reason("not_excited", "the rudder moves by less than 1 %", weight="fatal"),
+        Reason("rudder_assumed", "servo 4 taken for the rudder", weight="warning"),
     ],
 )
 SUMMARY = RunSummary(
@@ -58,7 +51,7 @@ FLIGHT = Flight(
     dutch_roll=roll_of(10.1, 0.63, 0.15, 0.02, (0.02, 0.003)),
     used=[1, 3],
     disagree=[2],
-    verdict=VerdictSummary(method="rml", usable=True, reasons=[]),
+    verdict=Verdict(method="rml", usable=True, reasons=[]),
 )
 GRID = Grid(PARAMETERS, ("rudder",), METHODS, SAMPLE_TIME_S, autopilot=3, vehicle_type=1)
 Blocks = tuple[SampleBlock, dict[str, EstimateBlock], ModesBlock]
@@ -152,13 +145,13 @@ def make_manoeuvre(
         inputs=["rudder", "aileron"],
         turn_removed=True,
         estimates={"rml": rml},
-        verdict=VerdictSummary(method="rml", usable=True, reasons=VERDICT.reasons[1:]),
+        verdict=Verdict(method="rml", usable=True, reasons=VERDICT.reasons[1:]),
     ), span_ns
 
 
 def unanswered(found: Manoeuvre) -> Manoeuvre:
     """The same where nothing could be estimated, in a log that knows of no airspeed."""
-    verdict = VerdictSummary(usable=False, reasons=VERDICT.reasons)
+    verdict = Verdict(usable=False, reasons=VERDICT.reasons)
     nothing = {"mode": None, "airspeed_m_s": None, "altitude_m": None}
     nothing |= {"airspeed_source": None, "airspeed_kind": None}
     nothing |= {"airspeed_std_m_s": None}

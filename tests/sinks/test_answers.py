@@ -23,13 +23,8 @@ from places import C172P
 from report_page import Page, first_screen
 
 from yawid.answers.model_parts import Fit
-from yawid.answers.run_summary import (
-    DutchRoll,
-    MethodSummary,
-    ReasonSummary,
-    RunSummary,
-    VerdictSummary,
-)
+from yawid.answers.reasons import Reason, Verdict
+from yawid.answers.run_summary import DutchRoll, MethodSummary, RunSummary
 from yawid.report.write import Report
 from yawid.sinks.answers import cards, headline, use
 from yawid.sinks.mcap.reader import McapRun, open_run
@@ -81,10 +76,10 @@ def estimate(wn: float) -> MethodSummary:
 
 
 def summary_of(reason: str | None = None, method: str | None = None) -> RunSummary:
-    reasons = [ReasonSummary("not_converged", "fatal", reason)] if reason else []
+    reasons = [Reason("not_converged", reason, weight="fatal")] if reason else []
     return hand_flights.plain_summary(
         estimates={"els": estimate(2.0), "rml": estimate(3.0)},
-        verdict=VerdictSummary(method=method, usable=reason is None, reasons=reasons),
+        verdict=Verdict(method=method, usable=reason is None, reasons=reasons),
     )
 
 
@@ -123,8 +118,8 @@ def test_what_is_known_roughly_is_used_with_care_and_what_is_known_well_is_not()
 
 
 def test_a_refused_flight_names_what_of_it_can_be_used() -> None:
-    fatal = VerdictSummary(
-        usable=False, reasons=[ReasonSummary("manoeuvres_disagree", "fatal", "they disagree")]
+    fatal = Verdict(
+        usable=False, reasons=[Reason("manoeuvres_disagree", "they disagree", weight="fatal")]
     )
     told = four_of_a_flight()
     refused = msgspec.structs.replace(told.flight, verdict=fatal, used=[])
@@ -204,7 +199,7 @@ def test_the_headline_says_whose_number_it_is_and_where() -> None:
 
 
 def test_a_flight_without_a_usable_manoeuvre_is_refused_whatever_the_stream_says() -> None:
-    yes = VerdictSummary(method="rml", usable=True, reasons=[])
+    yes = Verdict(method="rml", usable=True, reasons=[])
     refused = msgspec.structs.replace(none_usable(), verdict=yes)
 
     assert headline(refused).startswith(

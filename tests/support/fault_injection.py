@@ -25,7 +25,7 @@ MIDDLE_S = 90.0  # vehicle time; the flight lasts from 30 s to 150 s
 def run(log: bytes, **settings: Any) -> Summary:
     settings = {"rate": 10.0, "forgetting": 1.0, "manoeuvres": "off"} | settings
     config = RunConfig(**settings)
-    return finished(log, config, size=1 << 16)[0].to_json()
+    return finished(log, config, size=1 << 16).to_json()
 
 
 @functools.cache

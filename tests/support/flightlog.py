@@ -17,7 +17,6 @@ from yawid.blocks import SampleBlock
 from yawid.channels.stage import WANTED, Channels
 from yawid.config.run import RunConfig
 from yawid.pipeline import Pipeline
-from yawid.results.reasons import Verdict
 from yawid.results.summary import summarise
 from yawid.runs.job import feed_all, open_log
 from yawid.sinks.base import Sink
@@ -114,7 +113,7 @@ def summary_of(data: bytes, config: RunConfig | None = None) -> dict[str, Any]:
 
     Without a configuration, no manoeuvres are searched for: that takes most of the time.
     """
-    return finished(data, config or RunConfig(manoeuvres="off"))[0].to_json()
+    return finished(data, config or RunConfig(manoeuvres="off")).to_json()
 
 
 def finished(
@@ -124,8 +123,8 @@ def finished(
     size: int = 0,
     options: ReadOptions | None = None,
     sinks: Sequence[Sink] = (),
-) -> tuple[RunSummary, Verdict]:
-    """Replay a log in pieces of ``size`` bytes (0: in one piece); return summary and verdict."""
+) -> RunSummary:
+    """Replay a log in pieces of ``size`` bytes (0: in one piece); return its summary."""
     pieces = [data[at : at + (size or len(data))] for at in range(0, len(data), size or len(data))]
     source, pipeline = TlogBytes(pieces, WANTED, options), Pipeline(config or RunConfig(), sinks)
     feed_all(source, pipeline)
@@ -139,15 +138,16 @@ def run_through(path: Path, config: RunConfig) -> tuple[Pipeline, Log]:
     return pipeline, source
 
 
-def summarised(path: Path, config: RunConfig) -> tuple[RunSummary, Verdict]:
-    """Return summary and verdict of a log."""
+def summarised(path: Path, config: RunConfig) -> RunSummary:
+    """Return the summary of a log."""
     pipeline, source = run_through(path, config)
     return summarise(pipeline, source.link, "", "")
 
 
 def reason_ids(summary: dict[str, Any]) -> set[str]:
-    """Return the ids of the reasons in a summary's verdict."""
-    return {reason["id"] for reason in summary["verdict"]["reasons"]}
+    """Return the ids of a summary's reasons: of its verdict, or of a log that is not judged."""
+    judged = summary.get("verdict", {"reasons": summary.get("warnings", [])})
+    return {reason["id"] for reason in judged["reasons"]}
 
 
 @dataclass

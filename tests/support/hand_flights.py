@@ -10,6 +10,7 @@ from msgspec.structs import replace
 
 from yawid.answers.heard import LinkCounts, VehicleSeen
 from yawid.answers.model_parts import Fit, Mode
+from yawid.answers.reasons import Reason, Verdict
 from yawid.answers.run_summary import (
     BetweenStd,
     DutchRoll,
@@ -17,18 +18,16 @@ from yawid.answers.run_summary import (
     Manoeuvre,
     MethodSummary,
     Orders,
-    ReasonSummary,
     RunSummary,
     Value,
-    VerdictSummary,
 )
 
 ORDERS = Orders(3, 3, 2, 1)
 BOOT = "2026-03-05T12:14:02"
-NOT_CONVERGED = ReasonSummary(
+NOT_CONVERGED = Reason(
     "not_converged",
-    "fatal",
     "the natural frequency went from 9.1 to 12.4 rad/s between the two halves of the manoeuvre",
+    weight="fatal",
 )
 
 
@@ -51,11 +50,10 @@ def estimate(
     return MethodSummary(**(given | more))
 
 
-def answer(roll: DutchRoll | None) -> MethodSummary:
-    """Return a manoeuvre's answer; K T wn^2 is 27.2 rad/s^2."""
-    recursive = {"orders": None, "theta": None, "theta_std": None}
-    yaw, fit = Value(27.2, 0.5), Fit(simulation_pct=91.3)
-    return estimate("ct", roll, fit=fit, structure="2", yaw_acceleration=yaw, **recursive)
+def by_ct(roll: DutchRoll | None) -> MethodSummary:
+    """Return the answer of a manoeuvre by the continuous-time fit."""
+    gone = {"orders": None, "theta": None, "theta_std": None}
+    return estimate("ct", roll, **gone, structure="2L", fit=Fit(simulation_pct=91.3))
 
 
 def roll_of(
@@ -71,16 +69,16 @@ def roll_of(
     )  # fmt: skip
 
 
-def verdict(*reasons: str, weight: str = "fatal") -> VerdictSummary:
-    told = [ReasonSummary(each, weight, "") for each in reasons]
+def verdict(*reasons: str, weight: str = "fatal") -> Verdict:
+    told = [Reason(each, "", weight=weight) for each in reasons]
     usable = not told or weight == "warning"
-    return VerdictSummary(method="rml", usable=usable, reasons=told)
+    return Verdict(method="ct", usable=usable, reasons=told)
 
 
 def plain_summary(**more: Any) -> RunSummary:
     """Return a summary with as few fields as possible."""
     given = {"log": "a.tlog", "duration_s": 1.0, "link": LinkCounts(), "channels": {}}
-    return RunSummary(**(given | {"verdict": VerdictSummary(usable=True, reasons=[])} | more))
+    return RunSummary(**(given | {"verdict": Verdict(usable=True, reasons=[])} | more))
 
 
 def manoeuvre(
@@ -89,7 +87,7 @@ def manoeuvre(
     zeta: float = 0.62,
     *,
     speed: float | None = 22.0,
-    reason: ReasonSummary | None = None,
+    reason: Reason | None = None,
     **more: Any,
 ) -> Manoeuvre:
     """Return manoeuvre ``n``, half a minute long, a minute after the last one.
@@ -113,8 +111,12 @@ def manoeuvre(
         "altitude_m": 102.4,
         "inputs": ["rudder"],
         "turn_removed": False,
-        "estimates": {"ct": answer(roll)},
-        "verdict": VerdictSummary(
+        "estimates": {
+            "ct": by_ct(roll),
+            "els": estimate("els", roll),
+            "rml": estimate("rml", roll),
+        },
+        "verdict": Verdict(
             method="ct", usable=reason is None, reasons=[] if reason is None else [reason]
         ),
     }
@@ -135,7 +137,7 @@ def flight(**more: Any) -> Flight:
         "between_std": BetweenStd(wn_rad_s=0.15, zeta=0.02),
         "used": [1, 2],
         "disagree": [3],
-        "verdict": VerdictSummary(method="ct", usable=True, reasons=[]),
+        "verdict": Verdict(method="ct", usable=True, reasons=[]),
     }
     return Flight(**(given | more))
 
@@ -143,7 +145,7 @@ def flight(**more: Any) -> Flight:
 def summary(
     manoeuvres: list[Manoeuvre] | None, of: Flight | None, stream: DutchRoll | None = None
 ) -> RunSummary:
-    """Return the summary of a run whose stream ended at 13.5 rad/s and was not usable."""
+    """Return the summary of a run whose stream ended at 13.5 rad/s; ``of`` is its flight."""
     roll = stream or roll_of(13.5, 0.71, 0.09, 0.01)
     return RunSummary(
         log="flights/2026-03-05 12-14-02.tlog",
@@ -152,7 +154,7 @@ def summary(
         link=LinkCounts(frames=40_212),
         channels={},
         estimates={"els": estimate("els", roll, 31.0), "rml": estimate("rml", roll, 33.0)},
-        verdict=VerdictSummary(method="rml", usable=False, reasons=[NOT_CONVERGED]),
+        verdict=of.verdict if of is not None else Verdict.of([NOT_CONVERGED]),
         manoeuvres=manoeuvres,
         flight=of,
     )
@@ -174,7 +176,7 @@ def four_of_a_flight() -> RunSummary:
 
 def none_usable() -> RunSummary:
     refused = [manoeuvre(n, wn, reason=NOT_CONVERGED) for n, wn in ((1, 12.4), (2, None))]
-    verdict = VerdictSummary(method="ct", usable=False, reasons=[NOT_CONVERGED])
+    verdict = Verdict(method="ct", usable=False, reasons=[NOT_CONVERGED])
     return summary(refused, Flight(used=[], disagree=[], verdict=verdict))
 
 

@@ -14,24 +14,19 @@ from flights.moved import PLACES, Draw
 from hand_flights import estimate, manoeuvre, plain_summary, roll_of, verdict
 from msgspec.structs import replace
 
-from yawid.answers.run_summary import (
-    Bare,
-    DutchRoll,
-    Flight,
-    Manoeuvre,
-    VerdictSummary,
-)
+from yawid.answers.reasons import Verdict
+from yawid.answers.run_summary import Bare, DutchRoll, Flight, Manoeuvre
 
 CONDITIONS: dict[str, Any] = {
     "aircraft": "c172p", "severity": 0, "gyro": "clean", "rate_hz": 25, "manoeuvre": "3211",
 }  # fmt: skip
 
 
-def warned(*reasons: str) -> VerdictSummary:
+def warned(*reasons: str) -> Verdict:
     return verdict(*reasons, weight="warning")
 
 
-def found(n: int, airspeed: float, wn: float, of: VerdictSummary) -> Manoeuvre:
+def found(n: int, airspeed: float, wn: float, of: Verdict) -> Manoeuvre:
     """A manoeuvre whose RML has a total sigma of .05, .03 of noise; ELS found no Dutch roll."""
     roll = roll_of(wn, 0.2, 0.05, 0.04, (0.03, 0.01))
     both = {"rml": estimate("rml", roll), "els": estimate("els", None)}
@@ -82,7 +77,7 @@ def test_each_estimate_is_held_to_its_own_truth_by_both_sigmas() -> None:
 
 def test_the_bare_airframe_is_held_to_the_truth_without_the_roll_loop() -> None:
     roll = DutchRoll(wn_rad_s=1.9, wn_std=0.04, zeta=0.2, zeta_std=0.04)
-    bare = Bare(dutch_roll=roll, used=[1], verdict=VerdictSummary(usable=True, reasons=[]))
+    bare = Bare(dutch_roll=roll, used=[1], verdict=Verdict(usable=True, reasons=[]))
     summary = plain_summary(
         manoeuvres=[replace(found(1, 40.0, 2.1, verdict()), lateral=bare)], flight=refused()
     )

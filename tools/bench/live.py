@@ -168,7 +168,7 @@ def is_as_replayed(summary: dict[str, Any], folder: Path) -> bool:
     """Return whether a replay of a vehicle's tlog gives the same answers as its session."""
     log = Path(summary["files"]["tlog"])
     settings = {"sysid": summary["vehicle"]["sysid"]}
-    again, _ = replay(log, settings, Outputs(folder, f"{log.stem}-again"), StopFlag())
+    again = replay(log, settings, Outputs(folder, f"{log.stem}-again"), StopFlag())
     replayed = again.to_json()
     return all(
         replayed.get(name) == summary.get(name) for name in ("estimates", "manoeuvres", "flight")

@@ -1,23 +1,21 @@
 """How often the verdict errs, on logs with a known answer and on logs without excitation.
 
     python tools/bench.py verdict [--excited 120] [--unexcited 210] [--take-off 0] [--misled 0]
-                                  [--sealed] [--runs default inspect] [--logs DIR] [--jobs 2]
-                                  [--readme]
+                                  [--sealed] [--logs DIR] [--jobs 2] [--readme]
 
 The logs are flights of JSBSim whose rudder is moved on purpose, half of them in turbulence
 (flights/moved.py), and logs in which nothing excites the Dutch roll (flights/quiet.py). There are
 also take-off rolls (flights/drawn.py) and flights with the rudder of another flight, with their own
-reversed in time, and with one that is late (flights/misled.py). Each is replayed with the options
-of every run. Below the table are the logs that were judged wrongly, and the reasons that refused
-right answers. With ``--sealed`` the sealed aircraft fly (bench/sealed.py): the logs are as many as
-SEALED says, and the run is ``default``.
+reversed in time, and with one that is late (flights/misled.py). Below the table are the logs that
+were judged wrongly, and the reasons that refused right answers. With ``--sealed`` the sealed
+aircraft fly (bench/sealed.py): the logs are as many as SEALED says.
 """
 
 from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
 
@@ -31,8 +29,7 @@ from flights.sealed import sealed_places
 
 from bench.sealed import begin
 from bench.table import FLOWN, all_rows, head, line, options_of
-from yawid.config.run import RunConfig, check_settings
-from yawid.runs.inspect_log import inspect
+from yawid.config.run import RunConfig
 
 RIGHT_PCT, WRONG_PCT = 5.0, 10.0
 """Limits of wn's error in %: an answer below the first is right, one above the second is wrong."""
@@ -51,38 +48,15 @@ FALSE = ("unexcited", "take_off", "misled")
 """The kinds of logs of which none may be usable."""
 
 
-def _recommended(log: Path) -> RunConfig | None:
-    report, _ = inspect(log, {})
-    options = {key: value for key, value in report.recommend.items() if key != "record"}
-    return RunConfig(**check_settings(options, "inspect")) if options else None
-
-
-RUNS: dict[str, Callable[[Path], RunConfig | None]] = {
-    "default": lambda log: RunConfig(),
-    "forgetting": lambda log: RunConfig(forgetting=1.0),
-    "remedy": lambda log: RunConfig(forgetting=1.0, turn="remove", band=(0.15, 3.0)),
-    "inspect": _recommended,
-}
-"""The configuration of each run for a log; None if inspect recommends no run. ``remedy`` is what a
-verdict refused because of turns recommends."""
-
-
-def rows_of(
-    runs: Sequence[str], draw: Draw | None, folder: Path, task: tuple[str, int]
-) -> list[Row]:
-    """Return the row of each run on one log; sealed aircraft fly it if their ``draw`` is given."""
+def rows_of(draw: Draw | None, folder: Path, task: tuple[str, int]) -> list[Row]:
+    """Return the row of one log; sealed aircraft fly it if their ``draw`` is given."""
     kind, number = task
     name, make = f"{kind}_{number:03d}", partial(MAKERS[kind], number)
     if draw:
         name, make = f"sealed_{draw.seed}_{name}", partial(SEALED[kind][0], number, draw)
     log, truth = kept(folder, name, make)
-    rows = []
-    for run in runs:
-        row: Row = {"usable": False, "fatal": "no_run_recommended", "wn_error_pct": None}
-        if (config := RUNS[run](log)) is not None:
-            (row,) = (row for row in judged(log, truth, config) if row["kind"] == "flight")
-        rows.append(row | {"name": name, "log": kind, "group": truth["group"], "run": run})
-    return rows
+    (row,) = (row for row in judged(log, truth, RunConfig()) if row["kind"] == "flight")
+    return [row | {"name": name, "log": kind, "group": truth["group"], "run": "default"}]
 
 
 def off_pct(row: Row) -> float:
@@ -127,15 +101,13 @@ def table(rows: list[Row], note: Callable[[dict[str, str]], None] | None = None)
 def main(arguments: list[str]) -> Iterator[str]:
     """Yield the table."""
     logs = {"excited": 120, "unexcited": 210, "take_off": 0, "misled": 0}
-    own = {"runs": ("default", "inspect"), "sealed": False}
+    own = {"sealed": False}
     options = options_of("verdict", __doc__, arguments, **logs, **own, **FLOWN)
-    if unknown := set(options.runs) - RUNS.keys():
-        raise SystemExit(f"no such run: {', '.join(sorted(unknown))}; there are {', '.join(RUNS)}")
     if not options.sealed:
         tasks = [(kind, i) for kind in MAKERS for i in range(getattr(options, kind))]
-        yield from table(all_rows(options, partial(rows_of, options.runs, None), tasks))
+        yield from table(all_rows(options, partial(rows_of, None), tasks))
         return
     run = begin("verdict")
     draw = Draw(run.seed, sealed_places())
     tasks = [(kind, i) for kind, (_, count) in SEALED.items() for i in range(count)]
-    yield from table(all_rows(options, partial(rows_of, ("default",), draw), tasks), run.note)
+    yield from table(all_rows(options, partial(rows_of, draw), tasks), run.note)

@@ -18,7 +18,8 @@ from flights.fly import Made
 from flights.truth import at_airspeeds
 from numpy.typing import NDArray
 
-from yawid.answers.run_summary import DutchRoll, Manoeuvre, RunSummary, VerdictSummary
+from yawid.answers.reasons import Verdict
+from yawid.answers.run_summary import DutchRoll, Manoeuvre, RunSummary
 from yawid.config.run import RunConfig
 from yawid.errors import YawidError
 from yawid.pipeline import Pipeline
@@ -49,7 +50,7 @@ def replayed(log: Path, config: RunConfig | None = None) -> RunSummary:
     """Return the summary of a log, replayed with the default options unless others are given."""
     source, pipeline = open_log(log), Pipeline(config or RunConfig())
     feed_all(source, pipeline)
-    return summarise(pipeline, source.link, str(log), "")[0]
+    return summarise(pipeline, source.link, str(log), "")
 
 
 def judged(log: Path, truth: Truth, config: RunConfig | None = None) -> list[Row]:
@@ -58,7 +59,7 @@ def judged(log: Path, truth: Truth, config: RunConfig | None = None) -> list[Row
     try:
         return compared(replayed(log, config), truth, config)
     except YawidError as error:
-        verdict = VerdictSummary(usable=False, reasons=[])
+        verdict = Verdict(usable=False, reasons=[])
         return [{"kind": "flight"} | _judged(None, None, verdict) | {"fatal": type(error).__name__}]
 
 
@@ -123,7 +124,7 @@ def compared(summary: RunSummary, truth: Truth, config: RunConfig | None = None)
     for method in METHODS if end_s is not None else ():
         estimate = (summary.estimates or {}).get(method)
         roll = None if estimate is None else estimate.dutch_roll
-        rows.append({"kind": f"stream {method}"} | _judged(roll, at_end, summary.verdict))
+        rows.append({"kind": f"stream {method}"} | _judged(roll, at_end, summary.deciding))
     return rows
 
 
@@ -191,7 +192,7 @@ def _together(
     return np.mean(values, axis=0), np.sqrt(squares)
 
 
-def _judged(roll: DutchRoll | None, known: Known | None, verdict: VerdictSummary) -> Row:
+def _judged(roll: DutchRoll | None, known: Known | None, verdict: Verdict) -> Row:
     """Return verdict, truth, estimate, error in %, sigmas and z; unknown values are None."""
     row: Row = {
         "usable": verdict.usable,

@@ -21,8 +21,8 @@ from tempfile import TemporaryDirectory
 
 from mutate import DEFECTS
 
+from yawid.answers.reasons import KINDS
 from yawid.errors import EXIT_CODES
-from yawid.results.reasons import KINDS
 
 ROOT = Path(__file__).resolve().parents[2]
 HOMES = {

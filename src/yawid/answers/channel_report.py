@@ -1,14 +1,11 @@
-"""The report of a run's channels, for its summary; its reasons are pairs of id and text."""
+"""The report of a run's channels, for its summary."""
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 
 from yawid.answers.heard import BootSpan, LinkCounts, VehicleSeen
+from yawid.answers.reasons import Reason
 from yawid.answers.run_summary import ChannelFound
-from yawid.blocks import Held
-
-Said = tuple[str, str]
-"""The id of a reason, and its text."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,10 +31,8 @@ class ChannelReport:
     channels: Mapping[str, ChannelFound]
     rudder_message: str | None
     has_functions: bool
-    missing: tuple[Said, ...]
-    reasons: tuple[Said, ...]
-    commands: Callable[[Callable[[], str]], Iterable[Said]]
+    missing: tuple[Reason, ...]
+    reasons: tuple[Reason, ...]
+    commands: Callable[[Callable[[], str]], Iterable[Reason]]
     rates_hz: tuple[float, float] | None
     later_hz: tuple[float, float]
-    used: int
-    held: Held

@@ -1,7 +1,7 @@
 """The result of ``yawid damper``, as ``--json`` prints it; a type for each object."""
 
 from yawid.answers.part import Count, Number, Part, Positive
-from yawid.answers.run_summary import VerdictSummary
+from yawid.answers.reasons import Verdict
 
 
 class DamperAt(Part, frozen=True, kw_only=True):
@@ -93,4 +93,4 @@ class DamperReport(Part, frozen=True, kw_only=True):
     recommended: Recommended | None = None
     mix: Mix | None = None
     says: list[str]
-    verdict: VerdictSummary
+    verdict: Verdict

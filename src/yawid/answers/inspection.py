@@ -1,12 +1,11 @@
 """The result of ``yawid inspect``, as ``--json`` prints it; a type for each object."""
 
-from typing import Any
-
 from msgspec import field
 
 from yawid.answers.flight_test_card import FlightTestCard
 from yawid.answers.part import Part
-from yawid.answers.run_summary import Flight, Manoeuvre, Origin, VerdictSummary
+from yawid.answers.reasons import Reason, Verdict
+from yawid.answers.run_summary import Flight, Judged, Manoeuvre, Origin
 
 
 class MessageRate(Part, frozen=True):
@@ -41,13 +40,13 @@ class FlightPhase(Span, frozen=True):
     state: str | None = None
 
 
-class Inspection(Origin, frozen=True, kw_only=True):
+class Inspection(Origin, Judged, frozen=True, kw_only=True):
     """What a log can answer, and its frames by sender (``sysid/compid``).
 
     ``unchecked`` is a note on signed frames that were not checked. ``excited`` has the stretches in
-    which the rudder moved on its own. ``manoeuvres``, ``flight`` and ``flights`` are the results
-    of a replay with the options asked for. ``recommend`` has the options for a replay, and what to
-    ``record`` next time; ``card`` says what to fly, if asked for.
+    which the rudder moved on its own. ``manoeuvres``, ``flight``, ``flights``, ``verdict`` and
+    ``warnings`` are those of a replay with the options asked for, which ``command`` is. ``record``
+    says what to record next time; ``card`` says what to fly, if asked for.
     """
 
     senders: dict[str, int]
@@ -60,7 +59,8 @@ class Inspection(Origin, frozen=True, kw_only=True):
     manoeuvres: list[Manoeuvre] | None = None
     flight: Flight | None = None
     flights: list[Flight] | None = None
-    recommend: dict[str, Any]
+    record: list[str] | None = None
     command: str | None = None
     card: FlightTestCard | None = None
-    verdict: VerdictSummary
+    verdict: Verdict | None = None
+    warnings: list[Reason] | None = None

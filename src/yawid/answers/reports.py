@@ -4,7 +4,8 @@ As in a summary, what does not apply is None and has no key.
 """
 
 from yawid.answers.part import Count, Number, Part
-from yawid.answers.run_summary import DutchRoll, Orders, VerdictSummary
+from yawid.answers.reasons import Verdict
+from yawid.answers.run_summary import DutchRoll, Orders
 
 
 class OrdersTried(Orders, frozen=True, kw_only=True):
@@ -25,14 +26,13 @@ class OrdersTried(Orders, frozen=True, kw_only=True):
 class OrdersReport(Part, frozen=True, kw_only=True):
     """The result of ``yawid orders``: every structure, the best first, and the recommended one.
 
-    ``recommended`` is None where a replay with the best one is not usable; the verdict says why, or
-    is that of a replay without --orders if that one is usable.
+    The verdict is that of a replay; ``recommended`` is None where that is not usable.
     """
 
     log: str
     recommended: Orders | None = None
     candidates: list[OrdersTried]
-    verdict: VerdictSummary
+    verdict: Verdict
 
 
 class Told(Part, frozen=True, kw_only=True):

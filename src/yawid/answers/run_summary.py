@@ -14,6 +14,7 @@ import msgspec
 from yawid.answers.heard import BootSpan, GainSeen, LinkCounts, VehicleSeen
 from yawid.answers.model_parts import Fit, Mode
 from yawid.answers.part import Count, Number, Part, Positive
+from yawid.answers.reasons import Reason, Verdict
 from yawid.answers.session import LiveFacts, Recovered
 from yawid.quantities.flying_qualities import dutch_roll_level
 
@@ -166,47 +167,6 @@ class MethodSummary(Part, frozen=True, kw_only=True):
         return msgspec.structs.replace(self, dutch_roll=bare)
 
 
-class ReasonSummary(Part, frozen=True):
-    """A reason of the verdict: its id, its weight (``fatal`` or ``warning``), and its text."""
-
-    id: str
-    weight: str
-    text: str
-
-    def __str__(self) -> str:
-        """Return the id and the text in one line."""
-        return f"{self.id}: {self.text}"
-
-    @property
-    def name(self) -> str:
-        """The id in words."""
-        return self.id.replace("_", " ")
-
-
-class VerdictSummary(Part, frozen=True, kw_only=True):
-    """Whether the answer is usable, why not, what to do next, and the method that gives it."""
-
-    method: str | None = None
-    usable: bool
-    reasons: list[ReasonSummary]
-    next: str | None = None
-
-    @property
-    def fatal(self) -> list[ReasonSummary]:
-        """The reasons that make it unusable; the first one decides the exit code."""
-        return [reason for reason in self.reasons if reason.weight == "fatal"]
-
-    @property
-    def why(self) -> str | None:
-        """The id of the first fatal reason, None where there is none."""
-        return self.fatal[0].id if self.fatal else None
-
-    @property
-    def word(self) -> str:
-        """Whether the answer is usable, in words."""
-        return "usable" if self.usable else "not usable"
-
-
 class TimeConstant(Part, frozen=True):
     """The time constant of a real mode in s, negative where it diverges, and its sigma."""
 
@@ -242,16 +202,16 @@ class Bare(Part, frozen=True, kw_only=True):
     whiteness_rho1: Number | None = None
     airspeed_m_s: Number | None = None
     used: list[Count]
-    verdict: VerdictSummary
+    verdict: Verdict
 
     def __bool__(self) -> bool:
         """Return whether it is known."""
         return self.verdict.usable
 
 
-CUT_S = 5.0
-"""The least duration in s of a manoeuvre that ended by itself, as that is rest. Without it a second
-of movement before a log's end gave the reasons of a noisy flight. By the finder; on no flights."""
+WHOLE_S = 6.0
+"""A shorter manoeuvre was cut off: a whole one has a second before the movement, and 5 s after it.
+Without it a movement of a second at the end of a log gave the reason for the whole flight."""
 
 
 class Manoeuvre(Part, frozen=True, kw_only=True):
@@ -279,7 +239,7 @@ class Manoeuvre(Part, frozen=True, kw_only=True):
     inputs: list[str]
     turn_removed: bool
     estimates: dict[str, MethodSummary]
-    verdict: VerdictSummary
+    verdict: Verdict
     lateral: Bare | None = None
 
     @property
@@ -292,9 +252,9 @@ class Manoeuvre(Part, frozen=True, kw_only=True):
         """A sort key, smallest for the manoeuvre whose reasons a flight without an answer gives.
 
         It is the one with the fewest fatal reasons; of several the longest, which contains the most
-        of what was flown. One that was cut off gives them only where all were.
+        of what was flown. One that was cut off before the rudder had rested comes last.
         """
-        return self.duration_s < CUT_S, len(self.verdict.fatal), -self.duration_s
+        return self.duration_s < WHOLE_S, len(self.verdict.fatal), -self.duration_s
 
     @property
     def dutch_roll(self) -> DutchRoll | None:
@@ -337,7 +297,7 @@ class Flight(Part, frozen=True, kw_only=True):
     between_std: BetweenStd | None = None
     used: list[Count]
     disagree: list[Count]
-    verdict: VerdictSummary
+    verdict: Verdict
 
     def __bool__(self) -> bool:
         """Return whether it is usable."""
@@ -375,16 +335,41 @@ class Origin(Part, frozen=True, kw_only=True):
         return Source(self.log, self.sha256, self.bytes_read)
 
 
-class RunSummary(Origin, frozen=True, kw_only=True):
+class Judged:
+    """What has the one verdict of a run.
+
+    It is the flight's; without a manoeuvre it says what the log lacks, and how the rudder moved. It
+    is None, not judged, where no manoeuvres were searched for and the log has rudder and yaw at a
+    sufficient rate: ``warnings`` are then those of the log.
+    """
+
+    __slots__ = ()
+
+    verdict: Verdict | None
+    warnings: list[Reason] | None
+
+    @property
+    def deciding(self) -> Verdict:
+        """The verdict; where nothing was judged, one that is neither usable nor has a reason."""
+        return self.verdict or Verdict(usable=False, reasons=self.warnings or [])
+
+    @property
+    def exit_code(self) -> int:
+        """The exit code of the verdict, 0 where nothing was judged."""
+        return 0 if self.verdict is None else self.verdict.exit_code
+
+
+class RunSummary(Origin, Judged, frozen=True, kw_only=True):
     """The summary of a run; ``estimates`` by method, None where there was no bank.
 
-    ``estimates`` and ``verdict`` are those of the stream at its end. ``manoeuvres`` is None where
-    none were searched for, ``flight`` where there was none. ``flights`` has an answer for each loop
-    with a usable manoeuvre, ``flight`` first; it is None without one, and in older files.
+    ``estimates`` are those of the stream at its end, which have no verdict. ``manoeuvres`` is None
+    where none were searched for, ``flight`` where there was none. ``flights`` has an answer for
+    each loop with a usable manoeuvre, ``flight`` first; it is None without one, and in older files.
     """
 
     estimates: dict[str, MethodSummary] | None = None
-    verdict: VerdictSummary
+    verdict: Verdict | None = None
+    warnings: list[Reason] | None = None
     manoeuvres: list[Manoeuvre] | None = None
     flight: Flight | None = None
     flights: list[Flight] | None = None
@@ -421,30 +406,11 @@ class RunSummary(Origin, frozen=True, kw_only=True):
         return {n for flight in self.by_loop for n in flight.used}
 
     @property
-    def deciding(self) -> VerdictSummary:
-        """The verdict that decides: the flight's where there was a manoeuvre, else the stream's."""
-        return self.verdict if self.flight is None else self.flight.verdict
-
-    @property
-    def answering(self) -> str | None:
-        """The method whose estimate is the answer, None where nothing was estimated.
-
-        The verdict has its name; in runs of older versions it is the first method.
-        """
-        estimates, method = self.estimates or {}, self.verdict.method
-        return method if method in estimates else next(iter(estimates), None)
-
-    @property
     def answer(self) -> MethodSummary | None:
-        """The estimate that is the answer."""
-        return None if self.answering is None else (self.estimates or {})[self.answering]
-
-    @property
-    def others(self) -> dict[str, MethodSummary]:
-        """The estimates that are not the answer, by method."""
-        return {m: e for m, e in (self.estimates or {}).items() if m != self.answering}
+        """The stream's estimate by the method asked for, None where nothing was estimated."""
+        return next(iter((self.estimates or {}).values()), None)
 
     @property
     def dutch_roll(self) -> DutchRoll | None:
-        """The Dutch roll of the method that answers."""
+        """The Dutch roll of that estimate."""
         return None if self.answer is None else self.answer.dutch_roll

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from yawid.answers.reasons import Reason
 from yawid.blocks import Floats, Ints, MessageBlock
 from yawid.channels.series import Latest, Piece
 from yawid.channels.surface import raw_outputs
@@ -106,10 +107,8 @@ class Command:
                 output.observe(reported)
                 self.moved |= output.moved
 
-    def texts(
-        self, vehicle: Vehicle | None, why_believed: Callable[[], str]
-    ) -> Iterator[tuple[str, str]]:
-        """Yield the reasons, (id, text).
+    def reasons(self, vehicle: Vehicle | None, why_believed: Callable[[], str]) -> Iterator[Reason]:
+        """Yield the reasons of a rudder without command.
 
         ``why_believed`` returns why the rudder moved the aircraft all the same, "" if nothing shows
         it: a pilot's receiver may have moved the servos by the same sticks.
@@ -123,14 +122,14 @@ class Command:
         if still and not self.moved:
             said.append(_still(still))
         if said and (why := why_believed()):
-            yield "disarmed", f"{' and '.join(said)}; {why}"
+            yield Reason("disarmed", f"{' and '.join(said)}; {why}")
         elif said:
             what = "the autopilot did not move its outputs"
             if self.moved or not still:
                 what = "nothing shows that its outputs moved a surface"
-            yield "not_in_command", f"{' and '.join(said)}: {what}"
+            yield Reason("not_in_command", f"{' and '.join(said)}: {what}")
         elif never_armed:
-            yield (
+            yield Reason(
                 "disarmed",
                 "every HEARTBEAT reports disarmed while the log was sampled: nothing shows that "
                 "the outputs reached the servos",

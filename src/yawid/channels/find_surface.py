@@ -8,6 +8,7 @@ names the control surface that the servo moves.
 import itertools
 from dataclasses import dataclass
 
+from yawid.answers.reasons import Reason
 from yawid.channels.parameters import AP_AILERON, AP_RUDDER, ParameterTable
 from yawid.channels.stick_fallback import stick, stick_part
 from yawid.channels.surface import STICKS, Surface, SurfacePart
@@ -29,6 +30,9 @@ PX4_PAIR = {"rudder": (7, 8, 0.5, -0.5), "aileron": (1, 2, -0.5, 0.5)}
 """The CA_SV_CSi_TYPE of left and right, and their weights: each gives half of the torque."""
 PX4_FIRST_SERVO = 201
 """The output function that means servo 1; it moves control surface 0."""
+NAME_IT = "If one of these outputs does move a rudder, name it: --rudder servo:N."
+OTHER_LOG = "Use a log of an aircraft that has a rudder."
+"""What to do where outputs have other functions, and where the aircraft has no rudder."""
 PX4_BANKS = (("PWM_MAIN", 0), ("PWM_AUX", 16), ("HIL_ACT", 0))
 """The prefixes of a bank's parameters, and the number of outputs before it in the message."""
 
@@ -224,25 +228,31 @@ def _px4_output(
     return None
 
 
-def why_no_surface(what: str, vehicle: Vehicle, table: ParameterTable) -> str:
-    """Return in words what was found instead of a surface."""
+def no_surface(what: str, vehicle: Vehicle, table: ParameterTable) -> Reason:
+    """Return the reason that there is no surface, with what was found instead."""
     outputs = _Outputs.of(vehicle, table)
     functions = {n: f for n, f in outputs.functions.items() if f}
     if outputs.is_old and what == "rudder":
-        return (
-            "VTAIL_OUTPUT mixes rudder and elevator, but the log does not say which way: name the "
-            "outputs by --rudder vtail:L,R, or by --rudder servo:N one that is only the rudder"
+        return Reason(
+            "no_rudder",
+            "VTAIL_OUTPUT mixes rudder and elevator, but the log does not say which way",
+            "Name the outputs by --rudder vtail:L,R, or by --rudder servo:N one that is only the "
+            "rudder.",
         )
     torn = f"; {table.missing} parameters are missing: download them again" if table.missing else ""
     if functions:
         found = ", ".join(f"{outputs.prefix}{n}={f}" for n, f in functions.items())
-        return f"none of the servo functions is a {what}; those found are {found}{torn}"
+        text = f"none of the servo functions is a {what}; those found are {found}{torn}"
+        return Reason("no_rudder", text, OTHER_LOG if vehicle.type in WITHOUT_RUDDER else NAME_IT)
     if vehicle.type in WITHOUT_RUDDER:
-        return (
+        return Reason(
+            "no_rudder",
             f"the vehicle is a {vehicle.type_name} on {vehicle.autopilot_name}, which has no "
-            f"{what}, whatever channel is named"
+            f"{what}, whatever channel is named",
+            OTHER_LOG,
         )
-    return (
+    return Reason(
+        "no_rudder",
         f"no parameter or message names a {what}; the vehicle is a {vehicle.type_name} "
-        f"on {vehicle.autopilot_name}{torn}"
+        f"on {vehicle.autopilot_name}{torn}",
     )

@@ -6,10 +6,11 @@ from functools import partial
 from msgspec import convert
 from msgspec.structs import replace
 
-from yawid.answers.channel_report import ChannelReport, Said
+from yawid.answers.channel_report import ChannelReport
 from yawid.answers.heard import BootSpan, LinkCounts, VehicleSeen
+from yawid.answers.reasons import Reason
 from yawid.answers.run_summary import ChannelFound
-from yawid.channels.find_surface import why_no_surface
+from yawid.channels.find_surface import no_surface
 from yawid.channels.grid_rate import RATE_TOLERANCE
 from yawid.channels.parameters import STOCK_TRAVEL_US, ParameterTable
 from yawid.channels.stage import FAST_RAD_S, Channels
@@ -45,11 +46,9 @@ def report_of(channels: Channels) -> ChannelReport:
         has_functions=any(channels.parameters.functions().values()),
         missing=tuple(_missing(channels)),
         reasons=tuple(_assumed(channels)),
-        commands=partial(channels.command.texts, lock.vehicle),
+        commands=partial(channels.command.reasons, lock.vehicle),
         rates_hz=intervals_us and (1e6 / intervals_us[0], 1e6 / intervals_us[1]),
         later_hz=(yaw_flow.rate_hz, rudder_flow.rate_hz),
-        used=channels.used,
-        held=channels.held,
     )
 
 
@@ -89,21 +88,21 @@ def _source_of(surface: Surface, twins: Twins, rate: ChannelFound) -> ChannelFou
     return replace(found, min_us=low, trim_us=trim, max_us=high, reversed=first.reversed)
 
 
-def _missing(channels: Channels) -> Iterator[Said]:
+def _missing(channels: Channels) -> Iterator[Reason]:
     vehicle, surfaces = channels.lock.vehicle, channels.surfaces
     if vehicle is None:  # a record has no vehicle either: it has both channels or was refused
         return
     # Without a yaw source no servo message has a time: the reason is no_yaw, not no_rudder.
     if not surfaces:
         named = " or ".join(channels.config.inputs)
-        yield "no_rudder", why_no_surface(named, vehicle, channels.parameters)
+        yield no_surface(named, vehicle, channels.parameters)
     elif channels.surface_rows == 0 and channels.yaw.rows > 0:
-        yield "no_rudder", f"no message carries {surfaces[0].source}"
+        yield Reason("no_rudder", f"no message carries {surfaces[0].source}")
     if channels.yaw.rows == 0:
-        yield "no_yaw", f"the vehicle sent none of the messages {', '.join(SOURCES)}"
+        yield Reason("no_yaw", f"the vehicle sent none of the messages {', '.join(SOURCES)}")
 
 
-def _assumed(channels: Channels) -> Iterator[Said]:
+def _assumed(channels: Channels) -> Iterator[Reason]:
     """Yield what is assumed of the channels, with all texts of one reason in one."""
     texts: dict[str, list[str]] = {}
     if channels.yaw.source in COARSE:
@@ -123,12 +122,12 @@ def _assumed(channels: Channels) -> Iterator[Said]:
         for id_, text in _surface_texts(name, surface, channels.twins, channels.parameters):
             texts.setdefault(id_, []).append(text)
     for id_, found in texts.items():
-        yield id_, "; ".join(found)
+        yield Reason(id_, "; ".join(found))
 
 
 def _surface_texts(
     name: str, surface: Surface, twins: Twins, table: ParameterTable
-) -> Iterator[Said]:
+) -> Iterator[tuple[str, str]]:
     if "assumed" in surface.how:
         is_torn = table.missing and table.functions()
         lacks = f" ({table.missing} of its parameters are missing)" if is_torn else ""

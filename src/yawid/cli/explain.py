@@ -115,7 +115,7 @@ def _settings(page: str) -> Iterator[tuple[str, str]]:
 
 
 def _reasons() -> Iterator[tuple[str, str, str]]:
-    from yawid.results.reasons import KINDS
+    from yawid.answers.reasons import KINDS
 
     for kind in KINDS.values():
         code = f"exit code {kind.exit_code}" if kind.exit_code else "the answer may be used"
@@ -135,7 +135,7 @@ def _of_damper() -> Iterator[tuple[str, str]]:
 
 
 def _exit_codes() -> Iterator[tuple[str, str, str]]:
-    from yawid.results.reasons import KINDS
+    from yawid.answers.reasons import KINDS
 
     for code, says in EXIT_CODES.items():
         ids = ", ".join(kind.id for kind in KINDS.values() if code and kind.exit_code == code)

@@ -17,15 +17,14 @@ import msgspec
 from yawid.answers.damper_report import DamperReport
 from yawid.answers.identified_model import ModelFile
 from yawid.answers.inspection import Inspection
+from yawid.answers.reasons import KINDS
 from yawid.answers.reports import OrdersReport, RegressReport, StepReport
 from yawid.answers.run_summary import RunSummary
-from yawid.config.run import RunConfig
 from yawid.damper.refusals import OF_DAMPER
 from yawid.errors import EXIT_CODES
 from yawid.estimation.methods import METHODS
 from yawid.quantities.airspeed import Kind
 from yawid.quantities.table import QUANTITIES, REDUCTION_ERROR, RUDDER, YAW_CHANNEL, quantity
-from yawid.results.reasons import KINDS
 from yawid.trend import SEVERAL
 
 Schema = dict[str, Any]
@@ -48,9 +47,11 @@ class _Keys:
     def __init__(self) -> None:
         text = (files("yawid.cli") / "json_keys.toml").read_text(encoding="utf-8")
         self.all: Schema = tomllib.loads(text)
-        self.all["entries"]["estimates"] = {row.name: row.words for row in METHODS.values()}
+        self.all["entries"]["estimates"] = {row.name: row.words for row in METHODS.values()} | {
+            "ct": "continuous-time fit"
+        }
         self.all["values"] |= {
-            "method": list(METHODS), "airspeed_kind": [kind.name.lower() for kind in Kind],
+            "method": [*METHODS, "ct"], "airspeed_kind": [kind.name.lower() for kind in Kind],
         }  # fmt: skip
 
     def find(self, table: str, owner: str, key: str) -> Any:
@@ -87,8 +88,6 @@ class _Keys:
             schema = {"enum": values}
         elif key == "id":
             schema = {"enum": [*KINDS, *OF_DAMPER, SEVERAL]}
-        elif key == "recommend":
-            schema = self.options()
         elif key == "physics":
             schema = _physics()
         elif "additionalProperties" in schema:
@@ -105,21 +104,6 @@ class _Keys:
             return _closed({pattern: value}, "patternProperties")
         said = self.find("entries", owner, key).items()
         return _closed({name: {"description": says} | value for name, says in said})
-
-    def options(self) -> Schema:
-        """Return the schema of ``recommend``: options of a replay by name, and ``record``."""
-        _, defs = msgspec.json.schema_components([RunConfig])
-        found: Schema = {}
-        for option, schema in defs["RunConfig"]["properties"].items():
-            if option != "given":
-                name = {"from_s": "from", "to_s": "to"}.get(option, option.replace("_", "-"))
-                kinds = {each.get("type") for each in schema.get("anyOf", [schema])}
-                kind = next((k for k in ("number", "integer") if k in kinds), "string")
-                found[name] = {"description": f"as yawid replay --{name}", "type": kind}
-        found["record"] = {
-            "description": self.says("", "record"), "type": "array", "items": {"type": "string"},
-        }  # fmt: skip
-        return _closed(found)
 
 
 def document() -> Schema:

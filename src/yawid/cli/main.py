@@ -49,10 +49,10 @@ from yawid.system.stores import Place, place_of
 from yawid.version import __version__
 
 if TYPE_CHECKING:
-    from yawid.answers.run_summary import Origin, RunSummary
-    from yawid.results.reasons import Verdict
+    from yawid.answers.inspection import Inspection
+    from yawid.answers.run_summary import RunSummary
 
-_Page = TypeVar("_Page", bound="Origin")
+_Page = TypeVar("_Page", "RunSummary", "Inspection")
 INTERRUPTED = 130
 MOST_SAID = 300
 """The most characters of an unforeseen error's text that are printed: it may hold an array."""
@@ -194,14 +194,14 @@ def _fly(whole: argparse.ArgumentParser, arguments: argparse.Namespace) -> int:
     outputs = outputs_of(arguments, name)
     answer = partial(_print_summary, verbose=arguments.verbose)
     _compile_behind()
-    found, _ = inspect(arguments.log, settings, read_options)
+    found = inspect(arguments.log, settings, read_options)
     print_page(print_inspection, found)
     if found.command is not None:
         settings = settings_of(whole.parse_args(shlex.split(found.command)[1:]))
     print_line("")
     with StopFlag().installed() as stop:
         try:
-            summary, verdict = replay(arguments.log, settings, outputs, stop, read_options)
+            summary = replay(arguments.log, settings, outputs, stop, read_options)
         except UnwrittenError as error:
             print_page(answer, error.summary)
             raise
@@ -210,7 +210,7 @@ def _fly(whole: argparse.ArgumentParser, arguments: argparse.Namespace) -> int:
     print_line(f"report: {page}")
     if not arguments.no_open and sys.stdout.isatty() and has_desktop():
         webbrowser.open(page.as_uri())
-    return verdict.exit_code
+    return summary.exit_code
 
 
 def _replay(arguments: argparse.Namespace) -> int:
@@ -260,9 +260,9 @@ def _orders(arguments: argparse.Namespace) -> int:
     from yawid.sinks.terminal.summary_table import print_orders
 
     settings, read_options = settings_of(arguments), read_options_of(arguments)
-    report, verdict = orders_report(arguments.log, settings, read_options)
+    report = orders_report(arguments.log, settings, read_options)
     print_answer(report, print_orders, as_json=arguments.json)
-    return verdict.exit_code
+    return report.verdict.exit_code
 
 
 def _inspect(arguments: argparse.Namespace) -> int:
@@ -276,11 +276,11 @@ def _inspect(arguments: argparse.Namespace) -> int:
 
 
 def _run_and_print(
-    run: Callable[[], tuple[_Page, "Verdict"]], as_json: bool, page: Callable[[_Page, TextIO], None]
+    run: Callable[[], _Page], as_json: bool, page: Callable[[_Page, TextIO], None]
 ) -> int:
     """Do one run and print its result, as JSON or as a page; return its exit code."""
     try:
-        summary, verdict = run()
+        summary = run()
     except UnwrittenError as error:
         print_answer(error.summary, page, as_json=as_json)
         return _explained(error)
@@ -291,7 +291,7 @@ def _run_and_print(
     except Exception as error:  # the logs that follow are still run
         return _unforeseen(error)
     print_answer(summary, page, as_json=as_json)
-    return verdict.exit_code
+    return summary.exit_code
 
 
 def _explained(error: YawidError) -> int:

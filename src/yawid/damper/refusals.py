@@ -8,7 +8,8 @@ import numpy as np
 
 from yawid.answers.heard import gains_between
 from yawid.answers.more_manoeuvres import MORE, of_mean
-from yawid.answers.run_summary import Flight, Manoeuvre, ReasonSummary, RunSummary
+from yawid.answers.reasons import Reason
+from yawid.answers.run_summary import Flight, Manoeuvre, RunSummary
 from yawid.config.run import RunConfig
 from yawid.damper.autopilots import AUTOPILOTS, Autopilot, first
 from yawid.models.flown import Flown
@@ -36,7 +37,7 @@ class Refused(Exception):  # noqa: N818  it names a finding, not a fault
 
     def __init__(self, id_: str, text: str, to_do: str) -> None:
         super().__init__(text)
-        self.reason = ReasonSummary(id_, "fatal", text)
+        self.reason = Reason(id_, text, weight="fatal")
         self.to_do = to_do
 
 

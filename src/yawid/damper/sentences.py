@@ -6,7 +6,8 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from yawid.answers.damper_report import Recommended
-from yawid.answers.run_summary import DutchRoll, ReasonSummary
+from yawid.answers.reasons import Reason
+from yawid.answers.run_summary import DutchRoll
 from yawid.damper.advice import SURE, Closed, Predicted, aimed
 
 MOSTLY_FEEDBACK: Final = 1.2
@@ -48,7 +49,7 @@ def leave_out(name: str, flown: float) -> str:
 
 def warnings(
     predicted: Predicted, name: str, flown: float, gains: Sequence[float | None]
-) -> Iterable[ReasonSummary]:
+) -> Iterable[Reason]:
     """Yield what speaks against the predictions; ``name`` is the parameter, ``flown`` its value.
 
     ``gains`` are the values that it had in each manoeuvre used, None where it changed in one.
@@ -59,7 +60,7 @@ def warnings(
         text = f"{name} was {values} in the manoeuvres used"
         if len(known) < len(gains):
             text += " and changed within one of them"
-        yield ReasonSummary("gain_changed", "warning", f"{text}: {flown:g} is taken as flown")
+        yield Reason("gain_changed", f"{text}: {flown:g} is taken as flown", weight="warning")
     closed = predicted.closed
     G = predicted.aircraft.at(closed.airspeeds_m_s[0])  # noqa: N806
     s = np.array([1j * float(np.median(np.abs(G.dutch_roll)))])
@@ -70,10 +71,10 @@ def warnings(
             f"with {name} {largest:g} the rudder moved mostly by feedback, and such answers were "
             "about 10 % off: fly once with half of it"
         )
-        yield ReasonSummary("closed_loop", "warning", text)
+        yield Reason("closed_loop", text, weight="warning")
     if takes_damping(closed):
         text = f"more {name} takes damping from this pair"
-        yield ReasonSummary("lowers_damping", "warning", text)
+        yield Reason("lowers_damping", text, weight="warning")
 
 
 def takes_damping(closed: Closed) -> bool:

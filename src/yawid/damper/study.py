@@ -8,7 +8,8 @@ import numpy as np
 
 from yawid.answers.damper_report import DamperReport, Recommended
 from yawid.answers.more_manoeuvres import of_mean
-from yawid.answers.run_summary import Flight, Manoeuvre, ReasonSummary, VerdictSummary
+from yawid.answers.reasons import Reason, Verdict
+from yawid.answers.run_summary import Flight, Manoeuvre
 from yawid.blocks import Floats
 from yawid.damper.advice import (
     FINE,
@@ -128,7 +129,7 @@ def study(facts: Facts, asked: Asked) -> Study:
     found = recommended(predicted.closed, flown, asked.aim)
     says = list(sentences(predicted, autopilot.gain, flown, found, asked.aim, without))
     reasons = list(warnings(predicted, autopilot.gain, flown, seen))
-    verdict = VerdictSummary(method=flight.method, usable=True, reasons=reasons)
+    verdict = Verdict(method=flight.method, usable=True, reasons=reasons)
     rows = _shown(predicted.closed, found, flown, asked.gains)
     gains = [each for i, each in enumerate(table(predicted.closed)) if i in rows]
     report = DamperReport(**said, gains=gains, recommended=found, says=says, verdict=verdict)
@@ -141,14 +142,14 @@ def _refused(refused: Refused, without: Without | None, said: Mapping[str, Any])
     An aircraft that needs no damper needs no gain: then the reason is only a warning.
     """
     if without is None or not without.suffices:
-        verdict = VerdictSummary(usable=False, reasons=[refused.reason], next=refused.to_do)
+        verdict = Verdict(usable=False, reasons=[refused.reason], next=refused.to_do)
         return {"gains": [], "says": [], "verdict": verdict}
     text = f"no gain was predicted: {refused.reason.text}"
-    warned = ReasonSummary(refused.reason.id, "warning", text)
+    warned = Reason(refused.reason.id, text, weight="warning")
     says = [without.text]
     if "flown" in said:
         says.append(leave_out(said["parameter"], said["flown"]))
-    verdict = VerdictSummary(usable=True, reasons=[warned])
+    verdict = Verdict(usable=True, reasons=[warned])
     return {"gains": [], "says": says, "verdict": verdict}
 
 

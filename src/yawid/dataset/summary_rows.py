@@ -4,15 +4,8 @@ from collections.abc import Iterator, Sequence
 from datetime import datetime
 
 from yawid.answers.part import Part
-from yawid.answers.run_summary import (
-    Bare,
-    Flight,
-    Manoeuvre,
-    MethodSummary,
-    RunSummary,
-    Value,
-    VerdictSummary,
-)
+from yawid.answers.reasons import Verdict
+from yawid.answers.run_summary import Bare, Flight, Manoeuvre, MethodSummary, RunSummary, Value
 from yawid.dataset.schema import CONDITION, DUTCH_ROLL, OF_MANOEUVRE, ORDERS, Column
 from yawid.dataset.values import Row, known_date
 from yawid.quantities.table import YAW_CHANNEL
@@ -40,7 +33,7 @@ def flight_rows(summary: RunSummary, first_us: int | None, duration_s: float | N
         row["autopilot"] = vehicle.autopilot
     if summary.by_loop:
         return [row | _answer(flight, first_us) for flight in summary.by_loop]
-    row |= _judged(summary.verdict)
+    row |= _judged(summary.deciding)
     return [row if stream is None else row | {"answer": "stream", **_of_method(stream)}]
 
 
@@ -64,12 +57,8 @@ def _answer(flight: Flight, first_us: int | None) -> Row:
 
 def run_rows(summary: RunSummary) -> Iterator[Row]:
     """Yield a row for each method's estimate from the stream."""
-    for name, method in (summary.estimates or {}).items():
-        is_answer = name == summary.answering
-        judged = {"is_answer": is_answer, **_judged(summary.verdict)}
-        if not is_answer:
-            judged = {"is_answer": False}  # only the answer has a verdict
-        yield _of_method(method) | _model(method) | judged
+    for method in (summary.estimates or {}).values():
+        yield _of_method(method) | _model(method) | {"is_answer": method is summary.answer}
 
 
 def manoeuvre_rows(summary: RunSummary) -> Iterator[Row]:
@@ -151,22 +140,21 @@ def _model(method: MethodSummary) -> Row:
         if name in YAW_CHANNEL:  # physics also has the error of the reduction, not a column here
             physics |= {name: value.value, f"{name}_std": value.std}
     fit = method.fit.to_json()
-    theta, std = method.theta or {}, method.theta_std or {}
-    names = list(theta)
+    theta, stds = method.theta or {}, method.theta_std or {}
     return {
         "sample_time_s": method.sample_time_s,
         "forgetting_factor": method.forgetting_factor,
         "updates": method.updates,
         "held": method.held,
-        "theta_names": names,
-        "theta": [theta[name] for name in names],
-        "theta_std": [std.get(name) for name in names],
+        "theta_names": list(theta),
+        "theta": list(theta.values()),
+        "theta_std": [stds.get(name) for name in theta],
         **physics,
         **fit,
     }
 
 
-def _judged(verdict: VerdictSummary) -> Row:
+def _judged(verdict: Verdict) -> Row:
     return {
         "usable": verdict.usable,
         "reasons": [each.id for each in verdict.fatal],

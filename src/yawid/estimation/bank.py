@@ -1,9 +1,8 @@
 """A bank of estimators over the same samples: the method asked for, and others to check it.
 
-It keeps the newest samples of a run, and the model as it was after every 16th sample.
+It keeps the newest samples of a run.
 """
 
-import copy
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -18,8 +17,6 @@ HISTORY = 2**19
 """The most samples kept: seven hours at 20 Hz; only the end of a longer run is judged."""
 MEMORIES = 3.0
 """A forgetting model is scored on the last three memory lengths only."""
-REMEMBERED = 16
-"""The model is kept after every 16th sample, so that it can be scored on later samples."""
 
 
 class Ring:
@@ -53,12 +50,6 @@ class Ring:
         rows = np.arange(self.seen - len(self), self.seen) % self.limit
         return tuple(ring[rows] for ring in self._rings)
 
-    def snapshot(self) -> "Ring":
-        """Return a copy to read from; rows cannot be added to it."""
-        taken = copy.copy(self)
-        taken._rings = [ring[: len(self)].copy() for ring in self._rings]
-        return taken
-
 
 @dataclass(frozen=True, slots=True)
 class SampleHistory:
@@ -82,14 +73,6 @@ class SampleHistory:
     def good(self) -> Ints:
         """Indices (m,) of the rows that have all of u and y."""
         return np.flatnonzero(np.isfinite(self.y) & np.isfinite(self.u).all(axis=1))
-
-
-@dataclass(frozen=True, slots=True)
-class PastModels:
-    """The models as they were before row ``first`` of the history: theta (n,) of each method."""
-
-    first: int
-    theta: Mapping[str, Floats]
 
 
 class Bank:
@@ -118,7 +101,6 @@ class Bank:
         forgotten = 1.0 - self.config.forgetting_factor(self.sample_time_s)
         kept = math.ceil(MEMORIES / forgotten) if forgotten > 0.0 else HISTORY
         self._record = Ring(min(kept, HISTORY))
-        self._thetas = Ring(min(kept, HISTORY) // REMEMBERED + 1)
         self.last: dict[str, EstimateBlock] = {}
 
     def run(self, samples: SampleBlock) -> dict[str, EstimateBlock]:
@@ -136,24 +118,8 @@ class Bank:
         predictions = [block.y_hat for block in self.last.values()]
         further = ("roll", "turn_rate", "airspeed", "aileron", "mode")
         context = [getattr(samples, name) for name in further]
-        self._remember(len(samples))
         self._record.add(samples.u, samples.y, *context, *predictions)
         return self.last
-
-    def snapshot(self) -> "Bank":
-        """Return a copy of the bank, which another thread can judge while this one continues."""
-        taken = copy.copy(self)
-        taken.estimators = copy.deepcopy(self.estimators)
-        taken._record, taken._thetas = self._record.snapshot(), self._thetas.snapshot()
-        return taken
-
-    def _remember(self, count: int) -> None:
-        """Keep theta after every 16th sample of the epoch, independent of the blocks' lengths."""
-        before = self._record.seen
-        rows = slice(-(before + 1) % REMEMBERED, None, REMEMBERED)
-        seen = np.arange(before + 1.0, before + count + 1.0)[rows]
-        if len(seen):
-            self._thetas.add(seen, *(block.theta[rows] for block in self.last.values()))
 
     def history(self) -> SampleHistory:
         """Return the samples of the epoch on which the model is scored, and each prediction of y.
@@ -165,17 +131,3 @@ class Bank:
         u, y, roll, turn, airspeed, aileron, mode = columns[:own]
         y_hat = dict(zip(self.methods, columns[own:], strict=True))
         return SampleHistory(u, y, roll, turn, airspeed, aileron, mode, y_hat)
-
-    def earlier(self, row: int) -> PastModels | None:
-        """Return the newest models kept that had not used ``row`` of the history or later rows.
-
-        None where there are none.
-        """
-        seen, *thetas = self._thetas.joined() or (np.empty(0),)
-        firsts = seen - (self._record.seen - len(self._record))
-        known = np.flatnonzero((firsts > 0) & (firsts <= row))
-        if len(known) == 0:
-            return None
-        newest = known[-1]
-        models = {name: theta[newest] for name, theta in zip(self.methods, thetas, strict=True)}
-        return PastModels(int(firsts[newest]), models)

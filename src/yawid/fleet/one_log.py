@@ -12,7 +12,8 @@ from pathlib import Path
 from typing import Any
 
 from yawid.answers.heard import LinkCounts
-from yawid.answers.run_summary import ReasonSummary, RunSummary
+from yawid.answers.reasons import Reason
+from yawid.answers.run_summary import RunSummary
 from yawid.config.run import OF_RECORDS, RunConfig
 from yawid.dataset.summary_rows import flight_rows, manoeuvre_rows, run_rows
 from yawid.dataset.values import FAILED, USAGE, ReadRow, Row, failed, known_date, plain, serial_of
@@ -164,7 +165,7 @@ def _flown(source: Recording, config: RunConfig, spec: Spec) -> _Flown:
     job = run(source, config, [sink])
     boots = tuple(job.pipeline.channels.boots.spans_us)
     own = source.vehicle_id or serial_of(source.parameters(job.pipeline))
-    summary, _ = job.conclude()
+    summary = job.conclude()
     return _Flown(summary, config.boot or next(iter(boots), 1), boots, own, sink)
 
 
@@ -207,5 +208,5 @@ def _rows(summary: RunSummary, flights: list[_Flown], log: ReadRow, spec: Spec) 
     return {name: plain(each) for name, each in {"logs": [row], **rows}.items()}
 
 
-def _ids(reasons: Iterable[ReasonSummary], weight: str) -> list[str]:
+def _ids(reasons: Iterable[Reason], weight: str) -> list[str]:
     return list(dict.fromkeys(each.id for each in reasons if each.weight == weight))

@@ -14,6 +14,7 @@ import numpy as np
 
 from yawid.answers.model_parts import Fit as HowWell
 from yawid.answers.model_parts import Mode
+from yawid.answers.reasons import Reason, Verdict
 from yawid.answers.run_summary import (
     DutchRoll,
     Manoeuvre,
@@ -37,8 +38,6 @@ from yawid.manoeuvre.record import Record
 from yawid.manoeuvre.signals import Fitted, fitted
 from yawid.physics.modes import modes
 from yawid.quantities.vehicles import AIRFRAME, WITH_ROLL_LOOP
-from yawid.results.reasons import Reason, Verdict
-from yawid.results.summary import as_summary
 
 CT = "ct"
 """The name of the continuous-time fit."""
@@ -69,7 +68,7 @@ class Answered:
     def with_reason(self, reason: Reason) -> "Answered":
         """Return the answer with a further reason in its verdict."""
         verdict = Verdict.of([*self.verdict.reasons, reason], self.verdict.method)
-        found = msgspec.structs.replace(self.found, verdict=as_summary(verdict))
+        found = msgspec.structs.replace(self.found, verdict=verdict)
         return replace(self, found=found, verdict=verdict)
 
 
@@ -104,7 +103,7 @@ def answer(
         inputs=list(seen.inputs),
         turn_removed=turn or config.turn == "remove",
         estimates=estimates,
-        verdict=as_summary(verdict),
+        verdict=verdict,
     )
     return Answered(manoeuvre, verdict, (int(samples.unix_ns[0]), int(samples.unix_ns[-1])))
 

@@ -13,6 +13,7 @@ from typing import Final
 import msgspec
 import numpy as np
 
+from yawid.answers.reasons import KINDS, Reason, Verdict
 from yawid.answers.run_summary import (
     TAU_WN_SHARE,
     TAU_ZETA,
@@ -20,10 +21,8 @@ from yawid.answers.run_summary import (
     DutchRoll,
     Flight,
     Manoeuvre,
-    ReasonSummary,
     TimeConstant,
     Value,
-    VerdictSummary,
 )
 from yawid.blocks import AIRSPEED_SHARE
 from yawid.lateral.airframe import Airframe, AsFlown, FailedGate, Known, with_modes
@@ -35,11 +34,11 @@ from yawid.manoeuvre.feedback import rate_feedback
 from yawid.manoeuvre.flight import DISAGREE_WN, LEAST_AGREEING, LEFT_OUT, agreement, disagreement
 from yawid.quantities.flying_qualities import dutch_roll_level, wrong_sign
 from yawid.quantities.vehicles import AIRFRAME
-from yawid.results.reasons import KINDS
 
 BARE_UNKNOWN: Final = "bare_unknown"
 DISAGREE: Final = "manoeuvres_disagree"
 WRONG_SIGN: Final = "wrong_sign"
+CHECK_AILERON: Final = "Check the aileron's servo, and SERVOn_REVERSED of the output that moves it."
 LAG_DIFFERS: Final = "lag_differs"
 LAG_APART: Final = 3.0
 """Sigmas between the servo lag given and the one that the flight shows: chance goes beyond in
@@ -204,8 +203,8 @@ def _sentences(remedies: Sequence[str]) -> str:
 
 
 def _unknown(used: Sequence[int], text: str, step: str | None) -> Bare:
-    said = ReasonSummary(BARE_UNKNOWN, "warning", text)
-    return Bare(used=list(used), verdict=VerdictSummary(usable=False, reasons=[said], next=step))
+    said = Reason(BARE_UNKNOWN, text, weight="warning")
+    return Bare(used=list(used), verdict=Verdict(usable=False, reasons=[said], next=step))
 
 
 def _answer(airframe: Airframe, used: Sequence[int]) -> Bare:
@@ -225,13 +224,13 @@ def _with_lag(found: Bare, airframes: Sequence[Airframe]) -> Bare:
         f"the servo lag given is {given.value:.3g} s, and without it the fit finds "
         f"{own.value:.3f} ± {own.std:.3f} s"
     )
-    return _warned(found, LAG_DIFFERS, [text])
+    return _warned(found, Reason(LAG_DIFFERS, text))
 
 
-def _warned(found: Bare, id_: str, texts: Sequence[str]) -> Bare:
+def _warned(found: Bare, *said: Reason) -> Bare:
     """Return a usable answer with further warnings."""
-    said = [*found.verdict.reasons, *(ReasonSummary(id_, "warning", text) for text in texts)]
-    return msgspec.structs.replace(found, verdict=VerdictSummary(usable=True, reasons=said))
+    reasons = [*found.verdict.reasons, *said]
+    return msgspec.structs.replace(found, verdict=Verdict(usable=True, reasons=reasons))
 
 
 def _stopped(failed: Sequence[FailedGate], used: Sequence[int], step: str = "") -> Bare:
@@ -274,12 +273,14 @@ def _bare(
         alpha_rad=_value(numbers["alpha_rad"]),
         servo_lag_s=_value(numbers["servo_lag_s"]), rudder_mix=_value(numbers["rudder_mix"]),
         gust_std_rad=gust, whiteness_rho1=rho1, airspeed_m_s=airspeed_m_s, used=list(used),
-        verdict=VerdictSummary(usable=True, reasons=[]),
+        verdict=Verdict(usable=True, reasons=[]),
     )  # fmt: skip
-    said = [text for name, x in numbers.items() if (text := wrong_sign(name, x.value, x.std))]
-    if not said:
-        return bare
-    return _warned(msgspec.structs.replace(bare, rudder_mix=None), WRONG_SIGN, said)
+    said = [
+        Reason(WRONG_SIGN, text, CHECK_AILERON if name == "L_delta_a" else None)
+        for name, x in numbers.items()
+        if (text := wrong_sign(name, x.value, x.std))
+    ]
+    return _warned(msgspec.structs.replace(bare, rudder_mix=None), *said) if said else bare
 
 
 def _value(known: Known) -> Value | None:
@@ -321,7 +322,8 @@ def bare_of(
             text = f"the manoeuvres do not show one airframe: {text}"
             both = sorted(n for _, ns in known for n in ns)
             return _unknown(both, text, KINDS[DISAGREE].now)
-        answer = _warned(answer, DISAGREE, [text + LEFT_OUT[len(apart) > 1]])
+        text += LEFT_OUT[len(apart) > 1]
+        answer = _warned(answer, Reason(DISAGREE, text, weight="warning"))
     if failed := list(_against_pool(answer, found, flown)):
         return _stopped(failed, answer.used, KINDS[DISAGREE].now)
     return _with_correlations(answer, [each for each, _ in used])

@@ -18,6 +18,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
+from yawid.answers.reasons import Reason
 from yawid.blocks import FIRST_DATE_NS, Floats, Held, Noted, SampleBlock
 from yawid.quantities.airspeed import GRAVITY, density_ratio, name_of, source_of
 from yawid.quantities.vehicles import (
@@ -28,7 +29,6 @@ from yawid.quantities.vehicles import (
     WITH_ROLL_LOOP,
     mode_name,
 )
-from yawid.results.reasons import Reason
 
 LOOPS: Final = {
     (ARDUPILOT, "MANUAL"): AIRFRAME,

@@ -199,9 +199,8 @@ def grid(blocks: Blocks) -> list[Floats]:
 
 def _eliminated(power: Floats, first: int) -> Floats:
     """Return normal equations (g, n, n) without their ``first`` unknowns."""
-    size = np.sqrt(np.einsum("gii->gi", power)) + 1e-300
-    # One after the other: the sizes' product is 0 where a run's rudder rests to the bit.
-    unit = power / size[:, :, None] / size[:, None, :]
+    size = np.sqrt(np.einsum("gii->gi", power)) + 1e-150  # its square is above 0
+    unit = power / (size[:, :, None] * size[:, None, :])
     own = unit[:, :first, :first] + _RIDGE * np.eye(first)
     rest = unit[:, first:, first:] - unit[:, first:, :first] @ np.linalg.solve(
         own, unit[:, :first, first:]

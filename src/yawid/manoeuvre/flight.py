@@ -10,11 +10,13 @@ the structure leaves out is common to all of them: that part of sigma is added a
 import math
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+from msgspec import structs
 
+from yawid.answers.reasons import Reason, Verdict
 from yawid.answers.run_summary import (
     TAU_WN_SHARE,
     TAU_ZETA,
@@ -28,8 +30,6 @@ from yawid.manoeuvre.answered import Answered
 from yawid.manoeuvre.conditions import Finding
 from yawid.manoeuvre.judge import rough_reasons
 from yawid.quantities.vehicles import AIRFRAME
-from yawid.results.reasons import Reason, Verdict
-from yawid.results.summary import as_summary
 
 FEW = 4
 """Up to this number, manoeuvres do not show how much they scatter: there tau has a floor. With more
@@ -74,7 +74,7 @@ class Pooled:
     @property
     def std(self) -> float:
         """The sigma of the result of a next manoeuvre."""
-        return math.hypot(self.error, self.tau, self.beyond)
+        return math.sqrt(self.error**2 + self.tau**2 + self.beyond**2)
 
 
 def pooled(x: Floats, std: Floats, floor: float, beyond: Floats) -> Pooled:
@@ -99,7 +99,7 @@ def pooled(x: Floats, std: Floats, floor: float, beyond: Floats) -> Pooled:
 
 def flights_of(
     answered: Sequence[Answered], of_the_log: list[Reason], untrue: Finding | None = None
-) -> list[tuple[Flight, Verdict]]:
+) -> list[Flight]:
     """Return an answer for each loop with a usable manoeuvre, the headline first.
 
     The headline is the loop in which most usable manoeuvres were flown, by number, then by time: by
@@ -125,18 +125,18 @@ def flights_of(
     return [_together(alike, of_the_log, untrue) for alike in in_turn]
 
 
-def _refused(answered: Sequence[Answered], of_the_log: list[Reason]) -> tuple[Flight, Verdict]:
+def _refused(answered: Sequence[Answered], of_the_log: list[Reason]) -> Flight:
     """Return a flight without a usable manoeuvre: its reasons are those of the best manoeuvre."""
     best = min(answered, key=lambda each: each.found.standing)
     where = f"manoeuvre {best.found.n}, {best.found.from_s:.0f} to {best.found.to_s:.0f} s: "
-    said = [replace(reason, text=where + reason.text) for reason in best.verdict.reasons]
+    said = [structs.replace(reason, text=where + reason.text) for reason in best.verdict.reasons]
     verdict = Verdict.of([*of_the_log, *said], best.verdict.method)
-    return Flight(used=[], disagree=[], verdict=as_summary(verdict)), verdict
+    return Flight(used=[], disagree=[], verdict=verdict)
 
 
 def _together(
     alike: Sequence[Answered], of_the_log: list[Reason], untrue: Finding | None
-) -> tuple[Flight, Verdict]:
+) -> Flight:
     """Return the answer from the manoeuvres of one loop.
 
     An airspeed that is wrong by one factor still serves to compare manoeuvres.
@@ -154,16 +154,17 @@ def _together(
     unit = median if scaled and math.isfinite(median) else 1.0
     speed = median if is_true and math.isfinite(median) else None
     heights = [h for each in used if (h := each.found.altitude_m) is not None]
+    warned = list(_warnings(used))
     wn, zeta = _averages(rolls, by, agree)
     physics = _physics(used, by[agree])
-    reasons = [*of_the_log, *_warnings(used), *rough_reasons(wn.mean * unit, wn.std * unit)]
+    reasons = [*of_the_log, *warned, *rough_reasons(wn.mean * unit, wn.std * unit)]
     if rest:
         apart = [(each.n, f"wn {own:.3g} rad/s", each.airspeed_m_s) for each, own in rest]
         text = disagreement(apart, f"{wn.mean * unit:.3g} ± {wn.std * unit:.2g}", speed, len(used))
         reasons.append(_left_out(text, len(apart), share))
     verdict = Verdict.of(reasons, Counter(m.verdict.method for m in used).most_common(1)[0][0])
     loop = used[0].found.loop
-    flight = Flight(
+    return Flight(
         method=verdict.method,
         airspeed_m_s=speed,
         airspeed_source=_common(sources) if is_true else None,
@@ -183,9 +184,8 @@ def _together(
         between_std=BetweenStd(wn_rad_s=wn.tau * unit, zeta=zeta.tau),
         used=[each.found.n for each in used],
         disagree=[each.n for each, _ in rest],
-        verdict=as_summary(verdict),
+        verdict=verdict,
     )
-    return flight, verdict
 
 
 def _averages(rolls: Floats, by: Floats, agree: Bools) -> tuple[Pooled, Pooled]:
@@ -196,8 +196,8 @@ def _averages(rolls: Floats, by: Floats, agree: Bools) -> tuple[Pooled, Pooled]:
     """
     wn, wn_std, zeta, zeta_std, wn_beyond, zeta_beyond = rolls[agree].T
     wn, wn_std, wn_beyond = wn / by[agree], wn_std / by[agree], wn_beyond / by[agree]
-    x = pooled(wn, wn_std, TAU_WN_SHARE * float(np.median(wn)), wn_beyond)
-    return x, pooled(zeta, zeta_std, TAU_ZETA, zeta_beyond)
+    mean = pooled(wn, wn_std, TAU_WN_SHARE * float(np.median(wn)), wn_beyond)
+    return mean, pooled(zeta, zeta_std, TAU_ZETA, zeta_beyond)
 
 
 def _common(values: set[str | None]) -> str | None:
@@ -216,7 +216,7 @@ def _warnings(used: Sequence[Answered]) -> Iterator[Reason]:
         count = counts.pop(reason.id, 0)
         if 2 * count > len(used):
             where = f"in {count} of {len(used)} manoeuvres: " if len(used) > 1 else ""
-            yield replace(reason, text=where + reason.text)
+            yield structs.replace(reason, text=where + reason.text)
 
 
 def agreement(x: Floats, std: Floats, floor: float, near: float) -> tuple[Bools, float]:
@@ -256,7 +256,9 @@ def disagreement(
 def _left_out(text: str, count: int, share: float) -> Reason:
     """Return the reason that ``count`` manoeuvres disagree with those of this share of weight."""
     text += LEFT_OUT[count > 1]
-    return Reason("manoeuvres_disagree", text, warns=share >= LEAST_AGREEING)
+    return Reason(
+        "manoeuvres_disagree", text, weight="warning" if share >= LEAST_AGREEING else "fatal"
+    )
 
 
 def _dutch_roll(each: Answered) -> tuple[float, ...]:

@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 
+from yawid.answers.reasons import Reason
 from yawid.blocks import AIRSPEED_SHARE, Floats, SampleBlock
 from yawid.estimation.fit import fit_percent
 from yawid.manoeuvre.answer import Answer
@@ -29,7 +30,6 @@ from yawid.manoeuvre.fit import Fit
 from yawid.manoeuvre.likelihood import free_decay, freed, shifted, simulated
 from yawid.results.excitation import LEAST_STROKE, own_part
 from yawid.results.judge_samples import COLLINEAR, closeness
-from yawid.results.reasons import Reason
 
 if TYPE_CHECKING:
     from yawid.manoeuvre.answered import ManoeuvreSetting
@@ -66,8 +66,7 @@ SOME_FED_BACK, MOST_FED_BACK = 0.5, 1.0
 """The part of the rudder near the mode that feeds back the yaw rate, for a warning and for none. On
 flights of an ArduPlane answers were right up to 0.9, and 9 to 12 % too high from 1.3 on."""
 CLEAR_SIGMAS: Final = 3.0
-"""The sigmas from which an effect of the rudder is no chance. Without it 34 of 500 simulated rolls
-on a runway, a lag and bumps, had a line of the bumps as a usable Dutch roll."""
+"""The sigmas of the yaw acceleration from which a reversed rudder is no chance."""
 
 
 class Driven(NamedTuple):
@@ -132,19 +131,12 @@ def reasons(of: Evidence) -> Iterator[Reason]:
     yield from _known(of, of.answer, of.fit)
     yield from _driven(of.fit)
     yield from _fed_back(of, of.answer.wn_rad_s.value)
-    rudder = of.answer.eq_23[0]
-    if not any(abs(x.value) > CLEAR_SIGMAS * x.std for x in (rudder.K, rudder.yaw_acceleration)):
-        yield Reason(
-            "mode_not_driven",
-            "whether the rudder moves the Dutch roll found is not known: its gain is "
-            f"{rudder.K.value:.2g} ± {rudder.K.std:.1g} rad/s per unit, its yaw acceleration "
-            f"{rudder.yaw_acceleration.value:.2g} ± {rudder.yaw_acceleration.std:.1g} rad/s², and "
-            f"one of them must be {CLEAR_SIGMAS:g} sigmas from 0",
-        )
-    elif rudder.yaw_acceleration.value < -CLEAR_SIGMAS * rudder.yaw_acceleration.std:
+    rate = of.answer.eq_23[0].yaw_acceleration
+    if rate.value < -CLEAR_SIGMAS * rate.std:
         yield Reason(
             "wrong_sign",
             "positive rudder turns the nose left: the servo is reversed, or --rudder-sign is wrong",
+            None if of.setting.config.rudder_unit is None else "Give the other --rudder-sign.",
         )
 
 
@@ -192,7 +184,6 @@ def _flown(of: Evidence) -> Iterator[Reason]:
             "turn_dominated",
             f"the yaw rate follows the bank and not the rudder: its correlation with the turn rate "
             f"is above {TURNS:g}",
-            {"turn": "remove"},
         )
 
 
@@ -259,6 +250,7 @@ def _known(of: Evidence, answer: Answer, fit: Fit) -> Iterator[Reason]:
             "not_converged",
             f"the {seconds:.1f} s hold only {periods:.1f} periods of the Dutch roll found: at "
             f"least {LEAST_PERIODS:g} are needed",
+            "Choose a longer stretch, or fly longer manoeuvres.",
         )
     if (pct := fit_percent(*simulated(fit))) < LEAST_PCT:
         yield Reason(
@@ -294,6 +286,7 @@ def _driven(fit: Fit) -> Iterator[Reason]:
             "mode_not_driven",
             f"the same rudder {abs(found.late_s):.2g} s {when} explains the yaw rate nearly as "
             f"well: likelihood ratio {max(found.near, 0.0):.0f}, at least {LEAST_SHIFTED:g} needed",
+            "Check the rudder's channel (--rudder) and that its times are those of the yaw rate.",
         )
     elif found.far < 0.0:
         yield Reason(
@@ -319,8 +312,11 @@ def _fed_back(of: Evidence, wn_rad_s: float) -> Iterator[Reason]:
         f"rad/s): near the mode that part is {found.share:.2f} times the whole rudder"
     )
     if found.share > MOST_FED_BACK:
-        text = f"{said}, and at most {MOST_FED_BACK:g} times is allowed: wn may be 12 % off"
-        yield Reason("mode_not_driven", text)
+        yield Reason(
+            "mode_not_driven",
+            f"{said}, and at most {MOST_FED_BACK:g} times is allowed: wn may be 12 % off",
+            "Switch the yaw damper off for the manoeuvre (ArduPlane: YAW2SRV_DAMP = 0).",
+        )
     else:
         yield Reason("closed_loop", f"{said}; beyond {MOST_FED_BACK:g} times it biases the answer")
 

@@ -7,6 +7,7 @@ from collections.abc import Callable, Collection, Iterator, Sequence
 from concurrent.futures import Executor, Future, wait
 from typing import Any
 
+from yawid.answers.reasons import Reason
 from yawid.answers.run_summary import Bare, Flight
 from yawid.blocks import MotionBlock, SampleBlock
 from yawid.manoeuvre.answered import Answered
@@ -21,7 +22,6 @@ from yawid.manoeuvre.bare_answer import (
 from yawid.manoeuvre.conditions import conditions
 from yawid.manoeuvre.motion_store import MotionStore
 from yawid.quantities.vehicles import AIRFRAME
-from yawid.results.reasons import Reason
 
 MOST_KEPT = 24
 """The most manoeuvres of a flight whose motion is kept for a fit over several of them."""

@@ -9,6 +9,7 @@ from typing import Final
 
 import numpy as np
 
+from yawid.answers.reasons import Reason
 from yawid.answers.run_summary import Bare, Flight
 from yawid.blocks import EstimateBlock, Floats, Ints, MotionBlock, SampleBlock
 from yawid.manoeuvre.answered import Answered, ManoeuvreSetting, answer
@@ -16,7 +17,7 @@ from yawid.manoeuvre.conditions import AirspeedCheck, is_bare
 from yawid.manoeuvre.find import LONGEST_S, LONGEST_STATED_S, Finder, UnderWay
 from yawid.manoeuvre.flight import flights_of
 from yawid.manoeuvre.laterals import Laterals, done_by
-from yawid.results.reasons import Reason, Verdict
+from yawid.results.judge_samples import excitation_reasons
 
 SAME: Final = 0.9
 """The part of a manoeuvre's yaw rates that another boot has, to the bit and at the same times, if
@@ -115,7 +116,7 @@ class Manoeuvres:
             for each in self.answered
         ]
 
-    def flights(self, of_the_log: list[Reason]) -> list[tuple[Flight, Verdict]]:
+    def flights(self, of_the_log: list[Reason]) -> list[Flight]:
         """Return the flight's answers from those answered: see :func:`flights_of`."""
         if self._repeated:
             text = (
@@ -125,11 +126,19 @@ class Manoeuvres:
             of_the_log = [*of_the_log, Reason("repeated", text)]
         return flights_of(self.judged(), of_the_log, self._airspeed.finding())
 
+    def why_none(self, grounded: float) -> list[Reason]:
+        """Return why there is no manoeuvre; ``grounded`` is the part of samples on the ground."""
+        if self._count:
+            text = "a manoeuvre has ended, and its answer was not ready in time"
+            return [Reason("not_converged", text, "Replay the log, which waits for the answer.")]
+        travel = self._setting.config.travel_said
+        return [*excitation_reasons(self._finder.seen, travel, grounded)]
+
     def bare(self) -> Bare | None:
         """Return the bare airframe of those answered; None where none was looked for."""
         if self.laterals is None:
             return None
-        return self.laterals.flight([flight for flight, _ in self.flights([])])
+        return self.laterals.flight(self.flights([]))
 
     def _stream_at(self, unix_ns: int) -> dict[str, EstimateBlock]:
         """Return the recursive estimates of the last sample until a time, each a block of one."""

@@ -15,7 +15,8 @@ from typing import Any
 import numpy as np
 from scipy import signal
 
-from yawid.answers.run_summary import Bare, Manoeuvre, RunSummary, VerdictSummary
+from yawid.answers.reasons import Verdict
+from yawid.answers.run_summary import Bare, Manoeuvre, RunSummary
 from yawid.blocks import Floats, SampleBlock
 from yawid.config.run import RunConfig
 from yawid.errors import ConfigError, NotIdentifiable
@@ -236,9 +237,9 @@ def _airspeed(airspeed_m_s: float | None) -> dict[str, float]:
     return {} if airspeed_m_s is None else {"airspeed_m_s": airspeed_m_s}
 
 
-def _judged(verdict: VerdictSummary) -> dict[str, Any]:
+def _judged(verdict: Verdict) -> dict[str, Any]:
     return {"usable": verdict.usable, "reasons": tuple(str(each) for each in verdict.reasons)}
 
 
-def _why(verdict: VerdictSummary) -> str:
+def _why(verdict: Verdict) -> str:
     return "; ".join(str(each) for each in verdict.fatal or verdict.reasons)

@@ -10,7 +10,7 @@ from html import escape
 from importlib.resources import files
 from typing import Final
 
-from yawid.answers.run_summary import ReasonSummary
+from yawid.answers.reasons import Reason
 from yawid.report.picture import Picture
 from yawid.sinks.answers import Card
 from yawid.sinks.palette import BAD, CARE, DATA, GOOD
@@ -21,7 +21,7 @@ STYLE: Final = (
     f":root {{ {' '.join(f'--{name}: {colour};' for name, colour in _COLOURS.items())} }}\n"
 ) + files("yawid.report").joinpath("report.css").read_text(encoding="utf-8")
 POLICY: Final = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
-Advised = tuple[ReasonSummary, str]
+Advised = tuple[Reason, str]
 """A reason, and what to do about it."""
 Cell = tuple[str, str]
 """A cell of a wide table: its text, and the small text below it."""
@@ -103,7 +103,7 @@ def listed(items: Iterable[tuple[str, str, str, str]]) -> str:
     return f'<ul class="reasons">\n{"".join(lines)}</ul>\n' if lines else ""
 
 
-def pictures(title: str, shown: Sequence[Picture], against: Sequence[ReasonSummary] = ()) -> str:
+def pictures(title: str, shown: Sequence[Picture], against: Sequence[Reason] = ()) -> str:
     """Return a section of pictures, pale where there are reasons ``against``; "" without any."""
     if not shown:
         return ""
@@ -125,12 +125,12 @@ def tables(title: str, shown: Iterable[str], *, facts: bool = False) -> str:
     return f'{_heading(title)}<div class="tables{" facts" if facts else ""}">\n{cells}</div>'
 
 
-def numbers(title: str, shown: Iterable[str], against: Sequence[ReasonSummary]) -> str:
+def numbers(title: str, shown: Iterable[str], against: Sequence[Reason]) -> str:
     """Return a section of tables, grey and with the reasons where its numbers are not usable."""
     return _void(tables(title, shown), against)
 
 
-def _void(section: str, against: Sequence[ReasonSummary]) -> str:
+def _void(section: str, against: Sequence[Reason]) -> str:
     """Return a section, marked as not usable where there are reasons against it."""
     if not against:
         return section

@@ -29,18 +29,16 @@ LEAST_P: Final = 0.0001
 
 def stream_numbers(summary: RunSummary, answer: MethodSummary, run_grid: Grid) -> Iterator[str]:
     """Yield the tables of every method's estimates at the end of the stream."""
-    estimates, others = summary.estimates or {}, summary.others
-    answers = " answers" if others and summary.verdict.usable and summary.flight is None else ""
-    methods = [m.upper() + ("" if m in others else answers) for m in estimates]
-    found = [(e.theta or {}, e.theta_std or {}) for e in estimates.values()]
+    estimates = summary.estimates or {}
+    methods = [method.upper() for method in estimates]
+    thetas = [(e.theta or {}, e.theta_std or {}) for e in estimates.values()]
     rows = [
-        (name, *(plus_minus(theta.get(name), std.get(name)) for theta, std in found))
+        (name, *(plus_minus(theta.get(name), std.get(name)) for theta, std in thetas))
         for name in run_grid.parameters
     ]
     yield grid("Parameters, ± one σ of noise", ("", *methods), rows)
     fits = (
         ("fit one step ahead, %", "one_step_pct"), ("fit simulated, %", "simulation_pct"),
-        ("fit on held-back data, %", "simulation_held_back_pct"),
         ("innovation σ, rad/s", "innovation_std"), ("residual σ, rad/s", "residual_std"),
         ("whiteness p", "whiteness_p"), ("SPR margin (ELS: > 0 is sure)", "spr_margin"),
     )  # fmt: skip

@@ -4,7 +4,8 @@ from collections.abc import Iterator
 from functools import cached_property
 from pathlib import Path
 
-from yawid.answers.run_summary import ReasonSummary, RunSummary
+from yawid.answers.reasons import Reason
+from yawid.answers.run_summary import RunSummary
 from yawid.quantities.units import HALF_TRAVEL
 from yawid.report.airspeed_picture import airspeed_picture
 from yawid.report.bare import bare_section
@@ -28,7 +29,6 @@ from yawid.report.time_pictures import (
     parameters_picture,
     whole_picture,
 )
-from yawid.results.advice import to_do
 from yawid.sinks.answers import cards, headline
 from yawid.sinks.mcap.reader import McapRun, open_run
 from yawid.sinks.words import method_words, next_step, sigma_means, utc
@@ -126,8 +126,7 @@ class Report:
         summary, grid = self._summary, self._run.grid
         yield pictures("What was estimated, and when", self._of_stream())
         if grid is not None and summary.answer is not None and self._data is not None:
-            against = [] if summary.verdict.usable else summary.verdict.fatal
-            yield numbers(title, stream_numbers(summary, summary.answer, grid), against)
+            yield numbers(title, stream_numbers(summary, summary.answer, grid), [])
 
     @property
     def _drawn(self) -> tuple[Drawn, ...]:
@@ -180,10 +179,10 @@ def _sigma(summary: RunSummary) -> str:
     return f"± is one sigma{means}. Bands in the pictures are 2 sigma." if means else ""
 
 
-def _advised(summary: RunSummary) -> list[tuple[ReasonSummary, str]]:
+def _advised(summary: RunSummary) -> list[tuple[Reason, str]]:
     """Return each reason with what to do about it; what to do next is stated once, below them."""
     reasons, step = summary.deciding.reasons, summary.deciding.next
-    advice = [to_do(reason, summary) for reason in reasons]
+    advice = [reason.to_do for reason in reasons]
     return list(zip(reasons, ("" if each == step else each for each in advice), strict=True))
 
 
@@ -206,10 +205,9 @@ def _origin(run: McapRun) -> str:
 
 def _stream_note(summary: RunSummary) -> str:
     """Return the note before the sections on the stream, the page's last."""
-    ids = ", ".join(reason.name for reason in summary.verdict.reasons)
     return note(
         "The stream, sample by sample",
         "From here on everything is about the estimates sample by sample and at the end of the "
-        "log, not about the flight's answer above. By themselves they are "
-        f"{summary.verdict.word}{f' ({ids})' if ids else ''}.",
+        "log, not about the flight's answer above. They are not judged, and their σ is of noise "
+        "alone.",
     )

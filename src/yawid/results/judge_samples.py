@@ -1,43 +1,23 @@
-"""Reasons that the samples give against an answer: rates, inputs, and how the aircraft was flown.
+"""Reasons that the samples give against an answer: rates, the rudder's movement, who moved it."""
 
-A wrong answer that looks right is the worst output this program could have. So everything that
-speaks against an estimate is reported, and what speaks clearly enough makes it unusable.
-"""
-
-import math
 from collections.abc import Iterator
-from statistics import NormalDist
 
 import numpy as np
 
-from yawid.blocks import AIRSPEED_SHARE, WINDOW_S, Floats, shifted
+from yawid.answers.reasons import Reason
+from yawid.blocks import WINDOW_S, Floats, Held, shifted, words
 from yawid.config.run import RATE_SLACK, RunConfig
 from yawid.estimation.bank import Bank, SampleHistory
 from yawid.results.excitation import LEAST_STROKE, ROWS_PER_LAG, Movement
-from yawid.results.reasons import Reason
 
 LEAST_RATE_HZ = 5.0
 LOW_RATE_HZ = 10.0
 """Message rates below which there is no answer, and below which the damping is uncertain."""
-REFUSED_RATIO, LOW_RATIO = 4.0, 10.0
-"""Samples per Dutch-roll period below which there is no answer, and below which it is poor."""
 RATE_CHANGED = 1.5
 """The factor above which a message rate has changed between the first seconds and the whole run."""
 COLLINEAR = 0.995
 """The largest canonical correlation of two inputs' lags up to which their effects can be separated:
 it is a condition number of 20."""
-TURN_DOMINATED = 0.6
-"""The correlation of yaw rate and turn rate above which the bank, not the rudder, makes the yaw
-rate."""
-TURN_BAND_HZ = (0.15, 3.0)
-"""A band that leaves out the turns and keeps the Dutch rolls of small aircraft."""
-CLOSED_LOOP = 0.8
-"""An input of which yaw rate and roll explain a greater part reacts more than it excites."""
-MOST_REACTION = 0.5
-"""An aileron of which yaw rate and roll explain a greater part only holds the wings level: it is no
-input."""
-WORTH_PCT = 2.0
-"""The points that a further input must add to the simulated fit in percent."""
 RESPONSE_S, RESPONSE_STEP_S = 2.0, 0.1
 """The rudder's lags, up to how many s and how many s apart, that may explain the yaw rate."""
 LEAST_RESPONSE = 0.5
@@ -50,77 +30,28 @@ IF_IT_FLEW = "if the aircraft flew, take them by --airborne all"
 NO_VALUE = "the rudder's channel holds no value: name the one that moves it by --rudder servo:N"
 ROUNDING = 1e-9
 """The relative variation up to which a signal only varies by rounding."""
-UNCERTAIN_WN, UNCERTAIN_ZETA = 0.1, 0.15
-"""The relative sigma of wn, and the sigma of zeta, at which a Dutch roll is no longer of use. After
-a first try they are :func:`narrower`."""
-ROUGH_WN = 0.05
-"""The relative sigma of wn above which a usable answer is only a rough value."""
-SATURATED_SHARE = 0.05
-"""The part of the time at the stops above which there is a warning."""
 LAGS_COMPARED = 3
 """How many lags of two inputs are compared: as many as the default nb."""
 WEAKEST = 1e-3
 """A combination of lags weaker than this part of the strongest is rounding, not movement."""
 
 
-def narrower(tries: int) -> float:
-    """Return the factor by which the limits of sigma are smaller for the last of several tries.
-
-    A sigma below its limit says that an error of two sigmas is rare. Of several tries the first one
-    that passes answers, so each may have only its share of that probability (Bonferroni 1936): the
-    two sigmas are 2.28 for the second try and 2.43 for the third.
-    """
-    normal = NormalDist()
-    return normal.inv_cdf(normal.cdf(-2.0)) / normal.inv_cdf(normal.cdf(-2.0) / tries)
+def all_held(held: Held) -> Reason:
+    """Return the reason that every sample is held, by the flags that they have."""
+    why = ", ".join(words(flag) for flag in held)
+    cures = {Held.ON_GROUND: IF_IT_FLEW, Held.RUDDER_INVALID: NO_VALUE}
+    cure = "".join(f"; {said}" for flag, said in cures.items() if flag in held)
+    return Reason("not_excited", f"every sample is held: {why}{cure}")
 
 
-def rough_reasons(wn_rad_s: float, wn_std: float) -> Iterator[Reason]:
-    """Judge whether the total sigma of wn allows more than a rough value."""
-    if wn_std > ROUGH_WN * wn_rad_s:
-        yield Reason(
-            "poorly_known",
-            f"wn is only known to {100.0 * wn_std / wn_rad_s:.0f} % ({wn_rad_s:.3g} ± "
-            f"{wn_std:.2g} rad/s, one sigma): usable up to {100 * UNCERTAIN_WN:.0f} %, but a rough "
-            f"value above {100 * ROUGH_WN:.0f} %",
-        )
-
-
-def rate_reasons(
-    yaw_hz: float, rudder_hz: float, rate_hz: float, dutch_roll: Floats
-) -> Iterator[Reason]:
-    """Judge the message rates and, if wn is known to 10 %, whether the grid is fine enough for it.
-
-    ``yaw_hz`` and ``rudder_hz`` are the messages' rates, ``rate_hz`` the grid's; ``dutch_roll`` is
-    (wn, wn_std, zeta, zeta_std).
-    """
-    wn_rad_s, wn_std = float(dutch_roll[0]), float(dutch_roll[1])
-    known = wn_std < UNCERTAIN_WN * wn_rad_s
-    slowest = min(yaw_hz, rudder_hz)
-    said = f"yaw {yaw_hz:.3g} Hz, rudder {rudder_hz:.3g} Hz"
+def message_rate_reasons(yaw_hz: float, rudder_hz: float) -> Iterator[Reason]:
+    """Judge the rates of yaw and rudder messages by themselves."""
+    slowest, said = min(yaw_hz, rudder_hz), f"yaw {yaw_hz:.3g} Hz, rudder {rudder_hz:.3g} Hz"
     if slowest < LEAST_RATE_HZ * RATE_SLACK:
         text = f"{said}: at least {LEAST_RATE_HZ:g} Hz are needed"
         yield Reason("rate_too_low", text)
     elif slowest < LOW_RATE_HZ * RATE_SLACK:
         yield Reason("rate_low", f"{said}: below {LOW_RATE_HZ:g} Hz the damping is uncertain")
-    if known:
-        yield from _against_the_mode(min(slowest, rate_hz), slowest, wn_rad_s / (2.0 * math.pi))
-
-
-def _against_the_mode(have_hz: float, own_hz: float, found_hz: float) -> Iterator[Reason]:
-    """Judge the rate there is, and the messages' own, against the natural frequency found."""
-    if have_hz < REFUSED_RATIO * found_hz:
-        yield Reason(
-            "rate_too_low",
-            f"the rate is {have_hz:.3g} Hz: at least {REFUSED_RATIO:g} times the natural frequency "
-            f"found is needed, which is {REFUSED_RATIO * found_hz:.3g} Hz",
-        )
-    elif have_hz < LOW_RATIO * found_hz:
-        better = f"; the log allows --rate {own_hz:.3g}" if own_hz > 1.05 * have_hz else ""
-        yield Reason(
-            "rate_low",
-            f"the rate of {have_hz:.3g} Hz is only {have_hz / found_hz:.1f} times the natural "
-            f"frequency found: {LOW_RATIO:g} times is better{better}",
-        )
 
 
 def changed_rates(
@@ -165,107 +96,6 @@ def excitation_reasons(
         )
 
 
-def input_reasons(inputs: tuple[str, ...], u: Floats, stop: float) -> Iterator[Reason]:
-    """Judge the inputs ``u`` (n, inputs): the rudder at its stops, inputs that move together.
-
-    ``stop`` is the rudder's full deflection in the unit of ``u``.
-    """
-    rows = u[np.isfinite(u).all(axis=1)]
-    if len(rows) < 2:
-        yield Reason("not_excited", "no sample has both rudder and yaw rate")
-        return
-    stops = float(np.mean(np.abs(rows[:, 0]) >= 0.99 * stop))
-    if stops > SATURATED_SHARE:
-        text = f"the rudder was at its stops for {100 * stops:.0f} % of the time"
-        yield Reason("saturated", text)
-    for i in range(1, len(inputs)):
-        close = closeness(u[:, 0], u[:, i])
-        if close > COLLINEAR:
-            r = _correlation(rows[:, 0], rows[:, i])
-            condition = math.sqrt((1.0 + close) / max(1.0 - close, 1e-12))
-            yield Reason(
-                "collinear_inputs",
-                f"{inputs[0]} and {inputs[i]} move together (correlation {r:.4f}, condition "
-                f"number of their lags {condition:.3g}): their effects cannot be separated",
-            )
-
-
-def flight_reasons(history: SampleHistory, turn: str) -> Iterator[Reason]:
-    """Judge how it was flown: turns that hide the rudder, and an airspeed that changed."""
-    y, u = history.y, history.u[:, 0]
-    rows = np.isfinite(y) & np.isfinite(u)
-    r = turn_correlation(np.where(rows, y, np.nan), history.turn_rate)
-    if turn == "keep" and r > TURN_DOMINATED:
-        yield Reason(
-            "turn_dominated",
-            f"the yaw rate follows the bank and not the rudder: its correlation with the turn rate "
-            f"is {r:+.2f}, and at most {TURN_DOMINATED:g} is allowed",
-            {"turn": "remove", "band": TURN_BAND_HZ},
-        )
-    speed = history.airspeed[rows & np.isfinite(history.airspeed)]
-    if len(speed) > 1:
-        low, middle, high = np.percentile(speed, [5.0, 50.0, 95.0])
-        # A sensor on an aircraft at rest may report 0.
-        share = (high - low) / (2.0 * middle) if middle > 0.0 else float(high > low)
-        # The limit is more than the sigma of any usable answer.
-        if share > AIRSPEED_SHARE:
-            yield Reason(
-                "airspeed_changed",
-                f"the airspeed ranged from {low:.1f} to {high:.1f} m/s: wn and the gain vary with "
-                f"it, by ± {100.0 * share:.0f} %",
-            )
-
-
-def feedback_reasons(inputs: tuple[str, ...], history: SampleHistory) -> Iterator[Reason]:
-    """Judge whether inputs only react: yaw rate, roll and the previous roll explain most of them.
-
-    Past yaw rates are left out: they contain what the rudder did a moment ago, and would explain 80
-    to 87 % even of a rudder that excites.
-    """
-    said = [
-        f"{100 * share:.0f} % of the {name}"
-        for name, share in zip(inputs, reaction_shares(history), strict=True)
-        if share > CLOSED_LOOP
-    ]
-    if said:
-        text = f"yaw rate and roll explain {' and '.join(said)}: it reacts more than it excites"
-        yield Reason("closed_loop", text)
-
-
-def damper_reasons(history: SampleHistory, share: float, early_response: float) -> Iterator[Reason]:
-    """Judge whether a controller was identified in place of the aircraft.
-
-    A rudder that yaw rate and roll explain, and that turns the nose the other way, only reacts: the
-    model found is then the inverse of the controller. It is a yaw damper if the rudder opposes the
-    yaw rate. ``share`` is the rudder's part from :func:`reaction_shares`; ``early_response`` is
-    that of an estimate's ``Evidence``.
-    """
-    if not (share > CLOSED_LOOP and early_response < 0.0):
-        return
-    rows = np.isfinite(history.u[:, 0]) & np.isfinite(history.y)
-    r = _correlation(history.u[rows, 0], history.y[rows])
-    if r > 0.0:
-        yield Reason(
-            "mode_not_driven",
-            f"the rudder follows the yaw rate (correlation {r:+.2f}; yaw rate and roll explain "
-            f"{100 * share:.0f} % of it), but in the model it turns the nose the other way: it "
-            "moves as in a coordinated turn, or --rudder-sign is wrong",
-        )
-    else:
-        yield Reason(
-            "mode_not_driven",
-            f"the rudder opposes the yaw as a yaw damper does (yaw rate and roll explain "
-            f"{100 * share:.0f} % of it): the model is that of the damper, not of the aircraft",
-        )
-
-
-def reaction_shares(history: SampleHistory) -> list[float]:
-    """Return the part (0 to 1) of each input that yaw rate, roll and the previous roll explain."""
-    before = np.concatenate([[np.nan], history.roll[:-1]])
-    causes = np.column_stack([history.y, history.roll, before])
-    return [explained(u, causes) for u in history.u.T]
-
-
 def why_believed(config: RunConfig, bank: Bank | None) -> str:
     """Return why the rudder is believed though its autopilot is not in command; "" if it is not."""
     if config.binds("rudder"):
@@ -296,18 +126,6 @@ def response_lags(sample_time_s: float) -> range:
     """Return the rudder's lags in samples that may explain the yaw rate."""
     step = max(1, round(RESPONSE_STEP_S / sample_time_s))
     return range(1, round(RESPONSE_S / sample_time_s) + 1, step)
-
-
-def turn_correlation(y: Floats, turn: Floats) -> float:
-    """Return the correlation of output and turn rate (n,) over the samples that have both."""
-    rows = np.isfinite(y) & np.isfinite(turn)
-    return _correlation(y[rows], turn[rows])
-
-
-def _correlation(a: Floats, b: Floats) -> float:
-    if len(a) < 3 or a.std() == 0.0 or b.std() == 0.0:
-        return 0.0
-    return float(np.corrcoef(a, b)[0, 1])
 
 
 def explained(target: Floats, causes: Floats) -> float:

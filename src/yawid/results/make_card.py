@@ -25,17 +25,16 @@ from yawid.answers.flight_test_card import (
 )
 from yawid.answers.heard import VehicleSeen
 from yawid.answers.more_manoeuvres import MANOEUVRES, expected
+from yawid.answers.reasons import ASK_HZ, Verdict
 from yawid.answers.run_summary import (
     ChannelFound,
     DutchRoll,
     Manoeuvre,
     RunSummary,
-    VerdictSummary,
 )
 from yawid.blocks import Floats, Noted, SampleBlock
 from yawid.quantities.airspeed import GROUND_SPEED, source_of
 from yawid.quantities.vehicles import AIRFRAME, ARDUPILOT, PX4, WITH_ROLL_LOOP, WITHOUT_RUDDER
-from yawid.results.reasons import ASK_HZ
 
 SAMPLES_PER_PERIOD: Final = 16.0
 """The message rate to ask for, in samples per period of the Dutch roll."""
@@ -112,7 +111,7 @@ class Flown:
         return cls(speeds, heights, source if speeds else None)
 
 
-def why_no_card(vehicle: VehicleSeen | None, verdict: VerdictSummary) -> str | None:
+def why_no_card(vehicle: VehicleSeen | None, verdict: Verdict) -> str | None:
     """Return why there is no card for a log, None where there is; a record needs no vehicle."""
     if vehicle is None:
         unheard = any(reason.id == "no_vehicle" for reason in verdict.reasons)

@@ -12,9 +12,7 @@ from yawid.answers.run_summary import DutchRoll, Orders
 from yawid.blocks import SampleBlock, finite
 from yawid.config.run import RunConfig
 from yawid.errors import ChannelError, NotIdentifiable
-from yawid.results.reasons import Verdict
-from yawid.runs.job import Job, KeptSamples, Recording, open_log, run
-from yawid.runs.trials import Trials
+from yawid.runs.job import KeptSamples, Recording, open_log, run
 from yawid.sinks.terminal.progress import Bar, progress
 from yawid.sources.open_log import ReadOptions
 
@@ -35,17 +33,13 @@ def with_orders(source: Recording, config: RunConfig) -> RunConfig:
     if config.orders != "auto":
         return config
     with progress(sys.stderr, "choosing orders", source.size) as bar:
-        samples = _sampled(source, config, bar)[1]
+        usual, kept = replace(config, orders=RunConfig().orders, manoeuvres="off"), KeptSamples()
+        run(source, usual, [kept], advance=bar)
+        samples = kept.joined()
         try:
             return _with(_compared(samples, config, bar)[1], config)
         except NotIdentifiable:
             return replace(config, orders=RunConfig().orders)
-
-
-def _sampled(source: Recording, config: RunConfig, bar: Bar) -> tuple[Job, SampleBlock | None]:
-    kept = KeptSamples()
-    usual = replace(config, orders=RunConfig().orders, manoeuvres="off")
-    return run(source, usual, [kept], advance=bar), kept.joined()
 
 
 def _compared(
@@ -74,11 +68,11 @@ def _with(chosen: "Tried", config: RunConfig) -> RunConfig:
 
 def orders_report(
     log: Path, settings: Mapping[str, Any], read_options: ReadOptions | None = None
-) -> tuple[OrdersReport, Verdict]:
-    """Return what ``yawid orders`` prints, and the verdict of a replay with those orders.
+) -> OrdersReport:
+    """Return what ``yawid orders`` prints, with the verdict of a replay of the log.
 
-    Where that replay is not usable no orders are recommended, and the verdict is that of a replay
-    without --orders: if that one is usable, the orders are best left open.
+    Orders are the stream's, and change no verdict. Where that is not usable none are recommended:
+    they would be those of noise.
 
     Raises:
         ChannelError: the log has no vehicle, rudder or yaw.
@@ -90,28 +84,23 @@ def orders_report(
         closing(open_log(log, read_options, again=True)) as source,
         progress(sys.stderr, log.name, source.size) as bar,
     ):
-        config = source.settled(settings)
-        job, samples = _sampled(source, config, bar)
+        config, kept = source.settled(settings), KeptSamples()
+        job = run(source, replace(config, orders=RunConfig().orders), [kept], advance=bar)
+        samples, verdict = kept.joined(), job.conclude().deciding
         try:
             found, chosen = _compared(samples, config, bar)
         except NotIdentifiable as error:  # the log's own first reason says more, if it has one
-            first = next(iter(job.conclude()[1].reasons), None)
+            first = next(iter(verdict.reasons), None)
             if first is None or (samples is not None and first.exit_code != 3):
                 raise
             kind = ChannelError if first.exit_code == 3 else NotIdentifiable
             raise kind(f"{log}: {first}") from error
-        trials = Trials(source, bar)
-        best = trial = trials.of(replace(_with(chosen, config), given=(*config.given, "orders")))
-        if not best.verdict.usable:
-            usual = trials.of(replace(config, orders=RunConfig().orders))
-            trial = usual if usual.verdict.usable else best
-    report = OrdersReport(
+    return OrdersReport(
         log=str(log.absolute()),
-        recommended=Orders(*best.config.four_orders) if best.verdict.usable else None,
+        recommended=Orders(*_with(chosen, config).four_orders) if verdict.usable else None,
         candidates=[_described(candidate) for candidate in found],
-        verdict=trial.summary.deciding,
+        verdict=verdict,
     )
-    return report, trial.verdict
 
 
 def _described(candidate: "Tried") -> OrdersTried:

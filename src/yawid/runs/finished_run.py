@@ -12,16 +12,15 @@ from typing import Any
 
 import numpy as np
 
-from yawid.answers.run_summary import MethodSummary, RunSummary
+from yawid.answers.reasons import GONE, KINDS
+from yawid.answers.run_summary import RunSummary
 from yawid.blocks import MotionBlock, SampleBlock
 from yawid.channels.segments import outside
 from yawid.config.run import RunConfig, overruled
 from yawid.errors import ConfigError, SourceError, YawidError
 from yawid.pipeline import Pipeline
 from yawid.quantities.link import LinkStats
-from yawid.results.judge_estimate import bank_verdict
-from yawid.results.reasons import KINDS, Reason, Verdict
-from yawid.results.summary import as_summary, bank_summaries, concluded
+from yawid.results.summary import judged, of_stream
 from yawid.sinks.mcap.reader import McapRun, log_sha256_of, open_run, reading_of
 from yawid.sources.formats import RUN
 from yawid.system.stores import Place
@@ -30,10 +29,6 @@ CHANGEABLE = (
     "orders", "method", "also", "engine", "memory", "forgetting", "servo_tau", "inputs",
     "from_s", "to_s", "manoeuvres", "lateral", "servo_lag", "given",
 )  # fmt: skip
-JUDGED_AGAIN = frozenset(
-    kind.id for kind in KINDS.values() if kind.origin in ("samples", "estimate")
-)
-"""Reasons judged again from samples and estimates; all others come from the log and are kept."""
 
 
 class FinishedRun:
@@ -107,8 +102,8 @@ class FinishedRun:
         """Return the hash of the run's log, None where it was not read to its end."""
         return log_sha256_of(self._run)
 
-    def conclude(self, pipeline: Pipeline, *, is_whole: bool) -> tuple[RunSummary, Verdict]:
-        """Return the summary and the verdict; reasons that come from the log stay as they were.
+    def conclude(self, pipeline: Pipeline, *, is_whole: bool) -> RunSummary:
+        """Return the summary; reasons that come from the log stay as they were.
 
         Raises:
             ConfigError: no sample lies between --from and --to.
@@ -117,21 +112,11 @@ class FinishedRun:
         run, bank, before = self._run, pipeline.bank, self._run.summary
         if is_whole and bank is None and run.grid is not None:
             raise _nothing(run, pipeline.config)
-        said = before.verdict.reasons
-        if unknown := sorted({r.id for r in said} - KINDS.keys()):
+        said = before.deciding.reasons
+        if unknown := sorted({r.id for r in said} - KINDS.keys() - GONE):
             text = f"{run.path} holds reasons that this version does not know: {', '.join(unknown)}"
             raise SourceError(text)
-        reasons = [Reason(r.id, r.text) for r in said]
-        of_the_log = [reason for reason in reasons if reason.id not in JUDGED_AGAIN]
-        estimates: dict[str, MethodSummary] | None = None
-        if bank is not None:
-            estimates, evidence = bank_summaries(bank)
-            rates_hz = run.rates_hz(pipeline.config.inputs[0])
-            assert rates_hz is not None  # a bank exists only where there is a grid
-            verdict = bank_verdict(bank, evidence, rates_hz, of_the_log)
-        else:
-            verdict = Verdict.of(reasons if run.grid is None else of_the_log)
-        flights = pipeline.flights(of_the_log)
+        origins = ("run", "log") if run.grid is not None else ("run", "log", "samples")
         with run.path.open("rb") as stream:
             sha256 = hashlib.file_digest(stream, "sha256").hexdigest()
         summary = RunSummary(
@@ -142,12 +127,12 @@ class FinishedRun:
             vehicle=before.vehicle,
             link=before.link,
             channels=before.channels,
-            estimates=estimates,
-            verdict=as_summary(verdict),
+            estimates=None if bank is None else of_stream(bank),
             manoeuvres=pipeline.manoeuvres,
             bare=pipeline.bare(),
         )
-        return concluded(summary, verdict, flights)
+        of_the_log = [reason for reason in said if reason.origin in origins]
+        return judged(summary, pipeline, of_the_log, run.rates_hz(pipeline.config.inputs[0]))
 
     def close(self) -> None:
         """Do nothing: the file is opened and closed at each reading."""

@@ -1,13 +1,13 @@
 """``yawid inspect``: whether a log is usable, its channels, rates and excited stretches.
 
 Where it is not usable the answer lists what to record next time. It comes from a replay without
-outputs and from the stretches in which the rudder moved on its own.
+outputs, whose verdict it has.
 """
 
 import shlex
 import sys
 from collections.abc import Container, Iterator, Mapping
-from contextlib import closing, suppress
+from contextlib import closing
 from dataclasses import asdict, fields, replace
 from pathlib import Path
 from typing import Any
@@ -17,22 +17,19 @@ from msgspec import structs
 
 from yawid.answers.flight_test_card import FlightTestCard
 from yawid.answers.inspection import Answerable, FlightPhase, Inspection, MessageRate, Span
-from yawid.answers.run_summary import Origin
+from yawid.answers.run_summary import Origin, RunSummary
 from yawid.blocks import Floats, Ints, SampleBlock
 from yawid.channels.segments import REBOOT_US, Boots
 from yawid.channels.survey import AIRBORNE, GROUNDED, Phase, Survey
-from yawid.config.run import BOTH, KEPT_ONLY, RATE_SLACK, RunConfig
-from yawid.errors import ConfigError
+from yawid.config.run import KEPT_ONLY, RATE_SLACK, RunConfig
 from yawid.quantities.link import SenderStats
 from yawid.quantities.vehicles import FIXED_WING, GENERIC, mode_name
 from yawid.results.advice import what_to_record
 from yawid.results.excitation import excitation
-from yawid.results.judge_samples import LEAST_RATE_HZ, MOST_REACTION, WORTH_PCT
-from yawid.results.make_card import NICE_HZ, SAMPLES_PER_PERIOD, Flown, make_card, why_no_card
-from yawid.results.reasons import COPIES, Verdict
+from yawid.results.judge_samples import LEAST_RATE_HZ
+from yawid.results.make_card import Flown, make_card, why_no_card
 from yawid.runs.choose_orders import with_orders
 from yawid.runs.job import KeptSamples, RecordedLog, run
-from yawid.runs.trials import Trial, Trials
 from yawid.sinks.terminal.progress import Bar, progress
 from yawid.sources.open_log import ReadOptions
 from yawid.system.stores import Place
@@ -42,14 +39,11 @@ BRIDGE_S = 20.0
 BEFORE_S = 2.0
 """A stretch begins this long before the rudder moves."""
 LEAST_STRETCH_S = 5.0
-UNANSWERABLE = frozenset({"no_vehicle", "no_rudder", "no_yaw", "rate_too_low", "not_in_command"})
-"""Reasons that no other option of a replay can remove."""
 WORTH_SAYING = frozenset({"rudder_assumed", "unit_assumed", "rate_low"})
 """Warnings for which the answer says how the next recording can avoid them."""
 LEAST_PER_PERIOD, GOOD_PER_PERIOD = 4.0, 10.0
 """Messages per period of the Dutch roll: at least the first for an answer, better the second."""
 STATES = {AIRBORNE: "airborne", GROUNDED: "on ground"}
-MOST_REMEDIES = 2
 TAP = "udpin:127.0.0.1:14560"
 """The endpoint of the test card's live command: a ground station has to forward its link there."""
 
@@ -60,12 +54,10 @@ def inspect(
     read_options: ReadOptions | None = None,
     *,
     with_card: bool = False,
-) -> tuple[Inspection, Verdict]:
-    """Return what a log can answer, as ``yawid inspect --json`` prints it, and its verdict.
+) -> Inspection:
+    """Return what a log can answer, as ``yawid inspect --json`` prints it.
 
-    Where the log's manoeuvres give a usable answer, a replay of the whole log as asked for is
-    recommended, else one of an excited stretch. The verdict is that of the recommended replay, or
-    that of the whole log where nothing is recommended.
+    Its verdict is that of a replay as asked for, and its command is that replay.
 
     Raises:
         SourceError: the log cannot be read.
@@ -77,38 +69,22 @@ def inspect(
             return _inspected(source, config, bar, with_card=with_card)
 
 
-def _inspected(
-    source: RecordedLog, config: RunConfig, bar: Bar, *, with_card: bool
-) -> tuple[Inspection, Verdict]:
+def _inspected(source: RecordedLog, config: RunConfig, bar: Bar, *, with_card: bool) -> Inspection:
     kept, survey = KeptSamples(), Survey()
     job = run(source, config, [kept], advance=bar, survey=survey)
     log, link, channels = source.path, source.link, job.pipeline.channels
-    whole, samples = Trial(config, *job.conclude()), kept.joined()
+    summary, samples, rates = job.conclude(), kept.joined(), _rates(survey)
     found: list[Span] = []
     if samples is not None and channels.surfaces:
         found = stretches(samples, config, channels.boots)
-    chosen, recommend, command = whole, {}, None
-    rates = _rates(survey)
-    if whole.summary.flight is not None and whole.verdict.usable:
-        assert samples is not None  # there is an answer
-        recommend = recommended(whole, round(1.0 / samples.sample_time_s, 6))
-        command = command_line(log, config, source.options)
-    elif found and not UNANSWERABLE.intersection(reason.id for reason in whole.verdict.reasons):
-        longest = max(found, key=lambda stretch: stretch.to_s - stretch.from_s)
-        later_hz = min(each.rate_hz for each in rates.values())
-        if len(channels.boots.spans_us) < 2:
-            longest = structs.replace(longest, boot=config.boot)
-        chosen = _best(Trials(source, bar), whole, longest, later_hz)
-        recommend = recommended(chosen)
-        command = command_line(log, chosen.config, source.options)
-    ids = [r.id for r in chosen.verdict.reasons if r.exit_code or r.id in WORTH_SAYING]
-    if record := what_to_record(ids, job.pipeline.report()):
-        recommend["record"] = record
-    origin = {name: getattr(whole.summary, name) for name in Origin.__struct_fields__}
+    reasons = summary.deciding.reasons
+    ids = [r.id for r in reasons if r.exit_code or r.id in WORTH_SAYING]
+    origin = {name: getattr(summary, name) for name in Origin.__struct_fields__}
     counted = {key: SenderStats(n) for key, n in link.senders.items()} | dict(link.by_sender)
-    modes_of = channels.modes_of
-    inspection = Inspection(
-        **origin | {"link": structs.replace(whole.summary.link, signed=link.signed or None)},
+    modes_of, parameters = channels.modes_of, channels.parameters.values
+    can_answer = summary.flight is not None or summary.verdict is None
+    return Inspection(
+        **origin | {"link": structs.replace(summary.link, signed=link.signed or None)},
         senders={f"{s}/{c}": n for (s, c), n in link.senders.items()},
         by_sender={f"{s}/{c}": asdict(n) for (s, c), n in counted.items()},
         unchecked=source.options.unchecked(link),
@@ -116,32 +92,26 @@ def _inspected(
         answerable=_answerable(rates),
         phases=None if modes_of is None else [_phase(each, *modes_of) for each in survey.phases],
         excited=found,
-        manoeuvres=whole.summary.manoeuvres,
-        flight=whole.summary.flight,
-        flights=whole.summary.flights,
-        recommend=recommend,
-        command=command,
-        card=_card(chosen, config, samples, rates, channels.parameters.values)
-        if with_card
-        else None,
-        verdict=chosen.summary.deciding,
+        manoeuvres=summary.manoeuvres,
+        flight=summary.flight,
+        flights=summary.flights,
+        record=what_to_record(ids, job.pipeline.report()) or None,
+        command=command_line(log, config, source.options) if can_answer else None,
+        card=_card(summary, config, samples, rates, parameters) if with_card else None,
+        verdict=summary.verdict,
+        warnings=summary.warnings,
     )
-    return inspection, chosen.verdict
 
 
 def _card(
-    chosen: Trial,
+    summary: RunSummary,
     config: RunConfig,
     samples: SampleBlock | None,
     rates: Mapping[str, MessageRate],
     known: Mapping[str, float],
 ) -> FlightTestCard | None:
-    """Return the flight test card, None for a vehicle for which no card can be made.
-
-    Its answer is that of the replay whose verdict inspect gives; ``config`` is as asked for.
-    """
-    summary = chosen.summary
-    if why_no_card(summary.vehicle, summary.verdict) is not None:
+    """Return the flight test card, None for a vehicle for which no card can be made."""
+    if why_no_card(summary.vehicle, summary.deciding) is not None:
         return None
     flown = Flown() if samples is None else Flown.of(samples)
     rates_hz = {name: each.rate_hz for name, each in rates.items()}
@@ -150,20 +120,6 @@ def _card(
         words = _words(replace(config, from_s=None, to_s=None, boot=None))
         live = shlex.join(["yawid", "live", TAP, *words])
     return make_card(summary, flown, rates_hz, known, config.rudder_max_deg, live)
-
-
-def recommended(trial: Trial, rate_hz: float | None = None) -> dict[str, Any]:
-    """Return the options of a replay with its answer, with values as in JSON.
-
-    They are those of its command. Rate and inputs are there at their defaults, too, unless a
-    manoeuvre chose others: options that are given bind.
-    """
-    config, summary = trial.config, trial.summary
-    own = list(config.inputs), config.turn == "remove"
-    if any((each.inputs, each.turn_removed) != own for each in summary.manoeuvres or ()):
-        return _options(config, config.given)
-    known = {} if rate_hz is None else {"rate": rate_hz}
-    return _options(config, {*config.given, "rate", "inputs"}) | known
 
 
 def _options(config: RunConfig, always: Container[str]) -> dict[str, Any]:
@@ -274,68 +230,3 @@ def _joined(t_s: Floats, boot: int, excited: Any) -> Iterator[Span]:
             first, last = max(float(t_s[part[0]]) - BEFORE_S, float(t_s[0])), float(t_s[part[-1]])
             if last - first >= LEAST_STRETCH_S:
                 yield Span(boot, round(first, 1), round(last, 1))
-
-
-def _best(trials: Trials, whole: Trial, stretch: Span, later_hz: float) -> Trial:
-    """Return the replay to recommend: of an excited stretch, with options that remove its reasons.
-
-    The rate gives about sixteen samples per Dutch-roll period and is no more than ``later_hz``, the
-    rate of the slower message over the whole log. The aileron is an input where with it the model
-    explains the yaw rate noticeably better. Every option is tried before it is recommended. Where
-    no trial is usable and the ``whole`` log as asked for is, that one is returned.
-    """
-    config = replace(whole.config, boot=stretch.boot, from_s=stretch.from_s, to_s=stretch.to_s)
-    if config.memory is None and config.forgetting is None:
-        config = replace(config, forgetting=1.0)
-    best = trials.of(config)
-    if config.inputs != BOTH:
-        with suppress(ConfigError):  # no aileron, or in another message
-            both = trials.of(replace(config, inputs=BOTH))
-            worth = both.simulation_pct > best.simulation_pct + WORTH_PCT
-            if worth and both.aileron_reacts < MOST_REACTION:
-                best = both
-    if whole.config.rate is None:
-        rate = _rate(best, later_hz)
-        with suppress(ConfigError):  # the messages' rate varies and is too low at times
-            best = trials.of(replace(best.config, rate=rate))
-    for _ in range(MOST_REMEDIES):
-        better = _mended(trials, best)
-        if better is None:
-            break
-        best = better
-    return whole if whole.verdict.usable and not best.verdict.usable else best
-
-
-def _mended(trials: Trials, trial: Trial) -> Trial | None:
-    """Return a trial with the remedies of a trial's reasons, None where none makes it better."""
-    remedy: dict[str, Any] = {}
-    copies = not COPIES.isdisjoint(reason.id for reason in trial.verdict.reasons)
-    for reason in trial.verdict.reasons:
-        if reason.exit_code and not (copies and "turn" in reason.remedy):
-            remedy |= {k: v for k, v in reason.remedy.items() if getattr(trial.config, k) != v}
-    if not remedy:
-        return None
-    assert trial.answer is not None  # a fatal reason with a remedy comes from an estimate
-    own_hz = 1.0 / trial.answer.sample_time_s
-    if "rate" in remedy:
-        remedy["rate"] = max(NICE_HZ[0], min(remedy["rate"], own_hz))
-    if "band" in remedy:
-        low, high = remedy["band"]
-        remedy["band"] = (low, min(high, float(f"{0.45 * remedy.get('rate', own_hz):.2g}")))
-    try:
-        tried = trials.of(replace(trial.config, **remedy))
-    except ConfigError:
-        return None
-    return tried if tried.verdict.weight < trial.verdict.weight else None
-
-
-def _rate(trial: Trial, later_hz: float) -> float:
-    """Return the round rate nearest to sixteen samples per period, at most that of the log."""
-    rates = [each.first_rate_hz or each.rate_hz for each in trial.summary.channels.values()]
-    own = min(later_hz, *(rate for rate in rates if rate is not None))
-    wn = trial.wn_rad_s if np.isfinite(trial.wn_rad_s) else 0.0
-    target = max(SAMPLES_PER_PERIOD * wn / (2.0 * np.pi), 10.0)
-    allowed = [rate for rate in NICE_HZ if rate <= own * 1.02]
-    if not allowed:
-        return float(f"{own:.3g}")
-    return min(allowed, key=lambda rate: abs(rate - target))

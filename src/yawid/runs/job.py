@@ -2,7 +2,7 @@
 
 with closing(open_log(path)) as source:
     config = source.settled(settings)
-    summary, verdict = run(source, config, sinks).conclude()
+    summary = run(source, config, sinks).conclude()
 """
 
 import hashlib
@@ -19,7 +19,6 @@ from yawid.channels.survey import Survey
 from yawid.config.run import BOTH, OF_RECORDS, RunConfig
 from yawid.errors import ConfigError
 from yawid.pipeline import Pipeline
-from yawid.results.reasons import Verdict
 from yawid.results.summary import summarise
 from yawid.runs.outputs import parameters_of
 from yawid.runs.stop import Interrupted, StopFlag
@@ -116,8 +115,8 @@ class RecordedLog(Log):
         with self._file.open("rb") as stream:
             return hashlib.file_digest(stream, "sha256").hexdigest()
 
-    def conclude(self, pipeline: Pipeline, *, is_whole: bool) -> tuple[RunSummary, Verdict]:
-        """Return the summary and the verdict of what was read."""
+    def conclude(self, pipeline: Pipeline, *, is_whole: bool) -> RunSummary:
+        """Return the summary of what was read."""
         return summarise(pipeline, self.link, str(self.path.absolute()), self.sha256)
 
 
@@ -149,8 +148,8 @@ class Job:
     read: int
     is_whole: bool
 
-    def conclude(self) -> tuple[RunSummary, Verdict]:
-        """Return the summary and the deciding verdict; see :meth:`RecordedLog.conclude`."""
+    def conclude(self) -> RunSummary:
+        """Return the summary; see :meth:`RecordedLog.conclude`."""
         return self.source.conclude(self.pipeline, is_whole=self.is_whole)
 
 

@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
-from yawid.answers.run_summary import ReasonSummary, RunSummary, VerdictSummary
+from yawid.answers.reasons import Reason, Verdict
+from yawid.answers.run_summary import RunSummary
 from yawid.config.run import RunConfig
 from yawid.errors import SinkError, YawidError
 from yawid.pipeline import Pipeline
 from yawid.results.advice import advised
-from yawid.results.reasons import Reason, Verdict
 from yawid.runs.versions import versions
 from yawid.sinks.base import Sink
 from yawid.sinks.door import say
@@ -223,22 +223,24 @@ def finish(
     return summary
 
 
-def refused(summary: RunSummary, verdict: Verdict, reason: Reason) -> tuple[RunSummary, Verdict]:
-    """Return the summary and the verdict with a fatal reason put first, also the flight's."""
-    said = ReasonSummary(reason.id, reason.weight, reason.text)
-    marked = msgspec.structs.replace(summary, verdict=_with(said, summary.verdict))
-    if (flight := summary.flight) is not None:
-        flight, *flights = (
-            msgspec.structs.replace(each, verdict=_with(said, each.verdict))
-            for each in (flight, *(summary.flights or ()))
+def refused(summary: RunSummary, reason: Reason) -> RunSummary:
+    """Return the summary with a fatal reason put first in its verdict, also in the flight's."""
+
+    def marked(verdict: Verdict | None) -> Verdict:
+        reasons = [] if verdict is None else verdict.reasons
+        return Verdict.of([reason, *reasons], None if verdict is None else verdict.method)
+
+    flights = [
+        msgspec.structs.replace(each, verdict=marked(each.verdict)) for each in summary.by_loop
+    ]
+    return advised(
+        msgspec.structs.replace(
+            summary,
+            verdict=marked(summary.verdict),
+            flight=flights[0] if flights else None,
+            flights=flights if summary.flights else None,
         )
-        marked = msgspec.structs.replace(marked, flight=flight, flights=flights or None)
-    return advised(marked), Verdict.of([reason, *verdict.reasons], verdict.method)
-
-
-def _with(fatal: ReasonSummary, verdict: VerdictSummary) -> VerdictSummary:
-    reasons = [fatal, *verdict.reasons]
-    return msgspec.structs.replace(verdict, usable=False, reasons=reasons)
+    )
 
 
 def parameters_of(pipeline: Pipeline) -> bytes:

@@ -8,10 +8,10 @@ from typing import Any
 
 import msgspec
 
+from yawid.answers.reasons import Reason
 from yawid.answers.run_summary import RunSummary
 from yawid.config.run import RunConfig
 from yawid.errors import SinkError, UnwrittenError
-from yawid.results.reasons import Reason, Verdict
 from yawid.runs.choose_orders import with_orders
 from yawid.runs.job import Recording, open_log, run
 from yawid.runs.outputs import (
@@ -37,8 +37,8 @@ def replay(
     outputs: Outputs,
     stop: StopFlag,
     read_options: ReadOptions | None = None,
-) -> tuple[RunSummary, Verdict]:
-    """Replay one log or finished run; return its summary and verdict.
+) -> RunSummary:
+    """Replay one log or finished run; return its summary.
 
     ``settings`` are the fields of :class:`RunConfig` that the user gave; they overrule those of a
     finished run. When ``stop`` is set, what has been read is kept: the names of the files and the
@@ -62,14 +62,12 @@ def replay(
         outputs, why_not = among_files(outputs, config, source, local)
         if why_not is None:
             return to_files(source, config, outputs, stop)
-        summary, _ = to_files(source, config, replace(outputs, sink=Sink()), stop)
+        summary = to_files(source, config, replace(outputs, sink=Sink()), stop)
         raise UnwrittenError(why_not, summary)
 
 
-def to_files(
-    source: Recording, config: RunConfig, outputs: Outputs, stop: StopFlag
-) -> tuple[RunSummary, Verdict]:
-    """Run a source and write its files; return the summary and the verdict.
+def to_files(source: Recording, config: RunConfig, outputs: Outputs, stop: StopFlag) -> RunSummary:
+    """Run a source and write its files; return the summary.
 
     Raises:
         Interrupted, SourceError, SinkError, UnwrittenError, ConfigError: as :func:`replay`.
@@ -80,30 +78,27 @@ def to_files(
             job = run(source, config, sinks, stop, advance)
         for said in source.left_open(job.pipeline):
             say(said)
-        summary, verdict = job.conclude()
+        summary = job.conclude()
         files = outputs.files()
         if not job.is_whole:
-            summary, verdict = _cut_short(summary, verdict, stop.name, (job.read, source.size))
+            summary = _cut_short(summary, stop.name, (job.read, source.size))
         try:
             if not job.is_whole:
                 files = keep_as_interrupted(sinks, outputs)
             for sink in sinks:
                 for line in source.log_lines:
                     sink.log(line.unix_ns, line.level, line.text)
-            written = finish(job.pipeline, summary, files, source.parameters(job.pipeline))
+            return finish(job.pipeline, summary, files, source.parameters(job.pipeline))
         except SinkError as error:
             raise UnwrittenError(str(error), summary) from error
-    return written, verdict
 
 
-def _cut_short(
-    summary: RunSummary, verdict: Verdict, signal: str, read_bytes: tuple[int, int]
-) -> tuple[RunSummary, Verdict]:
-    """Return the summary and the verdict of a run that a signal ended, as not usable.
+def _cut_short(summary: RunSummary, signal: str, read_bytes: tuple[int, int]) -> RunSummary:
+    """Return the summary of a run that a signal ended, as not usable.
 
     ``read_bytes`` holds the bytes read and the size of the log, whose hash is not known.
     """
     read, total = read_bytes
     text = f"{signal} after {read / 1e6:.1f} of {total / 1e6:.1f} MB: the rest was not read"
     part = msgspec.structs.replace(summary, sha256=None, bytes_read=read)
-    return refused(part, verdict, Reason("interrupted", text))
+    return refused(part, Reason("interrupted", text))

@@ -148,5 +148,5 @@ def _mcap(simulation: Simulation, out: Path, rate_hz: float, force: bool) -> Non
     with whole_or_none(sinks):
         pipeline = Pipeline(config, sinks)
         feed_all(source, pipeline)
-        summary, _ = summarise(pipeline, source.link, str(out), "")
+        summary = summarise(pipeline, source.link, str(out), "")
         finish(pipeline, summary, outputs.files(), parameters_of(pipeline))

@@ -11,9 +11,9 @@ from typing import Final
 
 from msgspec.structs import replace
 
-from yawid.answers.run_summary import DutchRoll, Flight, MethodSummary, ReasonSummary, RunSummary
+from yawid.answers.reasons import KINDS, Reason
+from yawid.answers.run_summary import DutchRoll, Flight, MethodSummary, RunSummary
 from yawid.quantities.vehicles import AIRFRAME
-from yawid.results.reasons import KINDS
 from yawid.sinks.words import (
     GREEK,
     conditions,
@@ -46,7 +46,7 @@ class Card:
 def cards(summary: RunSummary) -> list[Card]:
     """Return the cards of the four questions, for the flight or for the stream's answer."""
     mode, flight = _dutch_roll(summary), summary.flight
-    others = summary.others if flight is None else {}
+    others = dict(list((summary.estimates or {}).items())[1:]) if flight is None else {}
     levelled = summary.deciding.usable and (flight is None or flight.loop == AIRFRAME)
     if mode is not None and not levelled:
         mode = replace(mode, level=None)
@@ -65,6 +65,8 @@ def cards(summary: RunSummary) -> list[Card]:
 def use(summary: RunSummary) -> Card:
     """Return the card that says whether the answer can be used."""
     reasons = summary.deciding.reasons
+    if summary.verdict is None:
+        return Card("Can I use it?", "Not judged", "no manoeuvres were looked for", _names(reasons))
     if not summary.deciding.usable:
         shown = _dutch_roll(summary) is not None
         spread = "the numbers are shown for study only" if shown else "there is no answer"
@@ -81,6 +83,9 @@ def use(summary: RunSummary) -> Card:
 def headline(summary: RunSummary, stretch: Stretch = (None, None)) -> str:
     """Return the whole answer in a sentence or two; ``stretch`` are --from and --to, if given."""
     mode, flight = _dutch_roll(summary), summary.flight
+    if summary.verdict is None:
+        said = "not known" if mode is None else dutch_roll(mode, GREEK)
+        return f"At its end the stream's estimate is {said}. It was not judged."
     if not summary.deciding.usable:
         # The first fatal reason decides.
         why = next((reason.text for reason in summary.deciding.fatal), "the reasons are below")
@@ -131,9 +136,6 @@ def _elsewhere(summary: RunSummary) -> str:
     if alone:
         some = f"manoeuvre{'s' if len(alone) > 1 else ''} {', '.join(alone)}"
         return f"By itself this can be used: {some}; see the table."
-    if summary.verdict.usable and summary.dutch_roll is not None:
-        said = dutch_roll(summary.dutch_roll, GREEK)
-        return f"The stream's estimate at the end of the log can be used: {said}."
     return ""
 
 
@@ -142,7 +144,7 @@ def _dutch_roll(summary: RunSummary) -> DutchRoll | None:
     return summary.dutch_roll if summary.flight is None else summary.flight.dutch_roll
 
 
-def _names(reasons: list[ReasonSummary]) -> tuple[str, ...]:
+def _names(reasons: list[Reason]) -> tuple[str, ...]:
     return tuple(reason.name for reason in reasons)
 
 
@@ -180,7 +182,9 @@ def _sure(summary: RunSummary) -> Card:
         if answer.fit.simulation_pct is not None:
             explained_pct = max(answer.fit.simulation_pct, 0.0)
             notes.append(f"the model alone explains {explained_pct:.0f} % of the yaw rate")
-        notes.append(f"estimated from {duration((answer.updates or 0) * answer.sample_time_s)} of flight")
+        notes.append(
+            f"estimated from {duration((answer.updates or 0) * answer.sample_time_s)} of flight"
+        )
     if mode is not None and mode.wn_std is not None and mode.wn_std_noise is None:
         notes.append("σ is of noise alone")
     return _how_sure(summary, mode, notes)
@@ -207,6 +211,8 @@ def _range(values: Sequence[float]) -> str:
 
 
 def _how_sure(summary: RunSummary, mode: DutchRoll | None, notes: list[str]) -> Card:
+    if summary.verdict is None:
+        return Card("How sure?", "Not known", "σ of the stream is of noise alone", tuple(notes))
     if not summary.deciding.usable:
         return Card("How sure?", "Not enough", "whatever σ says", tuple(notes))
     if mode is None or mode.wn_std is None or mode.zeta_std is None:
@@ -219,8 +225,6 @@ def _how_sure(summary: RunSummary, mode: DutchRoll | None, notes: list[str]) -> 
             f"noise alone gives ωn ±{of_noise[0]:.2g} %, ζ ±{of_noise[1]:.2g} %; the rest is "
             "scatter over the record and structure"
         )
-    if any(reason.id == "coloured_residuals" for reason in summary.deciding.reasons):
-        notes.append("σ may be too small: the residuals are not white")
     return Card("How sure?", _sureness(summary, mode), spread, tuple(notes))
 
 

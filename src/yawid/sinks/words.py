@@ -9,6 +9,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from typing import Final, NamedTuple
 
 from yawid.answers.heard import VehicleSeen
+from yawid.answers.reasons import Verdict
 from yawid.answers.run_summary import (
     Bare,
     DutchRoll,
@@ -16,7 +17,6 @@ from yawid.answers.run_summary import (
     Manoeuvre,
     RunSummary,
     Value,
-    VerdictSummary,
 )
 from yawid.estimation.fit import WORST_PCT
 from yawid.quantities.airspeed import GROUND_SPEED
@@ -63,7 +63,7 @@ class Row(NamedTuple):
     style: str = ""
 
 
-def next_step(verdict: VerdictSummary) -> str | None:
+def next_step(verdict: Verdict) -> str | None:
     """Return what to do next and where the manual explains why; None when usable."""
     return verdict.next and f"{verdict.next} (yawid explain {verdict.why})"
 

@@ -38,8 +38,8 @@ def page(path: Place, summary: RunSummary, tables: Sequence[Table]) -> str:
 
 def verdict(summary: RunSummary) -> str:
     """Return in words whether the answer is usable."""
-    if summary.deciding.usable:
-        return "usable"
+    if summary.deciding.usable or summary.verdict is None:
+        return summary.deciding.word
     return "NOT USABLE" + (", the numbers are for study only" if summary.estimates else "")
 
 
@@ -55,6 +55,6 @@ def answer(summary: RunSummary) -> list[str]:
     """Return the lines of the flight's answer, and the stream's where there was no manoeuvre."""
     lines = [f"{row.name:>6}  {row.text}" for row in (*flight_rows(summary), *bare_rows(summary))]
     mode = summary.dutch_roll
-    if summary.flight is None and mode is not None and summary.answering is not None:
-        lines.append(f"stream  {dutch_roll(mode)} at its end, by {summary.answering.upper()}")
+    if summary.flight is None and mode is not None and summary.answer is not None:
+        lines.append(f"stream  {dutch_roll(mode)} at its end, by {summary.answer.method.upper()}")
     return [*lines, "        ± is one sigma"] if any("±" in line for line in lines) else lines

@@ -12,7 +12,8 @@ import msgspec
 import numpy as np
 
 from yawid.answers.heard import PARAMETERS, parameters_in
-from yawid.answers.run_summary import Bare, Flight, ReasonSummary, RunSummary, VerdictSummary
+from yawid.answers.reasons import Reason, Verdict
+from yawid.answers.run_summary import Bare, Flight, RunSummary
 from yawid.blocks import ModesBlock, MotionBlock, SampleBlock
 from yawid.config.run import RunConfig
 from yawid.quantities.airspeed import SEA_LEVEL_DENSITY, density_ratio
@@ -79,18 +80,9 @@ class Run:
     def flight(self) -> Flight:
         """The flight's answer, the headline, which is false where it is not usable.
 
-        Its ``verdict`` says why not. Where there was no manoeuvre it is the stream's answer, and
-        ``used`` is empty.
+        Its ``verdict`` says why not, or, without a manoeuvre, why there is none.
         """
-        if (flight := self.summary.flight) is not None:
-            return flight
-        verdict, answer = self.summary.verdict, self.summary.answer
-        if answer is None or not verdict.usable:
-            return Flight(used=[], disagree=[], verdict=verdict)
-        return Flight(
-            method=answer.method, dutch_roll=answer.dutch_roll,
-            physics=answer.physics, used=[], disagree=[], verdict=verdict,
-        )  # fmt: skip
+        return self.summary.flight or Flight(used=[], disagree=[], verdict=self.summary.deciding)
 
     @property
     def flights(self) -> list[Flight]:
@@ -139,8 +131,8 @@ class Run:
         asked = self.config.lateral == "auto"
         text = "there was no manoeuvre" if asked else "it was not looked for"
         step = None if asked else 'Replay the log with lateral="auto".'
-        said = ReasonSummary("bare_unknown", "warning", text)
-        return Bare(used=[], verdict=VerdictSummary(usable=False, reasons=[said], next=step))
+        said = Reason("bare_unknown", text, weight="warning")
+        return Bare(used=[], verdict=Verdict(usable=False, reasons=[said], next=step))
 
     @cached_property
     def record(self) -> Table:

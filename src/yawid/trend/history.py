@@ -11,7 +11,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from yawid.answers.run_summary import ReasonSummary
+from yawid.answers.reasons import Reason
 from yawid.blocks import Floats, Ints
 from yawid.dataset.files import read_flights_by_loop
 from yawid.dataset.schema import BARE
@@ -130,7 +130,7 @@ def flights_of(rows: Sequence[FlightRow]) -> Flights:
     return Flights(list(rows), left_out, histories)
 
 
-def mixed(flights: Flights) -> Iterator[ReasonSummary]:
+def mixed(flights: Flights) -> Iterator[Reason]:
     """Yield a warning for each MAVLink id under which several aircraft seem to fly.
 
     They have several types of vehicle or autopilot, or airspeeds with a gap between them.
@@ -147,7 +147,7 @@ def mixed(flights: Flights) -> Iterator[ReasonSummary]:
                 f"{vehicle} may be several aircraft, {', '.join(said)}: name them by "
                 "yawid fleet --vehicle-from folder or --vehicle NAME"
             )
-            yield ReasonSummary(SEVERAL, "warning", text)
+            yield Reason(SEVERAL, text, weight="warning")
 
 
 def _kinds(rows: Sequence[FlightRow]) -> list[str]:

@@ -15,7 +15,8 @@ from typing import Final
 import numpy as np
 
 from yawid.answers.part import Part
-from yawid.answers.run_summary import ReasonSummary, Value
+from yawid.answers.reasons import Reason
+from yawid.answers.run_summary import Value
 from yawid.errors import ConfigError
 from yawid.quantities.table import QUANTITIES
 from yawid.system.stores import Place
@@ -121,7 +122,7 @@ class Trend(Part, frozen=True, kw_only=True):
     dataset: str
     changed: bool
     judged: int
-    warnings: list[ReasonSummary]
+    warnings: list[Reason]
     false_alarm_rate: float
     histories_tested: int
     numbers_tested: int

@@ -99,9 +99,7 @@ def test_where_one_vehicle_s_estimation_fails_its_tlog_and_the_other_vehicle_go_
         assert any(CAUSE in text for text in of_file["live"]["failed"])
 
     assert ended[1].exit_code in (0, 5)
-    again, _ = replay(
-        tmp_path / "live-1.tlog", asdict(CONFIG), Outputs(tmp_path, "again"), StopFlag()
-    )
+    again = replay(tmp_path / "live-1.tlog", asdict(CONFIG), Outputs(tmp_path, "again"), StopFlag())
     assert again.estimates == ended[1].summary.estimates
     assert [m.estimates for m in again.manoeuvres] == [
         m.estimates for m in ended[1].summary.manoeuvres
@@ -168,7 +166,7 @@ def test_where_outputs_fail_each_is_said_once_the_rest_goes_on_and_the_exit_code
     assert ended.summary.estimates["els"].updates > 100
     if "tlog" in files:
         assert whole(tmp_path / "live.tlog", 1)
-        again, _ = replay(
+        again = replay(
             tmp_path / "live.tlog", asdict(CONFIG), Outputs(tmp_path, "again"), StopFlag()
         )
         assert again.estimates == ended.summary.estimates

@@ -151,7 +151,7 @@ def test_a_part_left_by_a_crash_replays_as_it_is(tmp_path: Path):
         wait_for_size(session.part("tlog"), tlog_size(sent))
         torn = tmp_path / "torn.tlog.part"
         torn.write_bytes(session.part("tlog").read_bytes()[:-7])
-    summary, _ = replay(torn, asdict(CONFIG), Outputs(tmp_path, "again"), StopFlag())
+    summary = replay(torn, asdict(CONFIG), Outputs(tmp_path, "again"), StopFlag())
     assert summary.link.frames == len(sent) - 1
 
 

@@ -49,9 +49,7 @@ def test_replaying_the_recorded_session_gives_the_same_bits(tmp_path: Path):
         wait_for_size(session.part("tlog"), tlog_size([frame for _, frame in sent]))
 
     [(summary, _, _)] = session.ended
-    again, _ = replay(
-        tmp_path / "live.tlog", asdict(config), Outputs(tmp_path, "again"), StopFlag()
-    )
+    again = replay(tmp_path / "live.tlog", asdict(config), Outputs(tmp_path, "again"), StopFlag())
 
     assert summary.estimates == again.estimates
     assert summary.estimates["els"].updates > 100
@@ -73,9 +71,7 @@ def test_a_serial_line_is_recorded_and_estimated_as_a_socket_is(tmp_path: Path):
     for descriptor in (vehicle, line):
         os.close(descriptor)
     summary = session.ended[0].summary
-    again, _ = replay(
-        tmp_path / "live.tlog", asdict(CONFIG), Outputs(tmp_path, "again"), StopFlag()
-    )
+    again = replay(tmp_path / "live.tlog", asdict(CONFIG), Outputs(tmp_path, "again"), StopFlag())
 
     assert summary.link.frames == len(sent)
     assert summary.estimates["els"].updates > 100

@@ -114,7 +114,6 @@ def test_before_the_first_manoeuvre_the_screen_has_no_verdict_and_no_advice_for_
         assert said not in shown
 
 
-@pytest.mark.xfail(strict=True, reason="The answer anew")
 def test_a_manoeuvre_has_one_answer_on_the_screen(tmp_path: Path, terminal: Terminal) -> None:
     """An aircraft of two pairs of poles, for which the flight chooses other orders: 4.0 is true."""
     pairs = [

@@ -41,7 +41,8 @@ GAPS = [f for _, f in split((REPLAY_LOGS / "c172p_gaps" / "log.tlog").read_bytes
 def replayed(tlog: Path, config: RunConfig) -> Ended:
     """Replay what a session recorded; return its summary and verdict."""
     outputs = Outputs(tlog.parent, f"{tlog.stem}-again")
-    summary, verdict = replay(tlog, asdict(config), outputs, StopFlag())
+    summary = replay(tlog, asdict(config), outputs, StopFlag())
+    verdict = summary.verdict
     return Ended(summary, verdict, verdict.exit_code)
 
 

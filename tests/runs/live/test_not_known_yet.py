@@ -40,7 +40,7 @@ def test_of_a_flight_that_cannot_answer_the_line_says_no_number(tmp_path: Path) 
     assert not ended.summary.deciding.usable
     lines = state_lines(session)
     assert [line for line in lines if NUMBER.search(line)] == []
-    assert len([line for line in lines if "not known yet" in line]) > 3
+    assert len([line for line in lines if "running: not known yet" in line]) > 3
 
 
 def test_once_the_flight_is_usable_the_line_has_its_answer_with_its_sigma(tmp_path: Path) -> None:

@@ -7,10 +7,9 @@ import socket
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import asdict, replace
-from functools import partial
 from pathlib import Path
 from struct import pack
 
@@ -19,16 +18,18 @@ from checks.children import free_udp_port
 from live_link import CONFIG, frames, listening, send, tlog_size, wait_for_size
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from yawid.answers.run_summary import DutchRoll
+from yawid.answers.reasons import Reason, Verdict
+from yawid.answers.run_summary import DutchRoll, Flight
 from yawid.channels.stage import WANTED
 from yawid.cli.main import main
+from yawid.config.run import RunConfig
 from yawid.errors import ConfigError
+from yawid.manoeuvre.find import UnderWay
 from yawid.pipeline import Pipeline
-from yawid.results.reasons import Reason, Verdict
-from yawid.results.summary import summarise
+from yawid.results.summary import of_stream
 from yawid.runs.live import LiveOptions
 from yawid.runs.live.publish import values_of, verdict_text
-from yawid.runs.live.running_answer import Answer, RunningAnswer
+from yawid.runs.live.running_answer import Answer, RunningAnswer, said
 from yawid.runs.live.screen_facts import Gatherer
 from yawid.runs.outputs import Outputs
 from yawid.runs.replay import StopFlag, replay
@@ -135,9 +136,7 @@ def test_a_ground_station_gets_the_flight_s_answer_and_the_session_stays_what_it
     assert (other.summary.estimates, other.summary.verdict) == (summary.estimates, summary.verdict)
     assert other.summary.manoeuvres[0].estimates == summary.manoeuvres[0].estimates
     assert other.summary.flight.dutch_roll == summary.flight.dutch_roll
-    again, _ = replay(
-        tmp_path / "live.tlog", asdict(CONFIG), Outputs(tmp_path, "again"), StopFlag()
-    )
+    again = replay(tmp_path / "live.tlog", asdict(CONFIG), Outputs(tmp_path, "again"), StopFlag())
     assert again.estimates == summary.estimates
 
 
@@ -224,31 +223,58 @@ def test_the_system_that_asks_has_a_number_that_mavlink_has():
         LiveOptions("udpin:127.0.0.1:14560", request_hz=50.0, request_sysid=0)
 
 
-class Later:
-    """A worker that does what it is given when the test says so."""
-
-    waiting = 0
-
-    def submit(self, act: Callable[..., object], *given: object) -> Future[object]:
-        self.done: Future[object] = Future()
-        self.act = partial(act, *given)
-        return self.done
+def flown(config: RunConfig, until_s: float) -> tuple[Pipeline, Decoder]:
+    """Return a session's pipeline and decoder after ``until_s`` of what is sent."""
+    decoder, pipeline = Decoder(WANTED), Pipeline(config)
+    sent = SENT[: round(len(SENT) * until_s / 24.0)]
+    records = [pack(">Q", 1_700_000_000_000_000 + 6_000 * i) + f for i, f in enumerate(sent)]
+    pipeline.feed(decoder.feed(b"".join(records)))
+    return pipeline, decoder
 
 
-def test_the_stream_s_answer_is_its_summary_s_as_it_stood_when_it_was_asked_for():
-    config = replace(CONFIG, manoeuvres="off")
-    decoder, pipeline, worker = Decoder(WANTED), Pipeline(config), Later()
-    records = [pack(">Q", 1_700_000_000_000_000 + 6_000 * i) + f for i, f in enumerate(SENT)]
-    half = len(records) * 3 // 4
-    pipeline.feed(decoder.feed(b"".join(records[:half])))
-    answer = RunningAnswer(worker)
-    assert answer.look(pipeline, decoder.link) is None  # nobody has judged it yet
-    summary, verdict = summarise(pipeline, decoder.link, "", "")
-    pipeline.feed(decoder.feed(b"".join(records[half:])))
-    worker.done.set_result(worker.act())
-    found = answer.look(pipeline, decoder.link)
-    assert (found.verdict, found.dutch_roll) == (verdict, summary.dutch_roll)
-    assert summarise(pipeline, decoder.link, "", "")[0].dutch_roll != found.dutch_roll
+def test_until_a_manoeuvre_is_answered_the_streams_number_is_published_as_not_ok():
+    pipeline, decoder = flown(CONFIG, 16.0)  # the doublet was flown from 9 s on
+    found = RunningAnswer().look(pipeline, decoder.link)
+
+    roll = of_stream(pipeline.bank)["els"].dutch_roll
+    assert not pipeline.manoeuvres
+    assert (found.verdict, found.state, found.known) == (None, None, None)
+    assert found.running == roll
+    assert roll.wn_std < 0.1 * roll.wn_rad_s
+    assert values_of(found) == {
+        "yaw_wn": roll.wn_rad_s, "yaw_wn_sd": roll.wn_std,
+        "yaw_zeta": roll.zeta, "yaw_z_sd": roll.zeta_std, "yaw_ok": 0.0,
+    }  # fmt: skip
+    assert said(found).startswith("running, not judged: wn ")
+
+
+def test_before_the_rudder_has_moved_by_itself_there_is_no_number():
+    pipeline, decoder = flown(CONFIG, 8.0)
+    found = RunningAnswer().look(pipeline, decoder.link)
+
+    assert values_of(found) == {"yaw_ok": 0.0}
+    assert said(found) == "running: not known yet"
+
+
+def test_once_the_movement_is_forgotten_the_streams_number_is_not_known_any_more():
+    short = replace(CONFIG, forgetting=None, memory=5.0)
+    pipeline, decoder = flown(short, 16.0)
+    answer = RunningAnswer()
+    answer._excited_at = pipeline.samples - 4.0 / pipeline.bank.sample_time_s
+    pipeline.progress = lambda: (UnderWay(None, 0.0), 0)  # the manoeuvre has ended, unanswered
+    recent = answer.look(pipeline, decoder.link).running
+    answer._excited_at = pipeline.samples - 6.0 / pipeline.bank.sample_time_s
+
+    assert recent is not None
+    assert answer.look(pipeline, decoder.link).running is None
+
+
+def test_what_a_log_lacks_is_the_verdict_before_a_manoeuvre():
+    decoder, pipeline = Decoder(WANTED), Pipeline(CONFIG)
+    found = RunningAnswer().look(pipeline, decoder.link)
+
+    assert found.state == "no_vehicle"
+    assert verdict_text(found) == "yawid: not usable: no_vehicle"
 
 
 def test_the_screen_marks_a_rudder_that_was_assumed():
@@ -257,7 +283,7 @@ def test_the_screen_marks_a_rudder_that_was_assumed():
     records = [pack(">Q", 1_700_000_000_000_000 + 6_000 * i) + f for i, f in enumerate(heard)]
     pipeline.feed(decoder.feed(b"".join(records)))
 
-    assert Gatherer().facts(pipeline, decoder.link, "", None, closely=True).rudder == (
+    assert Gatherer().facts(pipeline, decoder.link, "", Answer(None)).rudder == (
         'SERVO_OUTPUT_RAW.servo4_raw (assumed: no parameters were heard; in MAVProxy type "param '
         'fetch")'
     )
@@ -266,20 +292,28 @@ def test_the_screen_marks_a_rudder_that_was_assumed():
 ROLL = DutchRoll(wn_rad_s=10.06, wn_std=0.28, zeta=0.646, zeta_std=0.042)
 
 
-def test_before_an_answer_there_is_only_that_it_is_not_to_be_used():
-    assert values_of(None) == {"yaw_ok": 0.0}
-    unknown = replace_std(ROLL, math.nan)
-    assert values_of(Answer(Verdict.of([]), unknown)).keys() == {"yaw_wn", "yaw_zeta", "yaw_ok"}
+FLIGHT = Flight(dutch_roll=ROLL, used=[1], disagree=[], verdict=Verdict.of([]))
 
 
-def replace_std(roll: DutchRoll, std: float) -> DutchRoll:
-    return DutchRoll(wn_rad_s=roll.wn_rad_s, wn_std=std, zeta=roll.zeta, zeta_std=std)
+def test_a_number_that_is_not_known_is_left_out():
+    assert values_of(Answer(None)) == {"yaw_ok": 0.0}
+    unknown = DutchRoll(wn_rad_s=10.06, wn_std=math.nan, zeta=0.646, zeta_std=math.nan)
+    assert values_of(Answer(None, running=unknown)).keys() == {"yaw_wn", "yaw_zeta", "yaw_ok"}
+
+
+def test_only_the_flights_answer_is_ok():
+    refused = Verdict.of([Reason("poor_fit", "...")])
+
+    assert values_of(Answer(Verdict.of([]), (FLIGHT,)))["yaw_ok"] == 1.0
+    assert values_of(Answer(refused, (FLIGHT,)))["yaw_ok"] == 0.0
+    assert values_of(Answer(refused, (FLIGHT,), ROLL))["yaw_ok"] == 0.0
+    assert values_of(Answer(Verdict.of([]), (), ROLL))["yaw_ok"] == 0.0
 
 
 def test_a_verdict_is_a_text_that_fits():
     refused = Verdict.of([Reason("manoeuvres_disagree", "..."), Reason("poor_fit", "...")])
-    assert verdict_text(Answer(refused, ROLL)) == "yawid: not usable: poor_fit"
-    told = verdict_text(Answer(Verdict.of([]), ROLL))
+    assert verdict_text(Answer(refused, (FLIGHT,))) == "yawid: not usable: poor_fit"
+    told = verdict_text(Answer(Verdict.of([]), (FLIGHT,)))
     assert told == "yawid: usable, wn 10.06+-0.28, zeta 0.646+-0.042"
 
 

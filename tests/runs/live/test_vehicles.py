@@ -57,7 +57,7 @@ def test_each_vehicle_has_its_own_files_and_its_own_estimate(tmp_path: Path):
     }
     for sysid, summary in ended.items():
         assert summary.link.frames == len(heard[sysid])
-        again, _ = replay(
+        again = replay(
             tmp_path / f"live-{sysid}.tlog",
             asdict(CONFIG),
             Outputs(tmp_path, f"{sysid}"),
@@ -99,7 +99,7 @@ def test_vehicles_that_fly_a_doublet_at_once_give_what_their_replays_give_to_the
     assert [each.summary.vehicle.sysid for each in session.ended] == [*sent]
     for summary in (each.summary for each in session.ended):
         name = f"live-{summary.vehicle.sysid}"
-        again, _ = replay(
+        again = replay(
             tmp_path / f"{name}.tlog",
             asdict(CONFIG),
             Outputs(tmp_path, f"{name}-again"),
@@ -164,9 +164,7 @@ def test_a_stop_skips_what_waits_in_the_tlog_and_in_the_estimates_alike(
     left_bytes = sum(map(len, sent[len(sent) - skipped :]))
     assert f"{skipped} datagrams of {left_bytes} bytes" in line
     assert (tmp_path / "live.tlog").stat().st_size == tlog_size(sent[: len(sent) - skipped])
-    again, _ = replay(
-        tmp_path / "live.tlog", asdict(CONFIG), Outputs(tmp_path, "again"), StopFlag()
-    )
+    again = replay(tmp_path / "live.tlog", asdict(CONFIG), Outputs(tmp_path, "again"), StopFlag())
     assert again.estimates == ended.summary.estimates
     assert again.estimates["els"].updates > 50
 

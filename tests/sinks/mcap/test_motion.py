@@ -41,7 +41,7 @@ def written(folder: Path, lateral: str | None, size: int = len(DATA)) -> tuple[P
     pipeline = Pipeline(config, [open_mcap(config, outputs), kept])
     source = TlogBytes([DATA[at : at + size] for at in range(0, len(DATA), size)], WANTED)
     feed_all(source, pipeline)
-    summary, _ = summarise(pipeline, source.link, "log.tlog", "")
+    summary = summarise(pipeline, source.link, "log.tlog", "")
     finish(pipeline, summary, outputs.files(), parameters_of(pipeline))
     return folder / "run.mcap", kept
 

@@ -64,7 +64,7 @@ def test_what_its_sigmas_say_of_noise_is_unknown_and_it_is_shown_as_noise():
 
 
 def test_it_is_estimated_again_to_what_it_said(tmp_path):
-    summary, _ = replay(OLD_RUN, {}, Outputs(tmp_path, "again"), StopFlag())
+    summary = replay(OLD_RUN, {}, Outputs(tmp_path, "again"), StopFlag())
 
     before = json.loads(open_run(OLD_RUN).attachments["summary.json"])
     assert why_invalid("replay", summary.to_json()) == ""
@@ -148,7 +148,7 @@ def test_a_file_that_does_not_say_when_the_rudder_moved_is_replayed_with_a_line(
     old = tmp_path / "old.mcap"
     without_rudder_moves(replayed(C172P, tmp_path), old)
 
-    summary, _ = replay(old, {}, Outputs(tmp_path, "again"), StopFlag())
+    summary = replay(old, {}, Outputs(tmp_path, "again"), StopFlag())
 
     said = capsys.readouterr().err
     assert "old.mcap is of an older version: it does not say when the rudder moved" in said

@@ -25,7 +25,8 @@ from sinks.sink_blocks import (
     unanswered,
 )
 
-from yawid.answers.run_summary import Bare, DutchRoll, ReasonSummary, VerdictSummary
+from yawid.answers.reasons import Reason, Verdict
+from yawid.answers.run_summary import Bare, DutchRoll
 from yawid.blocks import Held, Noted, Status
 from yawid.errors import SinkError
 from yawid.sinks.palette import BAD, BARE, METHODS, RUDDER
@@ -289,10 +290,10 @@ def test_the_bar_of_a_manoeuvre_that_is_not_usable_is_of_one_colour_and_has_no_b
 
 KNOWN = Bare(
     dutch_roll=DutchRoll(wn_rad_s=10.0, wn_std=0.3, zeta=0.6, zeta_std=0.02),
-    used=[1], verdict=VerdictSummary(usable=True, reasons=[]),
+    used=[1], verdict=Verdict(usable=True, reasons=[]),
 )  # fmt: skip
-WHY = ReasonSummary("bare_unknown", "warning", "the aileron is a copy")
-UNKNOWN = Bare(used=[2], verdict=VerdictSummary(usable=False, reasons=[WHY]))
+WHY = Reason("bare_unknown", "the aileron is a copy", weight="warning")
+UNKNOWN = Bare(used=[2], verdict=Verdict(usable=False, reasons=[WHY]))
 
 
 def test_the_bare_airframe_is_a_bar_next_to_its_manoeuvre_and_poles_and_cells(

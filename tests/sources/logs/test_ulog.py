@@ -67,7 +67,8 @@ def test_the_samples_are_those_of_the_telemetry_log_of_the_same_flight(ulg: Path
 
 def test_the_replay_names_the_rudder_by_the_parameters(ulg: Path, tmp_path: Path):
     log = ulg.rename(tmp_path / "flight.tlog")
-    summary, verdict = replay(log, {"forgetting": 1.0}, Outputs(tmp_path, "out"), StopFlag())
+    summary = replay(log, {"forgetting": 1.0}, Outputs(tmp_path, "out"), StopFlag())
+    verdict = summary.verdict
 
     assert verdict.exit_code == 0, verdict.reasons
     assert summary.sha256 == hashlib.sha256(whole()).hexdigest()
@@ -178,7 +179,7 @@ def test_nobody_flies_by_an_airspeed_of_zero_alone(landed, state, tmp_path: Path
         log.add("vehicle_angular_velocity", 20_000 * k + 1000, 0, [0, 0, 0.1])
         log.add("actuator_outputs", 20_000 * k + 1010, [1500, 1500, 1500 + k % 50], 3)
         log.add("airspeed_validated", 20_000 * k + 1020, 0.0)
-    report, _ = inspect(written(tmp_path, log.data), {})
+    report = inspect(written(tmp_path, log.data), {})
 
     assert {phase.state for phase in report.phases[-1:]} == {state}
 

@@ -16,7 +16,6 @@ from yawid.estimation.machine.runner import RUNNER
 from yawid.runs.live.bulkhead import Bulkhead
 from yawid.runs.live.overload import Overload
 from yawid.runs.live.publish import Publish
-from yawid.runs.live.running_answer import SHARE, SHARE_SHOWN, RunningAnswer
 from yawid.runs.live.vehicle_session import MOST_EVENTS, Ended, Setting
 from yawid.runs.live.vehicles import MOST_VEHICLES, Fleet, Single
 from yawid.runs.live.worker import FitWorker, SharedDisk, Worker
@@ -142,10 +141,6 @@ def live(
     fits, disk = FitWorker("yawid-manoeuvres", console.say), Worker("yawid-disk")
     lateral = Worker("yawid-lateral") if config.lateral == "auto" else None
     viewers = Worker("yawid-viewers") if outputs.has_viewer else None
-    # A stream is judged in this process, never in one that fits manoeuvres.
-    own = Worker("yawid-verdicts") if options.every_vehicle and options.publish else None
-    judging = own if options.every_vehicle else fits
-    share = SHARE if options.publish else SHARE_SHOWN
     switch_s = sys.getswitchinterval()
     sys.setswitchinterval(SWITCH_S)
     try:
@@ -156,13 +151,12 @@ def live(
             setting = Setting(
                 options.endpoint, config, outputs, read_options, options.state, console.say,
                 stamps.now, tap.reached_us, fits, SharedDisk(disk), viewers, lateral,
-                partial(RunningAnswer, judging, share),
             )  # fmt: skip
             with _publishing(tap, setting, options) as publish:
                 return _attend(tap, setting, options, stop, console, publish)
     finally:
         sys.setswitchinterval(switch_s)
-        for worker in (fits, lateral, disk, viewers, own):
+        for worker in (fits, lateral, disk, viewers):
             if worker is not None:
                 worker.shutdown()
         console.close()

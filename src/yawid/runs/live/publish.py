@@ -13,7 +13,7 @@ from yawid.sources.link.publisher import INFO, LONGEST_TEXT, NOTICE, Publisher
 
 ROUND_S = 1.0
 SETTLE_S = 10.0
-"""No verdict on the stream is sent in its first seconds, when few data have arrived."""
+"""What a log lacks is not sent in its first seconds, when few data have arrived."""
 SILENT_US = 5_000_000
 """Nothing is published for a vehicle that has been silent for this long."""
 REASON_S = 15.0
@@ -98,7 +98,7 @@ class Publish:
         known, pipeline = self._known[vehicle], session.pipeline
         answer = session.answer.look(pipeline, session.decoder.link)
         known.since_s = min(known.since_s, now_s)
-        if answer is not None and now_s - known.since_s >= SETTLE_S:
+        if now_s - known.since_s >= SETTLE_S:
             self._report_change(vehicle[0], answer, known, now_s)
         newest_us = [us for us in pipeline.channels.segmenter.newest if us is not None]
         boot_ms = max(newest_us, default=0) // 1000
@@ -119,26 +119,26 @@ class Publish:
         sent less often.
         """
         turns = "usable" in (answer.state, known.state) or known.state is None
-        if answer.state == known.state or not (turns or now_s - known.said_s >= REASON_S):
+        if answer.state in (None, known.state) or not (turns or now_s - known.said_s >= REASON_S):
             return
         known.state, known.said_s = answer.state, now_s
-        severity = NOTICE if answer.verdict.usable else INFO
+        severity = INFO if answer.known is None else NOTICE
         self._publisher.say(sysid, severity, verdict_text(answer), about="verdict")
 
 
-def values_of(answer: Answer | None) -> dict[str, float]:
-    """Return the values to publish: wn in rad/s, zeta, their total sigmas, and ``yaw_ok``.
+def values_of(answer: Answer) -> dict[str, float]:
+    """Return the values to publish: wn in rad/s, zeta, their sigmas, and ``yaw_ok``.
 
-    ``yaw_ok`` is 1.0 where the answer is usable, else 0.0. A number that is unknown is left out.
+    ``yaw_ok`` is 1.0 for a usable answer of the flight. For the running number, which nobody has
+    judged and whose sigma is of noise, it is 0.0. A number that is unknown is left out.
     """
-    roll = None if answer is None else answer.dutch_roll
-    usable = answer is not None and answer.known is not None
+    roll = answer.known or answer.running
     values: dict[str, float | None] = {}
     if roll is not None:
         values |= {"yaw_wn": roll.wn_rad_s, "yaw_wn_sd": roll.wn_std}
         values |= {"yaw_zeta": roll.zeta, "yaw_z_sd": roll.zeta_std}
     known = {n: value for n, value in values.items() if value is not None and math.isfinite(value)}
-    return known | {"yaw_ok": float(usable)}
+    return known | {"yaw_ok": float(answer.known is not None)}
 
 
 def manoeuvre_text(found: Manoeuvre) -> str:
@@ -148,10 +148,9 @@ def manoeuvre_text(found: Manoeuvre) -> str:
 
 def verdict_text(answer: Answer) -> str:
     """Return the STATUSTEXT of a verdict."""
-    if not answer.verdict.usable:
+    if answer.known is None:
         return f"yawid: not usable: {answer.state}"
-    roll = answer.dutch_roll
-    return _fitting(f"yawid: usable{'' if roll is None else f', {dutch_roll(roll)}'}")
+    return _fitting(f"yawid: usable, {dutch_roll(answer.known)}")
 
 
 def _fitting(text: str) -> str:

@@ -1,101 +1,94 @@
-"""The answer while a session runs: the one that its summary would have if it ended now.
+"""The answer while a session runs: the flight's, or until there is one the stream's number.
 
 Status line, live screen and publisher all ask here, so that they say the same.
 """
 
-import time
-from concurrent.futures import Future
+import math
 from typing import NamedTuple
 
+from yawid.answers.reasons import Verdict
 from yawid.answers.run_summary import DutchRoll, Flight
-from yawid.estimation.bank import Bank
+from yawid.blocks import Status
 from yawid.pipeline import Pipeline
 from yawid.quantities.link import LinkStats
-from yawid.results.reasons import Verdict
-from yawid.results.summary import Basis, bank_summaries, basis_of, of_the_log
-from yawid.runs.live.worker import Worker
+from yawid.results.summary import dutch_roll_of_stream, log_reasons
 from yawid.sinks.words import dutch_roll
 
-AGAIN_S, SHARE = 2.0, 0.05
-"""The least time between two verdicts on a stream, and the part of the time they may take."""
-SHARE_SHOWN = 0.01
-"""The same part where the answer is only shown and not published."""
+NOT_JUDGED = "running, not judged"
+KNOWN_WN = 0.1
+"""P's sigma of wn, as a part of it, from which its number is not shown: of an AUTO mission, whose
+rudder follows the aileron, it was 17 rad/s where 10 is true."""
+SOUND = (Status.TRACKING, Status.HELD)
+"""The statuses in which an estimator's number means something."""
 
 
 class Answer(NamedTuple):
-    """A verdict, the Dutch roll it judges (None if there is none) and the answers of the flight."""
+    """What is known of a session now.
 
-    verdict: Verdict
-    dutch_roll: DutchRoll | None
+    ``verdict`` is the flight's; before a manoeuvre is answered it says what the log lacks, and is
+    None where it lacks nothing. ``flights`` are the flight's answers. ``running`` is the stream's
+    Dutch roll until the flight has a usable answer, None while it is not known well enough.
+    """
+
+    verdict: Verdict | None
     flights: tuple[Flight, ...] = ()
+    running: DutchRoll | None = None
 
     @property
     def known(self) -> DutchRoll | None:
-        """The numbers that are an answer: before it is usable, their sigma means nothing."""
-        return self.dutch_roll if self.verdict.usable else None
+        """The flight's Dutch roll, None where the flight has no usable answer."""
+        usable = self.verdict is not None and self.verdict.usable and bool(self.flights)
+        return self.flights[0].dutch_roll if usable else None
 
     @property
-    def state(self) -> str:
-        """The word "usable", or the id of the first fatal reason."""
-        fatal = next((reason.id for reason in self.verdict.reasons if reason.exit_code), None)
-        return "usable" if fatal is None else fatal
+    def state(self) -> str | None:
+        """The word "usable", or the id of the first fatal reason; None without a verdict."""
+        return None if self.verdict is None else self.verdict.why or "usable"
 
 
-def said(answer: Answer | None) -> str:
+def said(answer: Answer) -> str:
     """Return wn and zeta in words, or that they are not known yet."""
-    known = None if answer is None else answer.known
-    return "wn and zeta: not known yet" if known is None else dutch_roll(known)
+    if answer.known is not None:
+        return dutch_roll(answer.known)
+    known = None if answer.running is None else dutch_roll(answer.running)
+    return "running: not known yet" if known is None else f"{NOT_JUDGED}: {known}"
 
 
 class RunningAnswer:
-    """The answer of one session: the flight's where a manoeuvre was answered, else the stream's.
+    """The answer of one session; it keeps when the rudder's own part last moved far enough."""
 
-    Judging a stream takes a tenth of a second: ``worker`` does it outside the loop, on a copy of
-    the stream; without a worker no stream is judged. Where the flight has no Dutch roll yet, the
-    verdict is the flight's and the numbers are the stream's. ``share`` is the part of the time that
-    judging the stream may take.
-    """
+    def __init__(self) -> None:
+        self._excited_at, self._found = -math.inf, 0
 
-    def __init__(self, worker: Worker | None, share: float = SHARE) -> None:
-        self._worker = worker
-        self._share = share
-        self._judging: Future[tuple[Answer, float]] | None = None
-        self._of_stream: Answer | None = None
-        self._next_s = float("-inf")
+    def look(self, pipeline: Pipeline, link: LinkStats) -> Answer:
+        """Return the answer; to be called about once each second."""
+        of_the_log = log_reasons(pipeline, pipeline.report(), link)
+        flights = tuple(pipeline.flights(of_the_log))
+        verdict = flights[0].verdict if flights else Verdict.of(of_the_log)
+        is_known = bool(flights) and verdict.usable
+        running = self._running(pipeline)
+        if not flights and verdict.usable:
+            return Answer(None, flights, running)
+        return Answer(verdict, flights, None if is_known else running)
 
-    def look(self, pipeline: Pipeline, link: LinkStats) -> Answer | None:
-        """Return the answer, None before there is one; to be called about once each second."""
-        basis = basis_of(pipeline, link)
-        found = pipeline.flights(of_the_log(basis.reasons))
-        flights = tuple(flight for flight, _ in found)
-        if flights and flights[0].dutch_roll is not None:
-            return Answer(found[0][1], flights[0].dutch_roll, flights)
-        stream = self._stream(pipeline.bank, basis)
-        if flights:
-            roll = None if stream is None else stream.dutch_roll
-            return Answer(found[0][1], roll, flights)
-        return stream
+    def _running(self, pipeline: Pipeline) -> DutchRoll | None:
+        """Return the stream's Dutch roll while wn is known to 10 % by P's sigma.
 
-    def _stream(self, bank: Bank | None, basis: Basis) -> Answer | None:
-        """Return the last answer of the stream, and have the stream judged again when it is due."""
-        now_s = time.monotonic()
-        if self._judging is not None and self._judging.done():
-            self._of_stream, took_s = self._judging.result()
-            self._judging, self._next_s = None, now_s + max(AGAIN_S, took_s / self._share)
-        if bank is None or not bank.last or basis.rates_hz is None:
-            return Answer(Verdict.of(basis.reasons), None)
-        if self._worker is None:
+        The rudder's own part must also have moved far enough within the estimator's memory: later P
+        says little of what noise has made of theta since.
+        """
+        progress, unanswered = pipeline.progress()
+        found = len(pipeline.manoeuvres or ()) + unanswered
+        if progress.is_excited or found > self._found:
+            self._excited_at = pipeline.samples
+        self._found = found
+        bank, method = pipeline.bank, pipeline.config.method
+        if bank is None or not bank.last or int(bank.last[method].status[-1]) not in SOUND:
             return None
-        if self._judging is None and now_s >= self._next_s and not self._worker.waiting:
-            self._judging = self._worker.submit(_judge, bank.snapshot(), basis)
-        return self._of_stream
-
-
-def _judge(bank: Bank, basis: Basis) -> tuple[Answer, float]:
-    """Judge a stream; return its answer, and the seconds that this took."""
-    begun_s = time.monotonic()
-    summaries, evidence = bank_summaries(bank)
-    verdict = basis.verdict(bank, evidence)
-    summary = summaries.get(verdict.method or "")
-    answer = Answer(verdict, None if summary is None else summary.dutch_roll)
-    return answer, time.monotonic() - begun_s
+        forgotten = 1.0 - bank.config.forgetting_factor(bank.sample_time_s)
+        if (pipeline.samples - self._excited_at) * forgotten > 1.0:
+            return None
+        roll = dutch_roll_of_stream(bank, method)
+        if roll is None or roll.wn_std is None or roll.wn_std >= KNOWN_WN * roll.wn_rad_s:
+            return None
+        return roll

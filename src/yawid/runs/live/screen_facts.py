@@ -3,13 +3,12 @@
 import time
 from collections import deque
 
+from yawid.answers.reasons import Verdict
 from yawid.blocks import Held, words
 from yawid.pipeline import Pipeline
 from yawid.quantities.link import LinkStats
 from yawid.quantities.vehicles import type_name
-from yawid.results.advice import OFTEN, Situation, next_step
-from yawid.results.reasons import Verdict
-from yawid.results.summary import as_summary
+from yawid.results.advice import with_remedies
 from yawid.runs.live.running_answer import Answer, said
 from yawid.runs.live.standing import SILENT, state
 from yawid.sinks.terminal.live_facts import VehicleFacts
@@ -30,20 +29,17 @@ class Gatherer:
         pipeline: Pipeline,
         link: LinkStats,
         quiet: str,
-        answer: Answer | None,
-        *,
-        closely: bool,
+        answer: Answer,
     ) -> VehicleFacts:
-        """Return the facts; ``closely``: also how the rudder moves, which is slower.
+        """Return the facts.
 
-        The verdict is the flight's: a stream's is for a log that has ended, and would advise a
-        pilot in the air to use another log.
+        The verdict is the flight's: what the log lacks so far would advise a pilot in the air to
+        use another log.
         """
         channels, vehicle = pipeline.channels, pipeline.channels.lock.vehicle
         rates, unused = self._rates(pipeline, link)
         progress, unanswered = pipeline.progress()
-        flights = () if answer is None else answer.flights
-        verdict = answer.verdict if answer is not None and flights else None
+        verdict = _with_remedies(pipeline, answer.verdict) if answer.flights else None
         status = state(pipeline)
         name = ""
         if vehicle is not None:
@@ -73,12 +69,12 @@ class Gatherer:
             is_excited=progress.is_excited,
             unanswered=unanswered,
             manoeuvres=tuple(pipeline.manoeuvres or ()),
-            flights=flights,
-            stream=status if flights or not status else f"{said(answer)}, {status}",
+            flights=answer.flights,
+            stream=status if answer.known or not status else f"{said(answer)}, {status}",
             state=SILENT if quiet else status,
             verdict=None if verdict is None else verdict.usable,
             why=tuple(map(str, fatal or reasons)),
-            next=_next(pipeline, verdict),
+            next="" if verdict is None else verdict.next or "",
         )
 
     def _rates(self, pipeline: Pipeline, link: LinkStats) -> tuple[tuple[float, ...], bool]:
@@ -95,13 +91,11 @@ class Gatherer:
         return rates, lasted_s >= WINDOW_S and now[4] == first[4]
 
 
-def _next(pipeline: Pipeline, verdict: Verdict | None) -> str:
-    """Return what to do about the first fatal reason, empty where there is none."""
-    if verdict is None or verdict.usable:
-        return ""
-    manoeuvres, vehicle = pipeline.manoeuvres or (), pipeline.report().vehicle
-    situation = Situation(vehicle, bool(manoeuvres), len(manoeuvres) >= OFTEN)
-    return next_step(as_summary(verdict).reasons, situation) or ""
+def _with_remedies(pipeline: Pipeline, verdict: Verdict | None) -> Verdict | None:
+    """Return the verdict with what to do about its reasons."""
+    if verdict is None:
+        return None
+    return with_remedies(verdict, pipeline.report().vehicle, len(pipeline.manoeuvres or ()))
 
 
 def _held(pipeline: Pipeline) -> str:

@@ -32,7 +32,7 @@ class Standing:
         link: LinkStats,
         now_us: int,
         dropped: str,
-        answer: Answer | None = None,
+        answer: Answer,
     ) -> str:
         """Return the line: rate, losses, the answer once there is one; ``dropped`` is a number.
 

@@ -9,6 +9,7 @@ from typing import NamedTuple, TypeVar
 
 import msgspec
 
+from yawid.answers.reasons import Reason
 from yawid.answers.run_summary import Bare, Manoeuvre, RunSummary
 from yawid.answers.session import LiveFacts
 from yawid.config.run import RunConfig
@@ -16,7 +17,6 @@ from yawid.errors import UNFORESEEN, ConfigError, SinkError
 from yawid.estimation.bank import Bank
 from yawid.pipeline import Pipeline
 from yawid.quantities.vehicles import NOT_A_VEHICLE
-from yawid.results.reasons import Reason, Verdict
 from yawid.results.summary import summarise
 from yawid.runs.live.bulkhead import Bulkhead, cause_of
 from yawid.runs.live.guarded_sink import Guarded, TlogRecorder
@@ -40,7 +40,7 @@ _T = TypeVar("_T")
 
 
 class Ended(NamedTuple):
-    """The result of a session: summary, verdict and exit code.
+    """The result of a session: summary and exit code.
 
     The code is 70 where the estimation failed, 6 where another part of the session did, else the
     verdict's. The loop raises a lower one to 6 where the link, publishing, rate requests or the
@@ -48,7 +48,6 @@ class Ended(NamedTuple):
     """
 
     summary: RunSummary
-    verdict: Verdict
     exit_code: int
 
 
@@ -67,7 +66,6 @@ class Setting(NamedTuple):
     disk: SharedDisk
     viewers: Worker | None
     lateral: Worker | None
-    answer: Callable[[], RunningAnswer]
 
     def end_fits(self) -> None:
         """Drop the fits that are not made yet, and end the processes that make them."""
@@ -112,7 +110,7 @@ class LiveSession:
         self._others: set[int] = set()
         self._signing_said = setting.read_options.key is not None
         self._standing = Standing()
-        self.answer = setting.answer()
+        self.answer = RunningAnswer()
         self._gatherer = Gatherer()
         self._estimating = Bulkhead(
             "the estimation",
@@ -233,18 +231,18 @@ class LiveSession:
         )
         return f"{self._label}{stands}"
 
-    def facts(self, *, closely: bool = True) -> VehicleFacts:
+    def facts(self) -> VehicleFacts:
         """Return the facts a screen shows of the session; see :meth:`Gatherer.facts`."""
         vehicle = self.vehicle or (0, 0)
         name = f"{vehicle[0]}/{vehicle[1]}" if self.vehicle else ""
         failed = VehicleFacts(vehicle[0], name, quiet=FAILED, state=FAILED)
-        return self._shown(lambda: self._facts(closely=closely), failed)
+        return self._shown(self._facts, failed)
 
-    def _facts(self, *, closely: bool) -> VehicleFacts:
+    def _facts(self) -> VehicleFacts:
         quiet = self._standing.quiet(self.pipeline, self._setting.reached_us())
         link = self.decoder.link
         answer = self.answer.look(self.pipeline, link)
-        return self._gatherer.facts(self.pipeline, link, quiet, answer, closely=closely)
+        return self._gatherer.facts(self.pipeline, link, quiet, answer)
 
     def word(self) -> str:
         """Return the session's state in one or two words."""
@@ -263,7 +261,7 @@ class LiveSession:
         tlog = None if self._tlog is None else self._tlog.finish()
         log = self._setting.endpoint if tlog is None else str(tlog)
         path = self._setting.outputs.path
-        summary, verdict = self._summarise(log)
+        summary = self._summarise(log)
         self._say_late(["the bare airframe of the flight"] if self.pipeline.bare_is_late else [])
         summary = msgspec.structs.replace(summary, live=self._own(live))
         files = {n: str(path(f".{n}")) for n, g in self._guards.items() if g.failure is None}
@@ -273,29 +271,29 @@ class LiveSession:
         failed = {n for n, guard in self._guards.items() if guard.failure is not None}
         files = {name: path for name, path in files.items() if name not in failed}
         summary = msgspec.structs.replace(summary, files=files, live=self._own(live))
-        code = SinkError.exit_code if self._failed() else verdict.exit_code
+        code = SinkError.exit_code if self._failed() else summary.exit_code
         code = code if self.is_estimated else UNFORESEEN
         if self._failed():
             names = ", ".join(self._failed())
             self._setting.say(f"{self._label}failed in this session: {names}; exit code {code}")
-        return Ended(summary, verdict, code)
+        return Ended(summary, code)
 
-    def _summarise(self, log: str) -> tuple[RunSummary, Verdict]:
-        """Return the summary and verdict; after a failure, of the parts that can be summarised."""
+    def _summarise(self, log: str) -> RunSummary:
+        """Return the summary; after a failure, of the parts that can be summarised."""
         sha256 = self._sha256.hexdigest()
         channels_alone, nothing = Pipeline(self.pipeline.config), Pipeline(self.pipeline.config)
         channels_alone.channels = self.pipeline.channels
         for pipeline in (self.pipeline, channels_alone, nothing):
             try:
-                summary, verdict = summarise(pipeline, self.decoder.link, log, sha256)
+                summary = summarise(pipeline, self.decoder.link, log, sha256)
                 summary.to_json()  # the files hold this: it must not fail later
                 break
             except Exception as error:
                 self._estimating.give_up(error)
         if self._estimating.failure is None:
-            return summary, verdict
+            return summary
         text = f"{self._estimating.failure}: what arrived afterwards is in no estimate"
-        return refused(summary, verdict, Reason("interrupted", text))
+        return refused(summary, Reason("interrupted", text))
 
     def abort(self) -> None:
         """Close what is open; files keep their unfinished names and what was recorded."""

@@ -150,7 +150,7 @@ class Fleet:
 
     def facts(self) -> list[VehicleFacts]:
         """See :class:`Single`; of many only the ``CLOSELY`` most urgent have the slower facts."""
-        found = [(s.facts(closely=False), s) for s in self.running()]
+        found = [(s.facts(), s) for s in self.running()]
         first = sorted(found, key=lambda each: each[0].urgency)[:CLOSELY]
         close = {facts.sysid: session.facts() for facts, session in first}
         return [close.get(facts.sysid, facts) for facts, _ in found]

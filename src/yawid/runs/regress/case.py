@@ -98,7 +98,7 @@ class Case:
         rows = TableSink()
         with closing(open_log(self.log, again=self.config.orders == "auto")) as source:
             config = with_orders(source, source.settled(asdict(self.config)))
-            summary, _ = run(source, config, [rows]).conclude()
+            summary = run(source, config, [rows]).conclude()
         rows.finish(summary, {})
         kept = _compared(summary.to_json())
         return Replayed(rows.columns, rows.rows, json.loads(json.dumps(kept)))
@@ -114,8 +114,8 @@ class Case:
             ConfigError: the options do not fit the log.
         """
         with closing(open_log(self.log)) as source:
-            summary, verdict = run(source, source.settled(asdict(self.flight))).conclude()
-        whole = {"exit_code": verdict.exit_code} | summary.to_json()
+            summary = run(source, source.settled(asdict(self.flight))).conclude()
+        whole = {"exit_code": summary.exit_code} | summary.to_json()
         kept = {key: whole[key] for key in ANSWERS if key in whole}
         return dict(json.loads(json.dumps(kept), object_hook=_compared))
 

@@ -7,7 +7,8 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from yawid.answers.run_summary import Bare, Manoeuvre, Value, VerdictSummary
+from yawid.answers.reasons import Verdict
+from yawid.answers.run_summary import Bare, Manoeuvre, Value
 from yawid.blocks import Array, EstimateBlock, Floats, Held, Ints, ModesBlock, SampleBlock
 from yawid.quantities.airspeed import Kind, known
 from yawid.quantities.table import YAW_CHANNEL
@@ -129,7 +130,7 @@ def mode_message(boot_s: float, custom_mode: float, name: str) -> bytes:
     return _packed("yawid.Mode", boot_time=boot_s, custom_mode=custom_mode, name=name)
 
 
-def verdict_message(verdict: VerdictSummary) -> bytes:
+def verdict_message(verdict: Verdict) -> bytes:
     """Return one ``yawid.Verdict``."""
     reasons = [reason.to_json() for reason in verdict.reasons]
     return _packed("yawid.Verdict", usable=verdict.usable, reasons=reasons)

@@ -16,14 +16,8 @@ from msgspec.structs import replace
 
 from yawid.answers.heard import LinkCounts
 from yawid.answers.model_parts import Fit
-from yawid.answers.run_summary import (
-    DutchRoll,
-    MethodSummary,
-    Orders,
-    ReasonSummary,
-    RunSummary,
-    VerdictSummary,
-)
+from yawid.answers.reasons import Reason, Verdict
+from yawid.answers.run_summary import DutchRoll, MethodSummary, Orders, RunSummary
 from yawid.answers.session import Recovered
 from yawid.blocks import finite
 from yawid.config.run import RunConfig, check_settings
@@ -80,8 +74,8 @@ class Remains:
         try:
             config = self._config()
             summary = self._summary(path, config)
-            before = summary.verdict
-            first = ReasonSummary("interrupted", "fatal", self._missing(path, left_out))
+            before = summary.deciding
+            first = Reason("interrupted", self._missing(path, left_out), weight="fatal")
             others = [each for each in before.reasons if each.id != "interrupted"]
         except _NO_VALUE:
             return self.attachments
@@ -125,7 +119,7 @@ class Remains:
             link=LinkCounts(),
             channels={},
             estimates=estimates,
-            verdict=VerdictSummary(usable=False, reasons=[]),
+            verdict=Verdict(usable=False, reasons=[]),
         )
 
     def _estimate(self, method: str, grid: Grid, config: RunConfig) -> MethodSummary | None:

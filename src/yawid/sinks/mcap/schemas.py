@@ -60,7 +60,9 @@ TABLE: Final[Mapping[str, tuple[tuple[str, str], ...]]] = {
         *((f"dutch_roll_{name}", "double") for name in MODE_VALUES),
         *((name + std, "double") for name in YAW_CHANNEL for std in ("", "_std")),
     ),
-    "Reason": (("id", "string"), ("weight", "string"), ("text", "string")),
+    "Reason": (
+        ("id", "string"), ("weight", "string"), ("text", "string"), ("remedy", "string"),
+    ),
     "Verdict": (("usable", "bool"), ("reasons", ".yawid.Reason[]")),
     "Mode": (("boot_time", "double"), ("custom_mode", "double"), ("name", "string")),
     "Manoeuvre": (
@@ -117,6 +119,7 @@ _OWN: Final[Mapping[str, str]] = {
     "Acceleration.next_attitude_us": "boot_time of the next attitude received, in us",
     "Lateral.n": "number of the manoeuvre",
     "Reason.weight": "fatal or warning",
+    "Reason.remedy": "what to do about it, in a sentence",
     "Mode.custom_mode": "HEARTBEAT.custom_mode; NaN where unknown",
     "Mode.name": "as the autopilot calls it",
 }

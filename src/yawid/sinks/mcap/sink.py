@@ -283,8 +283,9 @@ class McapSink(Sink):
         last_ns = max(self._sample_ns, self._log_ns)
         with os_errors_as_sink_error(self._part):
             self._write_motion()
-            verdict = verdict_message(summary.verdict)
-            self._writer.add_message(self._verdict_channel, last_ns, verdict)
+            if summary.verdict is not None:
+                verdict = verdict_message(summary.verdict)
+                self._writer.add_message(self._verdict_channel, last_ns, verdict)
             if summary.flight is not None:
                 verdict = verdict_message(summary.flight.verdict)
                 self._writer.add_message(self._channel(FLIGHT), last_ns, verdict)

@@ -2,15 +2,8 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 
-from yawid.answers.run_summary import (
-    DutchRoll,
-    Flight,
-    Manoeuvre,
-    MethodSummary,
-    RunSummary,
-    Value,
-    VerdictSummary,
-)
+from yawid.answers.reasons import Verdict
+from yawid.answers.run_summary import DutchRoll, Flight, Manoeuvre, MethodSummary, RunSummary, Value
 from yawid.quantities.table import YAW_CHANNEL
 from yawid.quantities.units import HALF_TRAVEL
 from yawid.sinks.words import (
@@ -37,17 +30,17 @@ _DERIVATIVES = ("a_my_beta", "a_my_omega_y", "a_my_delta_h", "a_z_beta", "K", "T
 def verdict_markdown(summary: RunSummary, rudder_unit: str = HALF_TRAVEL) -> str:
     """Return the deciding verdict for the text panel: the answer, the reasons, then numbers."""
     verdict = summary.deciding
-    lines = ["# Usable" if verdict.usable else "# Not usable"]
+    lines = [f"# {verdict.word.capitalize()}"]
     lines += map(flight_line, summary.by_loop)
-    if summary.flight is None and summary.answering is not None:
+    if summary.flight is None and summary.answer is not None:
         said = _answer(summary.dutch_roll, usable=verdict.usable)
-        lines.append(f"The stream, {summary.answering.upper()}: {said}.")
+        lines.append(f"The stream, {summary.answer.method.upper()}: {said}.")
     if bare := [row.text for row in bare_rows(summary)]:
         lines += ["", f"**The bare airframe:** {'; '.join(bare)}.", ""]
     lines += [f"- **{reason.id}** ({reason.weight}): {reason.text}" for reason in verdict.reasons]
     if (step := next_step(verdict)) is not None:
         lines += ["", f"**{NEXT}** {step}"]
-    if summary.estimates and not verdict.usable:
+    if summary.estimates and verdict.fatal:
         lines += ["", _UNUSABLE]
     lines += _methods(summary.estimates or {})
     for name, physics in _yaw_channels(summary):
@@ -135,7 +128,7 @@ def _answer(roll: DutchRoll | None, *, usable: bool) -> str:
     return "no answer" if roll is None else f"{bold}{dutch_roll(roll, GREEK)}{bold}"
 
 
-def _usable(verdict: VerdictSummary) -> str:
+def _usable(verdict: Verdict) -> str:
     """Return the verdict in a word, with the first fatal reason where there is one."""
     return ", ".join((verdict.word, *(reason.name for reason in verdict.fatal[:1])))
 

@@ -31,7 +31,7 @@ def print_card(report: Inspection, stream: TextIO) -> None:
     """Print the card, or a line with the reason why there is none."""
     card = report.card
     if card is None:
-        stream.write(f"{why_no_card(report.vehicle, report.verdict)}: {report.log}\n")
+        stream.write(f"{why_no_card(report.vehicle, report.deciding)}: {report.log}\n")
         return
     head, date = "TEST CARD: rudder to yaw", f"date {BLANK}  pilot {BLANK}"
     lines = [f"{head}{date:>{WIDTH - len(head)}}", *_lines(_known(report, card))]

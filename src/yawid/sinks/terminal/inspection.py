@@ -24,14 +24,14 @@ def print_inspection(report: Inspection, stream: TextIO) -> None:
     """Print what a log can answer: verdict, channels, phases and stretches, and what to do."""
     console = page_console(stream)
     console.print(Text(report.log, style="bold"), soft_wrap=True)
-    print_verdict(console, report.verdict)
+    print_verdict(console, report.deciding)
     for line in origin(report):
         console.print(Text(line))
     for name, text in _rows(report):
         console.print(Text(hanging(name, text, console.width)))
     if report.command is not None:
         # The command that was tried is for copying: it must not be wrapped.
-        word = "try" if report.verdict.usable else "tried"
+        word = "try" if report.exit_code == 0 else "tried"
         console.print(Text(f"{word:>{NAME_WIDTH - 1}}  {report.command}"), soft_wrap=True)
 
 
@@ -59,7 +59,7 @@ def _rows(report: Inspection) -> Iterator[tuple[str, str]]:
             "answers",
             f"Dutch rolls with wn up to {most:.3g} rad/s, and well up to {well:.3g} rad/s",
         )
-    for line in report.recommend.get("record", ()):
+    for line in report.record or ():
         yield "record", line
 
 

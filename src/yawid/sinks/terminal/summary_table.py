@@ -11,8 +11,9 @@ from rich.table import Table
 from rich.text import Text
 
 from yawid.answers.heard import VehicleSeen
+from yawid.answers.reasons import Verdict
 from yawid.answers.reports import OrdersReport
-from yawid.answers.run_summary import MethodSummary, Origin, RunSummary, VerdictSummary
+from yawid.answers.run_summary import MethodSummary, Origin, RunSummary
 from yawid.sinks.door import page_console
 from yawid.sinks.terminal.flight_table import manoeuvres_table, table_notes
 from yawid.sinks.words import (
@@ -21,7 +22,6 @@ from yawid.sinks.words import (
     bare_rows,
     flight_rows,
     next_step,
-    noise_spreads,
     numbers,
     percent,
 )
@@ -35,8 +35,7 @@ MOST_BOOTS = 4
 def print_summary(summary: RunSummary, stream: TextIO, *, verbose: bool = False) -> None:
     """Print the summary of one run: verdict, answer with its sigmas, and the channels and files.
 
-    Where there were manoeuvres the verdict is the flight's; the stream's is one line further
-    below, and its numbers follow only if ``verbose``.
+    Where there were manoeuvres the numbers of the stream follow only if ``verbose``.
     """
     console = page_console(stream)
     console.print(Text(summary.log, style="bold"))
@@ -51,11 +50,10 @@ def print_summary(summary: RunSummary, stream: TextIO, *, verbose: bool = False)
         console.print(Text(notes, "dim"))
     if summary.estimates:
         if summary.flight is not None:
-            more = "" if verbose else " (more: --verbose)"
-            line = f"{_stream(summary.verdict)}{more}"
-            console.print(Text(fill(line, console.width, break_on_hyphens=False), "bold"))
+            more = ":" if verbose else ": --verbose"
+            console.print(Text(f"running estimates at the end of the log{more}", "bold"))
         if summary.flight is None or verbose:
-            console.print(_estimates_table(summary, summary.estimates))
+            console.print(_estimates_table(summary.estimates))
     for line in origin(summary):
         console.print(Text(line))
     for kind, path in (summary.files or {}).items():
@@ -63,9 +61,11 @@ def print_summary(summary: RunSummary, stream: TextIO, *, verbose: bool = False)
         console.print(Text(f"{kind:>8}  {path}"), soft_wrap=True)
 
 
-def print_verdict(console: Console, verdict: VerdictSummary) -> None:
+def print_verdict(console: Console, verdict: Verdict) -> None:
     """Print whether the answer is usable, every reason, and what to do next."""
     word = Text("usable", "bold green") if verdict.usable else Text("NOT USABLE", "bold red")
+    if not verdict.usable and not verdict.fatal:
+        word = Text(verdict.word, "bold yellow")
     console.print(Text("verdict  ") + word)
     for reason in verdict.reasons:
         style = "red" if reason.weight == "fatal" else "yellow"
@@ -82,38 +82,25 @@ def hanging(name: str, text: str, width: int) -> str:
     return fill(text, width, initial_indent=begin, subsequent_indent=indent, break_on_hyphens=False)
 
 
-def _stream(verdict: VerdictSummary) -> str:
-    """Return the heading of the stream's estimates, where there is also a flight's answer."""
-    said = ", ".join([verdict.word, *(reason.id for reason in verdict.reasons)])
-    return f"running estimate at the end: {said}; the flight's answer is above"
-
-
-def _estimates_table(summary: RunSummary, estimates: Mapping[str, MethodSummary]) -> Table:
-    answers = summary.answering if summary.verdict.usable and summary.flight is None else None
+def _estimates_table(estimates: Mapping[str, MethodSummary]) -> Table:
     table = Table(box=None, pad_edge=False)
-    has_total = any(noise_spreads(each.dutch_roll) for each in estimates.values())
-    said = bool(summary.manoeuvres) and has_total  # the notes below the manoeuvres explain it
-    table.add_column("" if said else "± is one sigma" if has_total else "± is one sigma of noise")
+    table.add_column("± is one sigma of noise")
     for method in estimates:
-        marked = " answers" if method == answers and len(estimates) > 1 else ""
-        table.add_column(method.upper() + marked, justify="right")
-    columns = (_estimate_rows(each, has_total=has_total) for each in estimates.values())
+        table.add_column(method.upper(), justify="right")
+    columns = (_estimate_rows(each) for each in estimates.values())
     for rows in zip(*columns, strict=True):
         table.add_row(rows[0].name, *(row.text for row in rows), style=rows[0].style)
     return table
 
 
-def _estimate_rows(estimate: MethodSummary, *, has_total: bool) -> list[Row]:
+def _estimate_rows(estimate: MethodSummary) -> list[Row]:
     mode, fit = estimate.dutch_roll, estimate.fit
     wn, zeta = numbers(mode)
-    noise = Row("  of noise alone: wn; zeta", "; ".join(noise_spreads(mode) or ("-",)), "dim")
     return [
         Row("Dutch roll wn, rad/s", wn),
         Row("Dutch roll zeta", zeta),
-        *([noise] if has_total else []),
         Row("fit one step, %", _percent(fit.one_step_pct)),
         Row("fit simulated, %", _percent(fit.simulation_pct)),
-        Row("fit on held-back data, %", _percent(fit.simulation_held_back_pct)),
         Row("samples used / not used", f"{estimate.updates} / {estimate.held}"),
         Row("na,nb,nc,nk at rate", f"{estimate.orders} at {1.0 / estimate.sample_time_s:.3g} Hz"),
     ]

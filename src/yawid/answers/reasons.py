@@ -1,16 +1,21 @@
 """Every reason that can speak against an answer, in one table that all other files read.
 
-From it the verdict takes weight, order and exit code, the report takes what to do now, ``yawid
-inspect`` takes what to record next time, and a replay of a finished run's MCAP takes which reasons
-to judge again.
+From it a reason takes weight, exit code and, where it has no remedy of its own, what to do now;
+``yawid inspect`` takes what to record next time, and a replay of a finished run's MCAP which
+reasons to judge again.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Final
 
+from msgspec.structs import force_setattr
+
+from yawid.answers.part import Part
 from yawid.quantities.vehicles import ARDUPILOT, PX4
 
+NOT_IDENTIFIABLE: Final = 5
+"""The exit code of an answer that cannot be given, or not be used."""
 ASK_HZ: Final = 25
 """The message rate in Hz that advice asks for."""
 
@@ -113,23 +118,19 @@ _TABLE: Final = (
     ),
     ReasonKind(
         "mode_not_driven", 5, "estimate",
-        "Use --band to keep what the rudder drives, or fly more rudder doublets.", _FLY,
+        "Fly rudder doublets that clearly move the nose: yawid inspect LOG --card says how.", _FLY,
     ),
     ReasonKind(
         "not_converged", 5, "estimate",
-        "Fly more rudder doublets, or compare orders with yawid orders.", _FLY,
+        "Fly more rudder doublets in calm air, with hands off after each.", _FLY,
     ),
     ReasonKind(
         "poor_fit", 5, "estimate",
-        "Choose a calmer stretch by --from and --to, or other orders with yawid orders.", _FLY,
-    ),
-    ReasonKind(
-        "diverged", 5, "estimate",
-        "Estimate fewer parameters (--orders 2,2,2,1), or choose another stretch.",
+        "Choose a calmer stretch by --from and --to, or fly again in calmer air.", _FLY,
     ),
     ReasonKind(
         "turn_dominated", 5, "samples",
-        "Choose straight flight by --from and --to, or --turn remove with --band.", _FLY,
+        "Choose straight flight by --from and --to, or give --turn remove.", _FLY,
     ),
     ReasonKind(
         "manoeuvres_disagree", 5, "estimate",
@@ -152,20 +153,13 @@ _TABLE: Final = (
     ReasonKind("repeated", 0, "samples", "Replay the log without the part that it holds twice."),
     ReasonKind("disarmed", 0, "log", "Make sure that the logged outputs did move the surfaces."),
     ReasonKind(
-        "els_rml_disagree", 0, "estimate",
-        "Use the answer given, not the mean; compare orders with yawid orders.",
-    ),
-    ReasonKind(
-        "coloured_residuals", 0, "estimate",
-        "A model with more parameters differs: see yawid orders.",
-    ),
-    ReasonKind(
         "poorly_known", 0, "estimate",
         "Take wn as a rough value; the mean of more manoeuvres is better known.", _FLY,
     ),
     ReasonKind("saturated", 0, "samples", "Fly again with less rudder: 10 to 30 % of its travel."),
     ReasonKind(
-        "airspeed_changed", 0, "samples", "Estimate each airspeed by itself, with --from and --to."
+        "airspeed_changed", 0, "samples",
+        "Fly at a steady airspeed, or choose a manoeuvre that was, by --from and --to.",
     ),
     ReasonKind(
         "airspeed_implausible", 0, "samples",
@@ -201,84 +195,102 @@ _TABLE: Final = (
 
 KINDS: Final[Mapping[str, ReasonKind]] = {kind.id: kind for kind in _TABLE}
 """The kinds of reasons by id: the fatal ones first, in the order in which they decide."""
-COPIES: Final = frozenset({"mixed_rudder", "collinear_inputs"})
-"""Reasons that find the rudder to be a copy of the aileron: then to remove the turn, which the
-aileron makes, is no remedy."""
+GONE: Final = frozenset({"diverged", "els_rml_disagree", "coloured_residuals"})
+"""Reasons of earlier versions, of the stream alone, that a file may hold."""
 _RANK: Final = {id_: rank for rank, id_ in enumerate(KINDS)}
 
 
-@dataclass(frozen=True, slots=True)
-class Reason:
-    """One reason that speaks against the estimate, and its text.
+class Reason(Part, frozen=True):
+    """One reason that speaks against an answer: its id, its text, and what to do about it.
 
-    ``remedy`` holds settings of :class:`yawid.config.run.RunConfig` that may cure it and can be
-    tried. With ``warns`` it is a warning even if its kind is fatal. ``moves`` holds how far wrong
-    the text says that wn (relative) and zeta may be.
+    ``weight`` is ``fatal`` or ``warning``, that of its kind where none is given. ``remedy`` is one
+    sentence; where none is given, :func:`yawid.results.advice.advised` adds that of its kind.
     """
 
     id: str
     text: str
-    remedy: Mapping[str, object] = field(default_factory=dict, compare=False)
-    warns: bool = False
-    moves: tuple[float, float] = field(default=(0.0, 0.0), compare=False)
+    remedy: str | None = None
+    weight: str = ""
+
+    def __post_init__(self) -> None:
+        """Give it the weight of its kind."""
+        if not self.weight:
+            force_setattr(self, "weight", KINDS[self.id].weight)
 
     def __str__(self) -> str:
         """Return the id and the text in one line."""
         return f"{self.id}: {self.text}"
 
     @property
-    def kind(self) -> ReasonKind:
-        """The row of the table for its id."""
-        return KINDS[self.id]
+    def name(self) -> str:
+        """The id in words."""
+        return self.id.replace("_", " ")
+
+    @property
+    def origin(self) -> str:
+        """What is judged: see :class:`ReasonKind`; empty for a kind that a newer version has."""
+        kind = KINDS.get(self.id)
+        return "" if kind is None else kind.origin
 
     @property
     def exit_code(self) -> int:
-        """The exit code: 0 where it only warns, else that of its kind."""
-        return 0 if self.warns else self.kind.exit_code
+        """The exit code: 0 for a warning, else that of its kind."""
+        if self.weight != "fatal":
+            return 0
+        kind = KINDS.get(self.id)
+        return NOT_IDENTIFIABLE if kind is None else kind.exit_code
 
     @property
-    def weight(self) -> str:
-        """The weight: ``fatal`` if it makes the estimate unusable, else ``warning``."""
-        return "fatal" if self.exit_code else "warning"
+    def to_do(self) -> str:
+        """Return what to do about it, empty where its text already says it."""
+        text = self.remedy or ""
+        return "" if text.rstrip(".").lower() in self.text.lower() else text
 
 
-@dataclass(frozen=True, slots=True)
-class Verdict:
-    """All reasons found: the fatal ones first, in the order of the table, then warnings by id.
+class Verdict(Part, frozen=True, kw_only=True):
+    """Whether an answer is usable, why not, what to do next, and the method that gives it.
 
-    ``method`` is the method that answers, None where there is no estimate.
+    The reasons are in the order of the table, the fatal ones first, then the warnings by id.
     """
 
-    reasons: tuple[Reason, ...]
     method: str | None = None
+    usable: bool
+    reasons: list[Reason]
+    next: str | None = None
 
     @staticmethod
-    def of(reasons: list[Reason], method: str | None = None) -> "Verdict":
-        """Return the verdict with one reason of each id in order, one with a remedy if any."""
-        first = sorted(reasons, key=lambda reason: not (reason.exit_code and reason.remedy))
-        unique = {reason.id: reason for reason in reversed(first)}
-        return Verdict(tuple(sorted(unique.values(), key=_place)), method)
+    def of(reasons: Iterable[Reason], method: str | None = None) -> "Verdict":
+        """Return the verdict with the first reason of each id, a fatal one before a warning."""
+        unique: dict[str, Reason] = {}
+        for reason in sorted(reasons, key=lambda each: each.weight):
+            unique.setdefault(reason.id, reason)
+        in_order = sorted(unique.values(), key=_place)
+        usable = not any(reason.exit_code for reason in in_order)
+        return Verdict(method=method, usable=usable, reasons=in_order)
 
     @property
-    def usable(self) -> bool:
-        """Whether nothing fatal was found."""
-        return self.exit_code == 0
+    def fatal(self) -> list[Reason]:
+        """The reasons that make it unusable; the first one decides the exit code."""
+        return [reason for reason in self.reasons if reason.exit_code]
+
+    @property
+    def why(self) -> str | None:
+        """The id of the first fatal reason, None where there is none."""
+        return self.fatal[0].id if self.fatal else None
 
     @property
     def exit_code(self) -> int:
         """The exit code of the first fatal reason, or 0."""
-        return next((r.exit_code for r in self.reasons if r.exit_code), 0)
+        return self.fatal[0].exit_code if self.fatal else 0
 
     @property
-    def weight(self) -> tuple[int, ...]:
-        """A sort key, smaller for the better verdict: first the number of fatal reasons.
-
-        Of equally many, those further down the table are the better ones.
-        """
-        fatal = [_RANK[reason.id] for reason in self.reasons if reason.exit_code]
-        return (len(fatal), *(-rank for rank in fatal))
+    def word(self) -> str:
+        """Whether the answer is usable, in words; without any reason it was not judged."""
+        if self.usable:
+            return "usable"
+        return "not usable" if self.fatal else "not judged"
 
 
 def _place(reason: Reason) -> tuple[int, str]:
     fatal = reason.exit_code != 0
-    return (_RANK[reason.id] if fatal else len(_RANK), reason.id)
+    return (_RANK.get(reason.id, len(_RANK)) if fatal else len(_RANK) + 1, reason.id)

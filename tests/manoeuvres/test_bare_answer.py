@@ -11,12 +11,13 @@ import pytest
 from lateral.flown import flown
 from msgspec.structs import replace as msgspec_replace
 from scipy.signal import dlsim, lti
+from yawid.manoeuvres import bare_answer
+from yawid.manoeuvres.bare_answer import Fitted, against_flown, bare_of, fitted, lateral_of
 
-from yawid.answers.run_summary import DutchRoll, ReasonSummary
+from yawid.answers.reasons import Reason
+from yawid.answers.run_summary import DutchRoll
 from yawid.lateral.airframe import Airframe, AsFlown, FailedGate, Known
 from yawid.lateral.motion import Motion
-from yawid.manoeuvre import bare_answer
-from yawid.manoeuvre.bare_answer import Fitted, against_flown, bare_of, fitted, lateral_of
 
 MOTION, MOTION_OF_20_S = flown(seconds=2.0), flown(seconds=20.0)
 NAMES = (
@@ -172,7 +173,7 @@ def test_as_it_was_flown_the_airframe_must_be_within_both_sigmas_of_the_answer(
 )
 def test_a_rudder_that_did_not_drive_the_yaw_shows_no_airframe(reason: str, known: bool):
     """Rudder and aileron together often leave the yaw alone unresolved, and the airframe known."""
-    said = ReasonSummary(reason, "fatal", "for the test")
+    said = Reason(reason, "for the test", weight="fatal")
     flown = hand_flights.manoeuvre(1, 2.4, loop="with_roll_loop", reason=said)
 
     told = lateral_of(against_flown(found(1, airframe()), flown))

@@ -1,0 +1,156 @@
+"""In which conditions a manoeuvre was flown, and whose answer it is."""
+
+import numpy as np
+import pytest
+from flightlog import FlightLog, samples_of
+from manoeuvre.streams import HZ, doublets, joined, rest, stream
+from pymavlink import mavutil
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+from yawid.manoeuvres.conditions import conditions, loop_of
+
+from yawid.blocks import Noted
+from yawid.config.run import RunConfig
+from yawid.quantities.vehicles import mode_name
+
+ARDUPILOT, PX4, OTHER = 3, 12, 8
+PLANE = (ARDUPILOT, 1)
+MANUAL, STABILIZE, TRAINING, FBWA = 0.0, 2.0, 3.0, 5.0
+
+
+@pytest.mark.parametrize(
+    ("autopilot", "mode", "loop"),
+    [
+        (ARDUPILOT, "MANUAL", "airframe"),
+        (PX4, "MANUAL", "airframe"),
+        *[
+            (ARDUPILOT, mode, "with_roll_loop")
+            for mode in ("STABILIZE", "ACRO", "FBWA", "FBWB", "CRUISE", "AUTOTUNE", "AUTO")
+        ],
+        *[(ARDUPILOT, mode, "with_roll_loop") for mode in ("RTL", "LOITER", "GUIDED", "TAKEOFF")],
+        *[(PX4, mode, "with_roll_loop") for mode in ("STABILIZED", "ACRO", "ALTCTL", "POSCTL")],
+        *[(PX4, mode, "with_roll_loop") for mode in ("MISSION", "LOITER", "RTL", "RATTITUDE")],
+        (ARDUPILOT, "TRAINING", "unknown"),
+        (ARDUPILOT, "mode 99", "unknown"),
+        (PX4, "mode 0", "unknown"),
+        (OTHER, "MANUAL", "unknown"),
+        (0, "mode 0", "unknown"),
+    ],
+)
+def test_only_a_mode_that_leaves_the_ailerons_to_the_stick_is_the_airframe(
+    autopilot: int, mode: str, loop: str
+):
+    assert loop_of(autopilot, mode) == loop
+
+
+def test_no_mode_of_arduplane_is_without_a_loop():
+    """The table of pymavlink is what names them"""
+    names = mavutil.mode_mapping_bynumber(1)
+    told = {name: loop_of(ARDUPILOT, mode_name(*PLANE, mode)) for mode, name in names.items()}
+
+    assert {name for name, loop in told.items() if loop == "airframe"} == {"MANUAL"}
+    assert {name for name, loop in told.items() if loop == "unknown"} == {"TRAINING"}
+
+
+def test_a_manoeuvre_tells_when_how_fast_and_how_high_it_was_flown():
+    rudder = doublets(10)
+    airspeed = np.where(np.arange(len(rudder)) % 2, 19.0, 23.0)
+    found = conditions(stream(rudder, first_k=100 * HZ, airspeed=airspeed, mode=FBWA), PLANE)
+
+    assert (found.from_s, found.to_s) == (100.0, 100.0 + 199 / HZ)
+    assert found.duration_s == pytest.approx(199 / HZ)
+    assert found.date == "2023-11-14T22:15:00.000Z"
+    assert (found.mode, found.loop) == ("FBWA", "with_roll_loop")
+    assert found.airspeed_m_s == pytest.approx(21.0)
+    assert found.airspeed_std_m_s == pytest.approx(2.0)
+    assert found.airspeed_source == "airspeed"
+    assert found.altitude_m == 100.0
+
+
+def test_samples_that_are_held_do_not_count():
+    rudder = doublets(10)
+    rudder[50:100] = np.nan
+    airspeed = np.where(np.isnan(rudder), 90.0, 20.0)
+    found = conditions(stream(rudder, airspeed=airspeed), PLANE)
+
+    assert found.airspeed_m_s == 20.0
+
+
+def test_what_is_not_known_is_not_told():
+    found = conditions(stream(doublets(10), airspeed=np.nan, mode=np.nan), PLANE)
+
+    assert (found.mode, found.loop) == (None, "unknown")
+    assert (found.airspeed_m_s, found.airspeed_std_m_s, found.airspeed_source) == (None, None, None)
+    held = conditions(stream(rest(10, np.nan)), PLANE)
+    assert held.airspeed_m_s is None
+    assert held.altitude_m is None
+
+
+def test_a_stretch_of_two_modes_is_of_one_loop_only_where_both_are():
+    """A stretch that was named may hold several"""
+    rudder = doublets(10)
+    for later, loop in ((STABILIZE, "with_roll_loop"), (MANUAL, "unknown"), (TRAINING, "unknown")):
+        both = joined(stream(rudder, mode=FBWA), stream(rudder, first_k=len(rudder), mode=later))
+        found = conditions(both, PLANE)
+        assert found.loop == loop
+        assert " and " in found.mode
+
+
+@pytest.mark.parametrize(("share", "source"), [(0.4, "airspeed"), (0.6, "ground speed")])
+def test_the_airspeed_is_the_ground_speed_where_most_of_it_is(share: float, source: str):
+    rudder = doublets(10)
+    first = round(share * len(rudder))
+    by_ground = stream(rudder[:first], noted=int(Noted.GROUND_SPEED | Noted.SATURATED))
+    samples = joined(by_ground, stream(rudder[first:], first_k=first, noted=int(Noted.SATURATED)))
+
+    assert conditions(samples, PLANE).airspeed_source == source
+
+
+@pytest.mark.parametrize(("groundspeed", "noted"), [(20.0, True), (20.5, False)])
+def test_an_airspeed_equal_to_the_ground_speed_is_noted_in_the_samples(
+    groundspeed: float, noted: bool
+):
+    log = FlightLog()
+    log.heartbeat(10.0)
+    for i in range(500):
+        t = 10.0 + 0.02 * i
+        if i % 25 == 0:
+            hud = mavlink.MAVLink_vfr_hud_message(20.0, groundspeed, 0, 50, 100.0, 0.0)
+            log.add(t, hud)
+        log.attitude(t, 0.1)
+        log.servos(t + 0.004, [1500, 1500, 1500, 1500 + 10 * (i % 7)])
+    samples = samples_of(log.data)
+
+    used = samples.held == 0
+    assert used.sum() > 100
+    known = np.isfinite(samples.airspeed) & used
+    flagged = samples.noted & Noted.GROUND_SPEED.value != 0
+    assert flagged[known].all() == noted
+    assert flagged[known].any() == noted
+    assert not flagged[~used].any()
+
+
+@pytest.mark.parametrize(
+    ("autopilot", "kind"), [(ARDUPILOT, "equivalent"), (PX4, "calibrated"), (0, "indicated")]
+)
+def test_which_airspeed_it_is_goes_by_the_autopilot_that_sends_it(autopilot: int, kind: str):
+    """ArduPlane's VFR_HUD has the equivalent one, PX4's the calibrated; MAVLink asks for either."""
+    log = FlightLog()
+    log.heartbeat(10.0, autopilot=autopilot)
+    for i in range(400):
+        t = 10.0 + 0.02 * i
+        if i % 25 == 0:
+            log.add(t, mavlink.MAVLink_vfr_hud_message(20.0, 23.5, 0, 50, 100.0, 0.0))
+        log.attitude(t, 0.1)
+        log.servos(t + 0.004, [1500, 1500, 1500, 1500 + 10 * (i % 7)])
+    found = samples_of(log.data, RunConfig(rudder="servo:4"))
+
+    told = conditions(joined(*found.blocks), (autopilot, 1))
+    assert (told.airspeed_source, told.airspeed_kind) == ("airspeed", kind)
+    over_ground = found.ground_speed[np.isfinite(found.ground_speed)]
+    np.testing.assert_array_equal(over_ground, 23.5)
+
+
+def test_a_ground_speed_is_of_no_kind():
+    samples = stream(doublets(5.0), noted=int(Noted.GROUND_SPEED))
+
+    assert conditions(samples, PLANE).airspeed_kind is None
