@@ -3,19 +3,24 @@
 from __future__ import annotations
 
 import csv
+import math
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from bench import truth as bench
 from bench.table import write_csv
+from checks import judge_response
 from checks.judge import Row, compared
 from flights.moved import PLACES, Draw
-from hand_flights import estimate, manoeuvre, plain_summary, roll_of, verdict
+from flights.sealed import plan_at
+from flights.truth import dutch_roll, response, with_roll_hold
+from hand_flights import estimate, plain_summary, roll_of, verdict
 from msgspec.structs import replace
 
 from yawid.answers.reasons import Verdict
-from yawid.answers.run_summary import Bare, DutchRoll, Flight, Manoeuvre
+from yawid.answers.run_summary import Bare, DutchRoll, Flight, Manoeuvre, Response
 
 CONDITIONS: dict[str, Any] = {
     "aircraft": "c172p", "severity": 0, "gyro": "clean", "rate_hz": 25, "manoeuvre": "3211",
@@ -26,13 +31,19 @@ def warned(*reasons: str) -> Verdict:
     return verdict(*reasons, weight="warning")
 
 
-def found(n: int, airspeed: float, wn: float, of: Verdict) -> Manoeuvre:
-    """A manoeuvre whose RML has a total sigma of .05, .03 of noise; ELS found no Dutch roll."""
-    roll = roll_of(wn, 0.2, 0.05, 0.04, (0.03, 0.01))
-    both = {"rml": estimate("rml", roll), "els": estimate("els", None)}
-    return manoeuvre(
-        n, speed=airspeed, from_s=100.0 * n, to_s=100.0 * n + 40.0, duration_s=40.0, date="",
-        loop="unknown", estimates=both, verdict=of,
+def found(n: int, airspeed: float, wn: float, of: Verdict, els: float | None = None) -> Manoeuvre:
+    """A manoeuvre whose answer has a total sigma of .05; RML of the stream had wn + .1, ELS els."""
+    answer = estimate("ct", roll_of(wn, 0.2, 0.05, 0.04, (0.03, 0.01)))
+    stream = {
+        method: estimate(
+            method, None if x is None else DutchRoll(wn_rad_s=x, wn_std=0.03, zeta=0.2)
+        )
+        for method, x in (("rml", wn + 0.1), ("els", els))
+    }
+    return Manoeuvre(
+        n=n, from_s=100.0 * n, to_s=100.0 * n + 40.0, duration_s=40.0, loop="unknown",
+        airspeed_m_s=airspeed, inputs=["rudder"], turn_removed=False,
+        estimates={"ct": answer} | stream, verdict=replace(of, method="ct"),
     )  # fmt: skip
 
 
@@ -51,7 +62,7 @@ def rows_of(number: int, flight: Flight, *manoeuvres: Manoeuvre) -> list[Row]:
 
 
 def answered(wn: float, wn_std: float, *warnings: str) -> Flight:
-    roll = DutchRoll(wn_rad_s=wn, wn_std=wn_std, zeta=0.2, zeta_std=0.04)
+    roll = DutchRoll(wn_rad_s=wn, wn_std=wn_std, wn_std_mean=0.5 * wn_std, zeta=0.2, zeta_std=0.04)
     return Flight(
         airspeed_m_s=45.0, dutch_roll=roll, used=[1, 2], disagree=[], verdict=warned(*warnings)
     )
@@ -64,15 +75,18 @@ def refused() -> Flight:
 def test_each_estimate_is_held_to_its_own_truth_by_both_sigmas() -> None:
     pair = found(1, 40.0, 2.128, verdict()), found(2, 50.0, 2.5, verdict())
 
-    rml, els, _, _, _, _, flight = rows_of(0, answered(2.295, 0.03), *pair)
+    rml, els, answer, _, _, _, flight = rows_of(0, answered(2.295, 0.03), *pair)
 
-    assert rml["wn_error_pct"] == pytest.approx(6.4)
-    assert rml["wn_z"] == pytest.approx(0.128 / 0.0640312, rel=1e-5)  # .05 and the truth's .04
-    assert rml["wn_z_noise"] == pytest.approx(0.128 / 0.05)  # .03 and .04
+    assert answer["wn_error_pct"] == pytest.approx(6.4)
+    assert answer["wn_z"] == pytest.approx(0.128 / 0.0640312, rel=1e-5)  # .05 and the truth's .04
+    assert rml["wn_error_pct"] == pytest.approx(11.4)
+    assert rml["wn_z"] == pytest.approx(0.228 / 0.05)  # .03 and .04
     assert els["wn"] is els["wn_z"] is None
     assert flight["wn_true"] == pytest.approx(2.25)  # at 45 m/s, as 2.0 at 40 and 2.5 at 50 say
     assert flight["wn_true_sigma"] == pytest.approx(0.0407, abs=0.001)
     assert flight["wn_error_pct"] == pytest.approx(2.0)
+    assert flight["wn_z"] == pytest.approx(0.045 / 0.05057, abs=0.01)
+    assert flight["wn_z_mean"] == pytest.approx(0.045 / 0.04338, abs=0.01)
 
 
 def test_the_bare_airframe_is_held_to_the_truth_without_the_roll_loop() -> None:
@@ -93,60 +107,123 @@ def test_the_bare_airframe_is_held_to_the_truth_without_the_roll_loop() -> None:
     assert row["usable"]
     assert row["wn_error_pct"] == pytest.approx(100.0 * 0.05 / 1.85)
     assert row["wn_z"] == pytest.approx(0.05 / 0.05)  # .04 and the truth's .03
-    said = [row | CONDITIONS, row | CONDITIONS | {"usable": False}]
+    own = {"number": 0} | CONDITIONS
+    said = [row | own, row | own | {"usable": False}]
     assert next(each for each in bench.bare_lines(said) if "all" in each).startswith(
-        "| all | 2 | 50 |"
+        "| all | 1 | 50 |"
     )
 
 
-def test_the_figures_of_two_rows_are_those_by_hand() -> None:
+def test_the_figures_of_two_answers_are_those_by_hand() -> None:
     pair = found(1, 40.0, 2.128, verdict()), found(2, 50.0, 2.5, verdict())
-    unfit = found(1, 40.0, 2.128, verdict("poor_fit"))
+    unfit = found(1, 40.0, 3.0, verdict("poor_fit"), els=2.04)
     rows = rows_of(0, answered(2.295, 0.03), *pair) + rows_of(1, refused(), unfit)
 
-    line = bench.condition_line("two", rows)
-    met = {what: is_met for what, _, _, is_met in bench.criteria(rows)}
+    lines = {text.split(" | ")[0]: text for text in bench.air_lines(rows)}
 
-    assert line == (
-        "| two | 2 | 50 | 3.20 / 3.20 | +3.20 / +3.20 | 2.17 / 2.17 "
-        "| 1.41 / 1.41 | 0.00 / 0.00 | 100 100 / 100 100 |"
+    # +6.4 % and 0 %, +2 and 0 sigma; the refused one does not count, but its ELS does: +2 %, .8
+    assert lines["| answer, all"] == (
+        "| answer, all | 2 | 67 | 3.20 | +3.20 | 4.53 | +0.0000 | 0.0000 "
+        "| 1.41 0.00 | 100 100 | 0 |"
     )
-    assert not met["answered, calm"]
-    assert not met["answer, RMS z of wn"]  # 1.4135
-    assert not met["RML, RMS z of wn"]
-    assert not met["ELS, RMS z of wn"]  # nothing was measured
-    assert met["RML, wn within 2 sigma"]
-    assert not met["answer, median sigma of wn, calm"]
+    assert lines["| ELS, calm"] == (
+        "| ELS, calm | 1 | 33 | 2.00 | +2.00 | 2.00 | +0.0000 | 0.0000 | 0.80 - | 100 0 | 0 |"
+    )
+    assert lines["| RML, all"].startswith("| RML, all | 3 | 100 | 11.40 | +23.47 |")
+    assert lines["| flight, turbulence"].startswith("| flight, turbulence | 0 | 0 | - |")
 
 
-def test_the_worst_answer_of_an_aircraft_is_named() -> None:
-    pair = found(1, 40.0, 1.9, verdict()), found(2, 50.0, 2.525, verdict())
+def answers(*off_pct: float, sigma_pct: float = 1.0) -> list[Row]:
+    """Rows of calm manoeuvres, each of a flight of its own, whose zeta is right."""
+    return [
+        CONDITIONS | {
+            "kind": "manoeuvre", "number": number, "usable": True, "wn_error_pct": off,
+            "wn_z": off / sigma_pct, "zeta": 0.2, "zeta_error": 0.0, "zeta_z": 0.0, "from_s": 34.0,
+        }
+        for number, off in enumerate(off_pct)
+    ]  # fmt: skip
 
-    lines = list(bench.worst_lines(rows_of(7, answered(2.2, 0.03), *pair)))
 
-    assert lines[2:] == [
-        "| c172p | 2 | -2.00 | 3.00 | -5.0 %, zeta +0.000: flight 7, 3211, severity 0, clean gyro, "
-        "25 Hz, at 100 s |"
-    ]
+def held(rows: list[Row]) -> dict[str, bench.Criterion]:
+    return {f"{each.what}: {each.figure}": each for each in bench.criteria(rows)}
 
 
-def test_a_wrong_flight_must_be_warned_of_or_refused_and_a_right_one_must_not() -> None:
-    wrong = found(1, 40.0, 2.6, verdict())
-    silent = rows_of(0, answered(2.6, 0.03), wrong)
-    told = rows_of(1, answered(2.6, 0.03, "poor_fit"), wrong)
-    gone = rows_of(2, refused(), wrong)
-    right = rows_of(3, answered(2.26, 0.03), found(1, 40.0, 2.0, warned("coloured_residuals")))
-    right_and_told = rows_of(4, answered(2.26, 0.03, "rate_low"), found(1, 40.0, 2.0, verdict()))
+def test_a_figure_misses_its_limit_only_by_more_than_its_own_error() -> None:
+    near, far = (held(answers(*(sign * x for x in sizes for sign in (1.0, -1.0))))
+                 for sizes in ((1.4, 2.0), (1.7, 1.7)))  # fmt: skip
 
-    said = list(bench.warning_criteria([*silent, *told, *gone, *right, *right_and_told]))
+    # 1.73 with an error of about .3 / sqrt(4), and 1.7 without any
+    about = near["wn, calm: RMS"]
+    assert about.value == pytest.approx(math.sqrt((1.4**2 + 2.0**2) / 2.0))
+    assert about.error == pytest.approx(0.15, abs=0.03)
+    assert about.excess <= 0.0 < far["wn, calm: RMS"].excess
+    assert far["wn, calm: RMS"].error == pytest.approx(0.0, abs=1e-12)
+    assert far["wn, calm: median"].excess == pytest.approx(0.95)
+    assert "wn, turbulence: RMS" not in near  # nothing was flown in it
 
-    assert [(measured, met) for _, _, measured, met in said] == [
-        ("50 % (1 of 2)", False),
-        ("67 % (2 of 3)", False),
-        ("50 % (1 of 2)", True),  # by manoeuvres: told, not held to
-        ("0 % (0 of 3)", True),
-    ]
-    assert [met for *_, met in bench.warning_criteria([*told, *gone, *right])][:2] == [True, True]
+
+def test_the_worst_condition_is_held_to_the_limit_of_all() -> None:
+    bad = [row | {"gyro": "noisy"} for row in answers(*[1.5] * 20)]
+    rows = [*answers(*[0.5] * 60), *bad]
+
+    found = held(rows)
+
+    assert found["wn, every condition, worst: noisy gyro: z"].value == pytest.approx(1.5)
+    assert found["wn, every condition, worst: noisy gyro: z"].excess > 0.0
+    few = held([*answers(*[0.5] * 60), *bad[:19]])
+    assert not any("noisy gyro" in name for name in few)
+
+
+def test_one_answer_beyond_three_and_a_half_sigma_is_named_and_is_one_too_many() -> None:
+    rows = answers(0.0, 0.5, 3.6)
+
+    assert held(rows)["wn: beyond 3.5 sigma"].excess == 1.0
+    assert held(rows[:2])["wn: beyond 3.5 sigma"].excess == 0.0
+    (said,) = list(bench.worst_lines([*rows, *answers(5.0, sigma_pct=9.0)]))[2:]
+    assert said == (
+        "| c172p | 4 | +5.0 % (0.6 sigma), zeta +0.000 (0.0): flight 0, 3211, severity 0, clean "
+        "gyro, 25 Hz, at 34 s; +3.6 % (3.6 sigma), zeta +0.000 (0.0): flight 2, 3211, severity 0, "
+        "clean gyro, 25 Hz, at 34 s |"
+    )
+
+
+def test_a_gain_and_its_sigma_are_those_of_the_transfer_function() -> None:
+    # 4 (s + .5) / (s^2 + .8 s + 4) has the residue 2 + .6j / (2 w) at -.4 + j w, w^2 = 3.84
+    w = math.sqrt(3.84)
+    covariance = np.zeros((4, 4))
+    covariance[2, 2] = 0.01
+    of = Response(
+        poles=[[-0.4, w]], residues={"rudder": [[2.0, -0.1 * 4.0 / (2.0 * w)]]},
+        covariance=covariance.tolist(),
+    )  # fmt: skip
+
+    at = judge_response.gain(of, 2.0)
+
+    s = 2.0j
+    G = 4.0 * (s + 0.5) / (s**2 + 0.8 * s + 4.0)
+    slope = (G.conjugate() * (2.0 * s + 0.8) / (s**2 + 0.8 * s + 4.0)).real / abs(G)
+    assert at.value == pytest.approx(abs(G))
+    assert at.std == pytest.approx(0.1 * abs(slope), rel=1e-5)
+
+
+def test_an_answer_with_jsbsim_s_own_response_is_not_off() -> None:
+    truth = {"aircraft": "T37", "altitude_m": 1524.0, "flown": [[0.0, 150.0], [20.0, 200.0]]}
+    A, b = with_roll_hold(plan_at(("T37", 5000.0, 200.0)))[1]
+    wn = dutch_roll(A, b, 3)["wn_rad_s"]
+    gains = np.abs(response(A, b, wn * np.array(judge_response.AT)))
+    row = {"usable": True, "from_s": 10.0, "to_s": 50.0, "inputs": "rudder", "wn_true": wn}
+    for name, value in zip(judge_response.SHOWN, [*gains, 0.1, 1.0], strict=True):
+        row |= {name: value, f"{name}_sigma": 0.1 * value}
+
+    found = judge_response.against(row, truth)
+
+    for name in judge_response.SHOWN[:3]:
+        assert abs(found[f"{name}_error_pct"]) < 1e-6
+    K = 0.1 / (1.0 + found["K_error_pct"] / 100.0)
+    acceleration = 1.0 / (1.0 + found["yaw acceleration_error_pct"] / 100.0)
+    # a step of the rudder makes the yaw acceleration of its column, to the left if b is positive
+    assert acceleration == pytest.approx(-b[3], rel=0.05)
+    assert 0.0 < K < acceleration
 
 
 def test_a_flight_is_flown_once_and_has_a_row_for_every_estimate(tmp_path: Path) -> None:
@@ -155,8 +232,9 @@ def test_a_flight_is_flown_once_and_has_a_row_for_every_estimate(tmp_path: Path)
     again = bench.flight_rows(Draw(161, PLACES), False, tmp_path, 2)
     write_csv(tmp_path / "rows.csv", rows)
 
-    streams = {"stream rml", "stream els"}
-    assert {row["kind"] for row in rows} == {"rml", "els", "manoeuvre", "flight"} | streams
+    assert {row["kind"] for row in rows} == {"rml", "els", "manoeuvre", "flight"}
+    (answer,) = bench.estimates(rows, "manoeuvre")
+    assert all(abs(answer[f"{name}_error_pct"]) < 15.0 for name in judge_response.SHOWN[:3])
     assert again == rows
     assert (tmp_path / "002.tlog").stat().st_mtime_ns == stamp
     flight = next(row for row in rows if row["kind"] == "flight")

@@ -209,41 +209,62 @@ def test_made_logs_are_judged_into_rows_beside_their_truth(
     makers = {"excited": lambda number: made, "unexcited": lambda number: flown["mixed"]}
     monkeypatch.setattr(verdict, "MAKERS", makers)
 
-    rows = [verdict.rows_of(("forgetting",), None, tmp_path, (kind, 3)) for kind in makers]
+    rows = [verdict.rows_of(None, tmp_path, (kind, 3)) for kind in makers]
 
     (flight,), (mixed,) = rows
     assert flight["usable"]
     assert abs(flight["wn_error_pct"]) < 5.0
     assert flight["wn_true"] == pytest.approx(made.truth["dutch_roll"]["wn_rad_s"], rel=1e-2)
-    assert (mixed["group"], mixed["run"]) == ("mixed", "forgetting")
+    assert mixed["group"] == "mixed"
     assert not mixed["usable"]
     assert (tmp_path / "excited_003.tlog").read_bytes() == made.log
 
 
-def test_the_counts_tell_both_errors_and_which_reason_refuses_what_is_right() -> None:
-    def row(kind: str, usable: bool, off_pct: float | None) -> dict[str, Any]:
-        return {
-            "name": f"{kind}_{off_pct}", "log": kind, "group": "g", "run": "default",
-            "usable": usable, "fatal": "" if usable else "poor_fit", "wn_error_pct": off_pct,
-        }  # fmt: skip
+def judged_row(kind: str, off_pct: float | None = None, **own: Any) -> dict[str, Any]:
+    return {
+        "name": f"{kind}_{off_pct}", "log": kind, "group": "g", "usable": True, "fatal": "",
+        "warnings": "", "wn": 2.0, "wn_error_pct": off_pct,
+    } | own  # fmt: skip
 
+
+def test_the_counts_say_both_errors_and_what_refused() -> None:
+    refused = {"usable": False, "fatal": "poor_fit poorly_known"}
     rows = [
-        row("unexcited", True, None),
-        row("unexcited", False, None),
-        row("excited", True, 1.0),
-        row("excited", False, -2.0),
-        row("excited", True, 50.0),
-        row("excited", False, None),
+        judged_row("unexcited"),
+        judged_row("unexcited", usable=False),
+        judged_row("excited", 1.0, group="calm"),
+        judged_row("excited", -50.0, group="calm"),
+        judged_row("excited", group="severity 1", **refused),
+        judged_row("excited", 7.0, group="severity 1", warnings="rate_low"),
     ]
 
-    _, _, counts, _, *others = verdict.table(rows)
+    _, _, quiet, flown, calm, gusty, _, *others = verdict.table(rows)
 
-    assert counts == "| default | 1 of 2 | 2 of 4 | 1 | 1 |"
+    assert quiet == "| unexcited | 2 | 1 | 0 | 1 | not judged 1 |"
+    assert flown == "| excited | 4 | 3 | 1 | 1 | poor_fit 1 |"
+    assert calm == "| excited, calm | 2 | 2 | 1 | 1 |  |"
+    assert gusty == "| excited, severity 1 | 2 | 1 | 0 | 0 | poor_fit 1 |"
     assert others == [
-        "default: unexcited_None (g) is usable",
-        "default: excited_50.0 (g) is usable",
-        "default: poor_fit refuses 1 right ones",
+        "unexcited_None (g) is usable: wn 2, inf % off, warned of -",
+        "excited_-50.0 (calm) is usable: wn 2, 50.0 % off, warned of -",
     ]
+
+
+@pytest.mark.parametrize(
+    ("rows", "said"),
+    [
+        ([judged_row("unexcited")], "judged wrongly: 1 unexcited"),
+        ([judged_row("take_off")], "judged wrongly: 1 take_off"),
+        ([judged_row("misled", 4.5)], None),
+        ([judged_row("misled", 4.5), judged_row("misled", 0.1)], "judged wrongly: 2 misled"),
+        ([judged_row("excited", -11.0)], "judged wrongly: 1 excited"),
+        ([judged_row("excited", 7.0), judged_row("excited", -9.0, usable=False)], None),
+    ],
+)
+def test_one_misled_log_may_be_usable_and_no_other_that_should_not(
+    rows: list[dict[str, Any]], said: str | None
+) -> None:
+    assert verdict.missed(rows) == said
 
 
 def test_a_log_that_cannot_be_read_is_refused_and_judged(tmp_path: Path) -> None:

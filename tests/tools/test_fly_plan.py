@@ -127,7 +127,7 @@ def test_K_and_T_are_those_of_eq_23_where_nothing_rolls(monkeypatch: pytest.Monk
     A = np.array([[-0.2, -1.0], [5.0, -0.5]])  # beta, r: no roll, so that eq. 23 is exact
     b = np.array([0.0, -3.0])
 
-    found = truth._yaw_channel(A, b)
+    found = truth.yaw_channel(A, b)
 
     # r' = -.5 r + 5 beta + 3 u, beta' = -r - .2 beta: K = a_delta a_z / wn^2, T = 1 / a_z.
     assert found["wn_rad_s"] == pytest.approx(np.sqrt(5.1))

@@ -15,8 +15,7 @@ import numpy as np
 from scipy.signal import lfilter
 
 from yawid.cli.main import main
-from yawid.config.run import RunConfig
-from yawid.estimation.record_fit import fit_record
+from yawid.manoeuvre.answered import seen_in
 
 SAMPLES, SAMPLE_TIME_S = 2400, 0.05
 A, B, NOISE = (1.0, -1.85, 0.9), (0.0, 0.02, 0.01), 0.002
@@ -25,14 +24,12 @@ longest manoeuvre."""
 
 
 def fit_for_ever() -> None:
-    """Fit both methods over one record until the process ends."""
+    """Fit one record until the process ends, as a manoeuvre is fitted."""
     rng = np.random.default_rng(0)
     u = np.repeat(rng.choice([-0.5, 0.5], SAMPLES // 20), 20)
     y = lfilter(B, A, u) + lfilter((1.0,), A, NOISE * rng.standard_normal(SAMPLES))
-    config = RunConfig()
     while True:
-        for method in ("rml", "els"):
-            fit_record(config.estimator(method, SAMPLE_TIME_S), u[:, None], y)
+        seen_in(SAMPLE_TIME_S, u, y)
 
 
 if __name__ == "__main__":

@@ -60,7 +60,9 @@ def replayed(folder: Path, reference: dict[str, str]) -> list[Row]:
         last = found["error"].strip().splitlines()
         return [judged(reference, None, last[-1] if last else f"exit {code}")]
     verdict, roll = answer(found)
-    return [judged(reference, roll, " ".join(reason["id"] for reason in verdict["reasons"]))]
+    return [
+        judged(reference, roll, " ".join(reason["id"] for reason in verdict.get("reasons", ())))
+    ]
 
 
 def references(folder: Path) -> list[dict[str, str]]:

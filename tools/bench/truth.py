@@ -4,15 +4,18 @@
                                 [--jobs 2] [--csv FILE] [--readme]
 
 The flights are the grid of flights/moved.py, replayed with the default options; with --logs they
-stay in DIR and are not flown again. Below the tables of the READMEs come the criteria and the worst
-answer of each aircraft. (Recorded flights: the bench ``real``.)
+stay in DIR and are not flown again. The tables are of the answers to manoeuvres and of flights, of
+what ELS and RML of the stream had at each manoeuvre's end, of the answer in each condition, of the
+response that it gives (checks/judge_response.py), of the criteria, and of the worst answer of each
+aircraft. (Recorded flights: the bench ``real``.)
 With --sealed they are the sealed aircraft's (bench/sealed.py).
 With --lateral the bare airframe of each manoeuvre is looked for, too, and has a table by itself.
 The exit code is 1 if a criterion is not met. --csv has a row for each flight and estimate.
 
-z is (estimate - truth) / sqrt(sigma^2 + sigma of the truth^2). The figures of the answer, of RML
-and of ELS are over all usable manoeuvres, each compared with the truth at the airspeed at which it
-was flown. The answer is output error's in calm air, else RML's.
+z is (estimate - truth) / sqrt(sigma^2 + sigma of the truth^2). Each manoeuvre is compared with the
+truth at the airspeed at which it was flown. The answers counted are the usable ones; of ELS and RML
+they are all that have a number, and their sigma is that of noise. A criterion is not met only where
+the figure misses it by more than its own error: the scatter of DRAWS draws of the flights.
 """
 
 from __future__ import annotations
@@ -20,9 +23,11 @@ from __future__ import annotations
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from checks.judge import METHODS, Row, judged, kept
+from checks.judge_response import SHOWN, against
 from flights.moved import (
     GYROS,
     PER_PLACE,
@@ -37,7 +42,18 @@ from flights.moved import (
 from flights.sealed import sealed_places
 
 from bench.sealed import begin
-from bench.table import FLOWN, all_rows, column, head, known, line, options_of, rms, within
+from bench.table import (
+    FLOWN,
+    Floats,
+    all_rows,
+    column,
+    head,
+    known,
+    line,
+    options_of,
+    rms,
+    within,
+)
 from yawid.config.run import RunConfig
 
 CONDITIONS = (
@@ -47,28 +63,53 @@ CONDITIONS = (
 STRIDE = 97
 """Step between the numbers of the flights flown; coprime to their number, so that a few mix all
 conditions."""
-RIGHT_PCT, WRONG_PCT, WRONG_Z = 1.0, 3.0, 4.0
-"""Limits of wn's error: below RIGHT_PCT no warning is due; above both WRONG_PCT and WRONG_Z (in
-sigmas) a warning or a refusal is."""
-Z_FROM, Z_TO = 0.7, 1.4
-COVERED_PCT = 90.0
-ANSWERED_PCT = {"calm": 90.0, "turbulence": 60.0}
-SIGMA_PCT = {"calm": 1.5, "turbulence": 4.0}
-SILENT_PCT, WARNED_PCT = 80.0, 90.0
-COLUMNS = ("flights", "answered %", "off %", "mean %", "sigma %", "z wn", "z zeta", "in 2 sigma %")
-"""``off`` is the median size of wn's error, ``mean`` its mean with its sign, ``sigma`` the median
-of wn's sigma, ``z`` the root mean square of z; the last column is of wn and zeta."""
+ANSWERED_PCT, MOST_Z, IN_2_PCT = 79.0, 1.3, 94.0
+LIMITS = (
+    (("calm",), "wn", "median", 0.75), (("calm",), "wn", "RMS", 1.6),
+    (("calm",), "wn", "size of the mean", 0.4), (("calm",), "zeta", "RMS", 0.01),
+    (("calm", "T38"), "zeta", "size of the mean", 0.025), (("turbulence",), "wn", "RMS", 3.1),
+    (("turbulence",), "zeta", "RMS", 0.032),
+    *(((), name, "in 2 sigma %", 90.0) for name in SHOWN[:-1]),
+    ((), SHOWN[-1], "z", 1.3), ((), SHOWN[-1], "median", 5.0),
+)  # fmt: skip
+"""The criteria of the answers to manoeuvres: conditions, number, figure, and its limit."""
+DRAWS, SEED = 500, 0
+FAR = 3.5
+LEAST_ROW = 20
+"""The answers that a condition needs for its z to be a criterion."""
+COLUMNS = (
+    "answers", "answered %", "wn off %, median", "wn mean", "wn RMS", "zeta mean", "zeta RMS",
+    "z wn, zeta", "in 2 sigma %", f"beyond {FAR:g}",
+)  # fmt: skip
+"""Of the errors of wn in % and of zeta: median size, mean, root mean square; then the root mean
+square of z, the share of z within 2 (wn, zeta), and how many of both are beyond FAR."""
 KINDS = {"manoeuvre": "answer"} | {method: method.upper() for method in METHODS}
-"""The kinds of rows that the criteria judge, and their names."""
-TABLED = ("manoeuvre", "rml")
-"""The kinds of rows that the tables show."""
-_Z = f"{Z_FROM:g} to {Z_TO:g}"
-_ANSWERED, _SIGMA = (
-    f"calm {each['calm']:g}, else {each['turbulence']:g}" for each in (ANSWERED_PCT, SIGMA_PCT)
-)
-NEEDED = ("", _ANSWERED, "", "", _SIGMA, _Z, _Z, f"{COVERED_PCT:g}")
-Criterion = tuple[str, str, str, bool]
-"""A criterion: its name, what is needed, what was measured, and whether it is met."""
+"""The kinds of rows of manoeuvres, and their names."""
+KEYS = {"wn": ("wn_error_pct", "wn_z"), "zeta": ("zeta_error", "zeta_z")} | {
+    f"{name} of the mean": (error, f"{name}_z_mean")
+    for name, error in (("wn", "wn_error_pct"), ("zeta", "zeta_error"))
+}
+"""The columns with error and z of a number; any other number has its own name in them."""
+
+
+class Criterion(NamedTuple):
+    """A criterion: a figure and its own error, and the limit that it has to keep."""
+
+    what: str
+    figure: str
+    value: float
+    error: float
+    limit: float
+
+    @property
+    def is_share(self) -> bool:
+        """Whether the limit is the least value, not the largest."""
+        return "%" in self.figure
+
+    @property
+    def excess(self) -> float:
+        """By how much the figure misses its limit beyond its own error, if positive."""
+        return (self.value - self.limit) * (-1.0 if self.is_share else 1.0) - self.error
 
 
 def _where(name: str, value: object) -> Callable[[Row], bool]:
@@ -85,6 +126,7 @@ GROUPS: dict[str, Callable[[Row], bool]] = {
     **{shape: _where("manoeuvre", shape) for shape in SHAPES},
     **{name: _where("aircraft", name) for name in dict.fromkeys(place[0] for place in PLACES)},
 }
+AIR = ("all", "calm", "turbulence")
 
 
 def of_kind(rows: Iterable[Row], kind: str) -> list[Row]:
@@ -92,63 +134,72 @@ def of_kind(rows: Iterable[Row], kind: str) -> list[Row]:
     return [row for row in rows if row["kind"] == kind]
 
 
+def in_group(rows: Iterable[Row], name: str) -> list[Row]:
+    """Return the rows of one of GROUPS, or of the aircraft of that name."""
+    return [row for row in rows if GROUPS.get(name, _where("aircraft", name))(row)]
+
+
 def estimates(rows: Iterable[Row], kind: str) -> list[Row]:
-    """Return the usable rows of one kind whose estimate has a known truth."""
-    return [row for row in of_kind(rows, kind) if row["usable"] and row["wn_error_pct"] is not None]
+    """Return the rows of one kind that have an estimate and a truth, and are usable if judged."""
+    return [row for row in of_kind(rows, kind)
+            if (row["usable"] or kind in METHODS) and row["wn_error_pct"] is not None]  # fmt: skip
 
 
-def figures(some: Sequence[Row], z: str = "z") -> dict[str, float]:
-    """Return the figures of estimates by their columns, the last one's for wn and for zeta apart.
-
-    With the ``z`` of z_noise, sigma is that of noise alone. A figure is NaN without an estimate.
-    """
-    off, wn, zeta = (column(some, name) for name in ("wn_error_pct", f"wn_{z}", f"zeta_{z}"))
-    sigma = 100.0 * column(some, "wn_sigma") / column(some, "wn")
-    return {
-        "off %": known(np.median, np.abs(off)), "mean %": known(np.mean, off),
-        "sigma %": known(np.median, sigma), "z wn": rms(wn), "z zeta": rms(zeta),
-        "wn in": within(wn), "zeta in": within(zeta),
-    }  # fmt: skip
+def errors(rows: Sequence[Row], name: str) -> Floats:
+    """Return flight, error and z (n, 3) of a number, of the rows that have it."""
+    keys = ("number", *KEYS.get(name, (f"{name}_error_pct", f"{name}_z")))
+    return np.array([[row[key] for key in keys] for row in rows if keys[1] in row], float).reshape(
+        -1, 3
+    )
 
 
-def answered_pct(rows: Iterable[Row]) -> float:
-    """Return how many % of the flights have a usable answer."""
-    return 100.0 * known(np.mean, column(of_kind(rows, "flight"), "usable"))
+Figure = Callable[[Floats], float]
+"""A figure of errors (n, 3)."""
+FIGURES: dict[str, Figure] = {
+    "median": lambda x: known(np.median, np.abs(x[:, 1])),
+    "mean": lambda x: known(np.mean, x[:, 1]),
+    "size of the mean": lambda x: abs(known(np.mean, x[:, 1])),
+    "RMS": lambda x: rms(x[:, 1]),
+    "z": lambda x: rms(x[:, 2]),
+    "in 2 sigma %": lambda x: within(x[:, 2]),
+    "beyond": lambda x: float(np.sum(np.abs(x[:, 2]) > FAR)),
+}
 
 
-def cells(rows: Sequence[Row], kinds: Sequence[str]) -> list[str]:
-    """Return the last six of COLUMNS, each cell with the kinds of estimate side by side."""
-    each = [figures(estimates(rows, kind)) for kind in kinds]
-    forms = [f"{{{name}:.2f}}" for name in ("off %", "sigma %", "z wn", "z zeta")]
-    forms.insert(1, "{mean %:+.2f}")
-    return [" / ".join(form.format(**of) for of in each)
-            for form in (*forms, "{wn in:.0f} {zeta in:.0f}")]  # fmt: skip
+def scatter(figure: Figure, of: Floats) -> float:
+    """Return the standard deviation of a figure over draws of the flights of errors (n, 3)."""
+    rng = np.random.default_rng(SEED)
+    flights = [np.flatnonzero(of[:, 0] == number) for number in np.unique(of[:, 0])]
+    if not flights:
+        return np.nan
+    draws = rng.integers(len(flights), size=(DRAWS, len(flights)))
+    return float(np.std([figure(of[np.concatenate([flights[i] for i in each])]) for each in draws]))
 
 
-def condition_line(name: str, rows: Sequence[Row]) -> str:
-    """Return the line of one condition."""
-    return line(name, *condition_cells(rows))
+def cells(rows: Sequence[Row], kind: str, end: str = "") -> list[str]:
+    """Return the cells of COLUMNS of one kind of estimate; a flight's mean has the ``end``."""
+    some = estimates(rows, kind)
+    wn, zeta = (errors(some, name + end) for name in ("wn", "zeta"))
+    answered = 100.0 * len(some) / max(len(of_kind(rows, kind)), 1)
+    median, mean, size = (FIGURES[name](wn) for name in ("median", "mean", "RMS"))
+    mean_zeta, size_zeta = (FIGURES[name](zeta) for name in ("mean", "RMS"))
+    z, inside, far = (
+        [FIGURES[name](of) for of in (wn, zeta)] for name in ("z", "in 2 sigma %", "beyond")
+    )
+    off = f"{median:.2f}", f"{mean:+.2f}", f"{size:.2f}", f"{mean_zeta:+.4f}", f"{size_zeta:.4f}"
+    both = f"{z[0]:.2f} {z[1]:.2f}", f"{inside[0]:.0f} {inside[1]:.0f}", f"{sum(far):.0f}"
+    return [str(len(some)), f"{answered:.0f}", *off, *both]
 
 
-def condition_cells(rows: Sequence[Row]) -> list[str]:
-    """Return the cells of COLUMNS."""
-    flights = str(len(of_kind(rows, "flight")))
-    return [flights, f"{answered_pct(rows):.0f}", *cells(rows, TABLED)]
-
-
-def aircraft_lines(rows: Sequence[Row]) -> Iterator[str]:
-    """Yield a table with a row for each aircraft, answer / RML."""
-    yield from head("aircraft", COLUMNS)
-    for name in dict.fromkeys(row["aircraft"] for row in rows):
-        yield condition_line(name, [row for row in rows if row["aircraft"] == name])
-
-
-def condition_lines(rows: Sequence[Row], names: Iterable[str]) -> Iterator[str]:
-    """Yield a table with a row for each condition, answer / RML."""
+def air_lines(rows: Sequence[Row]) -> Iterator[str]:
+    """Yield the table of answers, ELS, RML and flights by the air."""
     yield from head("", COLUMNS)
-    for name in names:
-        if some := [row for row in rows if GROUPS[name](row)]:
-            yield condition_line(name, some)
+    for kind, called in KINDS.items():
+        for air in AIR:
+            yield line(f"{called}, {air}", *cells(in_group(rows, air), kind))
+    for end, called in (("", "flight"), (" of the mean", "flight, sigma of the mean")):
+        for air in AIR:
+            yield line(f"{called}, {air}", *cells(in_group(rows, air), "flight", end))
 
 
 def across_lines(rows: Sequence[Row], names: Sequence[str]) -> Iterator[str]:
@@ -156,104 +207,98 @@ def across_lines(rows: Sequence[Row], names: Sequence[str]) -> Iterator[str]:
     short = [name.replace("severity", "s").removesuffix(" gyro").replace(" ", "") for name in names]
     yield "|answer|" + "|".join(short) + "|"
     yield "|---" * (1 + len(names)) + "|"
-    columns = [cells([row for row in rows if GROUPS[name](row)], TABLED[:1]) for name in names]
-    for name, values in zip(COLUMNS[2:], zip(*columns, strict=True), strict=True):
-        shown = (each.removeprefix("0").replace(" ", ",") for each in values)
+    columns = [cells(in_group(rows, name), "manoeuvre") for name in names]
+    for name, values in zip(COLUMNS, zip(*columns, strict=True), strict=True):
+        shown = (each.replace("0.", ".").replace(" ", ",") for each in values)
         yield f"|{name}|{'|'.join(shown)}|".replace("+nan", "-").replace("nan", "-")
 
 
-def worst_lines(rows: Sequence[Row]) -> Iterator[str]:
-    """Yield a table with a row for each aircraft: mean and median size of wn's error, the worst."""
-    yield from head("aircraft", ("answers", "mean %", "off %", "the worst answer"))
-    for name in dict.fromkeys(place[0] for place in PLACES):
-        if some := estimates([row for row in rows if row["aircraft"] == name], "manoeuvre"):
-            of, off = figures(some), np.abs(column(some, "wn_error_pct"))
-            bad = some[int(np.argmax(off))]
-            said = (
-                f"{bad['wn_error_pct']:+.1f} %, zeta {bad['zeta'] - bad['zeta_true']:+.3f}: flight "
-                f"{bad['number']}, {bad['manoeuvre']}, severity {bad['severity']}, {bad['gyro']} "
-                f"gyro, {bad['rate_hz']} Hz, at {bad['from_s']:.0f} s"
+def response_lines(rows: Sequence[Row]) -> Iterator[str]:
+    """Yield the table of the response that the answer gives, by the air."""
+    yield from head("response", ("answers", "off %: median", "mean", "z", "in 2 sigma %"))
+    for name in SHOWN:
+        for air in AIR:
+            of = errors(estimates(in_group(rows, air), "manoeuvre"), name)
+            median, mean, z, inside = (
+                FIGURES[each](of) for each in ("median", "mean", "z", "in 2 sigma %")
             )
-            yield line(name, len(some), f"{of['mean %']:+.2f}", f"{of['off %']:.2f}", said)
+            each = f"{median:.1f}", f"{mean:+.1f}", f"{z:.2f}", f"{inside:.0f}"
+            yield line(f"{name}, {air}", len(of), *each)
 
 
-def _wrong(row: Row) -> bool:
-    error, z = row["wn_error_pct"], row["wn_z"]
-    return error is not None and abs(error) > WRONG_PCT and (z is None or abs(z) > WRONG_Z)
+def worst_lines(rows: Sequence[Row]) -> Iterator[str]:
+    """Yield a table with a row for each aircraft: the worst answer, and all beyond FAR sigmas."""
+    yield from head("aircraft", ("answers", "the worst answer, and what is far off in sigmas"))
+    for name in dict.fromkeys(row["aircraft"] for row in rows):
+        if some := estimates(in_group(rows, name), "manoeuvre"):
+            worst = some[int(np.argmax(np.abs(column(some, "wn_error_pct"))))]
+            far = [row for row in some if max(abs(row["wn_z"]), abs(row["zeta_z"])) > FAR]
+            said = (
+                f"{bad['wn_error_pct']:+.1f} % ({bad['wn_z']:.1f} sigma), zeta "
+                f"{bad['zeta_error']:+.3f} ({bad['zeta_z']:.1f}): flight {bad['number']}, "
+                f"{bad['manoeuvre']}, severity {bad['severity']}, {bad['gyro']} gyro, "
+                f"{bad['rate_hz']} Hz, at {bad['from_s']:.0f} s"
+                for bad in (worst, *(row for row in far if row is not worst))
+            )
+            yield line(name, len(some), "; ".join(said))
 
 
-def _right(row: Row) -> bool:
-    return row["wn_error_pct"] is not None and abs(row["wn_error_pct"]) < RIGHT_PCT
+def _held(what: str, figure: str, of: Floats, limit: float) -> Criterion:
+    """Return the criterion that a figure of errors (n, 3) keeps a limit."""
+    of_all = FIGURES[figure]
+    return Criterion(what, figure, of_all(of), scatter(of_all, of), limit)
 
 
-def _share(hits: Sequence[Row], of: Sequence[Row], least: float, name: str) -> Criterion:
-    """Return the criterion of a share in %, which is 100 if ``of`` is empty; 0 asks for nothing."""
-    share = 100.0 * len(hits) / len(of) if of else 100.0
-    needed = f">= {least:g} %" if least else ""
-    return name, needed, f"{share:.0f} % ({len(hits)} of {len(of)})", share >= least
-
-
-def warning_criteria(rows: Sequence[Row]) -> Iterator[Criterion]:
-    """Yield the criteria of warnings by flights; then the same by manoeuvres, for comparison.
-
-    A refused flight counts as wrong if any of its manoeuvres is wrong by its answering method.
-    """
-    manoeuvres, flights = of_kind(rows, "manoeuvre"), of_kind(rows, "flight")
-    would = {row["number"] for row in manoeuvres if _wrong(row)}
-    lost = [row for row in flights if not row["usable"] and row["number"] in would]
-    for name, each, counts in (("flights", flights, 1.0), ("manoeuvres", manoeuvres, 0.0)):
-        right = [row for row in each if row["usable"] and _right(row)]
-        wrong = [row for row in each if _wrong(row) or (counts and row in lost)]
-        silent = [row for row in right if not row["warnings"]]
-        seen = [row for row in wrong if row["warnings"] or not row["usable"]]
-        what = f"{name} less than {RIGHT_PCT:g} % off: no warning"
-        yield _share(silent, right, counts * SILENT_PCT, what)
-        what = f"{name} off by {WRONG_PCT:g} % and {WRONG_Z:g} sigma: warned or refused"
-        yield _share(seen, wrong, counts * WARNED_PCT, what)
+def _worst(rows: Sequence[Row], number: str, figure: str, limit: float) -> Iterator[Criterion]:
+    """Yield the criterion of the condition, of those with enough answers, that is worst."""
+    found = []
+    for name in dict.fromkeys([*GROUPS, *(row["aircraft"] for row in rows)]):
+        of = errors(estimates(in_group(rows, name), "manoeuvre"), number)
+        if len(of) >= LEAST_ROW:
+            found.append(_held(f"{number}, every condition, worst: {name}", figure, of, limit))
+    yield from sorted(found, key=lambda each: -each.excess)[:1]
 
 
 def criteria(rows: Sequence[Row]) -> Iterator[Criterion]:
     """Yield all criteria."""
-    air = {name: [row for row in rows if GROUPS[name](row)] for name in ANSWERED_PCT}
-    for name, least in ANSWERED_PCT.items():
-        share = answered_pct(air[name])
-        yield f"answered, {name}", f">= {least:g} %", f"{share:.1f} %", share >= least
-    for kind, called in KINDS.items():
-        each = estimates(rows, kind)
-        total, noise = figures(each), figures(each, "z_noise")
-        for what in ("wn", "zeta"):
-            z = total[f"z {what}"]
-            said = f"{z:.2f} (noise alone {noise[f'z {what}']:.2f})"
-            met = Z_FROM <= z <= Z_TO
-            yield f"{called}, RMS z of {what}", _Z, said, met
-        for what in ("wn", "zeta"):
-            share = total[f"{what} in"]
-            said = f"{share:.1f} % (noise alone {noise[f'{what} in']:.1f} %)"
-            met = share >= COVERED_PCT
-            yield f"{called}, {what} within 2 sigma", f">= {COVERED_PCT:g} %", said, met
-        for name, most in SIGMA_PCT.items():
-            sigma = figures(estimates(air[name], kind))["sigma %"]
-            what = f"{called}, median sigma of wn, {name}"
-            # RML and ELS check the answer: their sigmas may be large if they are right.
-            needed = f"<= {most:g} %" if called == "answer" else ""
-            yield what, needed, f"{sigma:.2f} %", sigma <= most or not needed
-    yield from warning_criteria(rows)
+    found = of_kind(rows, "manoeuvre")
+    usable = [(row["number"], 100.0 * row["usable"], 0.0) for row in found]
+    of = np.array(usable, float).reshape(-1, 3)
+    mean = FIGURES["mean"]
+    yield Criterion("manoeuvres", "answered %", mean(of), scatter(mean, of), ANSWERED_PCT)
+    for names, number, figure, limit in LIMITS:
+        some = [row for row in found if all(GROUPS[name](row) for name in names)]
+        if some:
+            of = errors(estimates(some, "manoeuvre"), number)
+            yield _held(", ".join([number, *names]), figure, of, limit)
+    of_z = [(figure, limit) for figure, limit in (("z", MOST_Z), ("in 2 sigma %", IN_2_PCT))]
+    for number in ("wn", "zeta"):
+        for figure, limit in of_z:
+            yield from _worst(rows, number, figure, limit)
+        far = FIGURES["beyond"](errors(estimates(rows, "manoeuvre"), number))
+        yield Criterion(number, f"beyond {FAR:g} sigma", far, 0.0, 0.0)
+    for number in KEYS:
+        for figure, limit in of_z:
+            yield _held(
+                f"flight, {number}", figure, errors(estimates(rows, "flight"), number), limit
+            )
 
 
 def criteria_lines(found: Sequence[Criterion]) -> Iterator[str]:
     """Yield the table of criteria."""
     yield from head("criterion", ("needed", "measured", "met"))
-    for what, needed, said, met in found:
-        yield line(what, needed, said, ("yes" if met else "NO") if needed else "")
+    for each in found:
+        needed = f"{'>=' if each.is_share else '<='} {each.limit:g}"
+        measured = f"{each.value:.3g} ± {each.error:.2g}"
+        met = "yes" if each.excess <= 0.0 else "NO"
+        yield line(f"{each.what}: {each.figure}", needed, measured, met)
 
 
 def bare_lines(rows: Sequence[Row]) -> Iterator[str]:
     """Yield the table of the bare airframe's figures, over the manoeuvres that pass its gates."""
-    yield from head("bare airframe", ("manoeuvres", "known %", *COLUMNS[2:]))
-    for name in ("all", *ANSWERED_PCT):
-        its = of_kind([row for row in rows if GROUPS[name](row)], "bare")
-        share = f"{100.0 * known(np.mean, column(its, 'usable')):.0f}"
-        yield line(name, len(its), share, *cells(its, ("bare",)))
+    yield from head("bare airframe", COLUMNS)
+    for name in AIR:
+        yield line(name, *cells(in_group(rows, name), "bare"))
 
 
 def flight_rows(draw: Draw, lateral: bool, folder: Path, number: int) -> list[Row]:
@@ -269,7 +314,7 @@ def flight_rows(draw: Draw, lateral: bool, folder: Path, number: int) -> list[Ro
         )
     conditions = {name: truth[name] for name in CONDITIONS}
     config = RunConfig(lateral="auto" if lateral else None)
-    return [conditions | row for row in judged(log, truth, config)]
+    return [conditions | against(row, truth) for row in judged(log, truth, config)]
 
 
 def main(arguments: list[str]) -> Generator[str, None, str | None]:
@@ -286,22 +331,21 @@ def main(arguments: list[str]) -> Generator[str, None, str | None]:
     numbers = sorted(i * STRIDE % count for i in range(flights))
     rows = all_rows(options, partial(flight_rows, draw, options.lateral), numbers)
     if run:
-        run.note(dict(zip(COLUMNS, condition_cells(rows), strict=True)))
+        run.note(dict(zip(COLUMNS, cells(rows, "manoeuvre"), strict=True)))
+    yield from air_lines(rows)
+    yield ""
+    aircraft = dict.fromkeys(row["aircraft"] for row in rows)
+    names = [*aircraft] if run else [name for name in GROUPS if name not in AIR]
+    yield from across_lines(rows, names)
+    yield ""
+    yield from response_lines(rows)
+    yield ""
     found = list(criteria(rows))
-    air = ("all", *ANSWERED_PCT)
-    yield from condition_lines(rows, air)
-    yield line("needed", *NEEDED)
-    yield ""
-    if run:
-        yield from aircraft_lines(rows)
-    else:
-        yield from across_lines(rows, [name for name in GROUPS if name not in air])
-    yield ""
     yield from criteria_lines(found)
     yield ""
     yield from worst_lines(rows)
     if options.lateral:
         yield ""
         yield from bare_lines(rows)
-    failed = [what for what, _, _, met in found if not met]
+    failed = [f"{each.what}: {each.figure}" for each in found if not each.excess <= 0.0]
     return f"not met: {'; '.join(failed)}" if failed else None

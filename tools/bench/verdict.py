@@ -6,8 +6,10 @@
 The logs are flights of JSBSim whose rudder is moved on purpose, half of them in turbulence
 (flights/moved.py), and logs in which nothing excites the Dutch roll (flights/quiet.py). There are
 also take-off rolls (flights/drawn.py) and flights with the rudder of another flight, with their own
-reversed in time, and with one that is late (flights/misled.py). Below the table are the logs that
-were judged wrongly, and the reasons that refused right answers. With ``--sealed`` the sealed
+reversed in time, and with one that is late (flights/misled.py). The table says how many are usable,
+how many of these are right and wrong, and which fatal reason came first in how many others. Below
+it are the logs that were judged wrongly. The exit code is 1 if a quiet log or a take-off roll is
+usable, more than one misled log, or an excited one that is wrong. With ``--sealed`` the sealed
 aircraft fly (bench/sealed.py): the logs are as many as SEALED says.
 """
 
@@ -15,7 +17,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator, Sequence
 from functools import partial
 from pathlib import Path
 
@@ -31,6 +33,7 @@ from bench.sealed import begin
 from bench.table import FLOWN, all_rows, head, line, options_of
 from yawid.config.run import RunConfig
 
+NOT_JUDGED = "not judged"
 RIGHT_PCT, WRONG_PCT = 5.0, 10.0
 """Limits of wn's error in %: an answer below the first is right, one above the second is wrong."""
 MAKERS: dict[str, Callable[[int], Made]] = {
@@ -43,9 +46,9 @@ SEALED: dict[str, tuple[Callable[[int, Draw], Made], int]] = {
     "excited": (excited, 44), "unexcited": (unexcited, 28), "misled": (misled, 30),
 }  # fmt: skip
 """The logs that sealed aircraft make, and how many there are in a sealed run."""
-COLUMNS = ("usable without excitation", "right", "right, refused", "usable, wrong")
-FALSE = ("unexcited", "take_off", "misled")
-"""The kinds of logs of which none may be usable."""
+COLUMNS = ("logs", "usable", "right", "wrong", "reasons of refusal")
+FALSE = {"unexcited": 0, "take_off": 0, "misled": 1}
+"""The kinds of logs that should not be usable, and how many of a kind may be."""
 
 
 def rows_of(draw: Draw | None, folder: Path, task: tuple[str, int]) -> list[Row]:
@@ -56,58 +59,65 @@ def rows_of(draw: Draw | None, folder: Path, task: tuple[str, int]) -> list[Row]
         name, make = f"sealed_{draw.seed}_{name}", partial(SEALED[kind][0], number, draw)
     log, truth = kept(folder, name, make)
     (row,) = (row for row in judged(log, truth, RunConfig()) if row["kind"] == "flight")
-    return [row | {"name": name, "log": kind, "group": truth["group"], "run": "default"}]
+    return [row | {"name": name, "log": kind, "group": truth["group"]}]
 
 
 def off_pct(row: Row) -> float:
-    """Return the absolute error of wn in %; infinity without an answer."""
+    """Return the absolute error of wn in %; infinity without an answer or a truth."""
     error = row.get("wn_error_pct")
     return math.inf if error is None else abs(error)
 
 
-def table(rows: list[Row], note: Callable[[dict[str, str]], None] | None = None) -> Iterator[str]:
-    """Yield a table of both kinds of error, a row for each run; then the wrong judgements.
+def cells(rows: Sequence[Row]) -> list[str]:
+    """Return the cells of COLUMNS: how many are usable, right and wrong, and what refused."""
+    usable = [row for row in rows if row["usable"]]
+    right = sum(off_pct(row) < RIGHT_PCT for row in usable)
+    wrong = sum(off_pct(row) > WRONG_PCT for row in usable)
+    first = Counter((row["fatal"].split() or [NOT_JUDGED])[0] for row in rows if not row["usable"])
+    why = ", ".join(f"{reason} {count}" for reason, count in first.most_common())
+    return [*map(str, (len(rows), len(usable), right, wrong)), why]
 
-    ``note`` is called with the figures of each run.
-    """
+
+def table(rows: Sequence[Row]) -> Iterator[str]:
+    """Yield a table with a row for each kind and group of logs; then the wrong judgements."""
     yield from head("", COLUMNS)
-    others = []
-    for run in dict.fromkeys(row["run"] for row in rows):
-        mine = [row for row in rows if row["run"] == run]
-        quiet = [row for row in mine if row["log"] in FALSE]
-        flights = [row for row in mine if row["log"] == "excited"]
-        false = [row for row in quiet if row["usable"]]
-        right = [row for row in flights if off_pct(row) < RIGHT_PCT]
-        refused = [row for row in right if not row["usable"]]
-        wrong = [row for row in flights if row["usable"] and off_pct(row) > WRONG_PCT]
-        kinds = [kind for kind in FALSE if any(row["log"] == kind for row in quiet)]
-        usable = ", ".join(
-            f"{sum(row['log'] == kind for row in false)} of "
-            f"{sum(row['log'] == kind for row in quiet)}"
-            + (f" ({kind})" if kind != FALSE[0] else "")
-            for kind in kinds
-        )
-        cells = usable, f"{len(right)} of {len(flights)}", str(len(refused)), str(len(wrong))
-        yield line(run, *cells)
-        if note:
-            note({"run": run} | dict(zip(COLUMNS, cells, strict=True)))
-        others += [f"{run}: {row['name']} ({row['group']}) is usable" for row in [*false, *wrong]]
-        reasons = Counter(reason for row in refused for reason in row["fatal"].split())
-        others += [f"{run}: {reason} refuses {n} right ones" for reason, n in reasons.items()]
+    for kind in dict.fromkeys(row["log"] for row in rows):
+        some = [row for row in rows if row["log"] == kind]
+        yield line(kind, *cells(some))
+        groups = dict.fromkeys(row["group"] for row in some)
+        for group in groups if len(groups) > 1 else ():
+            yield line(f"{kind}, {group}", *cells([row for row in some if row["group"] == group]))
     yield ""
-    yield from others
+    for row in mistakes(rows):
+        off = f"wn {row['wn']:.3g}, {off_pct(row):.1f} % off"
+        yield f"{row['name']} ({row['group']}) is usable: {off}, warned of {row['warnings'] or '-'}"
 
 
-def main(arguments: list[str]) -> Iterator[str]:
-    """Yield the table."""
+def mistakes(rows: Sequence[Row]) -> list[Row]:
+    """Return the rows of the usable logs that should not be, or that are wrong."""
+    usable = [row for row in rows if row["usable"]]
+    return [row for row in usable if row["log"] in FALSE or off_pct(row) > WRONG_PCT]
+
+
+def missed(rows: Sequence[Row]) -> str | None:
+    """Return which kinds of logs are usable, or wrong, too often; None if none is."""
+    counts = Counter(row["log"] for row in mistakes(rows))
+    bad = [f"{count} {kind}" for kind, count in counts.items() if count > FALSE.get(kind, 0)]
+    return f"judged wrongly: {', '.join(bad)}" if bad else None
+
+
+def main(arguments: list[str]) -> Generator[str, None, str | None]:
+    """Yield the table; return which kinds of logs were judged wrongly too often."""
     logs = {"excited": 120, "unexcited": 210, "take_off": 0, "misled": 0}
-    own = {"sealed": False}
-    options = options_of("verdict", __doc__, arguments, **logs, **own, **FLOWN)
-    if not options.sealed:
-        tasks = [(kind, i) for kind in MAKERS for i in range(getattr(options, kind))]
-        yield from table(all_rows(options, partial(rows_of, None), tasks))
-        return
-    run = begin("verdict")
-    draw = Draw(run.seed, sealed_places())
-    tasks = [(kind, i) for kind, (_, count) in SEALED.items() for i in range(count)]
-    yield from table(all_rows(options, partial(rows_of, draw), tasks), run.note)
+    options = options_of("verdict", __doc__, arguments, **logs, sealed=False, **FLOWN)
+    run = begin("verdict") if options.sealed else None
+    draw = Draw(run.seed, sealed_places()) if run else None
+    counts = {kind: SEALED.get(kind, (None, 0))[1] if run else getattr(options, kind)
+              for kind in MAKERS}  # fmt: skip
+    tasks = [(kind, i) for kind, count in counts.items() for i in range(count)]
+    rows = all_rows(options, partial(rows_of, draw), tasks)
+    if run:
+        run.note({kind: ", ".join(cells([row for row in rows if row["log"] == kind])[:-1])
+                  for kind, count in counts.items() if count})  # fmt: skip
+    yield from table(rows)
+    return missed(rows)

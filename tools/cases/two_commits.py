@@ -70,8 +70,8 @@ def printed(
 def answer(found: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any] | None]:
     """Return the verdict that decides, of JSON printed, and the Dutch roll if it may be used.
 
-    They are the flight's, or the stream's if no manoeuvre was found; without any, the verdict is
-    empty.
+    They are the flight's, or the run's if no manoeuvre was found; where nothing was judged, the
+    verdict is empty. In older versions a run without a manoeuvre had the stream's answer.
     """
     of = found.get("flight") or found
     verdict: dict[str, Any] = of.get("verdict") or {}

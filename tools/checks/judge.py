@@ -1,8 +1,9 @@
 """Compares yawid's answers with the truth of a log, as rows that all judges of flights count.
 
-A row is one estimate: of a manoeuvre by each method (kind ``rml``, ``els``) and by the method that
-answers (``manoeuvre``), of the flight (``flight``), or of the stream at its end (``stream rml``,
-``stream els``). A manoeuvre of the truth that was not found is a row, too (``missed``).
+A row is one estimate: a manoeuvre's answer (kind ``manoeuvre``), what the recursive methods had at
+its end (``rml``, ``els``), or the flight's (``flight``). A manoeuvre of the truth that was not
+found is a row, too (``missed``). Recursive methods have no verdict; their rows have that of the
+answer with which they are shown.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from flights.fly import Made
 from flights.truth import at_airspeeds
 from numpy.typing import NDArray
 
+from checks.judge_response import numbers_shown
 from yawid.answers.reasons import Verdict
 from yawid.answers.run_summary import DutchRoll, Manoeuvre, RunSummary
 from yawid.config.run import RunConfig
@@ -32,8 +34,6 @@ Floats = NDArray[np.float64]
 Known = tuple[Floats, Floats]
 """True wn in rad/s and zeta (2,), and their sigmas (2,)."""
 METHODS = ("rml", "els")
-MEMORY_S = 60.0
-"""The default memory in s: the stretch that the stream's estimate at its end describes."""
 
 
 def kept(folder: Path, name: str, make: Callable[[], Made]) -> tuple[Path, Truth]:
@@ -101,12 +101,7 @@ def _manoeuvre_at(truth: Truth, from_s: float, to_s: float) -> Truth | None:
 
 
 def compared(summary: RunSummary, truth: Truth, config: RunConfig | None = None) -> list[Row]:
-    """Return the rows of one flight.
-
-    The stream has rows if the truth has the airspeeds ``flown``. The flight's row is that of the
-    deciding verdict, which is the stream's if no manoeuvre was found; it has no estimate if it is
-    refused.
-    """
+    """Return the rows of one flight; its own row has no estimate if it is refused."""
     config = config or RunConfig()
     rows: list[Row] = []
     known: dict[int, Known | None] = {}
@@ -115,22 +110,17 @@ def compared(summary: RunSummary, truth: Truth, config: RunConfig | None = None)
         known[found.n] = true_at(truth, found.from_s, found.to_s, found.inputs)
         of = (_manoeuvre_at(truth, found.from_s, found.to_s) or {}).get("n")
         missed.pop(of, None)
-        rows += _manoeuvre_rows(found, known[found.n], truth, of)
+        by_stream = true_at(truth, found.from_s, found.to_s, config.inputs)
+        rows += _manoeuvre_rows(found, (known[found.n], by_stream), truth, of)
     rows += [{"kind": "missed", "of": n, "leg": kind} for n, kind in missed.items()]
-    end_s = truth["flown"][-1][0] if "lines" in truth else None  # a case says in words what flew
-    memory_s = math.inf if config.forgetting == 1.0 else MEMORY_S
-    at_end = None if end_s is None else true_at(truth, end_s - memory_s, end_s, config.inputs)
-    rows.append(_flight_row(summary, truth, known, at_end))
-    for method in METHODS if end_s is not None else ():
-        estimate = (summary.estimates or {}).get(method)
-        roll = None if estimate is None else estimate.dutch_roll
-        rows.append({"kind": f"stream {method}"} | _judged(roll, at_end, summary.deciding))
+    rows.append(_flight_row(summary, truth, known))
     return rows
 
 
 def _manoeuvre_rows(
-    found: Manoeuvre, known: Known | None, truth: Truth, of: int | None
+    found: Manoeuvre, known: tuple[Known | None, Known | None], truth: Truth, of: int | None
 ) -> Iterator[Row]:
+    """Yield a manoeuvre's rows; ``known`` is the truth of its answer, and of the stream's model."""
     first, last = found.from_s, found.to_s
     legs = (leg for leg in truth.get("legs", ()) if first < leg["to_s"] and leg["from_s"] < last)
     where: Row = {
@@ -145,20 +135,18 @@ def _manoeuvre_rows(
     for method in METHODS:
         estimate = found.estimates.get(method)
         roll = None if estimate is None else estimate.dutch_roll
-        yield {"kind": method} | where | _judged(roll, known, found.verdict)
-    yield {"kind": "manoeuvre"} | where | _judged(found.dutch_roll, known, found.verdict)
+        yield {"kind": method} | where | _judged(roll, known[1], found.verdict)
+    own = {} if known[0] is None else numbers_shown(found.answer, float(known[0][0][0]))
+    yield {"kind": "manoeuvre"} | where | _judged(found.dutch_roll, known[0], found.verdict) | own
     if (bare := found.lateral) is not None:
         of_bare = true_at(truth, found.from_s, found.to_s, BARE)
         yield {"kind": "bare"} | where | _judged(bare.dutch_roll, of_bare, bare.verdict)
 
 
-def _flight_row(
-    summary: RunSummary, truth: Truth, known: Mapping[int, Known | None], at_end: Known | None
-) -> Row:
+def _flight_row(summary: RunSummary, truth: Truth, known: Mapping[int, Known | None]) -> Row:
     flight, verdict = summary.flight, summary.deciding
     if flight is None:
-        roll = summary.dutch_roll if verdict.usable else None
-        return {"kind": "flight"} | _judged(roll, at_end, verdict)
+        return {"kind": "flight"} | _judged(None, None, verdict)
     roll = flight.dutch_roll if verdict.usable else None
     at_speed = flight.airspeed_m_s if {"lines", "manoeuvres"} & truth.keys() else None
     used = [m for m in summary.manoeuvres or [] if m.n in flight.used or not flight.used]
@@ -193,25 +181,26 @@ def _together(
 
 
 def _judged(roll: DutchRoll | None, known: Known | None, verdict: Verdict) -> Row:
-    """Return verdict, truth, estimate, error in %, sigmas and z; unknown values are None."""
+    """Return verdict, truth, estimate, error (wn's in %), sigmas and z; unknown ones are None.
+
+    ``sigma_mean`` and ``z_mean`` are those of a flight's mean.
+    """
     row: Row = {
         "usable": verdict.usable,
         "warnings": " ".join(r.id for r in verdict.reasons if r.weight == "warning"),
         "fatal": " ".join(r.id for r in verdict.fatal),
     }
-    for i, (name, key) in enumerate((("wn", "wn_rad_s"), ("zeta", "zeta"))):
+    keys = ("wn", "wn_rad_s", "wn_error_pct"), ("zeta", "zeta", "zeta_error")
+    for i, (name, key, error) in enumerate(keys):
         true, true_sigma = (None, None) if known is None else (float(x[i]) for x in known)
         value = None if roll is None else getattr(roll, key)
-        sigma = None if roll is None else getattr(roll, f"{name}_std")
-        noise = None if roll is None else getattr(roll, f"{name}_std_noise")
-        noise = sigma if noise is None else noise
-        row |= {f"{name}_true": true, f"{name}_true_sigma": true_sigma}
-        row |= {name: value, f"{name}_sigma": sigma, f"{name}_sigma_noise": noise}
-        row |= {f"{name}_error_pct": None, f"{name}_z": None, f"{name}_z_noise": None}
-        if value is None or true is None or true_sigma is None:
-            continue
-        row[f"{name}_error_pct"] = 100.0 * (value / true - 1.0)
-        for what, of in (("z", sigma), ("z_noise", noise)):
-            if of is not None and (total := math.hypot(of, true_sigma)) > 0.0:
-                row[f"{name}_{what}"] = (value - true) / total
+        row |= {f"{name}_true": true, f"{name}_true_sigma": true_sigma, name: value, error: None}
+        for end in ("", "_mean"):
+            sigma = getattr(roll, f"{name}_std{end}", None)
+            row |= {f"{name}_sigma{end}": sigma, f"{name}_z{end}": None}
+            if value is None or true is None or true_sigma is None:
+                continue
+            row[error] = 100.0 * (value / true - 1.0) if name == "wn" else value - true
+            if sigma is not None and (total := math.hypot(sigma, true_sigma)) > 0.0:
+                row[f"{name}_z{end}"] = (value - true) / total
     return row

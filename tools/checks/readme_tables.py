@@ -106,10 +106,10 @@ def exit_codes() -> str:
 
 
 def truth_short() -> str:
-    """Return the first table of the bench ``truth`` for users: without its command and its aims."""
+    """Return the first table of the bench ``truth`` for users: without its command and methods."""
     head, *rows = written("truth").splitlines()
-    head = "| JSBSim, answer / RML |" + head.split("|", 2)[2]
-    return "\n".join([head, *(row for row in rows if not row.startswith("| needed"))])
+    head = "| JSBSim |" + head.split("|", 2)[2]
+    return "\n".join([head, *(row for row in rows if not re.match(r"\| (ELS|RML),", row))])
 
 
 @cache

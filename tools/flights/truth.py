@@ -27,6 +27,8 @@ Mode = dict[str, float]
 Line = dict[str, Any]
 LATERAL = ("Beta", "Phi", "P", "R")  # FGLinearization's names
 
+BAND: Floats = np.geomspace(0.3, 3.0, 60)
+"""The multiples of wn at which the yaw channel of a flight's truth is fitted."""
 SLOPE_SHARE = 0.01
 """Step for the slope over the airspeed, as a fraction of it: trim and linearisation are smooth."""
 
@@ -138,7 +140,7 @@ def at_airspeeds(line: Line, knots: Floats) -> tuple[Floats, Floats]:
 
 def linear_dutch_rolls(plan: FlightPlan) -> dict[str, Mode | None]:
     """Return the linearised Dutch rolls at a plan's trim: with its roll hold, and bare."""
-    bare, closed = _with_roll_hold(plan)
+    bare, closed = with_roll_hold(plan)
     r = LATERAL.index("R")
     return {"dutch_roll": dutch_roll(*closed, r), "dutch_roll_open_loop": dutch_roll(*bare, r)}
 
@@ -153,20 +155,26 @@ def yaw_channels(plan: FlightPlan) -> dict[str, Mode | None]:
     The Dutch roll is the linearisation's. K and T minimise the relative misfit to the whole r/u
     from 0.3 to 3 wn (``misfit``, its rms): r/u also has spiral and roll mode, the model does not.
     """
-    bare, closed = _with_roll_hold(plan)
-    return {"airframe": _yaw_channel(*bare), "with_roll_loop": _yaw_channel(*closed)}
+    bare, closed = with_roll_hold(plan)
+    return {"airframe": yaw_channel(*bare), "with_roll_loop": yaw_channel(*closed)}
 
 
-def _yaw_channel(A: Floats, rudder: Floats) -> Mode | None:
+def response(A: Floats, rudder: Floats, w: Floats) -> NDArray[np.complex128]:
+    """Return r/u (n,) at frequencies w (n,) in rad/s, for a rudder that is positive nose right."""
+    eye = np.eye(len(A))
+    r = LATERAL.index("R")
+    return np.array([np.linalg.solve(1j * each * eye - A, -rudder)[r] for each in w])
+
+
+def yaw_channel(A: Floats, rudder: Floats, band: Floats = BAND) -> Mode | None:
+    """Return one channel of :func:`yaw_channels`, fitted at the multiples ``band`` (n,) of wn."""
     r = LATERAL.index("R")
     mode = dutch_roll(A, rudder, r)
     if mode is None:
         return None
     wn, zeta = mode["wn_rad_s"], mode["zeta"]
-    s = 1j * wn * np.geomspace(0.3, 3.0, 60)
-    eye = np.eye(len(A))
-    response = np.array([np.linalg.solve(at * eye - A, -rudder)[r] for at in s])
-    pair = wn**2 / (s**2 + 2.0 * zeta * wn * s + wn**2) / response
+    s = 1j * wn * band
+    pair = wn**2 / (s**2 + 2.0 * zeta * wn * s + wn**2) / response(A, rudder, wn * band)
     columns = np.stack([pair, pair * s], axis=1)
     real = np.concatenate([columns.real, columns.imag])
     ones = np.repeat([1.0, 0.0], len(s))
@@ -176,7 +184,7 @@ def _yaw_channel(A: Floats, rudder: Floats) -> Mode | None:
 
 
 @lru_cache(maxsize=32)
-def _with_roll_hold(plan: FlightPlan) -> tuple[tuple[Floats, Floats], tuple[Floats, Floats]]:
+def with_roll_hold(plan: FlightPlan) -> tuple[tuple[Floats, Floats], tuple[Floats, Floats]]:
     """Return A (4, 4) and the rudder's column (4,) of the bare airframe, and with the roll hold.
 
     With the roll hold, a linear aircraft has a fifth state, its aileron, whose servo lags.
