@@ -44,10 +44,10 @@ TRUTH: dict[str, Any] = {
 
 
 def found(first_s: float, wn: float, zeta: float, *reasons: str, **told: Any) -> Manoeuvre:
-    """A manoeuvre answered by RML, without sigmas."""
-    answer = estimate("rml", DutchRoll(wn_rad_s=wn, zeta=zeta), None, physics=None, fit=Fit())
+    """A manoeuvre with its answer, without sigmas."""
+    answer = estimate("ct", DutchRoll(wn_rad_s=wn, zeta=zeta), None, physics=None, fit=Fit())
     of = {"from_s": first_s, "to_s": first_s + 38.0, "duration_s": 38.0, "altitude_m": 900.0}
-    own = {"estimates": {"rml": answer}, "verdict": verdict(*reasons)}
+    own = {"estimates": {"ct": answer}, "verdict": verdict(*reasons)}
     return manoeuvre(told.pop("n", 1), speed=45.0, **of | own | told)
 
 
