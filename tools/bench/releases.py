@@ -71,12 +71,8 @@ def main(arguments: list[str]) -> Generator[str, None, str | None]:
     yield line("all", *cells(rows))
     for hz in RATES_HZ:
         yield line(f"{hz} Hz", *cells([row for row in rows if row["rate_hz"] == hz]))
-    for name, some in (
-        (f"below {SLOW_RAD_S:g} rad/s", [row for row in rows if row["wn_true"] < SLOW_RAD_S]),
-        ("eq. 22 alone", [row for row in rows if not row["rolls"]]),
-        ("with roll", [row for row in rows if row["rolls"]]),
-    ):
-        yield line(name, *cells(some))
+    slow = [row for row in rows if row["wn_true"] < SLOW_RAD_S]
+    yield line(f"below {SLOW_RAD_S:g} rad/s", *cells(slow))
     yield ""
     refused = [row["fatal"] for row in rows if not row["answered"]]
     for fatal, count in Counter(refused).most_common():

@@ -22,6 +22,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from functools import partial
+from itertools import product
 from pathlib import Path
 from typing import NamedTuple
 
@@ -83,8 +84,6 @@ COLUMNS = (
 )  # fmt: skip
 """Of the errors of wn in % and of zeta: median size, mean, root mean square; then the root mean
 square of z, the share of z within 2 (wn, zeta), and how many of both are beyond FAR."""
-KINDS = {"manoeuvre": "answer"} | {method: method.upper() for method in METHODS}
-"""The kinds of rows of manoeuvres, and their names."""
 KEYS = {"wn": ("wn_error_pct", "wn_z"), "zeta": ("zeta_error", "zeta_z")} | {
     f"{name} of the mean": (error, f"{name}_z_mean")
     for name, error in (("wn", "wn_error_pct"), ("zeta", "zeta_error"))
@@ -194,12 +193,12 @@ def cells(rows: Sequence[Row], kind: str, end: str = "") -> list[str]:
 def air_lines(rows: Sequence[Row]) -> Iterator[str]:
     """Yield the table of answers, ELS, RML and flights by the air."""
     yield from head("", COLUMNS)
-    for kind, called in KINDS.items():
-        for air in AIR:
-            yield line(f"{called}, {air}", *cells(in_group(rows, air), kind))
-    for end, called in (("", "flight"), (" of the mean", "flight, sigma of the mean")):
-        for air in AIR:
-            yield line(f"{called}, {air}", *cells(in_group(rows, air), "flight", end))
+    for air in AIR:
+        yield line(f"answer, {air}", *cells(in_group(rows, air), "manoeuvre"))
+    for method, air in product(METHODS, AIR[1:]):
+        yield line(f"{method.upper()}, {air}", *cells(in_group(rows, air), method))
+    yield line("flight, sigma of the next manoeuvre", *cells(rows, "flight"))
+    yield line("flight, sigma of the mean", *cells(rows, "flight", " of the mean"))
 
 
 def across_lines(rows: Sequence[Row], names: Sequence[str]) -> Iterator[str]:
@@ -208,7 +207,7 @@ def across_lines(rows: Sequence[Row], names: Sequence[str]) -> Iterator[str]:
     yield "|answer|" + "|".join(short) + "|"
     yield "|---" * (1 + len(names)) + "|"
     columns = [cells(in_group(rows, name), "manoeuvre") for name in names]
-    for name, values in zip(COLUMNS, zip(*columns, strict=True), strict=True):
+    for name, values in [*zip(COLUMNS, zip(*columns, strict=True), strict=True)][1:-1]:
         shown = (each.replace("0.", ".").replace(" ", ",") for each in values)
         yield f"|{name}|{'|'.join(shown)}|".replace("+nan", "-").replace("nan", "-")
 

@@ -82,11 +82,7 @@ def table(rows: Sequence[Row]) -> Iterator[str]:
     """Yield a table with a row for each kind of log; then the wrong judgements."""
     yield from head("", COLUMNS)
     for kind in dict.fromkeys(row["log"] for row in rows):
-        some = [row for row in rows if row["log"] == kind]
-        yield line(kind, *cells(some))
-        groups = dict.fromkeys(row["group"] for row in some if kind == "misled")
-        for group in groups:
-            yield line(f"{kind}, {group}", *cells([row for row in some if row["group"] == group]))
+        yield line(kind, *cells([row for row in rows if row["log"] == kind]))
     yield ""
     for row in mistakes(rows):
         off = f"wn {row['wn']:.3g}, {off_pct(row):.1f} % off"
