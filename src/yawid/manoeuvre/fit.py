@@ -278,7 +278,8 @@ def fits_of(record: Record, q: int | None = None) -> list[Fit]:
         _fitted(blocks, of, [np.append(pair, log_w + each) for each in lags])
         for of, lags in ((LAGGED, (0.6, 1.2, 2.0)), (THREE, (-1.9, -1.1, -0.3, 0.4, 1.1)))
     ]
-    return [*fits, _with_roll(blocks, pair)] if record.y.shape[1] > 1 else fits
+    best = min(fits, key=lambda fit: fit.bic)
+    return [*fits, _with_roll(blocks, best.theta[:2])] if record.y.shape[1] > 1 else fits
 
 
 def _fitted(blocks: Blocks, of: Structure, starts: Sequence[Floats]) -> Fit:
