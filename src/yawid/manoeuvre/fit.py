@@ -193,7 +193,7 @@ def grid(blocks: Blocks) -> list[Floats]:
 
 def _eliminated(power: Floats, first: int) -> Floats:
     """Return normal equations (g, n, n) without their ``first`` unknowns."""
-    size = np.sqrt(np.einsum("gii->gi", power)) + 1e-300
+    size = np.sqrt(np.maximum(np.einsum("gii->gi", power), 0.0)) + 1e-150
     unit = power / (size[:, :, None] * size[:, None, :])
     own = unit[:, :first, :first] + _RIDGE * np.eye(first)
     rest = unit[:, first:, first:] - unit[:, first:, :first] @ np.linalg.solve(
@@ -260,12 +260,13 @@ def _covariance(problem: Problem, point: Point, first: int) -> Floats:
 def fits_of(record: Record, q: int | None = None) -> list[Fit]:
     """Return the fits of a manoeuvre: "2", "2L", "3", and "roll" where the record has roll.
 
-    There is none where the record has too few samples. ``q`` is the size of the blocks, else it
-    follows from the period: the BIC of two lists can be compared only if it is the same.
+    There is none of too few samples, or where yaw rate or rudder do not move. ``q`` is the size of
+    the blocks, else it follows from the period: the BIC of two lists can be compared only if it is
+    the same.
     """
     rows = int(np.diff(record.runs).sum())
     coarse = Blocks(record, max(1, round(FINE_S / record.sample_time_s), rows // MOST_ROWS))
-    if len(coarse) < FEWEST_ROWS:
+    if len(coarse) < FEWEST_ROWS or not (coarse.y[:, 0].any() and coarse.u[0].any()):
         return []
     problem = Problem(coarse, TWO, np.eye(1)[None])
     found = [descended(problem, each, 6, 0.1) for each in grid(coarse)]
