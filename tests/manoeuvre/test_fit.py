@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from manoeuvre.exact import Floats, doublets, lateral, record, states, yaw_channel
 
+from yawid.manoeuvre.answer import answer_of
 from yawid.manoeuvre.fit import Fit, fits_of
 from yawid.manoeuvre.record import Record
 
@@ -91,7 +94,7 @@ def test_sigma_is_the_scatter_of_the_same_manoeuvre_in_other_noise():
     u = doublets(3.0, 0.1, periods=5.0)
     y = yaw_channel(u, 0.1, wn=3.0, zeta=0.2)
     z = []
-    for seed in range(40):
+    for seed in range(30):
         fit = fits_of(record(u, y, 0.1, noise=0.05, seed=seed))[0]
         z.append((fit.log_pair - np.log([3.0, 0.2])) / np.sqrt(np.diag(fit.covariance)[:2]))
     rms = np.sqrt(np.mean(np.square(z), axis=0))
@@ -116,3 +119,18 @@ def test_too_few_samples_have_no_fit():
     u = doublets(2.0, 0.05)[:20]
     assert fits_of(Record.of(0.05, u[:, None], yaw_channel(u, 0.05))) == []
     assert fits_of(Record.of(0.05, u[:, None], np.full(20, np.nan))) == []
+
+
+@pytest.mark.parametrize(
+    "of",
+    [
+        lambda u, noise: (u, 0.0 * noise),
+        lambda u, noise: (0.0 * u, noise),
+        lambda u, noise: (u, np.arange(len(u)) * 1.0),
+        lambda u, noise: (u, np.exp(0.03 * np.arange(len(u)))),
+    ],
+    ids=["still yaw rate", "still rudder", "ramp", "runs away"],
+)
+def test_a_record_that_shows_no_mode_has_no_answer_and_no_accident(of: Any):
+    u, y = of(doublets(2.0, 0.05), np.random.default_rng(1).standard_normal(377))
+    assert answer_of(fits_of(Record.of(0.05, u[:, None], y))) is None

@@ -45,9 +45,10 @@ VOTES: Final = {"2": 0.5, "2L": 0.5, "3": 1.0}
 """The factors of the structures' weights: "3" is nearest to an aircraft. With equal votes the
 median error of wn in calm air was .83 % instead of .72 %. Chosen on 72 drawn flights and 200
 simulated aircraft."""
-INFLATED, INFLATED_ROLL = 1.25, 2.5
-"""The factors of variance of the structures, and of the one with roll: without the second, the
-errors in gusts are 1.3 sigma. Chosen on 72 drawn flights and 200 simulated aircraft."""
+INFLATED, INFLATED_ROLL, FEW_PERIODS = 1.25, 2.5, 2.5
+"""The factors of variance of the structures, and of the one with roll, and the periods that double
+them: noise is estimated from the same few. Without the second and the third the errors in gusts are
+1.3 sigma, of less than three periods 1.35. Chosen on 240 drawn flights and 200 simulated ones."""
 LEFT_OUT, LEAST_APART = 0.015, 0.25
 """About the error of yaw rate alone where D is 1, relative, and the least D: without it too light a
 weight of roll leaves 2 % of wn in a roll loop's neighbourhood. Chosen on the same aircraft."""
@@ -194,7 +195,8 @@ def _weight_of_roll(roll: Fit, yaw: Sequence[Fit], share: Floats) -> float:
     pairs, own = zip(*map(_pair, yaw), strict=True)
     mean = share @ np.stack(pairs)
     apart = np.stack(pairs) - mean
-    V = np.tensordot(share, INFLATED * np.stack(own), 1) + (apart.T * share) @ apart
+    noise = [_inflated(fit) * each for fit, each in zip(yaw, own, strict=True)]
+    V = np.tensordot(share, np.stack(noise), 1) + (apart.T * share) @ apart
     V += _left_out(roll) ** 2 * np.eye(2)
     x, C = _pair(roll)
     of_roll, off = _inflated(roll) * C, x - mean
@@ -217,7 +219,10 @@ def with_pair(fit: Fit, wn_rad_s: float, zeta: float) -> Fit:
 
 
 def _inflated(fit: Fit) -> float:
-    return INFLATED_ROLL if fit.structure.name == ROLL else INFLATED
+    """Return the factor of a fit's covariance."""
+    periods = fit.blocks.record.seconds * math.exp(fit.log_pair[0]) / (2.0 * math.pi)
+    factor = INFLATED_ROLL if fit.structure.name == ROLL else INFLATED
+    return factor * (1.0 + (FEW_PERIODS / periods) ** 2)
 
 
 def _pair(fit: Fit) -> tuple[Floats, Floats]:
