@@ -163,6 +163,22 @@ def test_an_uncertain_or_refused_answer_gives_no_advice(run: Run) -> None:
         assert (found.exit_code, found.report.verdict.why) == (5, id_)
 
 
+def test_manoeuvres_without_a_model_or_samples_give_no_advice(run: Run) -> None:
+    change = msgspec.structs.replace
+    old = [
+        change(each, estimates={"ct": change(each.estimates["ct"], response=None)})
+        for each in run.summary.manoeuvres
+    ]
+    without = Run(
+        run.path, change(run.summary, manoeuvres=old), run.config, run._known.grid, run._rows
+    )
+    empty = Run(run.path, run.summary, run.config, run._known.grid, None)
+    for other, says in ((without, "has no model: .* replay it first"), (empty, "samples are not")):
+        verdict = other.damper(autopilot="ardupilot", parameters=PLANE).report.verdict
+        assert verdict.why == "not_fitted"
+        assert re.search(says, verdict.reasons[0].text)
+
+
 def test_a_turn_that_the_damper_feeds_back_is_refused(tmp_path: Path) -> None:
     u, r = doublets()
     roll = 0.8 * np.cumsum(r) * 0.05

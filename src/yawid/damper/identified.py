@@ -74,7 +74,7 @@ def identified(
     except NotIdentifiable as error:
         raise Refused("not_fitted", str(error), "replay the log with this version") from error
     left = [facts.turn_left(each.found, turn_factor) for each in flown]
-    if turn_factor and facts.config.turn == "keep":
+    if turn_factor and flown and facts.config.turn == "keep":
         check_turn(flown, flight.dutch_roll.wn_rad_s, turn_factor)
     models = [_turned(*each) for each in zip(models, flown, left, strict=True)]
 

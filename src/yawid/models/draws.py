@@ -4,8 +4,8 @@ Each draw is the model of one of the flight's manoeuvres, its numbers drawn from
 Moved to the flight's airspeed, the draws' Dutch rolls have the flight's wn and zeta on average, and
 its total sigmas.
 
-Models of different structures have one form from LOWEST to HIGHEST of wn, where they hold: that of
-a pair and one real pole, the median of theirs, whose residues are solved by least squares.
+Models of different structures have one form where they hold: that of a pair and one real pole, the
+median of theirs, whose residues are solved by least squares.
 """
 
 from collections.abc import Sequence
@@ -16,15 +16,12 @@ import numpy as np
 
 from yawid.answers.run_summary import Flight
 from yawid.blocks import Floats, Ints
-from yawid.models.answered import LEAST_ZETA, MOST_ZETA, Answered
+from yawid.models.answered import LEAST_ZETA, MOST_ZETA, Answered, band_of, columns_of
 from yawid.physics.continuous import Transfer, pole_of
 from yawid.physics.modes import Complexes
 
 DRAWS: Final = 160
 SEED: Final = 20260101
-LOWEST, HIGHEST, POINTS = 0.6, 1.6, 21
-"""Where a model holds, as parts of wn: its covariance is that of the response there. Below it a
-model of eq. 23 does not have the zeros of an aircraft: |G| was 6 times too high at .3 wn."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,17 +91,15 @@ def alike(G: Transfer, wn_rad_s: float, reals: Complexes) -> Transfer:
 
     Their residues have the least relative error where a model with a pair at ``wn_rad_s`` holds.
     """
-    s = np.asarray(1j * wn_rad_s * np.linspace(LOWEST, HIGHEST, POINTS), complex)
-    wanted = G.at(s)
-    near, far = (1.0 / (s - p[:, None]) for p in (G.dutch_roll, np.conj(G.dutch_roll)))
-    lags = [np.broadcast_to(1.0 / (s - p), near.shape) for p in reals]
-    columns = np.stack([near + far, 1j * (near - far), *lags], axis=2) / wanted[:, :, None]
-    rows = np.concatenate([columns.real, columns.imag], axis=1)
+    s, pair = band_of(wn_rad_s), G.dutch_roll
+    lags = np.tile(reals, (len(G), 1))
+    X = columns_of(pair[:, None], lags, s) / G.at(s)[:, :, None]
     goal = np.repeat([1.0, 0.0], len(s))
-    found = np.linalg.pinv(rows) @ goal
-    pair = found[:, 0] + 1j * found[:, 1]
-    poles = np.column_stack([G.dutch_roll, np.conj(G.dutch_roll), np.tile(reals, (len(G), 1))])
-    return Transfer(poles, np.column_stack([pair, np.conj(pair), found[:, 2:]]))
+    found = np.linalg.pinv(np.concatenate([X.real, X.imag], axis=1)) @ goal
+    r = found[:, 0] + 1j * found[:, 1]
+    return Transfer(
+        np.column_stack([pair, np.conj(pair), lags]), np.column_stack([r, np.conj(r), found[:, 2:]])
+    )
 
 
 def _median_real(G: Transfer) -> Complexes:
