@@ -210,6 +210,7 @@ LIMITS = {
     "collinear_inputs": (judge_samples.COLLINEAR, judge_samples.LAGS_COMPARED),
     "mode_not_driven": (
         judge.LEAST_FREE, judge.LEAST_SHIFTED, *judge.NEAR_PERIODS, judge.FAR_PERIODS, judge.FAR,
+        judge.CLEAR_SIGMAS,
     ),
     "not_converged": (
         100 * judge.UNCERTAIN_WN, judge.UNCERTAIN_ZETA, judge.LEAST_PERIODS, find.OTHER_SPEED,
