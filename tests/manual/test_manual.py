@@ -198,6 +198,11 @@ def test_the_settings_file_has_every_option_with_its_default():
     assert f"It is {DEFAULT_MEMORY_S:g} unless" in " ".join(text.replace("#", "").split())
 
 
+KNOWN = (
+    100 * judge.UNCERTAIN_WN, judge.UNCERTAIN_ZETA[0], 100 * judge.UNCERTAIN_ZETA[1],
+    judge.LEAST_PERIODS, judge.LEAST_PERIODS_SURE, 100 * judge.SURE_WN,
+)  # fmt: skip
+"""How well the mode of a manoeuvre must be known."""
 LIMITS = {
     "rate_too_low": (judge.LEAST_HZ, judge.LEAST_RATIO),
     "rate_low": (judge.LOW_HZ, judge.LOW_RATIO),
@@ -213,7 +218,7 @@ LIMITS = {
         judge.CLEAR_SIGMAS,
     ),
     "not_converged": (
-        100 * judge.UNCERTAIN_WN, judge.UNCERTAIN_ZETA, judge.LEAST_PERIODS, find.OTHER_SPEED,
+        *KNOWN, find.OTHER_SPEED,
     ),
     "poor_fit": (judge.LEAST_PCT,),
     "turn_dominated": (judge.TURNS,),
@@ -258,13 +263,19 @@ def test_the_limits_of_a_manoeuvres_answer_are_those_of_the_code():
     assert signals.WORTH_BIC in numbers_of("Inputs and outputs")
     assert fit.PER_PERIOD in numbers_of("The fit")
     assert {
-        *(answer.INFLATED, answer.INFLATED_ROLL, 100 * answer.FLOOR_WN, answer.FLOOR_ZETA),
+        *(
+            answer.INFLATED,
+            answer.INFLATED_ROLL,
+            answer.FEW_PERIODS,
+            100 * answer.FLOOR_WN,
+            answer.FLOOR_ZETA,
+        ),
         *(100 * answer.HIDDEN_ZETA, 100 * answer.FLOOR_GAIN),
     } <= numbers_of("wn, zeta and their sigma")
     assert {answer.LOWEST, answer.HIGHEST} <= numbers_of("K, T, and what a doublet shows")
     assert {
         *(judge.LEAST_FREE, judge.LEAST_SHIFTED, *judge.NEAR_PERIODS, judge.FAR, judge.FAR_PERIODS),
-        *(100 * judge.UNCERTAIN_WN, judge.UNCERTAIN_ZETA, judge.LEAST_PERIODS, judge.LEAST_PCT),
+        *(*KNOWN, judge.LEAST_PCT),
     } <= numbers_of("What is judged")
     assert {
         *(100 * flight.TAU_WN_SHARE, flight.TAU_ZETA, flight.DISAGREE_SIGMAS),
