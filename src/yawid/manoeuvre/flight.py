@@ -154,10 +154,9 @@ def _together(
     unit = median if scaled and math.isfinite(median) else 1.0
     speed = median if is_true and math.isfinite(median) else None
     heights = [h for each in used if (h := each.found.altitude_m) is not None]
-    warned = list(_warnings(used))
     wn, zeta = _averages(rolls, by, agree)
     physics = _physics(used, by[agree])
-    reasons = [*of_the_log, *warned, *rough_reasons(wn.mean * unit, wn.std * unit)]
+    reasons = [*of_the_log, *_warnings(used), *rough_reasons(wn.mean * unit, wn.std * unit)]
     if rest:
         apart = [(each.n, f"wn {own:.3g} rad/s", each.airspeed_m_s) for each, own in rest]
         text = disagreement(apart, f"{wn.mean * unit:.3g} ± {wn.std * unit:.2g}", speed, len(used))

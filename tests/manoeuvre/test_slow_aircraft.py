@@ -6,12 +6,10 @@ import numpy as np
 import pytest
 from manoeuvre.streams import HZ, TS_S, flown, found_in, rest, stream
 from scipy.signal import cont2discrete, lfilter
-from yawid.manoeuvres.answer import Fits, ManoeuvreSetting, short_reasons
-from yawid.manoeuvres.tries import answer
-from yawid.results.judge_estimate import Evidence
 
 from yawid.blocks import Floats, SampleBlock
 from yawid.config.run import RunConfig
+from yawid.manoeuvre.answered import ManoeuvreSetting, answer
 
 WN, ZETA = 1.9, 0.1
 """Those of a jet on approach: a period lasts 3.3 s."""
@@ -45,35 +43,6 @@ def test_a_short_doublet_answers_by_its_free_decay():
     assert len(cut) * TS_S * WN / (2.0 * math.pi) < 2.3
 
 
-def periods_reasons(periods: float, share: float) -> list[str]:
-    """What is said of a record of so many periods whose sigma of wn is this part of it."""
-    low = 9 * HZ
-    samples = doublet().select(slice(low, low + round(periods * 2 * math.pi / WN * HZ)))
-    fits = Fits(SETTING, SETTING.config, samples)
-    said = short_reasons(fits, fits.history(), evidence(share))
-    return [r.text for r in said if "periods" in r.text]
-
-
-def evidence(share: float) -> Evidence:
-    nothing = np.full(2, np.nan)
-    return Evidence(
-        status=1, updates=100, dutch_roll=np.array([WN, 0.01, ZETA, 0.01]),
-        total_std=np.array([share * WN, 0.01]), next_moves=nothing, rate_moves=nothing,
-        whiteness_p=0.5, autocorrelation=0.0, spr_margin=1.0, early_response=1.0,
-        simulation_pct=90.0, held_back_pct=90.0, before=nothing,
-    )  # fmt: skip
-
-
-@pytest.mark.parametrize(
-    ("periods", "share", "refused"),
-    [(2.6, 0.029, False), (2.6, 0.031, True), (2.4, 0.01, True), (3.1, 0.09, False)],
-)
-def test_two_and_a_half_periods_suffice_where_wn_is_surely_known(
-    periods: float, share: float, refused: bool
-):
-    assert bool(periods_reasons(periods, share)) == refused
-
-
 def test_samples_on_both_sides_of_a_gap_count_together():
     """Two periods, a gap of 1.8 s, and two more: neither side would do alone"""
     whole = doublet()
@@ -82,8 +51,16 @@ def test_samples_on_both_sides_of_a_gap_count_together():
     u = whole.u[:, 0].copy()
     u[first + side : first + side + gap] = np.nan
     samples = stream(u, y=whole.y).select(slice(first, first + 2 * side + gap))
-    fits = Fits(SETTING, SETTING.config, samples)
 
-    said = [each.text for each in short_reasons(fits, fits.history(), evidence(0.09))]
-    assert not any("periods" in text for text in said)
     assert answer(samples, 1, SETTING).verdict.usable
+
+
+@pytest.mark.parametrize(("periods", "refused"), [(1.9, True), (2.1, False)])
+def test_two_periods_are_the_least(periods: float, refused: bool):
+    """A drift and a bias make half a wave of anything"""
+    low = 9 * HZ
+    samples = doublet().select(slice(low, low + round(periods * 2 * math.pi / WN * HZ)))
+
+    verdict = answer(samples, 1, SETTING).found.verdict
+    assert any("periods" in reason.text for reason in verdict.fatal) == refused
+    assert verdict.usable != refused

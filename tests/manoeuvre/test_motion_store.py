@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 from manoeuvre.streams import stream
-from yawid.manoeuvres.motion_store import angle_of_climb, motion_of
 
 from yawid.blocks import StampedRows
 from yawid.lateral.motion import COMMAND_STEP_S, Motion
+from yawid.manoeuvre.motion_store import angle_of_climb, motion_of
 
 W = 2.0
 """The frequency of every sine here in rad/s."""

@@ -11,13 +11,13 @@ import pytest
 from lateral.flown import flown
 from msgspec.structs import replace as msgspec_replace
 from scipy.signal import dlsim, lti
-from yawid.manoeuvres import bare_answer
-from yawid.manoeuvres.bare_answer import Fitted, against_flown, bare_of, fitted, lateral_of
 
 from yawid.answers.reasons import Reason
 from yawid.answers.run_summary import DutchRoll
 from yawid.lateral.airframe import Airframe, AsFlown, FailedGate, Known
 from yawid.lateral.motion import Motion
+from yawid.manoeuvre import bare_answer
+from yawid.manoeuvre.bare_answer import Fitted, against_flown, bare_of, fitted, lateral_of
 
 MOTION, MOTION_OF_20_S = flown(seconds=2.0), flown(seconds=20.0)
 NAMES = (

@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 from manoeuvre.streams import HZ, TS_S, stream
 from scipy.signal import cont2discrete, lfilter
-from yawid.manoeuvres.answer import Answered, ManoeuvreSetting
-from yawid.manoeuvres.tries import answer
 
 from yawid.blocks import Floats
 from yawid.config.run import RunConfig
+from yawid.manoeuvre.answered import Answered, ManoeuvreSetting, answer
 
 SECONDS = 20.0
 
@@ -48,24 +47,37 @@ def test_its_own_rudder_answers():
     assert found.found.dutch_roll.wn_rad_s == pytest.approx(1.9, rel=0.05)
 
 
-@pytest.mark.parametrize(("at_s", "half_s"), [(1.6, 0.6), (2.0, 0.8), (0.8, 1.6), (3.0, 1.0)])
+@pytest.mark.parametrize(("at_s", "half_s"), [(2.0, 0.8), (0.8, 1.6), (3.0, 1.0)])
 def test_another_flights_rudder_does_not(at_s: float, half_s: float):
     """The free decay has the right frequency; a doublet near by passes for what began it"""
     assert not told(doublet(at_s, half_s), YAW).verdict.usable
+
+
+def test_the_inner_part_of_its_own_rudder_has_no_wrong_answer():
+    """A doublet with the same middle, .4 s shorter on both sides, moves the nose at the same time
+
+    K is .3 and the yaw acceleration K wn^2.
+    """
+    found = told(doublet(1.6, 0.6), YAW).found
+
+    numbers = found.answer.physics["K"], found.answer.yaw_acceleration
+    for number, true in zip(numbers, (0.3, 0.3 * 1.9**2), strict=True):
+        assert not found.verdict.usable or abs(number.value - true) < 2.0 * number.std
+    assert not found.verdict.usable or found.dutch_roll.wn_rad_s == pytest.approx(1.9, rel=0.02)
 
 
 def test_a_rudder_reversed_in_time_does_not():
     assert not told(OWN[::-1].copy(), YAW).verdict.usable
 
 
-def test_a_late_clock_is_named():
+def test_a_yaw_rate_that_is_late_is_named():
     """A third of a period late"""
     late = round(0.33 * 2 * math.pi / 1.9 * HZ)
     y = np.concatenate([np.full(late, YAW[0]), YAW[:-late]])
     reasons = {each.id: each.text for each in told(OWN, y).verdict.reasons}
 
-    assert "its clock" in reasons["mode_not_driven"]
-    assert "later explains" in reasons["mode_not_driven"]
+    assert "s later explains" in reasons["mode_not_driven"]
+    assert "clock" not in reasons["mode_not_driven"]
 
 
 @pytest.mark.parametrize(("stroke_deg", "floor_deg", "usable"), [

@@ -5,15 +5,17 @@ rudder, DOUBLET_TIME / 2 to either side, a third of its travel; the HEARTBEAT te
 second later. PX4's autotune adds steps or a sweep to the setpoint of its yaw-rate loop.
 """
 
+import math
+
 import numpy as np
 import pytest
 from manoeuvre.streams import HZ, TS_S, WN, ZETA, assert_same, cut, rest, spans, stream, yawing
-from yawid.manoeuvres.answer import Answered, ManoeuvreSetting
-from yawid.manoeuvres.find import Finder
-from yawid.manoeuvres.stage import Manoeuvres
 
 from yawid.blocks import Floats, SampleBlock
 from yawid.config.run import RunConfig
+from yawid.manoeuvre.answered import Answered, ManoeuvreSetting
+from yawid.manoeuvre.find import Finder
+from yawid.manoeuvre.stage import Manoeuvres
 
 FBWA, MANUAL, PX4_LOITER = 5.0, 0.0, 50_593_792.0
 BEGIN = 30 * HZ
@@ -86,8 +88,9 @@ def test_where_such_a_stream_is_cut_into_blocks_changes_nothing(late_s: float):
 
     ((first, last),) = spans(found[0])
     assert BEGIN - HZ <= first < BEGIN
-    # zeta * WN = 1.8: the yaw rate's envelope has fallen to a tenth 1.3 s after the doublet.
-    assert BEGIN + round(5.5 * HZ) - 1 <= last <= BEGIN + round((0.5 + 1.3 + 4.0) * HZ)
+    # zeta * WN = 1.8: the envelope of the yaw rate is a tenth 1.3 s after the doublet of .5 s,
+    # and 4 s later, in whole seconds, the 5 s of rest have passed too.
+    assert last == BEGIN + math.ceil(0.5 + 1.3 + 4.0) * HZ - 1
     assert set(found[0][0].mode) == {MANUAL}
     for other in found[1:]:
         assert_same(found[0], other)

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from yawid.manoeuvres.flight import TAU_WN_SHARE, Pooled, pooled
 
 from yawid.blocks import Floats
+from yawid.manoeuvre.flight import TAU_WN_SHARE, Pooled, pooled
 
 
 def by_noise(x: Floats, std: Floats, floor: float) -> Pooled:

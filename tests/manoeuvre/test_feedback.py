@@ -7,9 +7,9 @@ import math
 import numpy as np
 import pytest
 from scipy.signal import cont2discrete
-from yawid.manoeuvres.feedback import Feedback, fed_back_reasons, rate_feedback
 
 from yawid.blocks import Floats
+from yawid.manoeuvre.feedback import rate_feedback
 
 WN, ZETA, TS, FINE = 4.0, 0.2, 0.05, 0.005
 """A plant r / rudder = WN^2 / (s^2 + 2 ZETA WN s + WN^2), on a grid of TS s, computed in FINE s."""
@@ -57,11 +57,3 @@ def test_a_pilots_rudder_is_no_feedback(pilot: Floats) -> None:
     found = rate_feedback(*flown(0.0, pilot, 0.002), WN, TS)
 
     assert found is None or found.share < 0.1
-
-
-@pytest.mark.parametrize(
-    ("share", "reason"), [(0.4, []), (0.7, ["closed_loop"]), (1.3, ["mode_not_driven"])]
-)
-def test_it_warns_and_then_refuses(share: float, reason: list[str]) -> None:
-    assert [each.id for each in fed_back_reasons(Feedback(-0.5, share))] == reason
-    assert list(fed_back_reasons(None)) == []

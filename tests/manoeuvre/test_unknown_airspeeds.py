@@ -8,10 +8,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from finished_runs import replayed
 from sources.logs import dataflash_flight, ulog_flight
 from sources.logs.onboard_flight import Flight, flown
 
 import yawid
+from yawid.answers.run_summary import Flight as Answer
+from yawid.cli.main import main
 from yawid.quantities.airspeed import known
 
 NONE = (0.0, -3.0, math.nan, 1e300)
@@ -83,3 +86,27 @@ def test_the_bounds_are_next_to_nothing_and_three_times_sound() -> None:
     speeds = np.array([0.09, 0.1, 1000.0, 1001.0, math.inf])
 
     np.testing.assert_array_equal(known(speeds), [math.nan, 0.1, 1000.0, math.nan, math.nan])
+
+
+def test_a_blocked_pitot_leaves_the_flight_without_kappa_in_log_mcap_and_export(
+    tmp_path: Path,
+) -> None:
+    log = tmp_path / "a.tlog"
+    sent = (3, 5), dataflash_flight.PARAMETERS, 4, 51.0, 0.9
+    log.write_bytes(dataflash_flight.telemetry_of(flown(25.0), *sent).data)
+
+    mcap = replayed(log, tmp_path, "--rate", 20)
+    assert main(["export", str(mcap), "-o", str(tmp_path / "a.csv")]) == 0
+
+    flights: list[Answer] = []
+    for path in (log, mcap, tmp_path / "a.csv"):
+        rate = {"rate": 20.0} if path is log else {}
+        found = yawid.replay(path, **rate).summary.flight
+        assert found is not None
+        flights.append(found)
+        assert found.dutch_roll is not None
+        assert found.dutch_roll.wn_rad_s == pytest.approx(4.0, rel=0.03)
+        assert (found.kappa_rad_m, found.K_per_V, found.airspeed_m_s) == (None, None, None)
+        said = [each for each in found.verdict.reasons if each.id == "airspeed_implausible"]
+        assert [each.weight for each in said] == ["warning"]
+    assert flights[0] == flights[1]
