@@ -250,9 +250,9 @@ def test_inputs_given_on_the_command_line_bind(capsys, monkeypatch, tmp_path):
     """--inputs rudder is the default, and still an order: RunConfig.given holds that it was said"""
     seen = []
 
-    def noted(samples: SampleBlock, n: int, setting: ManoeuvreSetting) -> Answered:
+    def noted(samples: SampleBlock, n: int, setting: ManoeuvreSetting, *more: Any) -> Answered:
         seen.append(setting.config)
-        return answer(samples, n, setting)
+        return answer(samples, n, setting, *more)
 
     monkeypatch.setattr("yawid.manoeuvre.stage.answer", noted)
     usual = ["replay", str(C172P), "--rerun", "off", "--json", "--out"]

@@ -46,7 +46,7 @@ def by_autotune(signal: Floats) -> SampleBlock:
 
 def answered(samples: SampleBlock, autopilot: int) -> list[Answered]:
     stage = Manoeuvres(ManoeuvreSetting(RunConfig(), TS_S, (20.0, 20.0), (autopilot, 1)))
-    stage.feed(samples)
+    stage.feed(samples, {})
     stage.finish()
     return list(stage.ready())
 
