@@ -22,7 +22,6 @@ from live_link import listening, send, tlog_size, wait_for_size
 from msgspec import convert
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from sinks.rerun.rerun_reading import recorded
-from yawid.manoeuvres.laterals import Laterals
 
 import yawid
 from yawid.answers.run_summary import Bare
@@ -31,6 +30,7 @@ from yawid.channels.stage import WANTED
 from yawid.cli.main import main
 from yawid.config.run import RunConfig
 from yawid.lateral.motion import Motion
+from yawid.manoeuvre.laterals import Laterals
 from yawid.pipeline import Pipeline
 from yawid.report.lateral_picture import free_states, lateral_picture
 from yawid.report.write import Report

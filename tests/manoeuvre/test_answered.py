@@ -126,6 +126,15 @@ def test_inputs_that_were_given_bind(mode: float):
     assert_right(both)
 
 
+def test_inputs_that_move_together_are_refused():
+    u = np.column_stack([RUDDER, 0.5 * RUDDER])
+    y = yawing(RUDDER, 0.5 * RUDDER, noise=NOISE)
+    found = told(replace(stream(RUDDER, y=y, aileron=u[:, 1]), u=u), inputs=BOTH)
+
+    assert "collinear_inputs" in {reason.id for reason in found.verdict.reasons}
+    assert not found.verdict.usable
+
+
 def rolling(seed: int) -> SampleBlock:
     """Strokes of the foot on a runway: a lag of .1 to .5 s without a Dutch roll, and its bumps"""
     rng = np.random.default_rng([7, seed])

@@ -7,17 +7,16 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hand_flights import answer, manoeuvre
+from hand_flights import by_ct, manoeuvre
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from msgspec import structs
 
+from yawid.answers.reasons import Reason, Verdict
 from yawid.answers.run_summary import DutchRoll, Flight, Value
 from yawid.manoeuvre.answered import Answered
 from yawid.manoeuvre.conditions import Finding
 from yawid.manoeuvre.flight import POWERS, TAU_WN_SHARE, TAU_ZETA, flights_of
-from yawid.results.reasons import Reason, Verdict
-from yawid.results.summary import as_summary
 
 
 def answered(
@@ -54,8 +53,8 @@ def answered(
         loop=loop,
         airspeed_source=source,
         altitude_m=altitude,
-        estimates={"ct": structs.replace(answer(roll), physics=values)},
-        verdict=as_summary(verdict),
+        estimates={"ct": structs.replace(by_ct(roll), physics=values)},
+        verdict=verdict,
     )
     return Answered(found, verdict, (n, n + 1))
 
@@ -63,9 +62,7 @@ def answered(
 def by_loop(*manoeuvres: Answered, log: Sequence[Reason] = ()) -> list[Flight]:
     found = flights_of(manoeuvres, list(log))
     assert found
-    for flight, verdict in found:
-        assert flight.verdict == as_summary(verdict)
-    return [flight for flight, _ in found]
+    return found
 
 
 def together(*manoeuvres: Answered, log: Sequence[Reason] = ()) -> Flight:
@@ -440,8 +437,8 @@ def test_of_an_airspeed_that_cannot_be_true_nothing_is_used_but_how_manoeuvres_c
     by_factor = Finding(Reason("airspeed_implausible", "2 times"), is_factor=True)
     blocked = Finding(Reason("airspeed_implausible", "no wind is as fast"), is_factor=False)
 
-    [(found, verdict)] = flights_of(three, [], by_factor)
-    assert verdict.usable
+    [found] = flights_of(three, [], by_factor)
+    assert found.verdict.usable
     assert (found.used, found.disagree) == ([1, 2, 3], [])
     assert found.dutch_roll is not None
     assert found.dutch_roll.wn_rad_s == pytest.approx(4.0, rel=1e-6)  # that at the median
@@ -449,8 +446,10 @@ def test_of_an_airspeed_that_cannot_be_true_nothing_is_used_but_how_manoeuvres_c
     assert found.dutch_roll.wn_std < 0.2
     assert (found.kappa_rad_m, found.K_per_V) == (None, None)
     assert (found.airspeed_m_s, found.airspeed_source) == (None, None)
-    assert [(r.id, r.weight) for r in verdict.reasons] == [("airspeed_implausible", "warning")]
+    assert [(r.id, r.weight) for r in found.verdict.reasons] == [
+        ("airspeed_implausible", "warning")
+    ]
 
-    [(found, verdict)] = flights_of(three, [], blocked)
-    assert "manoeuvres_disagree" in {reason.id for reason in verdict.reasons}
-    assert "m/s" not in next(r.text for r in verdict.reasons if r.id == "manoeuvres_disagree")
+    [found] = flights_of(three, [], blocked)
+    assert "manoeuvres_disagree" in ids(found)
+    assert "m/s" not in next(r.text for r in found.verdict.reasons if r.id == "manoeuvres_disagree")

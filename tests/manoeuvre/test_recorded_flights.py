@@ -89,7 +89,7 @@ def test_nothing_is_usable_in_a_mission_that_excited_nothing():
 @EXCITED
 def test_the_flights_answer_is_right_and_its_sigma_covers_it(name: str):
     """CATALOG.md: 10.22 rad/s and 0.630 as flown, closed with the roll loop of FBWA"""
-    summary, _ = summarised(SHARED_FLIGHTS / f"{name}.tlog", RunConfig())
+    summary = summarised(SHARED_FLIGHTS / f"{name}.tlog", RunConfig())
 
     flight = summary.flight
     assert summary.deciding.usable

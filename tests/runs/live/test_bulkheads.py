@@ -64,7 +64,7 @@ def whole(path: Path, sysid: int) -> bool:
 
 ESTIMATING: dict[str, Callable[..., bool]] = {
     "yawid.estimation.bank.Bank.run": lambda bank, _: bank.config.sysid == 2,
-    "yawid.manoeuvres.stage.answer": lambda _, __, setting: setting.config.sysid == 2,
+    "yawid.manoeuvre.stage.answer": lambda _, __, setting, ___: setting.config.sysid == 2,
     "yawid.runs.live.vehicle_session.summarise": lambda pipeline, *_: (
         pipeline.config.sysid == 2 and pipeline.bank is not None
     ),

@@ -26,10 +26,9 @@ from live_link import (
     wait_for_size,
 )
 from places import REPLAY_LOGS
-from yawid.manoeuvres.answer import Answered
-from yawid.manoeuvres.tries import answer
 
 from yawid.config.run import RunConfig
+from yawid.manoeuvre.answered import Answered, answer
 from yawid.runs.live import Ended
 from yawid.runs.outputs import Outputs
 from yawid.runs.replay import StopFlag, replay
@@ -42,8 +41,7 @@ def replayed(tlog: Path, config: RunConfig) -> Ended:
     """Replay what a session recorded; return its summary and verdict."""
     outputs = Outputs(tlog.parent, f"{tlog.stem}-again")
     summary = replay(tlog, asdict(config), outputs, StopFlag())
-    verdict = summary.verdict
-    return Ended(summary, verdict, verdict.exit_code)
+    return Ended(summary, summary.exit_code)
 
 
 def by_topic(path: Path) -> list[tuple[str, int, int, bytes]]:
@@ -107,7 +105,7 @@ def test_of_one_that_cannot_be_used_the_first_fatal_reason_is_said(tmp_path: Pat
     fatal = [reason.id for reason in found.verdict.reasons if reason.weight == "fatal"]
     [line] = told(ended)
     assert line.endswith(f": not usable: {fatal[0]}")
-    assert ended.exit_code == ended.verdict.exit_code != 0
+    assert ended.exit_code == ended.summary.exit_code != 0
 
 
 @pytest.fixture
@@ -119,7 +117,7 @@ def slow_fit(monkeypatch: pytest.MonkeyPatch) -> threading.Event:
         assert done.wait(60.0)
         return answer(*asked)  # type: ignore[arg-type] # as the stage calls it
 
-    monkeypatch.setattr("yawid.manoeuvres.stage.answer", wait)
+    monkeypatch.setattr("yawid.manoeuvre.stage.answer", wait)
     return done
 
 
@@ -173,7 +171,7 @@ def test_a_fit_that_fails_ends_a_replay_and_of_a_session_the_estimation_alone(
     def fail(*_: object) -> Answered:
         raise ArithmeticError("singular")
 
-    monkeypatch.setattr("yawid.manoeuvres.stage.answer", fail)
+    monkeypatch.setattr("yawid.manoeuvre.stage.answer", fail)
     with pytest.raises(ArithmeticError, match="singular"):
         replayed(tmp_path / "live.tlog", CONFIG)
     folder = tmp_path / "failed"
