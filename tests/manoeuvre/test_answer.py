@@ -120,6 +120,16 @@ def test_sigma_holds_noise_and_the_spread_of_the_structures():
     assert np.mean(inside) > 0.9
 
 
+def test_sigma_is_the_spread_of_the_structures_at_least(fits: list[Fit]):
+    """Two as likely ones are moved apart by 6 % in wn: 3 % from their mean"""
+    theta = fits[0].theta
+    apart = [replace(fits[0], theta=theta + [sign * 0.03, 0.0]) for sign in (-1.0, 1.0)]
+    found = answer_of(apart)
+    assert found is not None
+    assert found.wn_rad_s.value == pytest.approx(np.exp(theta[0]), rel=1e-6)
+    assert found.wn_rad_s.std > 0.03 * found.wn_rad_s.value
+
+
 def test_a_pair_at_an_edge_of_the_search_has_no_vote(fits: list[Fit]):
     lost = [replace(fit, at_bound=fit.structure.name == "2") for fit in fits]
     assert {fit.structure.name for fit, _ in weights_of(fits)} == {"2", "2L", "3"}
