@@ -123,7 +123,7 @@ def test_sigma_holds_noise_and_the_spread_of_the_structures():
 def test_sigma_is_the_spread_of_the_structures_at_least(fits: list[Fit]):
     """Two as likely ones are moved apart by 6 % in wn: 3 % from their mean"""
     theta = fits[0].theta
-    apart = [replace(fits[0], theta=[*theta, sign * 0.03, 0.0]) for sign in (-1.0, 1.0)]
+    apart = [replace(fits[0], theta=theta + np.array([sign * 0.03, 0.0])) for sign in (-1.0, 1.0)]
     found = answer_of(apart)
     assert found is not None
     assert found.wn_rad_s.value == pytest.approx(np.exp(theta[0]), rel=1e-6)

@@ -86,12 +86,15 @@ def test_one_of_four_that_differs_is_left_out_with_a_warning(
 
 
 def test_the_airframe_is_that_of_the_flight_where_only_the_sticks_flew(folder: Path):
-    """Three manoeuvres without an airspeed give the answer as flown, the fourth has flaps."""
-    nan = float("nan")
-    run = airframe(folder, [*[Leg(told_m_s=nan)] * 3, Leg(FLAPS)], manual=True)
+    """Four manoeuvres without an airspeed give the answer as flown, the fifth has flaps.
 
-    assert run.flight.used == [1, 2, 3]
-    assert run.summary.manoeuvres[3].lateral.verdict.usable
+    Of three the one with flaps, which is better known, has a third of the weight.
+    """
+    nan = float("nan")
+    run = airframe(folder, [*[Leg(told_m_s=nan)] * 4, Leg(FLAPS)], manual=True)
+
+    assert run.flight.used == [1, 2, 3, 4]
+    assert run.summary.manoeuvres[4].lateral.verdict.usable
     assert not run.bare
     assert "differs from the answer as flown" in run.bare.verdict.reasons[0].text
 
