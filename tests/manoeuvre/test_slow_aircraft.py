@@ -57,7 +57,7 @@ def test_samples_on_both_sides_of_a_gap_count_together():
 
 @pytest.mark.parametrize(("periods", "refused"), [(1.9, True), (2.3, True), (3.2, False)])
 def test_a_record_of_too_few_periods_is_refused(periods: float, refused: bool):
-    """A drift and a bias make half a wave of anything: 2.5 suffice where wn is surely known, or 3"""
+    """A drift and a bias make half a wave of anything; 3 suffice, or 2.5 where wn is sure"""
     low = 9 * HZ
     samples = doublet().select(slice(low, low + round(periods * 2 * math.pi / WN * HZ)))
 
