@@ -57,8 +57,9 @@ def paged(tmp_path_factory: pytest.TempPathFactory) -> Paged:
 
     def of(hand: RunSummary) -> McapRun:
         told = replace(
-            run.summary, manoeuvres=hand.manoeuvres, flight=hand.flight, flights=hand.flights
-        )
+            run.summary, verdict=hand.verdict, manoeuvres=hand.manoeuvres, flight=hand.flight,
+            flights=hand.flights,
+        )  # fmt: skip
         return dataclasses.replace(run, summary=told)
 
     return of
@@ -92,10 +93,7 @@ def test_the_first_screen_is_the_flights(drawn: Drawn) -> None:
     assert "Can I use it? Yes there is no reason against it" in text
 
 
-def test_a_refused_flight_is_refused_though_the_stream_is_usable(
-    paged: Paged, drawn: Drawn
-) -> None:
-    assert paged(none_usable()).summary.verdict.usable
+def test_a_refused_flight_is_refused(drawn: Drawn) -> None:
     html = drawn(none_usable())
 
     assert '<header class="unusable">' in html
@@ -166,7 +164,7 @@ def test_what_was_flown_otherwise_is_said_row_by_row(drawn: Drawn) -> None:
 def test_what_is_the_streams_is_called_so(drawn: Drawn) -> None:
     text = Page(drawn(four_of_a_flight())).text
 
-    assert "not about the flight's answer above. By themselves they are usable (" in text
+    assert "not about the flight's answer above. They are not judged" in text
     assert "answers" not in text.partition("Parameters, ± σ")[2].partition("a1")[0]
     headings = re.findall("<h2>(.*?)</h2>", drawn(four_of_a_flight()))
     assert headings[-4:] == [

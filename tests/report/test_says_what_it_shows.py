@@ -65,7 +65,6 @@ def test_every_manoeuvre_has_its_number_in_each_picture_of_the_flight(
     assert {str(each.n) for each in run.summary.manoeuvres} - written == set()
 
 
-@upper_house
 def test_the_remedy_that_helps_comes_before_those_that_cannot(tmp_path: Path) -> None:
     """The rudder follows the aileron: neither more samples nor another order help."""
     run = yawid.replay(REPLAY_LOGS / "sitl_auto" / "log.tlog")

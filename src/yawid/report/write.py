@@ -174,8 +174,8 @@ class Report:
 
 def _sigma(summary: RunSummary) -> str:
     """Return the meaning of ± on this page, "" where it has no answer."""
-    mode = summary.dutch_roll if summary.flight is None else summary.flight.dutch_roll
-    means = sigma_means([mode])
+    stream = " of noise alone" if summary.dutch_roll else ""
+    means = stream if summary.flight is None else sigma_means([summary.flight.dutch_roll])
     return f"± is one sigma{means}. Bands in the pictures are 2 sigma." if means else ""
 
 
