@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from flightlog import FlightLog, reason_ids, samples_of, summary_of
 
-from yawid.channels.find_surface import find_surface, why_no_surface
+from yawid.channels.find_surface import find_surface, no_surface
 from yawid.channels.parameters import ParameterTable
 from yawid.channels.surface import SurfacePart
 from yawid.channels.vehicle import Vehicle
@@ -86,7 +86,7 @@ def test_a_tail_that_the_old_mixer_mixes_is_refused_with_the_way_out():
     rudder, known = found(OLD | {"VTAIL_OUTPUT": 1.0})
 
     assert rudder is None
-    assert "VTAIL_OUTPUT" in why_no_surface("rudder", *known)
+    assert "VTAIL_OUTPUT" in no_surface("rudder", *known).text
     assert found(OLD | {"ELEVON_OUTPUT": 1.0}, "aileron")[0] is None
 
 

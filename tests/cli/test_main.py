@@ -57,7 +57,7 @@ def test_a_replay_for_people_says_the_verdict_and_the_dutch_roll(tmp_path: Path)
 
     assert done.returncode == 0
     assert "verdict  usable" in done.stdout
-    assert "  flight  wn 2.3" in done.stdout
+    assert "  flight  wn 2.4" in done.stdout
     assert "Dutch roll wn" not in done.stdout
     assert "\x1b" not in done.stdout
     paths = [line for line in done.stdout.splitlines() if str(tmp_path) in line]

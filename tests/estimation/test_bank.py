@@ -14,7 +14,7 @@ from sinks.sink_blocks import SAMPLE_TIME_S, make_samples
 
 from yawid.blocks import SampleBlock
 from yawid.config.run import RunConfig
-from yawid.estimation.bank import MEMORIES, REMEMBERED, Bank, Ring
+from yawid.estimation.bank import MEMORIES, Bank, Ring
 
 
 @given(limit=st.integers(1, 40), cuts=st.lists(st.integers(0, 60), max_size=12))
@@ -56,18 +56,3 @@ def test_a_bank_that_forgets_keeps_three_memories_however_the_samples_came(cut: 
     whole = Bank(CONFIG, SAMPLE_TIME_S).run(samples)
     for method, y_hat in history.y_hat.items():
         np.testing.assert_array_equal(y_hat, whole[method].y_hat[newest])
-
-
-@pytest.mark.parametrize("cut", [1, 7, 1000])
-def test_the_model_as_it_stood_had_not_seen_what_it_is_asked_about(cut: int) -> None:
-    samples, bank = flown(1000), Bank(CONFIG, SAMPLE_TIME_S)
-    for first in range(0, 1000, cut):
-        bank.run(samples.select(np.arange(first, min(first + cut, 1000))))
-    earlier = bank.earlier(100)
-    assert earlier is not None
-    assert 100 - REMEMBERED < earlier.first <= 100
-    whole = Bank(CONFIG, SAMPLE_TIME_S).run(samples)
-    for method, theta in earlier.theta.items():
-        seen = 1000 - KEPT + earlier.first
-        np.testing.assert_array_equal(theta, whole[method].theta[seen - 1])
-    assert Bank(CONFIG, SAMPLE_TIME_S).earlier(100) is None

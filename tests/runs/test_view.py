@@ -47,7 +47,7 @@ def test_the_view_of_a_run_is_the_recording_the_run_would_have_saved(
     for path in (run.with_suffix(".rrd"), tmp_path / "view.rrd"):
         [text] = statics(path, "/verdict", "TextDocument:text")[-1]
         assert text.startswith("# Usable")
-        assert "The flight: **ωn 2.39" in text
+        assert "The flight: **ωn 2.4" in text
 
 
 def with_manoeuvres(run: Path, out: Path, date: str | None = None) -> Path:
