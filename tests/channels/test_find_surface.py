@@ -114,12 +114,12 @@ def test_a_list_that_lacks_the_stock_channels_function_leaves_the_stock_channel(
 
     if count == 2:
         assert found.channels.surfaces == ()
-        assert [id_ for id_, _ in report.missing] == ["no_rudder"]
+        assert [each.id for each in report.missing] == ["no_rudder"]
     else:
         np.testing.assert_allclose(found.u[:, 0], 0.5, rtol=1e-12)
         (reason,) = report.reasons
-        assert reason[0] == "rudder_assumed"
-        assert "1 of its parameters are missing" in reason[1]
+        assert reason.id == "rudder_assumed"
+        assert "1 of its parameters are missing" in reason.text
 
 
 def test_nothing_is_assumed_while_the_list_is_on_its_way():
@@ -132,9 +132,9 @@ def test_a_torn_list_whose_stock_channel_does_something_else_has_no_rudder():
     found = samples_of(log_with_parameters({"SERVO4_FUNCTION": 19}, [1500, 0, 0, 1700], 900))
 
     assert found.channels.surfaces == ()
-    ((id_, text),) = report_of(found.channels).missing
-    assert id_ == "no_rudder"
-    assert "899 parameters are missing" in text
+    (reason,) = report_of(found.channels).missing
+    assert reason.id == "no_rudder"
+    assert "899 parameters are missing" in reason.text
 
 
 @pytest.mark.parametrize(

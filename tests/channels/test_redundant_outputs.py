@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 import pytest
-from flightlog import FlightLog, reason_ids, samples_of, summary_of
+from flightlog import FlightLog, reason_ids, reasons_of, samples_of, summary_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -59,7 +59,7 @@ def test_twins_that_move_alike_are_named_and_need_no_warning():
 def test_twins_that_differ_are_a_warning_that_says_by_how_much(second):
     summary = summary_of(flight(second))
 
-    (text,) = [r["text"] for r in summary["verdict"]["reasons"] if r["id"] == "rudder_assumed"]
+    (text,) = [r["text"] for r in reasons_of(summary) if r["id"] == "rudder_assumed"]
     assert "servo4_raw is also a rudder and differs from SERVO_OUTPUT_RAW.servo2_raw" in text
     assert "moves differently" in summary["channels"]["rudder"]["how"]
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from flightlog import FlightLog, Samples, samples_of, summary_of
+from flightlog import FlightLog, Samples, reasons_of, samples_of, summary_of
 from places import SHARED_FLIGHTS as FLIGHTS
 from pymavlink import mavutil
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
@@ -99,10 +99,10 @@ def test_a_px4_vtol_that_does_not_say_how_it_flies_is_held():
 
 def test_where_every_sample_is_held_the_verdict_says_why():
     data = flown([beat(19)], [beat(18)], parameters=QUAD, motors=(DRIVEN, DRIVEN))
-    reasons = {r["id"]: r["text"] for r in summary_of(data)["verdict"]["reasons"]}
+    reasons = {r["id"]: r["text"] for r in reasons_of(summary_of(data))}
 
     assert reasons["not_excited"] == "every sample is held: hover, lift motors"
-    half = {r["id"]: r["text"] for r in summary_of(flown([], [beat(19)]))["verdict"]["reasons"]}
+    half = {r["id"]: r["text"] for r in reasons_of(summary_of(flown([], [beat(19)])))}
     assert "every sample" not in half.get("not_excited", "")
 
 

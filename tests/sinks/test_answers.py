@@ -27,7 +27,7 @@ from yawid.answers.reasons import Reason, Verdict
 from yawid.answers.run_summary import DutchRoll, MethodSummary, RunSummary
 from yawid.report.write import Report
 from yawid.sinks.answers import cards, headline, use
-from yawid.sinks.mcap.reader import McapRun, open_run
+from yawid.sinks.mcap.reader import open_run
 from yawid.sinks.rerun.documents import verdict_markdown
 from yawid.sinks.terminal.summary_table import print_summary
 from yawid.sinks.words import percent
@@ -38,36 +38,20 @@ LONG = (
 )
 
 
-@pytest.fixture(scope="module")
-def by_rml(tmp_path_factory: pytest.TempPathFactory) -> McapRun:
-    """A run of which RML answers though ELS was asked for first."""
-    options = ("--output", "yaw", "--manoeuvres", "off")
-    run = open_run(replayed(C172P, tmp_path_factory.mktemp("rml"), *options))
-    assert run.summary.verdict.method == "rml"
-    assert next(iter(run.summary.estimates)) == "els"
-    return run
-
-
-def test_the_report_answers_with_the_method_of_the_verdict(by_rml: McapRun) -> None:
-    rml = by_rml.summary.estimates["rml"].dutch_roll
-    html = Report(by_rml).html()
-    text = first_screen(html)
-    assert f"Dutch roll of {rml.wn_rad_s:.3g} rad/s" in text
-    assert f"ωn {rml.wn_rad_s:.3f} rad/s ± {rml.wn_std:.3f}" in text
-    assert "ELS next to it" in text
-    assert "RML next to it" not in text
-    assert " RML at 20 Hz" in text
-    assert "RML answers" in Page(html).text
-
-
-def test_the_terminal_marks_its_column_and_the_viewer_shows_its_numbers(by_rml: McapRun) -> None:
+def test_a_run_whose_manoeuvres_were_not_looked_for_is_shown_as_not_judged(tmp_path: Path) -> None:
+    run = open_run(replayed(C172P, tmp_path, "--manoeuvres", "off"))
+    roll = run.summary.estimates["els"].dutch_roll
+    text = first_screen(Report(run).html())
+    assert "It was not judged." in text
+    assert f"ωn {roll.wn_rad_s:.3f} rad/s ± {roll.wn_std:.3f}" in text
+    assert "RML next to it" in text
     out = io.StringIO()
-    print_summary(by_rml.summary, out)
-    (heading,) = [line for line in out.getvalue().splitlines() if "one sigma" in line]
-    assert heading.split()[-3:] == ["ELS", "RML", "answers"]
-    panel = verdict_markdown(msgspec.structs.replace(by_rml.summary, flight=None))
-    assert f"**ωn {by_rml.summary.dutch_roll.wn_rad_s:.3f} ±" in panel
-    assert "The stream, RML:" in panel
+    print_summary(run.summary, out)
+    assert "verdict  not judged" in out.getvalue()
+    assert "NOT USABLE" not in out.getvalue()
+    panel = verdict_markdown(run.summary)
+    assert panel.startswith("# Not judged\nThe stream, ELS: ")
+    assert "Do not use the numbers" not in panel
 
 
 def estimate(wn: float) -> MethodSummary:
@@ -75,18 +59,12 @@ def estimate(wn: float) -> MethodSummary:
     return hand_flights.estimate("els", roll)
 
 
-def summary_of(reason: str | None = None, method: str | None = None) -> RunSummary:
+def summary_of(reason: str | None = None) -> RunSummary:
     reasons = [Reason("not_converged", reason, weight="fatal")] if reason else []
     return hand_flights.plain_summary(
         estimates={"els": estimate(2.0), "rml": estimate(3.0)},
-        verdict=Verdict(method=method, usable=reason is None, reasons=reasons),
+        verdict=Verdict.of(reasons),
     )
-
-
-def test_a_run_that_does_not_say_who_answers_shows_the_first() -> None:
-    assert cards(summary_of())[0].answer.startswith("2.000")
-    assert cards(summary_of(method="rml"))[0].answer.startswith("3.000")
-    assert cards(summary_of(method="neither"))[0].answer.startswith("2.000")
 
 
 def test_nobody_is_fairly_sure_of_what_cannot_be_used() -> None:
@@ -123,7 +101,7 @@ def test_a_refused_flight_names_what_of_it_can_be_used() -> None:
     )
     told = four_of_a_flight()
     refused = msgspec.structs.replace(told.flight, verdict=fatal, used=[])
-    said = headline(msgspec.structs.replace(told, flight=refused))
+    said = headline(msgspec.structs.replace(told, flight=refused, verdict=fatal))
     assert "By itself this can be used: manoeuvres 1 (35 to 67 s), 2 (" in said
 
 
@@ -133,7 +111,7 @@ def test_a_fit_of_an_exploding_model_is_no_number() -> None:
     exploded = msgspec.structs.replace(estimate(2.0), fit=fits)
     summary = msgspec.structs.replace(summary_of("it fits badly"), estimates={"els": exploded})
     print_summary(summary, out)
-    assert out.getvalue().count("< -1000") == 2
+    assert out.getvalue().count("< -1000") == 1
     assert "e+" not in out.getvalue()
     assert percent(-999.0, ".0f") == "-999"
 
@@ -198,9 +176,8 @@ def test_the_headline_says_whose_number_it_is_and_where() -> None:
     assert "roll loop, from 2 of 2 manoeuvres." in headline(without_airspeed())
 
 
-def test_a_flight_without_a_usable_manoeuvre_is_refused_whatever_the_stream_says() -> None:
-    yes = Verdict(method="rml", usable=True, reasons=[])
-    refused = msgspec.structs.replace(none_usable(), verdict=yes)
+def test_a_flight_without_a_usable_manoeuvre_is_refused() -> None:
+    refused = none_usable()
 
     assert headline(refused).startswith(
         "This flight cannot say how the yaw answers the rudder: the n"

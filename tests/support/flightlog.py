@@ -144,10 +144,15 @@ def summarised(path: Path, config: RunConfig) -> RunSummary:
     return summarise(pipeline, source.link, "", "")
 
 
+def reasons_of(summary: dict[str, Any]) -> list[dict[str, str]]:
+    """Return the reasons of a summary: of its verdict, or of a log that is not judged."""
+    found = summary["verdict"]["reasons"] if "verdict" in summary else summary.get("warnings", [])
+    return list(found)
+
+
 def reason_ids(summary: dict[str, Any]) -> set[str]:
-    """Return the ids of a summary's reasons: of its verdict, or of a log that is not judged."""
-    judged = summary.get("verdict", {"reasons": summary.get("warnings", [])})
-    return {reason["id"] for reason in judged["reasons"]}
+    """Return the ids of a summary's reasons."""
+    return {reason["id"] for reason in reasons_of(summary)}
 
 
 @dataclass

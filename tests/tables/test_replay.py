@@ -142,13 +142,15 @@ def test_an_answer_is_a_value_that_says_whether_it_is_one(run: Run) -> None:
     assert run.bare.verdict.next == 'Replay the log with lateral="auto".'
 
 
-def test_a_usable_stream_answers_where_no_manoeuvre_was_looked_for() -> None:
+def test_where_no_manoeuvre_was_looked_for_there_are_numbers_of_the_stream_and_no_answer() -> None:
     stream = yawid.replay(record(), **SAID, manoeuvres="off", forgetting=1.0)
 
-    assert stream.usable
-    assert stream.flight
-    assert stream.flight.used == []
-    assert stream.flight.dutch_roll == stream.summary.dutch_roll is not None
+    assert not stream.usable
+    assert not stream.flight
+    assert stream.summary.verdict is None
+    assert stream.summary.dutch_roll is not None
+    assert "not judged" in repr(stream)
+    assert "NOT USABLE" not in repr(stream)
 
 
 def test_the_manoeuvres_have_every_derivative_with_its_sigma(run: Run) -> None:

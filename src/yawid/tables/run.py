@@ -142,7 +142,7 @@ class Run:
 
     def _made_of(self, title: str, columns: Iterable[Column]) -> Table:
         """Return a table of results, whose title marks a run that is not usable."""
-        mark = "" if self.summary.deciding.usable else " (of a run that is NOT USABLE)"
+        mark = " (of a run that is NOT USABLE)" if self.summary.deciding.fatal else ""
         return Table(title + mark, [*columns])
 
     def to_pandas(self) -> Any:

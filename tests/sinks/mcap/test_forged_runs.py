@@ -61,18 +61,12 @@ def with_(path: str, value: Any) -> Callable[[Any], Any]:
     return change
 
 
-def without(name: str) -> Callable[[Any], Any]:
-    return lambda summary: {key: value for key, value in summary.items() if key != name}
-
-
 @pytest.mark.parametrize(
     "summary",
     [
         lambda summary: [],
         lambda summary: b"[" * 100_000,
         lambda summary: b"\xff",
-        without("verdict"),
-        with_("verdict", None),
         with_("verdict.usable", "yes"),
         with_("verdict.reasons", 3),
         with_("verdict.reasons", [{"id": "x"}]),

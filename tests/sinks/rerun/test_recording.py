@@ -242,7 +242,8 @@ def flown(tmp_path_factory: pytest.TempPathFactory) -> Path:
     sink.manoeuvre(*first)
     sink.manoeuvre(unanswered(second[0]), second[1])
     found = [first[0], unanswered(second[0])]
-    sink.finish(msgspec.structs.replace(SUMMARY, manoeuvres=found, flight=FLIGHT), {})
+    of = {"manoeuvres": found, "flight": FLIGHT, "verdict": FLIGHT.verdict}
+    sink.finish(msgspec.structs.replace(SUMMARY, **of), {})
     return path
 
 
