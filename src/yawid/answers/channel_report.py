@@ -17,9 +17,8 @@ class ChannelReport:
     ``why_no_vehicle`` says why none was. ``reasons`` are about what is assumed of the channels.
     ``commands`` yields the reasons of a rudder without command; its argument returns why the rudder
     is believed all the same. ``rates_hz`` are the rates of yaw and rudder in the first seconds,
-    None without samples; ``later_hz`` those of the whole run. ``used`` counts the samples that
-    update the estimators; ``held`` says why others do not. ``rudder_message`` is the message with
-    the rudder, and ``has_functions`` says whether any servo has a function.
+    None without samples; ``later_hz`` those of the whole run. ``rudder_message`` is the message
+    with the rudder, and ``has_functions`` says whether any servo has a function.
     """
 
     is_record: bool

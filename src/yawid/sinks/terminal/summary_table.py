@@ -173,9 +173,6 @@ def print_orders(report: OrdersReport, stream: TextIO, most: int = 12) -> None:
     if report.recommended is not None:
         console.print(Text(f"recommended  --orders {report.recommended}", style="bold"))
         return
-    if report.verdict.usable:
-        console.print(Text("leave --orders open: the replay without it is usable", style="bold"))
-        return
     console.print(
         Text("no orders are recommended: no replay of this log can be used", style="bold red")
     )
