@@ -128,7 +128,7 @@ def test_a_log_and_a_run_are_read_from_a_store_under_their_urls(
     (there / "run.mcap").write_bytes(Path("yawid-out/day.mcap").read_bytes())
 
     run = yawid.load(str(there / "run.mcap"))
-    assert (run.summary.log, run.usable) == (f"{there}/day.tlog", True)
+    assert (run.summary.log, run.summary.verdict) == (f"{there}/day.tlog", None)
     assert str(run.path) == f"{there}/run.mcap"
     assert not yawid.diff(run, str(there / "run.mcap")).changed
     assert main(["replay", str(there / "nothing.tlog")]) == 6

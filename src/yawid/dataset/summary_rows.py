@@ -58,7 +58,12 @@ def _answer(flight: Flight, first_us: int | None) -> Row:
 def run_rows(summary: RunSummary) -> Iterator[Row]:
     """Yield a row for each method's estimate from the stream."""
     for method in (summary.estimates or {}).values():
-        yield _of_method(method) | _model(method) | {"is_answer": method is summary.answer}
+        yield {
+            **_of_method(method),
+            **_taken(method.orders, ORDERS),
+            **_model(method),
+            "is_answer": method is summary.answer,
+        }
 
 
 def manoeuvre_rows(summary: RunSummary) -> Iterator[Row]:
@@ -114,8 +119,7 @@ def _bare(bare: Bare | None) -> Row:
 
 
 def _of_method(method: MethodSummary) -> Row:
-    roll = _taken(method.dutch_roll, DUTCH_ROLL)
-    return {"method": method.method, **_taken(method.orders, ORDERS), **roll}
+    return {"method": method.method, **_taken(method.dutch_roll, DUTCH_ROLL)}
 
 
 def _taken(of: Part | None, columns: Sequence[Column]) -> Row:

@@ -343,7 +343,8 @@ def _not_judged(
     rows = [side.rows.get(loop) or next(iter(side.rows.values()), None) for side in (a, b)]
     for row, name in zip(rows, "AB", strict=True):
         if row is not None and not row["usable"]:
-            return f"{name} is not usable: {', '.join(row['reasons'])}"
+            why = ", ".join(row["reasons"])
+            return f"{name} is not usable: {why}" if why else f"{name} has no verdict"
     if rows[0] is None or rows[1] is None:
         return None
     if not loop:

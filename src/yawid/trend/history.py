@@ -28,8 +28,8 @@ GAP: Final = 1.5
 its own (a Cessna 172 flew at 39 to 62 m/s). Without this, a Cessna and a model aircraft of one
 sysid, which left 22 to 48 m/s empty, were one steady history."""
 MADE: Final = (
-    "config_hash", "analysis_version", "yawid_version", "method", "na", "nb", "nc", "nk",
-    "rudder_source", "yaw_source", "airspeed_source", "rate_hz",
+    "config_hash", "analysis_version", "yawid_version", "method", "rudder_source", "yaw_source",
+    "airspeed_source", "rate_hz",
 )  # fmt: skip
 """Columns that say how a flight was measured: if they change with a number, they may explain it."""
 _WHO: Final = ("vehicle", "loop", "vehicle_type", "date", "log_sha256", "sysid", "boot", "usable")
