@@ -131,8 +131,7 @@ def test_the_figures_of_two_answers_are_those_by_hand() -> None:
     )
     assert lines["| RML, calm"].startswith("| RML, calm | 3 | 100 | 11.40 | +23.47 |")
     assert lines["| answer, turbulence"].startswith("| answer, turbulence | 0 | 0 | - |")
-    assert lines["| flight, sigma of the next manoeuvre"].split(" | ")[8] == "0.89 0.00"
-    assert lines["| flight, sigma of the mean"].split(" | ")[8] == "1.04 -"
+    assert lines["| flight; then its mean"].split(" | ")[8] == "0.89 0.00, 1.04 -"
 
 
 def answers(*off_pct: float, sigma_pct: float = 1.0) -> list[Row]:

@@ -84,6 +84,9 @@ COLUMNS = (
 )  # fmt: skip
 """Of the errors of wn in % and of zeta: median size, mean, root mean square; then the root mean
 square of z, the share of z within 2 (wn, zeta), and how many of both are beyond FAR."""
+Z = COLUMNS.index("z wn, zeta")
+ACROSS = {"answered %", "wn off %, median", "wn RMS", "zeta RMS", *COLUMNS[Z : Z + 2]}
+"""The columns that are shown for each condition."""
 KEYS = {"wn": ("wn_error_pct", "wn_z"), "zeta": ("zeta_error", "zeta_z")} | {
     f"{name} of the mean": (error, f"{name}_z_mean")
     for name, error in (("wn", "wn_error_pct"), ("zeta", "zeta_error"))
@@ -197,8 +200,9 @@ def air_lines(rows: Sequence[Row]) -> Iterator[str]:
         yield line(f"answer, {air}", *cells(in_group(rows, air), "manoeuvre"))
     for method, air in product(METHODS, AIR[1:]):
         yield line(f"{method.upper()}, {air}", *cells(in_group(rows, air), method))
-    yield line("flight, sigma of the next manoeuvre", *cells(rows, "flight"))
-    yield line("flight, sigma of the mean", *cells(rows, "flight", " of the mean"))
+    flight, mean = (cells(rows, "flight", end) for end in ("", " of the mean"))
+    flight[Z:] = [f"{one}, {other}" for one, other in zip(flight[Z:], mean[Z:], strict=True)]
+    yield line("flight; then its mean", *flight)
 
 
 def across_lines(rows: Sequence[Row], names: Sequence[str]) -> Iterator[str]:
@@ -207,7 +211,9 @@ def across_lines(rows: Sequence[Row], names: Sequence[str]) -> Iterator[str]:
     yield "|answer|" + "|".join(short) + "|"
     yield "|---" * (1 + len(names)) + "|"
     columns = [cells(in_group(rows, name), "manoeuvre") for name in names]
-    for name, values in [*zip(COLUMNS, zip(*columns, strict=True), strict=True)][1:-1]:
+    for name, values in zip(COLUMNS, zip(*columns, strict=True), strict=True):
+        if name not in ACROSS:
+            continue
         shown = (each.replace("0.", ".").replace(" ", ",") for each in values)
         yield f"|{name}|{'|'.join(shown)}|".replace("+nan", "-").replace("nan", "-")
 
