@@ -131,19 +131,6 @@ def modes(
     return ModesBlock(s, wn, wn_std, zeta, zeta_std, dutch_roll, nothing, nothing)
 
 
-def dutch_roll_of(
-    theta: Floats, orders: ArmaxOrders, sample_time_s: float, *, mean_output: bool = False
-) -> Floats:
-    """Return wn in rad/s and zeta (2,) of the Dutch roll of one theta (p,); NaN without one."""
-    poles = poles_of(theta[None, : orders.na], orders, sample_time_s)
-    residues = residues_of(theta[None], poles, orders, sample_time_s, mean_output=mean_output)
-    best = int(dutch_roll_index(poles.s, residues, sample_time_s)[0])
-    if best < 0:
-        return np.full(2, np.nan)
-    pole = poles.s[0, best]
-    return np.array([abs(pole), -pole.real / abs(pole)])
-
-
 def _leave_one_nan(values: Complexes | Floats) -> None:
     """Give all NaNs the same bits: their sign depends on how many rows are computed at once."""
     parts = values.view(np.float64)
