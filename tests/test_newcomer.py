@@ -39,51 +39,6 @@ def yawid(*arguments):
     assert "Traceback" not in done.stderr, done.stderr
     return done.stdout
 """
-METHOD = Change(
-    {
-        "estimation/arx.py": '''
-"""ARX over a record: least squares without a moving average."""
-
-from yawid.blocks import Floats
-from yawid.estimation.prediction_error import RecordFit
-
-
-def arx(record: RecordFit, _settled: float) -> Floats:
-    """Return theta (n_theta,) by least squares, its C left out."""
-    import numpy as np
-
-    phi = np.concatenate([rows for _, rows in record.stretches])
-    return np.linalg.lstsq(phi, record.y, rcond=None)[0]
-'''
-    },
-    {
-        "estimation/methods.py": (
-            (
-                "_ROWS = (\n",
-                '_ROWS = (\n    Method(\n        name="arx", words="least squares", '
-                'colour="#808080", shade="grey",\n        fit=arx, scores=RecordFit.scores,\n'
-                "    ),\n",
-            ),
-            (
-                "from yawid.config.names import ELS, OE, RML\n",
-                "from yawid.config.names import ELS, OE, RML\n"
-                "from yawid.estimation.arx import arx\n",
-            ),
-        )
-    },
-    RUN
-    + """
-found = json.loads(yawid("replay", LOG, "--out", "out", "--json"))
-estimates = found["manoeuvres"][0]["estimates"]
-assert set(estimates) == {"arx", "els", "rml", "oe"}, set(estimates)
-assert found["flight"]["method"] == "oe"
-assert abs(estimates["arx"]["dutch_roll"]["wn_rad_s"] - 2.4) < 0.5
-assert '"arx"' in yawid("schema", "replay")
-again = json.loads(yawid("replay", "out/log.mcap", "--out", "again", "--json"))
-assert again["manoeuvres"][0]["estimates"] == estimates
-assert "arx" not in yawid("replay", "--help")  # it does not recurse
-""",
-)
 FORMAT = Change(
     {
         "sources/logs/hex_log.py": '''
@@ -313,7 +268,6 @@ assert "greet" in yawid("completion", "bash")
 """,
 )
 CHANGES = [
-    pytest.param(METHOD, 2, id="an estimation method", marks=pytest.mark.long),
     pytest.param(FORMAT, 2, id="a log format", marks=pytest.mark.long),
     pytest.param(CHANNEL, 4, id="a channel", marks=pytest.mark.long),
     pytest.param(SINK, 2, id="a sink", marks=pytest.mark.long),

@@ -19,7 +19,7 @@ MEET = (
     ("rudder", "aileron"),
     ("model", "neutral", "bare"),
     ("data", "bare"),
-    ("els", "rml", "oe", "bad", "neutral", "bare"),
+    ("els", "rml", "bad", "neutral", "bare"),
 )
 """Lines of one picture."""
 # Severity 1.0 of Machado, Oliveira and Fernandes (2009), on linear RGB.

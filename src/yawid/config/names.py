@@ -4,7 +4,6 @@ from typing import Final, Literal
 
 ELS: Final = "els"
 RML: Final = "rml"
-OE: Final = "oe"
 RecursiveName = Literal["els", "rml"]
 RECURSIVE: Final = (ELS, RML)
 """The methods that recurse; ``estimation/methods.py`` has their other properties."""

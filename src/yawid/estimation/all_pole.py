@@ -32,14 +32,6 @@ def all_pole(a: Floats, drive: Floats, past: Floats | None = None) -> Floats:
     return _filtered(a, x, delays)
 
 
-def free_decays(a: Floats, n: int) -> Floats:
-    """Return the responses (n, na) of 1/A, ``a`` (na,), to a past value of 1, each lag in turn."""
-    delays = np.zeros((len(a), len(a)))
-    for i in range(len(a)):
-        delays[i, : len(a) - i] -= a[i:]
-    return _filtered(a, np.zeros((n, len(a))), delays) if n and len(a) else np.zeros((n, len(a)))
-
-
 def _filtered(a: Floats, x: Floats, delays: Floats) -> Floats:
     """Return x (n,) or (n, m) filtered from its ``delays`` (na,) or (na, m), which may change."""
     if (loop := RUNNER.loop(filter_rows)) is None:

@@ -1,8 +1,7 @@
-"""Prediction errors over a whole record: loss, gradient, and the fits of two methods.
+"""Prediction errors over the samples of the start buffer: their loss, its gradient, and its least.
 
-All signals are scaled. RML is the theta of least loss, found by damped Gauss-Newton steps (Ljung
-1999, 10.2). ELS is the fixed point of extended least squares, the root of phi(theta)' eps(theta).
-The two fits have only their first guess in common.
+All signals are scaled. The theta of least loss is found by damped Gauss-Newton steps (Ljung 1999,
+10.2).
 """
 
 from collections.abc import Iterator
@@ -24,11 +23,6 @@ RIDGE = 1e-8
 """Used in place of 1 / P0, a prior that would bias the fit where the noise is small."""
 SETTLED = 1e-12
 """A fit stops where a step reduces the loss by less than this share."""
-BALANCED = 1e-8
-"""The fixed point is reached where theta is off by this, in squared standard deviations."""
-
-Scores = tuple[Floats, Floats, Floats]
-"""At theta: instruments Z (n, n_theta), psi = -d eps/d theta (n, n_theta), and eps (n,)."""
 
 
 def stretches_of(config: EstimatorConfig, rows: Floats) -> Iterator[tuple[Floats, Floats]]:
@@ -49,7 +43,7 @@ def stretches_of(config: EstimatorConfig, rows: Floats) -> Iterator[tuple[Floats
 
 
 class RecordFit:
-    """Loss, gradient, Gauss-Newton fit and fixed point of ELS over the stretches of a record."""
+    """Loss, gradient and Gauss-Newton fit over the stretches of a record."""
 
     def __init__(self, config: EstimatorConfig, stretches: list[tuple[Floats, Floats]]) -> None:
         self.orders = config.orders
@@ -57,19 +51,12 @@ class RecordFit:
         self.y = np.concatenate([y for y, _ in stretches] or [np.empty(0)])
         self.weights = config.forgetting_factor ** np.arange(len(self.y))[::-1]
         self.prior = np.eye(config.n_theta) * RIDGE
-        self.ran: tuple[Floats | None, object] = None, None
-        """The theta of the last fit by free run, and its free run, which the scores need again."""
 
     @cached_property
     def without_c(self) -> Ints:
         """The places in theta of A, B and the bias."""
         first = self.orders.na + sum(self.orders.nb)
         return np.delete(np.arange(len(self.prior)), slice(first, first + self.orders.nc))
-
-    @cached_property
-    def measured(self) -> list[Floats]:
-        """Phi (n, n_theta - nc) of each stretch, without the columns of C."""
-        return [np.take(phi, self.without_c, axis=1) for _, phi in self.stretches]
 
     def residuals(self, theta: Floats) -> list[Floats]:
         """Return eps = (A y - B u - bias) / C (n,) of each stretch; eps = 0 before it (eq. 33)."""
@@ -98,16 +85,6 @@ class RecordFit:
             c = c_of(theta, self.orders)
             rows = [all_pole(c, phi) for phi in rows]
         return np.concatenate(rows), np.concatenate(residuals)
-
-    def scores(self, theta: Floats, residuals: list[Floats]) -> Scores:
-        """Return the scores at theta with psi as the instruments, given the ``residuals`` there."""
-        psi, eps = self.gradient(theta, residuals=residuals)
-        return psi, psi, eps
-
-    def pseudo_linear_scores(self, theta: Floats, residuals: list[Floats]) -> Scores:
-        """Return the scores at theta with phi as the instruments, given the ``residuals`` there."""
-        psi, eps = self.gradient(theta, residuals=residuals)
-        return np.concatenate(self.regressors(residuals)), psi, eps
 
     def regressors(self, residuals: list[Floats]) -> list[Floats]:
         """Return phi (n, n_theta) of each stretch, with its residuals (n,) in their columns."""
@@ -147,11 +124,8 @@ class RecordFit:
             lagged[lag:, lag - 1] = newest[:-lag]
         return np.hstack([known, lagged.reshape(len(y), -1)])
 
-    def gauss_newton(self, settled: float = SETTLED) -> Floats:
-        """Return the theta (n_theta,) of least loss, found by damped Gauss-Newton steps.
-
-        They stop where one reduces the loss by a smaller share than ``settled``.
-        """
+    def gauss_newton(self) -> Floats:
+        """Return the theta (n_theta,) of least loss, found by damped Gauss-Newton steps."""
         theta = self.first_guess
         residuals = self.residuals(theta)
         loss = self.loss(theta, residuals)
@@ -170,47 +144,10 @@ class RecordFit:
                     if (better := self.loss(trial, tried)) < loss:
                         break
                 step, better = 0.5 * step, loss
-            if not better < loss * (1.0 - settled):
+            if not better < loss * (1.0 - SETTLED):
                 break
             theta, loss, residuals = trial, better, tried
         return theta
-
-    def fixed_point(self, _settled: float = SETTLED) -> Floats | None:
-        """Return the fixed point of extended least squares, phi(theta)' eps(theta) = 0; or None.
-
-        It is found by Newton's method with psi as the derivative of -eps, whose steps are halved
-        until C(q) is stable and phi' eps is smaller: repeated least squares need not converge where
-        C is far from 1 (Ljung 1977). None where no fixed point is found.
-        """
-        theta = self.first_guess
-        imbalance, step = self._pseudo_linear_step(theta)
-        for _ in range(ITERATIONS):
-            for _ in range(HALVINGS):
-                trial = theta + step
-                if is_stable(c_of(trial, self.orders)):
-                    left, next_step = self._pseudo_linear_step(trial)
-                    if left < imbalance:
-                        break
-                step = 0.5 * step
-            else:
-                return None
-            theta, imbalance, step = trial, left, next_step
-            if imbalance < BALANCED:
-                return theta
-        return None
-
-    def _pseudo_linear_step(self, theta: Floats) -> tuple[float, Floats]:
-        """Return how far phi' eps is from 0, in squared standard deviations, and Newton's step."""
-        residuals = self.residuals(theta)
-        phi, psi, eps = self.pseudo_linear_scores(theta, residuals)
-        weighted = phi * self.weights[:, None]
-        score = cross(weighted, eps) - self.prior @ theta
-        noise = float(np.sum(self.weights * eps**2)) / len(eps)
-        if not (noise > 0.0 and np.isfinite(psi).all() and np.isfinite(score).all()):
-            return np.inf, np.full_like(theta, np.nan)
-        left = float(score @ np.linalg.solve(cross(weighted, phi) + self.prior, score)) / noise
-        step = np.linalg.solve(cross(weighted, psi) + self.prior, score)
-        return left, np.asarray(step, np.float64)
 
 
 def _least_squares(phi: Floats, y: Floats, prior: Floats) -> Floats:

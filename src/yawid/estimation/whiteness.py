@@ -25,17 +25,6 @@ def ljung_box(products: Floats, s1: float, s2: float) -> float:
     return chi_square_tail(q, lags)
 
 
-def largest_autocorrelation(eps: Floats, lags: int = 20) -> float:
-    """Return the largest absolute autocorrelation of eps (n,) at lags 1 to ``lags``.
-
-    Pairs with a NaN are left out. NaN where there are fewer than two residuals for each lag.
-    """
-    power = float(np.nansum(eps**2))
-    if np.isfinite(eps).sum() < 2 * lags or not power > 0.0:
-        return float("nan")
-    return max(abs(float(np.nansum(eps[lag:] * eps[:-lag]))) for lag in range(1, lags + 1)) / power
-
-
 def chi_square_tail(q: float, degrees: int) -> float:
     """Return the probability that chi-square with ``degrees`` of freedom, at least 1, exceeds q.
 

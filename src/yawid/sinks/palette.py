@@ -33,8 +33,8 @@ INPUTS: Final[Mapping[str, str]] = {"rudder": RUDDER, "aileron": AILERON}
 METHODS: Final[Mapping[str, str]] = {name: row.colour for name, row in methods.METHODS.items()}
 OF_METHODS: Final = ", ".join(f"{name.upper()} {methods.METHODS[name].shade}" for name in METHODS)
 """The names of all methods with their colours in words."""
-MANOEUVRE: Final = METHODS[methods.of_a_record()[0]]
-"""A manoeuvre among others: the colour of the method that answers manoeuvres."""
+MANOEUVRE: Final = METHODS[methods.OF_STRUCTURES]
+"""A manoeuvre among others: no picture has it next to the lines of the methods."""
 LINES: Final = ("#d85e15", "#8c8cd8", "#2d6a72", "#a58f6b", "#a715d8")
 """The parameters in one panel: these colours only distinguish lines and mean nothing else."""
 
