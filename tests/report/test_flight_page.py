@@ -137,7 +137,7 @@ def test_the_section_says_what_sigma_is_of() -> None:
     )
     both, older = (Page("".join(section)).text for section in sections)
 
-    total = "± is one sigma: noise, scatter over the record, structure; in brackets of noise alone."
+    total = "± is one sigma: noise, structure, scatter of manoeuvres; in brackets of noise alone."
     assert total in both
     assert "± is one sigma of noise alone." in older
     assert "11.92 ± 0.11 0.410 ± 0.012 155.0" in older

@@ -156,8 +156,8 @@ def test_the_cards_are_those_of_the_flight_where_there_is_one() -> None:
         "left out, as they disagree: 3",
         "the models alone explain 91 % of the yaw rate",
         "estimated from 65 s of flight",
-        "noise alone gives ωn ±0.29 %, ζ ±0.64 %; the rest is scatter over the record and "
-        "structure",
+        "noise alone gives ωn ±0.29 %, ζ ±0.64 %; the rest is structure and the "
+        "scatter of manoeuvres",
     )
     assert sure.spread == "ωn to ±1.6 %, ζ to ±3.4 %"
     assert can_use.answer == "Yes"  # the stream of this run is not usable

@@ -81,7 +81,7 @@ def test_the_streams_numbers_are_printed_only_if_asked_for() -> None:
 def test_sigma_is_the_total_and_of_noise_alone_in_a_run_of_an_older_version() -> None:
     both, older = text_of(four_of_a_flight()), text_of(of_older_version())
 
-    assert "± is one sigma: noise, scatter over the record, structure; V is" in both
+    assert "± is one sigma: noise, structure, scatter of manoeuvres; V is" in both
     assert "± is one sigma of noise alone; V is" in older
     assert "± is one sigma of noise ELS RML" in older
     assert "noise alone: wn" not in older

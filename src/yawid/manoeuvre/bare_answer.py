@@ -152,11 +152,11 @@ def _away(own: tuple[Known, Known], flown: DutchRoll) -> float:
 def _seen_as_flown(
     closed: AsFlown | None, flown: Manoeuvre, motion: Motion | str
 ) -> tuple[Known, Known] | None:
-    """Return wn and zeta that a model of the answer's orders sees of the airframe as flown.
+    """Return wn and zeta that the fit of an answer sees of the airframe as flown.
 
-    It has more poles than such a model, which in calm air is the nearest one in output error: for
-    SITL's 10.37 rad/s three poles see 10.06. So the same is fitted to the yaw rate that the
-    airframe should have. Without a law, or where the aileron is an input as well, it is None.
+    It has more poles than that fit: for SITL's 10.37 rad/s three poles see 10.06. So the fit is
+    made of the yaw rate that the airframe should have. Without a law, or where the aileron is an
+    input as well, it is None.
     """
     if closed is None or flown.inputs != ["rudder"] or isinstance(motion, str):
         return None

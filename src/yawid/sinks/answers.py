@@ -223,7 +223,7 @@ def _how_sure(summary: RunSummary, mode: DutchRoll | None, notes: list[str]) -> 
         of_noise = _sigma_pct(mode, mode.wn_std_noise, mode.zeta_std_noise)
         notes.append(
             f"noise alone gives ωn ±{of_noise[0]:.2g} %, ζ ±{of_noise[1]:.2g} %; the rest is "
-            "scatter over the record and structure"
+            "structure and the scatter of manoeuvres"
         )
     return Card("How sure?", _sureness(summary, mode), spread, tuple(notes))
 

@@ -132,7 +132,7 @@ def sigma_means(modes: Iterable[DutchRoll | None]) -> str:
     """Return what the sigmas contain, as a phrase that follows ``one sigma``; "" without any."""
     known = [mode for mode in modes if mode is not None and mode.wn_std is not None]
     if any(noise_spreads(mode) for mode in known):
-        return ": noise, scatter over the record, structure"
+        return ": noise, structure, scatter of manoeuvres"
     return " of noise alone" if known else ""
 
 

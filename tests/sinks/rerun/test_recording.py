@@ -346,7 +346,7 @@ def test_manoeuvres_are_a_table_below_what_the_flight_says(flown: Path) -> None:
         "| 1 | FBWA | with roll loop | 21.5 | 10.20 ± 0.20 | 0.620 ± 0.030 | usable |",
         "| 2 |  | with roll loop |  | none | none | not usable, not excited |",
         "",
-        "± is one sigma: noise, scatter over the record, structure.",
+        "± is one sigma: noise, structure, scatter of manoeuvres.",
     ]
     [verdict] = statics(flown, "/verdict", "TextDocument:text")[-1]
     assert verdict.startswith(f"# Usable\n{flight}\n")
@@ -374,7 +374,7 @@ def test_numbers_of_an_unusable_run_are_said_not_to_be_used_and_are_not_bold() -
     assert text.startswith("# Not usable\nThe stream, RML: ωn 10.20 ± 0.20 rad/s, ζ 0.620 ± 0.030.")
     assert "Do not use the numbers: they are shown only to find out why." in text
     assert "| RML | 10.20 ± 0.20 | 0.620 ± 0.030 | 87 % |" in text
-    assert text.endswith("± is one sigma: noise, scatter over the record, structure.\n")
+    assert text.endswith("± is one sigma: noise, structure, scatter of manoeuvres.\n")
 
 
 def test_a_run_without_manoeuvres_has_no_table(tmp_path: Path) -> None:
