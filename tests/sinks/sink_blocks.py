@@ -45,13 +45,13 @@ SUMMARY = RunSummary(
     verdict=VERDICT,
 )
 FLIGHT = Flight(
-    method="rml",
+    method="ct",
     airspeed_m_s=20.5,
     loop="airframe",
     dutch_roll=roll_of(10.1, 0.63, 0.15, 0.02, (0.02, 0.003)),
     used=[1, 3],
     disagree=[2],
-    verdict=Verdict(method="rml", usable=True, reasons=[]),
+    verdict=Verdict(method="ct", usable=True, reasons=[]),
 )
 GRID = Grid(PARAMETERS, ("rudder",), METHODS, SAMPLE_TIME_S, autopilot=3, vehicle_type=1)
 Blocks = tuple[SampleBlock, dict[str, EstimateBlock], ModesBlock]
@@ -122,15 +122,15 @@ def make_modes(n: int, na: int, rng: np.random.Generator) -> ModesBlock:
 def make_manoeuvre(
     samples: SampleBlock, first: int, last: int, n: int = 1
 ) -> tuple[Manoeuvre, tuple[int, int]]:
-    """A usable manoeuvre answered by RML, of rows from one to the other; and its Unix times."""
+    """A usable manoeuvre of rows from one to the other; and its Unix times."""
     from_s, to_s = (float(samples.boot_us[row]) / 1e6 for row in (first, last))
     span_ns = int(samples.unix_ns[first]), int(samples.unix_ns[last])
     date = datetime.fromtimestamp(0, UTC) + timedelta(microseconds=span_ns[0] // 1000)
-    rml = hand_flights.estimate(
-        "rml",
-        roll_of(10.2, 0.62, 0.2, 0.03, (0.05, 0.01)),
+    ct = msgspec.structs.replace(
+        hand_flights.by_ct(roll_of(10.2, 0.62, 0.2, 0.03, (0.05, 0.01))),
         physics={"K": Value(-1.5, 0.1, 0.04)},
-        fit=Fit(simulation_pct=87.0, simulation_held_back_pct=81.5),
+        yaw_acceleration=Value(-40.0, 2.0, 1.0),
+        fit=Fit(simulation_pct=87.0),
     )
     return hand_flights.manoeuvre(
         n,
@@ -144,8 +144,8 @@ def make_manoeuvre(
         altitude_m=120.0,
         inputs=["rudder", "aileron"],
         turn_removed=True,
-        estimates={"rml": rml},
-        verdict=Verdict(method="rml", usable=True, reasons=VERDICT.reasons[1:]),
+        estimates={"ct": ct},
+        verdict=Verdict(method="ct", usable=True, reasons=VERDICT.reasons[1:]),
     ), span_ns
 
 

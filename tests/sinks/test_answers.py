@@ -67,6 +67,12 @@ def summary_of(reason: str | None = None) -> RunSummary:
     )
 
 
+def test_without_a_flight_the_first_estimate_of_the_stream_is_shown() -> None:
+    frequency = cards(summary_of())[0]
+    assert frequency.answer == "2.000 rad/s"
+    assert frequency.notes[-1] == "RML next to it: 3.000 ± 0.010"
+
+
 def test_nobody_is_fairly_sure_of_what_cannot_be_used() -> None:
     sure = {reason: cards(summary_of(reason))[2].answer for reason in (None, "it moved")}
     assert sure == {None: "Well", "it moved": "Not enough"}

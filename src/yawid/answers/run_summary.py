@@ -7,16 +7,19 @@ have the order of the keys.
 import json
 import math
 from collections.abc import Sequence
-from typing import ClassVar, Self
+from typing import ClassVar, Final, Self
 
 import msgspec
 
 from yawid.answers.heard import BootSpan, GainSeen, LinkCounts, VehicleSeen
 from yawid.answers.model_parts import Fit, Mode
 from yawid.answers.part import Count, Number, Part, Positive
-from yawid.answers.reasons import Reason, Verdict
+from yawid.answers.reasons import GONE, Reason, Verdict
 from yawid.answers.session import LiveFacts, Recovered
 from yawid.quantities.flying_qualities import dutch_roll_level
+
+CT: Final = "ct"
+"""The method of a manoeuvre's answer: the continuous-time fit."""
 
 
 class ChannelFound(Part, frozen=True):
@@ -394,6 +397,19 @@ class RunSummary(Origin, Judged, frozen=True, kw_only=True):
         except msgspec.ValidationError as error:
             what, _, where = str(error).partition(" - at `$.")
             raise ValueError(f"{where.rstrip('`') or 'its summary'}: {what}") from error
+
+    @property
+    def is_older(self) -> bool:
+        """Whether an earlier version wrote it, in which a recursive method answered.
+
+        Then a verdict names that method, has a reason that is gone, or is usable without a flight.
+        """
+        found = [each.verdict for each in (self, *(self.manoeuvres or ())) if each.verdict]
+        return (
+            (self.deciding.usable and self.flight is None)
+            or any(verdict.method not in (None, CT) for verdict in found)
+            or any(reason.id in GONE for verdict in found for reason in verdict.reasons)
+        )
 
     @property
     def by_loop(self) -> list[Flight]:

@@ -16,6 +16,7 @@ from yawid.answers.model_parts import Fit as HowWell
 from yawid.answers.model_parts import Mode
 from yawid.answers.reasons import Reason, Verdict
 from yawid.answers.run_summary import (
+    CT,
     DutchRoll,
     Manoeuvre,
     MethodSummary,
@@ -38,9 +39,6 @@ from yawid.manoeuvre.record import Record
 from yawid.manoeuvre.signals import Fitted, fitted
 from yawid.physics.modes import modes
 from yawid.quantities.vehicles import AIRFRAME, WITH_ROLL_LOOP
-
-CT = "ct"
-"""The name of the continuous-time fit."""
 
 
 @dataclass(frozen=True, slots=True)

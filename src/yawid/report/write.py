@@ -30,7 +30,7 @@ from yawid.report.time_pictures import (
     whole_picture,
 )
 from yawid.sinks.answers import cards, headline
-from yawid.sinks.mcap.reader import McapRun, open_run
+from yawid.sinks.mcap.reader import McapRun, open_answered
 from yawid.sinks.words import method_words, next_step, sigma_means, utc
 from yawid.system.part_file import check_free, os_errors_as_sink_error, write_whole
 
@@ -49,7 +49,7 @@ def write_report(
         SourceError: the MCAP cannot be read, was not finished or is not the file of a run.
         SinkError: another file exists and ``force`` is not set, or it cannot be written.
     """
-    run = open_run(mcap)
+    run = open_answered(mcap)
     path = mcap.with_suffix(".html") if out is None else out
     force = force or (path.is_file() and is_of(path, run))
     check_free(path, force=force)
@@ -174,8 +174,8 @@ class Report:
 
 def _sigma(summary: RunSummary) -> str:
     """Return the meaning of ± on this page, "" where it has no answer."""
-    stream = " of noise alone" if summary.dutch_roll else ""
-    means = stream if summary.flight is None else sigma_means([summary.flight.dutch_roll])
+    mode = summary.dutch_roll if summary.flight is None else summary.flight.dutch_roll
+    means = sigma_means([mode])
     return f"± is one sigma{means}. Bands in the pictures are 2 sigma." if means else ""
 
 

@@ -11,6 +11,7 @@ from typing import Final, NamedTuple
 from yawid.answers.heard import VehicleSeen
 from yawid.answers.reasons import Verdict
 from yawid.answers.run_summary import (
+    CT,
     Bare,
     DutchRoll,
     Flight,
@@ -34,8 +35,6 @@ MOST_DIGITS: Final = 6
 NEXT: Final = "next:"
 """Begins the last line of a verdict that is not usable: what to do about the first fatal reason."""
 NOT_USED: Final = "usable, not used"
-CT: Final = "ct"
-"""The method of a manoeuvre: the continuous-time fit."""
 _AS_GIVEN: Final = ("calibrated", "indicated")
 """Kinds of airspeed that are used as if they were the equivalent airspeed."""
 
@@ -129,9 +128,12 @@ def of_noise(mode: DutchRoll | None, names: tuple[str, str] = LATIN) -> str:
 
 
 def sigma_means(modes: Iterable[DutchRoll | None]) -> str:
-    """Return what the sigmas contain, as a phrase that follows ``one sigma``; "" without any."""
+    """Return what the sigmas contain, as a phrase that follows ``one sigma``; "" without any.
+
+    Those of the stream are of noise alone: there both are equal.
+    """
     known = [mode for mode in modes if mode is not None and mode.wn_std is not None]
-    if any(noise_spreads(mode) for mode in known):
+    if any(mode.wn_std_noise not in (None, mode.wn_std) for mode in known):
         return ": noise, structure, scatter of manoeuvres"
     return " of noise alone" if known else ""
 

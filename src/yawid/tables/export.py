@@ -19,7 +19,7 @@ import pyarrow.parquet as pq
 
 from yawid.errors import ConfigError, SourceError
 from yawid.sinks.mcap.messages import RunRows, joined
-from yawid.sinks.mcap.reader import McapRun, open_run
+from yawid.sinks.mcap.reader import McapRun, open_answered
 from yawid.system.part_file import written_whole
 from yawid.tables.columns import Units, manoeuvre_columns, mode_columns, record_columns
 from yawid.tables.table import Column, filled
@@ -58,7 +58,7 @@ def export(
     """
     out = mcap.with_suffix(FORMATS[0]) if out is None else out
     check_name(out)
-    run = open_run(mcap)
+    run = open_answered(mcap)
     blocks = run.blocks()
     first = next(blocks, None)
     if run.grid is None or first is None:

@@ -266,11 +266,11 @@ def load(path: str | PathLike[str]) -> Run:
     Raises:
         SourceError: it cannot be read, is damaged, was never finished or is not yawid's.
     """
-    from yawid.sinks.mcap.reader import open_run
+    from yawid.sinks.mcap.reader import open_answered
 
     place = place_of(fspath(path))
     with brought(place) as local:
-        run = open_run(local)
+        run = open_answered(local)
         parts, motion = list(run.blocks()), run.motion()
     rows = joined(parts) if parts else None
     known = parameters_in(run.attachments.get(PARAMETERS, b""))

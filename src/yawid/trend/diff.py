@@ -24,7 +24,7 @@ from yawid.damper.before_after import BeforeAfter, before_after
 from yawid.damper.identified import Facts
 from yawid.dataset.summary_rows import flight_rows
 from yawid.dataset.values import serial_of
-from yawid.sinks.mcap.reader import McapRun, open_run
+from yawid.sinks.mcap.reader import McapRun, open_answered
 from yawid.system.stores import Place, brought
 from yawid.trend.changes import scatter
 from yawid.trend.days import solve_tau2
@@ -193,7 +193,7 @@ def _side(path: Place, stack: ExitStack) -> _Side:
     """Return a side; a run in a store is copied, and its copy is removed when ``stack`` ends."""
     if path.is_dir():
         return _Side(path)
-    run = open_run(stack.enter_context(brought(path)))
+    run = open_answered(stack.enter_context(brought(path)))
     rows: dict[str, FlightRow] = {
         row.get("loop") or NO_LOOP: row for row in flight_rows(run.summary, None, None)
     }

@@ -178,14 +178,12 @@ def test_every_field_of_a_manoeuvre_reads_back_by_the_schema_in_the_file(tmp_pat
     assert len(direct) == 13
     assert [getattr(told, name) for name in direct] == [getattr(found, name) for name in direct]
     assert list(told.inputs) == ["rudder", "aileron"]
-    assert (told.na, told.nb, told.nc, told.nk) == (3, 3, 2, 1)
-    assert (told.method, told.usable) == ("rml", True)
+    assert (told.method, told.structure, told.usable) == ("ct", "2L", True)
     assert (told.wn_rad_s, told.wn_std, told.zeta, told.zeta_std) == (10.2, 0.2, 0.62, 0.03)
     assert (told.K, told.K_std) == (-1.5, 0.1)
-    assert (told.wn_std_noise, told.zeta_std_noise, told.K_std_noise) == (0.05, 0.01, 0.04)
-    # Appended: a field that files of before have keeps its number.
-    assert [f.number for f in told.DESCRIPTOR.fields if f.name.endswith("_noise")] == [29, 30, 31]
-    assert (told.simulation_pct, told.simulation_held_back_pct) == (87.0, 81.5)
+    assert (told.yaw_acceleration, told.yaw_acceleration_std) == (-40.0, 2.0)
+    assert (told.wn_std_noise, told.zeta_std_noise) == (0.05, 0.01)
+    assert told.simulation_pct == 87.0
     reasons = [{"id": r.id, "weight": r.weight, "text": r.text} for r in told.reasons]
     assert reasons == [each.to_json() for each in found.verdict.reasons]
 
@@ -202,10 +200,11 @@ def test_what_is_not_known_of_a_manoeuvre_is_nan_and_its_texts_are_empty(tmp_pat
     }  # fmt: skip
     assert unknown == {
         "airspeed_m_s", "airspeed_std_m_s", "altitude_m", "wn_rad_s", "wn_std", "zeta", "zeta_std",
-        "K", "K_std", "simulation_pct", "simulation_held_back_pct", "wn_std_noise",
-        "zeta_std_noise", "K_std_noise",
+        "K", "K_std", "yaw_acceleration", "yaw_acceleration_std", "simulation_pct",
+        "wn_std_noise", "zeta_std_noise",
     }  # fmt: skip
-    assert (told.mode, told.airspeed_source, told.method, told.usable) == ("", "", "", False)
+    assert (told.mode, told.airspeed_source, told.structure, told.usable) == ("", "", "", False)
+    assert told.method == ""
     assert [reason.id for reason in told.reasons] == ["not_excited", "rudder_assumed"]
 
 

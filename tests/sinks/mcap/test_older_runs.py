@@ -19,9 +19,10 @@ from mcap.writer import Writer
 from places import C172P
 from printed import why_invalid
 
+from yawid.cli.main import main
 from yawid.runs.outputs import Outputs
 from yawid.runs.replay import StopFlag, replay
-from yawid.sinks.mcap.reader import open_run
+from yawid.sinks.mcap.reader import open_answered, open_run
 from yawid.sinks.mcap.schemas import descriptor, descriptor_in, is_older, schema_data
 from yawid.sinks.terminal.summary_table import print_summary
 
@@ -71,6 +72,34 @@ def test_it_is_estimated_again_to_what_it_said(tmp_path):
     for method in ("els", "rml"):
         assert summary.estimates[method].theta == before["estimates"][method]["theta"]
     assert [block.samples for block in open_run(tmp_path / "again.mcap").blocks()]
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ("report", "RUN", "--out", "OUT.html"), ("export", "RUN", "-o", "OUT.csv"),
+        ("diff", "RUN", "RUN"), ("damper", "RUN"),
+        ("export", "RUN", "--what", "model", "-o", "OUT.json"),
+    ],
+)  # fmt: skip
+def test_its_answer_is_not_used_until_it_is_replayed(command, tmp_path, capsys):
+    places = {"RUN": str(OLD_RUN), "OUT": str(tmp_path / "out")}
+    words = list(command)
+    for name, place in places.items():
+        words = [each.replace(name, place) for each in words]
+
+    assert main(words) == 6
+    said = capsys.readouterr().err
+    assert said == f"yawid: {OLD_RUN} is of an older version of yawid: replay it first\n"
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_once_replayed_its_answer_is_of_this_version(tmp_path):
+    summary = replay(OLD_RUN, {}, Outputs(tmp_path, "again"), StopFlag())
+
+    assert open_run(OLD_RUN).summary.is_older
+    assert not summary.is_older
+    assert not open_answered(tmp_path / "again.mcap").summary.is_older
 
 
 def changed_schema(change) -> bytes:

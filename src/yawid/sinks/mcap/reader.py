@@ -250,6 +250,18 @@ def open_run(path: Path) -> McapRun:
     return McapRun(path, summary, metadata, attachments, config, grid, log, *contents)
 
 
+def open_answered(path: Path) -> McapRun:
+    """Open a run whose answer is to be used, as :func:`open_run` does.
+
+    Raises:
+        SourceError: as there, or the answer is one of an earlier version.
+    """
+    run = open_run(path)
+    if run.summary.is_older:
+        raise SourceError(f"{path} is of an older version of yawid: replay it first")
+    return run
+
+
 def log_sha256_of(run: McapRun) -> str | None:
     """Return the hash of the log that a run is of, None where it was not read to its end."""
     return (run.summary.source or run.summary.own_source).sha256

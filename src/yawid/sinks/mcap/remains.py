@@ -131,7 +131,8 @@ class Remains:
         roll = None
         if method == grid.methods[0] and MODES in self._newest:
             modes = _read(MODES, self._newest[MODES])
-            roll = DutchRoll.of([getattr(modes, f"dutch_roll_{name}") for name in MODE_VALUES])
+            row = [getattr(modes, f"dutch_roll_{name}") for name in MODE_VALUES]
+            roll = DutchRoll.of(row, row[1::2])
         return MethodSummary(
             method=method,
             orders=Orders(*config.four_orders),

@@ -1,7 +1,8 @@
 """The messages of yawid's MCAP files, as protobuf descriptors built from one table.
 
-Field numbers are the positions in the table: append fields and never reorder them, or old files
-become unreadable. The numbers of ``foxglove.Log`` are those of its publisher.
+Field numbers are the positions in the table: append fields to samples and motion, which a replay
+of an old file reads, and never reorder them. The numbers of ``foxglove.Log`` are those of its
+publisher.
 
 Only ``yawid.Parameters`` is made for each run: its fields have the names of theta's elements, since
 a plot of theta[3] explains nothing. Therefore ``yawid.Estimate``, which holds it, has a descriptor
@@ -36,7 +37,6 @@ MODE_VALUES: Final = ("wn", "wn_std", "zeta", "zeta_std")
 """The values of a mode: fields of ``yawid.Modes``, and again with ``dutch_roll_`` before them."""
 
 ESTIMATE: Final = "yawid.Estimate"
-_ORDERS = tuple((name, "fixed32") for name in ("na", "nb", "nc", "nk"))
 TABLE: Final[Mapping[str, tuple[tuple[str, str], ...]]] = {
     "HeldReasons": tuple((str(flag.name).lower(), "bool") for flag in Held),
     "Sample": (

@@ -76,7 +76,7 @@ def _yaw_channels(summary: RunSummary) -> Iterator[tuple[str, Mapping[str, Value
     if found and not pooled:
         best = min(found, key=lambda each: (each.dutch_roll and each.dutch_roll.wn_std) or 1e9)
         assert best.answer is not None  # only manoeuvres with an answer were chosen
-        yield f"manoeuvre {best.n}, {best.answer.method.upper()}", best.answer.physics or {}
+        yield f"manoeuvre {best.n}", best.answer.physics or {}
     answer = summary.answer
     if summary.flight is None and answer is not None and answer.physics:
         yield f"stream, {answer.method.upper()}", answer.physics
