@@ -14,11 +14,13 @@ import numpy as np
 import pytest
 from finished_runs import replayed
 from google.protobuf import descriptor_pb2
+from hand_flights import NOT_CONVERGED, four_of_a_flight, manoeuvre, none_usable, plain_summary
 from mcap.reader import make_reader
 from mcap.writer import Writer
 from places import C172P
 from printed import why_invalid
 
+from yawid.answers.reasons import Reason, Verdict
 from yawid.cli.main import main
 from yawid.runs.outputs import Outputs
 from yawid.runs.replay import StopFlag, replay
@@ -92,6 +94,23 @@ def test_its_answer_is_not_used_until_it_is_replayed(command, tmp_path, capsys):
     said = capsys.readouterr().err
     assert said == f"yawid: {OLD_RUN} is of an older version of yawid: replay it first\n"
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("summary", "older"),
+    [
+        (four_of_a_flight(), False),
+        (none_usable(), False),
+        (plain_summary(verdict=None), False),
+        (plain_summary(verdict=Verdict.of([Reason("no_rudder", "")])), False),
+        (plain_summary(verdict=Verdict(method="rml", usable=False, reasons=[])), True),
+        (plain_summary(manoeuvres=[manoeuvre(1, verdict=Verdict.of([], "els"))],
+                       verdict=Verdict.of([NOT_CONVERGED])), True),
+        (plain_summary(verdict=Verdict.of([])), True),  # usable, without a flight
+    ],
+)  # fmt: skip
+def test_an_answer_by_a_recursive_method_is_of_an_older_version(summary, older):
+    assert summary.is_older is older
 
 
 def test_once_replayed_its_answer_is_of_this_version(tmp_path):
