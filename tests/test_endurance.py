@@ -181,7 +181,7 @@ def doublets(n: int, seed: int) -> Floats:
 
 
 def summary_of(log: bytes, chunk: int = 1 << 20, **settings) -> dict:
-    return finished(log, RunConfig(rate=HZ, **settings), size=chunk)[0].to_json()
+    return finished(log, RunConfig(rate=HZ, **settings), size=chunk).to_json()
 
 
 def assert_found(summary: dict, bias: float = 0.0) -> None:
