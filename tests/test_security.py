@@ -41,7 +41,7 @@ KNOWN_CODES = {0, 3, 4, 5, 6}
 
 def told(records: bytes, key: bytes | None) -> dict[str, Any]:
     read_options = ReadOptions(key=None if key is None else SigningKey(key))
-    return finished(records, RunConfig(rate=10.0), options=read_options)[0].to_json()
+    return finished(records, RunConfig(rate=10.0), options=read_options).to_json()
 
 
 def over_udp(datagrams: list[bytes]) -> bytes:
