@@ -191,7 +191,7 @@ def _rows(summary: RunSummary, flights: list[_Flown], log: ReadRow, spec: Spec) 
         rows["modes"] += [whose | row for row in flown.sink.seconds]
     judged = [flown.summary.deciding for flown in flights]
     said = [reason for verdict in judged for reason in verdict.reasons]
-    is_ok = any(verdict.usable for verdict in judged)
+    is_ok = any(flown.summary.exit_code == 0 for flown in flights)
     fatal = [] if is_ok else _ids(said, "fatal")
     row = {
         **log,
