@@ -74,6 +74,18 @@ def test_options_of_the_recursive_estimators_change_no_answer(options: dict[str,
     assert told(flight(), **options).found.answer == told(flight()).found.answer
 
 
+@pytest.mark.parametrize(("share", "is_poor"), [(1.5, True), (0.5, False)])
+def test_a_rudder_that_explains_too_little_of_the_yaw_rate_is_refused(share: float, is_poor: bool):
+    """Noise of ``share`` times the answer's size leaves 1 - share / sqrt(1 + share^2) of it."""
+    y = yawing(RUDDER, 0.0, noise=0.0)
+    noise = share * y.std() * np.random.default_rng(5).standard_normal(len(y))
+    found = told(flight(y=y + noise)).found
+
+    left = 100.0 * (1.0 - share / math.hypot(1.0, share))
+    assert found.answer.fit.simulation_pct == pytest.approx(left, abs=4.0)
+    assert ("poor_fit" in [each.id for each in found.verdict.fatal]) == is_poor
+
+
 def test_an_aileron_that_moves_the_nose_on_its_own_is_an_input_too():
     """By the rudder alone the fit is poor; by both it is the plant"""
     found = told(flight(AILERON))
