@@ -32,6 +32,7 @@ from yawid.lateral.motion import Motion
 from yawid.manoeuvre.answered import seen_in
 from yawid.manoeuvre.feedback import rate_feedback
 from yawid.manoeuvre.flight import DISAGREE_WN, LEAST_AGREEING, LEFT_OUT, agreement, disagreement
+from yawid.manoeuvre.projection import ROLL
 from yawid.quantities.flying_qualities import dutch_roll_level, wrong_sign
 from yawid.quantities.vehicles import AIRFRAME
 
@@ -154,9 +155,9 @@ def _seen_as_flown(
 ) -> tuple[Known, Known] | None:
     """Return wn and zeta that the fit of an answer sees of the airframe as flown.
 
-    It has more poles than that fit: for SITL's 10.37 rad/s three poles see 10.06. So the fit is
-    made of the yaw rate that the airframe should have. Without a law, or where the aileron is an
-    input as well, it is None.
+    It has more poles than yaw rate alone shows: for SITL's 10.37 rad/s three poles see 10.06. So
+    the fit is made of the yaw rate that the airframe should have; by its weight, roll shows the
+    pair itself. Without a law, or where the aileron is an input as well, it is None.
     """
     if closed is None or flown.inputs != ["rudder"] or isinstance(motion, str):
         return None
@@ -165,6 +166,11 @@ def _seen_as_flown(
     wn, zeta = seen.tolist()
     if not wn > 0.0:
         return closed.wn_rad_s, closed.zeta
+    answer = flown.answer
+    by_roll = answer and (answer.structures or {}).get(ROLL)
+    itself = by_roll.weight if by_roll else 0.0
+    wn += itself * (closed.wn_rad_s.value - wn)
+    zeta += itself * (closed.zeta.value - zeta)
     share = wn / closed.wn_rad_s.value
     return Known(wn, share * closed.wn_rad_s.std), Known(zeta, closed.zeta.std)
 
