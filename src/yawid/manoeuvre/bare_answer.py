@@ -119,9 +119,8 @@ def fitted(n: int, motion: Motion | str, servo_lag_s: float | None) -> Fitted:
 def against_flown(found: Fitted, flown: Manoeuvre) -> Fitted:
     """Return a fit, refused where it does not go with the answer as flown.
 
-    The rudder must have driven the yaw, and it must be the aircraft of a usable answer as flown.
-    That is the airframe itself where only the sticks flew, else the airframe closed with the roll
-    law found. Without a law, or where the aileron is an input as well, nothing is compared.
+    The rudder must have driven the yaw, and it must be the aircraft of a usable answer as flown:
+    that itself where only the sticks flew, else closed with the roll law, if one is found.
     """
     against = [each.id for each in flown.verdict.fatal if each.id in NOT_DRIVEN]
     if found.airframe is not None and against:
@@ -155,22 +154,21 @@ def _seen_as_flown(
 ) -> tuple[Known, Known] | None:
     """Return wn and zeta that the fit of an answer sees of the airframe as flown.
 
-    It has more poles than yaw rate alone shows: for SITL's 10.37 rad/s three poles see 10.06. So
-    the fit is made of the yaw rate that the airframe should have; by its weight, roll shows the
-    pair itself. Without a law, or where the aileron is an input as well, it is None.
+    It has more poles than yaw rate alone shows, 10.06 for SITL's 10.37 rad/s: so the fit is made of
+    the yaw rate that it should have. By its weight, roll shows the pair itself.
     """
     if closed is None or flown.inputs != ["rudder"] or isinstance(motion, str):
         return None
     yaw_rate = np.where(np.isfinite(motion.r), closed.yaw_rate, np.nan)
-    seen = seen_in(motion.sample_time_s, closed.rudder, yaw_rate)
-    wn, zeta = seen.tolist()
+    wn, zeta = seen_in(motion.sample_time_s, closed.rudder, yaw_rate).tolist()
     if not wn > 0.0:
         return closed.wn_rad_s, closed.zeta
-    answer = flown.answer
-    by_roll = answer and (answer.structures or {}).get(ROLL)
-    itself = by_roll.weight if by_roll else 0.0
-    wn += itself * (closed.wn_rad_s.value - wn)
-    zeta += itself * (closed.zeta.value - zeta)
+    found = (flown.answer and flown.answer.structures) or {}
+    itself = found[ROLL].weight if ROLL in found else 0.0
+    wn, zeta = (
+        wn + itself * (closed.wn_rad_s.value - wn),
+        zeta + itself * (closed.zeta.value - zeta),
+    )
     share = wn / closed.wn_rad_s.value
     return Known(wn, share * closed.wn_rad_s.std), Known(zeta, closed.zeta.std)
 

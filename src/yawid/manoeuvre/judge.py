@@ -73,8 +73,8 @@ flights of an ArduPlane answers were right up to 0.9, and 9 to 12 % too high fro
 CLEAR_SIGMAS: Final = 3.0
 """The sigmas of the yaw acceleration from which a reversed rudder is no chance."""
 CLEAR_PAIR: Final = 25.0
-"""The chi-square of the pair's two residues from the rudder. Without it 34 of 500 simulated rolls on
-a runway, a lag and bumps, had a line of the bumps as a usable Dutch roll."""
+"""The chi-square of the pair's two residues from the rudder. Without it 34 of 500 simulated rolls
+on a runway, a lag and bumps, had a line of the bumps as a usable Dutch roll."""
 
 
 class Driven(NamedTuple):
