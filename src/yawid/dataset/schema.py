@@ -18,7 +18,7 @@ import pyarrow as pa
 
 from yawid.quantities.table import YAW_CHANNEL, quantity
 
-ANALYSIS_VERSION: Final = "4"
+ANALYSIS_VERSION: Final = "5"
 """Version of the numbers: when the same log gives other numbers it is raised, and a fleet runs all
 logs again."""
 FORMAT: Final = 1
