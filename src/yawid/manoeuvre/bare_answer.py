@@ -59,9 +59,9 @@ LAWS: Final[Mapping[str, int]] = {
 FED_BACK: Final = 0.1
 """The most of the rudder near the mode that may feed back the yaw rate: with .21 to .29 flights
 of SITL in turbulence had zeta .46 to .57 for .63. Without a damper none is seen at all."""
-MOST_APART: Final = 1.0
+MOST_APART: Final = 1.5
 """The most by which the airframe, flown as it was, may differ from the answer as flown, in sums of
-both sigmas."""
+both sigmas: of two alike that is two sigmas of the difference."""
 NOT_DRIVEN: Final = frozenset({"not_excited", "mode_not_driven"})
 """The reasons against an answer as flown that also stop the airframe: at the end of a go-around,
 with the rudder moved by the autopilot to one side, wn was 9 % low with a sigma of 2.5 %."""
