@@ -1,8 +1,7 @@
 """The answer on the bare airframe: of one manoeuvre, and of a flight from all its manoeuvres.
 
-A manoeuvre that its gates stop has a verdict and no numbers. A flight's airframe rests on the
-manoeuvres that pass; where none passes alone, one fit over those of one airspeed may still know the
-servo's lag. From one airspeed to another derivatives and modes change by their laws (LAWS).
+A flight's airframe rests on the manoeuvres that pass the gates; where none passes alone, one fit
+over those of one airspeed may still know the servo's lag.
 """
 
 import math
@@ -60,8 +59,7 @@ FED_BACK: Final = 0.1
 """The most of the rudder near the mode that may feed back the yaw rate: with .21 to .29 flights
 of SITL in turbulence had zeta .46 to .57 for .63. Without a damper none is seen at all."""
 MOST_APART: Final = 1.5
-"""The most by which the airframe, flown as it was, may differ from the answer as flown, in sums of
-both sigmas: of two alike that is two sigmas of the difference."""
+"""The most by which the airframe may differ from the answer as flown, in sums of both sigmas."""
 NOT_DRIVEN: Final = frozenset({"not_excited", "mode_not_driven"})
 """The reasons against an answer as flown that also stop the airframe: at the end of a go-around,
 with the rudder moved by the autopilot to one side, wn was 9 % low with a sigma of 2.5 %."""
