@@ -199,8 +199,8 @@ def test_the_settings_file_has_every_option_with_its_default():
 
 
 KNOWN = (
-    100 * judge.UNCERTAIN_WN, judge.UNCERTAIN_ZETA[0], 100 * judge.UNCERTAIN_ZETA[1],
-    judge.LEAST_PERIODS, judge.LEAST_PERIODS_SURE, 100 * judge.SURE_WN,
+    100 * judge.UNCERTAIN_WN, judge.UNCERTAIN_ZETA, judge.LEAST_UNCERTAIN_ZETA,
+    100 * judge.ZETA_SHARE, judge.LEAST_PERIODS, judge.LEAST_PERIODS_SURE, 100 * judge.SURE_WN,
 )  # fmt: skip
 """How well the mode of a manoeuvre must be known."""
 LIMITS = {
@@ -215,7 +215,7 @@ LIMITS = {
     "collinear_inputs": (judge_samples.COLLINEAR, judge_samples.LAGS_COMPARED),
     "mode_not_driven": (
         judge.LEAST_FREE, judge.LEAST_SHIFTED, *judge.NEAR_PERIODS, judge.FAR_PERIODS, judge.FAR,
-        judge.CLEAR_SIGMAS,
+        judge.CLEAR_PAIR,
     ),
     "not_converged": (
         *KNOWN, find.OTHER_SPEED,

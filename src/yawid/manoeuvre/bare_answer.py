@@ -1,7 +1,6 @@
 """The answer on the bare airframe: of one manoeuvre, and of a flight from all its manoeuvres.
 
-A flight's airframe rests on the manoeuvres that pass the gates; where none passes alone, one fit
-over those of one airspeed may still know the servo's lag.
+It rests on the manoeuvres that pass the gates; where none does, on one fit over all of one speed.
 """
 
 import math
