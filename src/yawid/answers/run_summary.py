@@ -362,6 +362,10 @@ class Judged:
         return 0 if self.verdict is None else self.verdict.exit_code
 
 
+OLD_METHODS = ("els", "rml", "oe")
+"""The methods that answered in earlier versions."""
+
+
 class RunSummary(Origin, Judged, frozen=True, kw_only=True):
     """The summary of a run; ``estimates`` by method, None where there was no bank.
 
@@ -407,7 +411,7 @@ class RunSummary(Origin, Judged, frozen=True, kw_only=True):
         found = [each.verdict for each in (self, *(self.manoeuvres or ())) if each.verdict]
         return (
             (self.deciding.usable and self.flight is None)
-            or any(verdict.method not in (None, CT) for verdict in found)
+            or any(verdict.method in OLD_METHODS for verdict in found)
             or any(reason.id in GONE for verdict in found for reason in verdict.reasons)
         )
 
