@@ -79,7 +79,7 @@ FAR = 3.5
 LEAST_ROW = 20
 """The answers that a condition needs for its z to be a criterion."""
 COLUMNS = (
-    "answers", "answered %", "wn off %, median", "wn mean", "wn RMS", "zeta mean", "zeta RMS",
+    "count", "answered %", "wn off %, median", "wn mean", "wn RMS", "zeta mean", "zeta RMS",
     "z wn, zeta", "in 2 sigma %", f"beyond {FAR:g}",
 )  # fmt: skip
 """Of the errors of wn in % and of zeta: median size, mean, root mean square; then the root mean
