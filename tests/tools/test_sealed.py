@@ -156,7 +156,7 @@ def test_a_sealed_run_appends_a_row_for_its_commit_and_only_one(
     [row] = noted(project)
     assert (row["commit"], row["bench"]) == (head, bench)
     assert int(row["seed"]) == int(head[:8], 16) % 1_000_000
-    assert re.match("fits 1; |answers [01]; |excited 1, ", row["figures"])
+    assert re.match("fits 1; |count [01]; |excited 1, ", row["figures"])
     with pytest.raises(SystemExit, match="one for a commit"):
         main(line)
     (project / "limit.py").write_text("x = 1\n", encoding="utf-8")
