@@ -362,10 +362,6 @@ class Judged:
         return 0 if self.verdict is None else self.verdict.exit_code
 
 
-OLD_METHODS = ("els", "rml", "oe")
-"""The methods that answered in earlier versions."""
-
-
 class RunSummary(Origin, Judged, frozen=True, kw_only=True):
     """The summary of a run; ``estimates`` by method, None where there was no bank.
 
@@ -408,10 +404,12 @@ class RunSummary(Origin, Judged, frozen=True, kw_only=True):
 
         Then a verdict names that method, has a reason that is gone, or is usable without a flight.
         """
-        found = [each.verdict for each in (self, *(self.manoeuvres or ())) if each.verdict]
+        parts = (self, *(self.manoeuvres or ()))
+        found = [each.verdict for each in parts if each.verdict]
+        others = {name for each in parts for name in each.estimates or ()} - {CT}
         return (
             (self.deciding.usable and self.flight is None)
-            or any(verdict.method in OLD_METHODS for verdict in found)
+            or any(verdict.method in others for verdict in found)
             or any(reason.id in GONE for verdict in found for reason in verdict.reasons)
         )
 

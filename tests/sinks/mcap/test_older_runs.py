@@ -20,7 +20,9 @@ from mcap.writer import Writer
 from places import C172P
 from printed import why_invalid
 
+from yawid.answers.model_parts import Fit
 from yawid.answers.reasons import Reason, Verdict
+from yawid.answers.run_summary import MethodSummary
 from yawid.cli.main import main
 from yawid.runs.outputs import Outputs
 from yawid.runs.replay import StopFlag, replay
@@ -103,7 +105,8 @@ def test_its_answer_is_not_used_until_it_is_replayed(command, tmp_path, capsys):
         (none_usable(), False),
         (plain_summary(verdict=None), False),
         (plain_summary(verdict=Verdict.of([Reason("no_rudder", "")])), False),
-        (plain_summary(verdict=Verdict(method="rml", usable=False, reasons=[])), True),
+        (plain_summary(estimates={"rml": MethodSummary(method="rml", sample_time_s=0.1, fit=Fit())},
+                       verdict=Verdict(method="rml", usable=False, reasons=[])), True),
         (plain_summary(manoeuvres=[manoeuvre(1, verdict=Verdict.of([], "els"))],
                        verdict=Verdict.of([NOT_CONVERGED])), True),
         (plain_summary(verdict=Verdict.of([])), True),  # usable, without a flight
