@@ -74,7 +74,7 @@ A sample's way, with the function of each step in ``kernel/recursion.py``:
    exceeds four times that of y^2, and recovers where it falls below twice.
 
 Elsewhere: settings and defaults in ``config/estimator.py``, names of the packed state in
-``kernel/state.py``, whole records in ``record_fit.py``. ``machine/`` compiles the kernel;
+``kernel/state.py``, the fit that may start it in ``start_fit.py``. ``machine/`` compiles it;
 ``reference/`` is the same recursion on filterpy, with which the tests compare this one.
 """
 
