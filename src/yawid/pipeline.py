@@ -26,8 +26,8 @@ from yawid.channels.stage import WANTED, Channels
 from yawid.config.run import RunConfig
 from yawid.estimation.bank import Bank
 from yawid.estimation.polynomials import parameter_names
-from yawid.manoeuvre.answered import ManoeuvreSetting
 from yawid.manoeuvre.find import UnderWay
+from yawid.manoeuvre.judge import ManoeuvreSetting
 from yawid.manoeuvre.stage import Manoeuvres
 from yawid.physics.stage import PhysicsStage
 from yawid.results.judge_samples import all_held

@@ -15,7 +15,8 @@ from yawid.blocks import Floats, SampleBlock
 from yawid.cli.main import main
 from yawid.config.run import BOTH, RunConfig
 from yawid.manoeuvre.answer import HIDDEN_ZETA
-from yawid.manoeuvre.answered import Answered, ManoeuvreSetting, answer
+from yawid.manoeuvre.answered import Answered, answer
+from yawid.manoeuvre.judge import ManoeuvreSetting
 
 NOISE = 0.002
 MANUAL, FBWA = 0.0, 5.0

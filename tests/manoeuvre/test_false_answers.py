@@ -11,7 +11,8 @@ from scipy.signal import cont2discrete, lfilter
 
 from yawid.blocks import Floats
 from yawid.config.run import RunConfig
-from yawid.manoeuvre.answered import Answered, ManoeuvreSetting, answer
+from yawid.manoeuvre.answered import Answered, answer
+from yawid.manoeuvre.judge import ManoeuvreSetting
 
 SECONDS = 20.0
 

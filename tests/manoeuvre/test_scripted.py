@@ -13,8 +13,9 @@ from manoeuvre.streams import HZ, TS_S, WN, ZETA, assert_same, cut, rest, spans,
 
 from yawid.blocks import Floats, SampleBlock
 from yawid.config.run import RunConfig
-from yawid.manoeuvre.answered import Answered, ManoeuvreSetting
+from yawid.manoeuvre.answered import Answered
 from yawid.manoeuvre.find import Finder
+from yawid.manoeuvre.judge import ManoeuvreSetting
 from yawid.manoeuvre.stage import Manoeuvres
 
 FBWA, MANUAL, PX4_LOITER = 5.0, 0.0, 50_593_792.0

@@ -9,7 +9,8 @@ from scipy.signal import cont2discrete, lfilter
 
 from yawid.blocks import Floats, SampleBlock
 from yawid.config.run import RunConfig
-from yawid.manoeuvre.answered import ManoeuvreSetting, answer
+from yawid.manoeuvre.answered import answer
+from yawid.manoeuvre.judge import ManoeuvreSetting
 
 WN, ZETA = 1.9, 0.1
 """Those of a jet on approach: a period lasts 3.3 s."""

@@ -10,7 +10,7 @@ from manoeuvre.streams import TS_S, WN, cut, doublets, flown, rest, stream, yawi
 
 from yawid.answers.run_summary import Flight, Manoeuvre
 from yawid.config.run import RunConfig
-from yawid.manoeuvre.answered import ManoeuvreSetting
+from yawid.manoeuvre.judge import ManoeuvreSetting
 from yawid.manoeuvre.stage import Manoeuvres
 
 RUDDER = flown(rest(12), doublets(4), rest(15), doublets(3, 0.3), rest(12))

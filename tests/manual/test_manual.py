@@ -204,8 +204,8 @@ KNOWN = (
 )  # fmt: skip
 """How well the mode of a manoeuvre must be known."""
 LIMITS = {
-    "rate_too_low": (judge.LEAST_HZ, judge.LEAST_RATIO),
-    "rate_low": (judge.LOW_HZ, judge.LOW_RATIO),
+    "rate_too_low": (judge_samples.LEAST_RATE_HZ, judge.LEAST_RATIO),
+    "rate_low": (judge_samples.LOW_RATE_HZ, judge.LOW_RATIO),
     "rate_changed": (judge_samples.RATE_CHANGED,),
     "not_in_command": (
         100 * command.MOVED, command.LEAST_ROWS, 100 * judge_samples.LEAST_RESPONSE,

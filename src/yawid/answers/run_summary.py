@@ -110,6 +110,12 @@ class Value(Part, frozen=True):
     std_noise: Number | None = None
 
 
+LOWEST, HIGHEST, POINTS = 0.6, 1.6, 21
+"""Where the model of an answer holds, as parts of wn, and how many points of its response there its
+covariance is made of. Below it a model of eq. 23 does not have the zeros of an aircraft: |G| was 6
+times too high at .3 wn."""
+
+
 class Response(Part, frozen=True, kw_only=True):
     """The transfer function of a manoeuvre's answer, from each input to the yaw rate.
 
@@ -161,13 +167,6 @@ class MethodSummary(Part, frozen=True, kw_only=True):
     structures: dict[str, OneStructure] | None = None
     roll_left_out: str | None = None
     fit: Fit
-
-    def without_level(self) -> Self:
-        """Return it without a level of flying qualities, which only the bare airframe has."""
-        if self.dutch_roll is None:
-            return self
-        bare = msgspec.structs.replace(self.dutch_roll, level=None)
-        return msgspec.structs.replace(self, dutch_roll=bare)
 
 
 class TimeConstant(Part, frozen=True):

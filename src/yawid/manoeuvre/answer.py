@@ -33,8 +33,9 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
+from yawid.answers.run_summary import HIGHEST, LOWEST, POINTS
 from yawid.blocks import Floats
-from yawid.manoeuvre.fit import Fit, refitted
+from yawid.manoeuvre.fit import Fit, best_alone, refitted
 from yawid.manoeuvre.projection import ROLL
 from yawid.manoeuvre.record import Complexes
 
@@ -72,8 +73,6 @@ it is a line of the noise, and roll has no vote. Without it a trainer whose roll
 had one of zeta .04, and a Dutch roll 3 % off. Chosen on 72 drawn flights."""
 PAIR_FIRST: Final = 100.0
 """How much more wn and zeta weigh than each part of the response in the model's covariance."""
-LOWEST, HIGHEST, POINTS = 0.6, 1.6, 21
-"""The frequencies of the response as parts of wn, and their number."""
 
 
 class Known(NamedTuple):
@@ -137,7 +136,8 @@ def answer_of(fits: Sequence[Fit], *, has_roll_loop: bool = False) -> Answer | N
     log_wn, zeta = (share @ pairs).tolist()
     wn = math.exp(log_wn)
     w = wn * np.linspace(LOWEST, HIGHEST, POINTS)
-    best = min((fit for fit, _ in weighted if fit.structure.name != ROLL), key=lambda f: f.bic)
+    best = best_alone([fit for fit, _ in weighted])
+    assert best is not None  # without one there are no weights
     model = with_pair(best, wn, zeta)
     G = model.response(w)[0]
     x = np.concatenate([[log_wn, zeta], G.real.ravel(), G.imag.ravel()])

@@ -26,33 +26,18 @@ from yawid.answers.run_summary import (
     Value,
 )
 from yawid.blocks import EstimateBlock, Floats, SampleBlock, finite
-from yawid.config.run import BOTH, RunConfig
+from yawid.config.run import BOTH
 from yawid.estimation.fit import fit_percent
 from yawid.estimation.polynomials import parameter_names
 from yawid.manoeuvre.answer import Answer, Known, answer_of
 from yawid.manoeuvre.conditions import Conditions, conditions
-from yawid.manoeuvre.fit import Fit, fits_of
-from yawid.manoeuvre.judge import Evidence, is_turning, reasons
+from yawid.manoeuvre.fit import Fit, best_alone, fits_of
+from yawid.manoeuvre.judge import Evidence, ManoeuvreSetting, is_turning, reasons
 from yawid.manoeuvre.likelihood import simulated
-from yawid.manoeuvre.projection import ROLL
 from yawid.manoeuvre.record import Record
 from yawid.manoeuvre.signals import Fitted, fitted
 from yawid.physics.modes import modes
 from yawid.quantities.vehicles import AIRFRAME, WITH_ROLL_LOOP
-
-
-@dataclass(frozen=True, slots=True)
-class ManoeuvreSetting:
-    """What all manoeuvres of a run have in common.
-
-    ``rates_hz`` holds the rates of yaw and rudder messages, ``modes_of`` autopilot and vehicle
-    type.
-    """
-
-    config: RunConfig
-    sample_time_s: float
-    rates_hz: tuple[float, float]
-    modes_of: tuple[int, int]
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,15 +71,15 @@ def answer(
     turn = config.turn == "keep" and not config.binds("turn") and is_turning(samples)
     leaves = found.loop != WITH_ROLL_LOOP and not config.binds("inputs")
     seen = fitted(samples, turn_removed=turn, inputs=None if leaves else config.inputs)
-    fit = min((each for each in seen.fits if each.structure.name != ROLL),
-              key=lambda each: each.bic, default=None)  # fmt: skip
+    fit = best_alone(seen.fits)
+    explained_pct = fit_percent(*simulated(fit)) if fit else math.nan
     has_loop = found.loop != AIRFRAME and seen.inputs != BOTH
     found_by_fit = answer_of(seen.fits, has_roll_loop=has_loop) if fit else None
-    evidence = Evidence(samples, setting, turn, fit, found_by_fit)
+    evidence = Evidence(samples, setting, turn, fit, explained_pct, found_by_fit)
     verdict = Verdict.of([*reasons(evidence), *([] if untrue is None else [untrue])], CT)
     estimates = {name: _of_stream(name, each, setting) for name, each in (running or {}).items()}
     if fit is not None:
-        estimates = {CT: _summary(seen, fit, found_by_fit, setting, found)} | estimates
+        estimates = {CT: _summary(seen, evidence, found)} | estimates
     manoeuvre = Manoeuvre(
         n=n,
         **asdict(found),
@@ -130,19 +115,19 @@ def seen_in(sample_time_s: float, rudder: Floats, yaw_rate: Floats) -> Floats:
     return np.full(2, np.nan) if found is None else np.array([found.wn_rad_s[0], found.zeta[0]])
 
 
-def _summary(
-    seen: Fitted, fit: Fit, answer: Answer | None, setting: ManoeuvreSetting, found: Conditions
-) -> MethodSummary:
-    """Return the answer as ``--json`` prints it; ``fit`` is that of yaw rate with the least BIC."""
+def _summary(seen: Fitted, of: Evidence, found: Conditions) -> MethodSummary:
+    """Return the answer as ``--json`` prints it, of the evidence of a manoeuvre that has a fit."""
+    fit, answer = of.fit, of.answer
+    assert fit is not None
     samples = int(np.diff(fit.blocks.record.runs).sum())
     bare = MethodSummary(
         method=CT,
-        sample_time_s=setting.sample_time_s,
+        sample_time_s=of.setting.sample_time_s,
         updates=samples,
         held=len(fit.blocks.record.u) - samples,
         structure=fit.structure.name,
         roll_left_out=seen.roll_left_out or None,
-        fit=HowWell(simulation_pct=fit_percent(*simulated(fit))),
+        fit=HowWell(simulation_pct=of.explained_pct),
     )
     if answer is None:
         return bare

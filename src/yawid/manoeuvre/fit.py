@@ -21,6 +21,7 @@ import numpy as np
 from yawid.blocks import Floats
 from yawid.manoeuvre.projection import (
     LAGGED,
+    ROLL,
     ROLL_REAL,
     THREE,
     TWO,
@@ -328,6 +329,12 @@ def _with_roll(blocks: Blocks, pair: Floats) -> Fit:
         theta, point = descended(problem, theta)
     (own,), pairs = TWO.poles(pair), of.poles(theta)[: of.pairs]
     return finished(problem, theta, point, int(np.argmin(np.abs(np.log(pairs / own)))))
+
+
+def best_alone(fits: Sequence[Fit]) -> Fit | None:
+    """Return the fit of yaw rate alone with the least BIC, None without one."""
+    alone = (fit for fit in fits if fit.structure.name != ROLL)
+    return min(alone, key=lambda fit: fit.bic, default=None)
 
 
 def refitted(fit: Fit, theta: Floats) -> Fit:

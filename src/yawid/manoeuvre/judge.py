@@ -4,7 +4,7 @@ What is asked is one thing: did this rudder make this yaw motion, and is its mod
 
     driven   2 log(L / L_0) of the model against free decay of the same poles, and against the same
              rudder moved in time: by 0.2 to 1.5 periods, and round the record by more than 3
-    known    the total sigma of wn and zeta, at least two periods, the simulated fit
+    known    the total sigma of wn and zeta, at least three periods, the simulated fit
     flown    the rudder's own part moved both ways, at one airspeed, not by the yaw rate itself
 
 Free decay alone has the right wn and zeta whatever the rudder did, so that without the first row
@@ -16,23 +16,20 @@ another flight's rudder, reversed, 0.4 s late. Tables report other ones.
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 
 from yawid.answers.reasons import Reason
 from yawid.blocks import AIRSPEED_SHARE, Floats, SampleBlock
-from yawid.estimation.fit import fit_percent
+from yawid.config.run import RunConfig
 from yawid.manoeuvre.answer import Answer
 from yawid.manoeuvre.feedback import rate_feedback
 from yawid.manoeuvre.find import OTHER_SPEED, speed_factor
 from yawid.manoeuvre.fit import Fit
-from yawid.manoeuvre.likelihood import free_decay, freed, shifted, simulated
+from yawid.manoeuvre.likelihood import free_decay, freed, shifted
 from yawid.results.excitation import LEAST_STROKE, own_part
-from yawid.results.judge_samples import COLLINEAR, closeness
-
-if TYPE_CHECKING:
-    from yawid.manoeuvre.answered import ManoeuvreSetting
+from yawid.results.judge_samples import COLLINEAR, closeness, message_rate_reasons
 
 UNCERTAIN_WN: Final = 0.1
 UNCERTAIN_ZETA, LEAST_UNCERTAIN_ZETA, ZETA_SHARE = 0.1, 0.04, 0.4
@@ -60,11 +57,9 @@ LEAST_SWINGS: Final = 2
 TURNS: Final = 0.6
 """The correlation of yaw rate and turn rate above which the bank, not the rudder, makes the yaw
 rate."""
-LEAST_HZ, LOW_HZ, LEAST_RATIO, LOW_RATIO = 5.0, 10.0, 4.0, 10.0
-"""Message rates, and samples in a period of the mode, below which there is no answer, and below
-which zeta is uncertain: a step of the command is known to a sample only."""
-SLACK: Final = 0.98
-"""A rate may be that much lower than a limit: a stream of 5 Hz has 4.95."""
+LEAST_RATIO, LOW_RATIO = 4.0, 10.0
+"""Samples in a period of the mode below which there is no answer, and below which zeta is
+uncertain: a step of the command is known to a sample only."""
 SATURATED: Final = 0.05
 """The part of the time at the stops from which there is a warning."""
 SOME_FED_BACK, MOST_FED_BACK = 0.5, 1.0
@@ -108,13 +103,32 @@ def driven(fit: Fit) -> Driven:
 
 
 @dataclass(frozen=True, slots=True)
+class ManoeuvreSetting:
+    """What all manoeuvres of a run have in common.
+
+    ``rates_hz`` holds the rates of yaw and rudder messages, ``modes_of`` autopilot and vehicle
+    type.
+    """
+
+    config: RunConfig
+    sample_time_s: float
+    rates_hz: tuple[float, float]
+    modes_of: tuple[int, int]
+
+
+@dataclass(frozen=True, slots=True)
 class Evidence:
-    """What a manoeuvre is judged by; ``fit`` and ``answer`` are None where nothing was found."""
+    """What a manoeuvre is judged by; ``fit`` and ``answer`` are None where nothing was found.
+
+    ``fit`` is that of yaw rate alone with the least BIC, which explains ``explained_pct`` % of the
+    yaw rate when simulated.
+    """
 
     samples: SampleBlock
-    setting: "ManoeuvreSetting"
+    setting: ManoeuvreSetting
     turn_removed: bool
     fit: Fit | None
+    explained_pct: float
     answer: Answer | None
 
     @property
@@ -136,7 +150,7 @@ def reasons(of: Evidence) -> Iterator[Reason]:
             "no oscillation of the yaw rate was found on which the structures of the fit agree",
         )
         return
-    yield from _known(of, of.answer, of.fit)
+    yield from _known(of.answer, of.fit, of.explained_pct)
     yield from _driven(of.fit)
     yield from _fed_back(of, of.answer.wn_rad_s.value)
     rudder = of.answer.eq_23[0]
@@ -228,13 +242,8 @@ def _inputs(of: Evidence) -> Iterator[Reason]:
 
 def _rates(of: Evidence) -> Iterator[Reason]:
     """Judge the message rates, by themselves and against the mode."""
-    yaw_hz, rudder_hz = of.setting.rates_hz
+    yield from message_rate_reasons(*of.setting.rates_hz)
     slowest, grid_hz = min(of.setting.rates_hz), 1.0 / of.setting.sample_time_s
-    said = f"yaw comes at {yaw_hz:.3g} Hz and the rudder at {rudder_hz:.3g} Hz"
-    if slowest < SLACK * LEAST_HZ:
-        yield Reason("rate_too_low", f"{said}: at least {LEAST_HZ:g} Hz are needed")
-    elif slowest < SLACK * LOW_HZ:
-        yield Reason("rate_low", f"{said}: below {LOW_HZ:g} Hz the damping is uncertain")
     if of.answer is None or not of.answer.wn_rad_s.std < UNCERTAIN_WN * of.answer.wn_rad_s.value:
         return
     mode_hz, have_hz = of.answer.wn_rad_s.value / (2.0 * math.pi), min(slowest, grid_hz)
@@ -253,7 +262,7 @@ def _rates(of: Evidence) -> Iterator[Reason]:
         )
 
 
-def _known(of: Evidence, answer: Answer, fit: Fit) -> Iterator[Reason]:
+def _known(answer: Answer, fit: Fit, explained_pct: float) -> Iterator[Reason]:
     """Judge how well the mode is known, and how much of the yaw rate its model explains."""
     (wn, wn_std), (zeta, zeta_std) = answer.wn_rad_s, answer.zeta
     said = f"wn {wn:.3g} ± {wn_std:.2g} rad/s, zeta {zeta:.3g} ± {zeta_std:.2g}"
@@ -275,11 +284,11 @@ def _known(of: Evidence, answer: Answer, fit: Fit) -> Iterator[Reason]:
             f"least {needed:g} are needed",
             "Choose a longer stretch, or fly longer manoeuvres.",
         )
-    if (pct := fit_percent(*simulated(fit))) < LEAST_PCT:
+    if explained_pct < LEAST_PCT:
         yield Reason(
             "poor_fit",
-            f"the rudder explains only {max(pct, 0.0):.0f} % of the yaw rate (simulated): at least "
-            f"{LEAST_PCT:g} % are needed",
+            f"the rudder explains only {max(explained_pct, 0.0):.0f} % of the yaw rate "
+            f"(simulated): at least {LEAST_PCT:g} % are needed",
         )
 
 

@@ -18,9 +18,9 @@ import numpy as np
 from yawid.blocks import Bools, Floats, SampleBlock
 from yawid.config.run import BOTH
 from yawid.estimation.grids import as_held
-from yawid.manoeuvre.fit import Fit, fits_of
-from yawid.manoeuvre.projection import ROLL
+from yawid.manoeuvre.fit import Fit, best_alone, fits_of
 from yawid.manoeuvre.record import Record
+from yawid.results.excitation import LEAST_STROKE
 
 MOST_LAG: Final = 2.0
 """The most samples by which roll may be later than the yaw rate. Two changed nothing, with four
@@ -29,10 +29,9 @@ MOST_STILL: Final = 0.95
 """The most samples, as a part, in which roll may stay where it was to the bit. With .91, from steps
 of two standard deviations, the median error of wn was .15 % in calm air, without roll .61 %; it was
 .18 % where roll was limited to half a standard deviation. On 60 simulated aircraft."""
-MOST_REACTION, LEAST_STROKE = 0.5, 0.1
-"""The most of an aileron's variance that the motion may explain, and how far its own part must move
-of half its travel, in all: as today's rules have it, which were chosen on 90 flights."""
-
+MOST_REACTION: Final = 0.5
+"""The most of an aileron's variance that the motion may explain. Chosen on 90 flights; its own part
+must cover LEAST_STROKE in all, as a rudder's."""
 WORTH_BIC: Final = 20.0
 """What the aileron must take off the least BIC to be an input: without it, an aileron that hardly
 moved made wn 10 % wrong in gusts. Chosen on 24 drawn flights whose aileron is moved, too."""
@@ -66,8 +65,7 @@ def fitted(
         return Fitted(both, BOTH, fault)
     alone = fits_of(record_of(samples, **how), both[0].blocks.q if both else None)
     best, with_aileron = (
-        min((fit.bic for fit in fits if fit.structure.name != ROLL), default=math.inf)
-        for fits in (alone, both)
+        math.inf if (fit := best_alone(fits)) is None else fit.bic for fits in (alone, both)
     )
     if with_aileron < best - WORTH_BIC:
         return Fitted(both, BOTH, fault)

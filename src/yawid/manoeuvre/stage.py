@@ -12,10 +12,11 @@ import numpy as np
 from yawid.answers.reasons import Reason
 from yawid.answers.run_summary import Bare, Flight
 from yawid.blocks import EstimateBlock, Floats, Ints, MotionBlock, SampleBlock
-from yawid.manoeuvre.answered import Answered, ManoeuvreSetting, answer
+from yawid.manoeuvre.answered import Answered, answer
 from yawid.manoeuvre.conditions import AirspeedCheck, is_bare
 from yawid.manoeuvre.find import LONGEST_S, LONGEST_STATED_S, Finder, UnderWay
 from yawid.manoeuvre.flight import flights_of
+from yawid.manoeuvre.judge import ManoeuvreSetting
 from yawid.manoeuvre.laterals import Laterals, done_by
 from yawid.results.judge_samples import excitation_reasons
 

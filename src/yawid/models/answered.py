@@ -16,15 +16,12 @@ from typing import Final
 
 import numpy as np
 
-from yawid.answers.run_summary import Manoeuvre
+from yawid.answers.run_summary import HIGHEST, LOWEST, POINTS, Manoeuvre
 from yawid.blocks import Floats
 from yawid.errors import NotIdentifiable
 from yawid.physics.continuous import Transfer, pole_of
 from yawid.physics.modes import Complexes
 
-LOWEST, HIGHEST, POINTS = 0.6, 1.6, 21
-"""Where a model holds, as parts of wn: its covariance is that of the response there. Below it a
-model of eq. 23 does not have the zeros of an aircraft: |G| was 6 times too high at .3 wn."""
 MOST_OF_REAL: Final = 0.3
 """The largest sigma of a real pole that stays, as a part of it: what a larger one does is not
 linear, and draws of a lag of 20 +- 10^5 1/s had no finite response. Chosen on 40 simulated

@@ -16,11 +16,11 @@ import numpy as np
 from scipy import signal
 
 from yawid.answers.reasons import Verdict
-from yawid.answers.run_summary import Bare, Manoeuvre, RunSummary
+from yawid.answers.run_summary import HIGHEST, LOWEST, Bare, Manoeuvre, RunSummary
 from yawid.blocks import Floats, SampleBlock
 from yawid.config.run import RunConfig
 from yawid.errors import ConfigError, NotIdentifiable
-from yawid.models.answered import HIGHEST, LOWEST, Answered
+from yawid.models.answered import Answered
 from yawid.models.draws import drawn_aircraft
 from yawid.models.flown import Flown, Rows
 from yawid.models.linear import Form, LinearModel, Matrices, Measured, Signal, slopes_of

@@ -46,7 +46,8 @@ def all_held(held: Held) -> Reason:
 
 def message_rate_reasons(yaw_hz: float, rudder_hz: float) -> Iterator[Reason]:
     """Judge the rates of yaw and rudder messages by themselves."""
-    slowest, said = min(yaw_hz, rudder_hz), f"yaw {yaw_hz:.3g} Hz, rudder {rudder_hz:.3g} Hz"
+    slowest = min(yaw_hz, rudder_hz)
+    said = f"yaw comes at {yaw_hz:.3g} Hz and the rudder at {rudder_hz:.3g} Hz"
     if slowest < LEAST_RATE_HZ * RATE_SLACK:
         text = f"{said}: at least {LEAST_RATE_HZ:g} Hz are needed"
         yield Reason("rate_too_low", text)

@@ -129,7 +129,7 @@ class Publish:
 def values_of(answer: Answer) -> dict[str, float]:
     """Return the values to publish: wn in rad/s, zeta, their sigmas, and ``yaw_ok``.
 
-    ``yaw_ok`` is 1.0 for a usable answer of the flight. For the running number, which nobody has
+    ``yaw_ok`` is 1.0 for a usable answer of the flight. For the running number, which is not
     judged and whose sigma is of noise, it is 0.0. A number that is unknown is left out.
     """
     roll = answer.known or answer.running
