@@ -3,9 +3,18 @@
 from __future__ import annotations
 
 import pytest
-from hand_flights import four_of_a_flight, manoeuvre, mixed_loops, summary
+from hand_flights import (
+    by_ct,
+    estimate,
+    four_of_a_flight,
+    manoeuvre,
+    mixed_loops,
+    roll_of,
+    summary,
+)
 from msgspec.structs import replace
 
+from yawid.answers.model_parts import Fit
 from yawid.answers.reasons import Verdict
 from yawid.answers.run_summary import Bare, DutchRoll, TimeConstant
 from yawid.dataset.files import table_of
@@ -66,6 +75,28 @@ def test_the_bare_airframe_is_in_the_rows_of_its_flight_and_of_its_manoeuvre() -
         assert {name: row[name] for name in expected} == expected
         assert table_of(TABLES["flights"], [{name: row[name] for name in expected}]).num_rows == 1
     assert not [name for name in second if name.startswith("bare")]
+
+
+def test_what_els_and_rml_had_at_the_end_of_a_manoeuvre_stands_under_their_own_names() -> None:
+    els, rml = estimate("els", roll_of(9.7, 0.55)), estimate("rml", roll_of(10.4, 0.7))
+    for order in ((els, rml), (rml, els)):
+        answers = {"ct": by_ct(roll_of(10.2, 0.62))} | {each.method: each for each in order}
+        flown = replace(manoeuvre(1), estimates=answers)
+        (row,) = table_of(TABLES["manoeuvres"], manoeuvre_rows(summary([flown], None))).to_pylist()
+
+        assert (row["wn_rad_s"], row["zeta"]) == (10.2, 0.62)
+        assert (row["els_wn_rad_s"], row["els_zeta"]) == (9.7, 0.55)
+        assert (row["rml_wn_rad_s"], row["rml_zeta"]) == (10.4, 0.7)
+
+    alone = replace(manoeuvre(1), estimates={"ct": by_ct(roll_of(10.2, 0.62)), "els": els})
+    (row,) = manoeuvre_rows(summary([alone], None))
+    assert not [name for name in row if name.startswith("rml")]
+
+
+def test_every_column_of_a_fit_is_one_that_an_answer_may_fill() -> None:
+    columns = {name for name, *_ in (*TABLES["runs"].columns, *TABLES["manoeuvres"].columns)}
+    assert {name for name in columns if name.endswith("_pct")} <= set(Fit.__struct_fields__)
+    assert not [name for name in columns if name.startswith("check_")]
 
 
 def test_of_an_older_file_or_without_a_manoeuvre_there_is_one_row() -> None:

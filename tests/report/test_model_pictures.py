@@ -17,6 +17,9 @@ from places import C172P
 
 from yawid.answers.run_summary import DutchRoll
 from yawid.estimation.fit import fit_percent
+from yawid.estimation.grids import as_held
+from yawid.models.flown import Flown
+from yawid.models.linear import Measured
 from yawid.report.data import Drawn, ReportData, gather
 from yawid.report.model_pictures import (
     bode_picture,
@@ -107,6 +110,57 @@ def test_the_band_of_the_response_ends_where_the_model_does(drawn: Drawn, by_han
         assert 0.6 <= ends[0] <= ends[1] <= 1.6
     (points,) = upper.containers
     assert points.get_label() == "measured (spectra)"
+
+
+def points_of(picture: Picture) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return w (n,) in rad/s of the points, their G (n,), and the sigma of its phase in rad."""
+    upper, lower = axes_of(picture)[:2]
+    (f, decibel), (_, degrees) = (ax.containers[0].lines[0].get_xydata().T for ax in (upper, lower))
+    reach = np.array([np.ptp(bar[:, 1]) for bar in lower.containers[0].lines[2][0].get_segments()])
+    G = 10.0 ** (decibel / 20.0) * np.exp(1j * np.radians(degrees))
+    return 2.0 * np.pi * f, G, np.radians(reach / 4.0)
+
+
+def steps_of_the_rudder(moves: bool) -> tuple[np.ndarray, np.ndarray]:
+    """Return rudder and yaw rate (1000,) of doublets with noise, the rudder its mean over a sample.
+
+    Its steps lie at the samples of 0.05 s or, where it ``moves``, anywhere within them.
+    """
+    fine, u = 40, np.zeros(40 * 1000)
+    firsts = np.random.default_rng(5).integers(0, 38_000, 40)
+    firsts = firsts if moves else firsts // fine * fine
+    for first, size in zip(firsts.tolist(), [0.3, -0.3] * 20, strict=True):
+        u[first : first + 480] += size
+    y, x = np.zeros(1000), 0j
+    step, gain = np.exp(PAIR * 0.05 / fine), np.expm1(PAIR * 0.05 / fine) / PAIR
+    for k, value in enumerate(u):
+        if k % fine == 0:
+            y[k // fine] = 2.0 * (R * x).real
+        x = step * x + gain * value
+    return u.reshape(-1, fine).mean(axis=1), y + np.random.default_rng(6).normal(0.0, 0.002, 1000)
+
+
+@pytest.mark.parametrize("moves", [False, True])
+def test_the_points_of_an_exact_record_lie_on_the_line(
+    moves: bool, by_hand: McapRun, drawn: Drawn
+) -> None:
+    """As they are the samples turn the phase by w Ts / 2: by seven degrees at the Dutch roll."""
+    mean, y = steps_of_the_rudder(moves)
+    t, held = np.arange(1000) * 0.05, as_held(mean[:, None], np.full(1000, moves))
+    flown = Flown(drawn.found, 0.05, t, mean[:, None], held, y, 0.0 * y)
+    measured = Measured.of(flown, drawn.answered)
+    drawn = dataclasses.replace(drawn, model=dataclasses.replace(drawn.model, measured=measured))
+
+    w, G, sigma = points_of(bode_picture(drawn, by_hand.grid))
+
+    true = R / (1j * w - PAIR) + np.conj(R) / (1j * w - np.conj(PAIR))
+    off = np.angle(G / true)
+    near = (w > 0.6 * WN) & (w < 1.5 / 0.05)
+    weights, late = 1.0 / sigma[near] ** 2, w[near] * 0.05 / 2.0
+    left = float(weights @ off[near] / weights.sum())
+    assert abs(left) < 3.0 / np.sqrt(weights.sum())
+    assert float(weights @ late / weights.sum()) > 10.0 / np.sqrt(weights.sum())  # it would be seen
+    assert np.median(np.abs(G / true)[near & (w > 15.0)]) == pytest.approx(1.0, abs=0.03)
 
 
 def test_the_poles_have_ellipses_of_two_sigma(drawn: Drawn) -> None:

@@ -59,7 +59,6 @@ def test_theta_sigma_and_fits_are_those_of_the_recursion_by_itself(method):
     simulated = simulate(armax.theta, armax.config.orders, True, u[:, None], y)
     assert found.fit.simulation_pct == pytest.approx(fit_percent(y, simulated), abs=1e-9)
     assert found.fit.one_step_pct == pytest.approx(fit_percent(y, block.y_hat), abs=1e-9)
-    assert found.fit.simulation_held_back_pct is None
     assert (found.updates, found.held) == (armax.updates, armax.held)
 
 

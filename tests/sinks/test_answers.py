@@ -113,7 +113,7 @@ def test_a_refused_flight_names_what_of_it_can_be_used() -> None:
 
 def test_a_fit_of_an_exploding_model_is_no_number() -> None:
     out = io.StringIO()
-    fits = Fit(one_step_pct=97.0, simulation_pct=-1000.0, simulation_held_back_pct=-1e51)
+    fits = Fit(one_step_pct=97.0, simulation_pct=-1000.0)
     exploded = msgspec.structs.replace(estimate(2.0), fit=fits)
     summary = msgspec.structs.replace(summary_of("it fits badly"), estimates={"els": exploded})
     print_summary(summary, out)

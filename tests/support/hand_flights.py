@@ -45,7 +45,7 @@ def estimate(
         "modes": [Mode(kind="dutch_roll", wn_rad_s=10.2, zeta=0.62)],
         "dutch_roll": roll,
         "physics": {"K": Value(0.308, 0.006, 0.002), "T_theta_s": Value(0.85, 0.04)},
-        "fit": Fit(one_step_pct=98.1, simulation_pct=fit_pct, simulation_held_back_pct=88.2),
+        "fit": Fit(one_step_pct=98.1, simulation_pct=fit_pct),
     }
     return MethodSummary(**(given | more))
 

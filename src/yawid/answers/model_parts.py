@@ -20,7 +20,6 @@ class Fit(Part, frozen=True):
 
     one_step_pct: Number | None = None
     simulation_pct: Number | None = None
-    simulation_held_back_pct: Number | None = None
     innovation_std: Number | None = None
     residual_std: Number | None = None
     whiteness_p: Number | None = None

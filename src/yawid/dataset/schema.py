@@ -18,7 +18,7 @@ import pyarrow as pa
 
 from yawid.quantities.table import YAW_CHANNEL, quantity
 
-ANALYSIS_VERSION: Final = "5"
+ANALYSIS_VERSION: Final = "6"
 """Version of the numbers: when the same log gives other numbers it is raised, and a fleet runs all
 logs again."""
 FORMAT: Final = 1
@@ -68,6 +68,8 @@ _OVER_SPEED: Final = _columns(
     NUMBER, "kappa_rad_m", "kappa_std", "kappa_std_noise",
     "K_per_V", "K_per_V_std", "K_per_V_std_noise",
 )  # fmt: skip
+RUNNING: Final = ("els", "rml")
+"""The recursive methods whose numbers at the end of a manoeuvre are shown with its answer."""
 BARE: Final = (
     ("bare_wn_rad_s", NUMBER, "wn of the bare airframe, rad/s; NULL where it is not known"),
     ("bare_wn_std", NUMBER, "total sigma"),
@@ -104,8 +106,8 @@ _MODEL: Final = (
     *_columns(NUMBERS, "theta_std"),
     *_columns(NUMBER, *(name + std for name in YAW_CHANNEL for std in ("", "_std"))),
     *_columns(
-        NUMBER, "one_step_pct", "simulation_pct", "simulation_held_back_pct", "innovation_std",
-        "residual_std", "whiteness_p", "spr_margin",
+        NUMBER, "one_step_pct", "simulation_pct", "innovation_std", "residual_std", "whiteness_p",
+        "spr_margin",
     ),
 )  # fmt: skip
 _LINK: Final = _columns(
@@ -232,8 +234,11 @@ MANOEUVRES: Final = Table(
         *_columns(ID, "method"),
         *DUTCH_ROLL,
         *_OVER_SPEED,
-        ("check_wn_rad_s", NUMBER, "wn by the method that checks"),
-        ("check_zeta", NUMBER, "zeta by the method that checks"),
+        *(
+            (f"{method}_{number}", NUMBER, f"{words} of the running {method.upper()} at its end")
+            for method in RUNNING
+            for number, words in (("wn_rad_s", "wn, rad/s,"), ("zeta", "zeta"))
+        ),
         *BARE,
         *_MODEL,
         ("used", FLAG, "whether the flight's answer for its loop rests on it"),

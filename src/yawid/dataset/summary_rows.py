@@ -6,7 +6,7 @@ from datetime import datetime
 from yawid.answers.part import Part
 from yawid.answers.reasons import Verdict
 from yawid.answers.run_summary import Bare, Flight, Manoeuvre, MethodSummary, RunSummary, Value
-from yawid.dataset.schema import CONDITION, DUTCH_ROLL, OF_MANOEUVRE, ORDERS, Column
+from yawid.dataset.schema import CONDITION, DUTCH_ROLL, OF_MANOEUVRE, ORDERS, RUNNING, Column
 from yawid.dataset.values import Row, known_date
 from yawid.quantities.table import YAW_CHANNEL
 
@@ -81,10 +81,11 @@ def manoeuvre_rows(summary: RunSummary) -> Iterator[Row]:
         if (answer := each.answer) is not None:
             row |= _of_method(answer) | _model(answer)
             row |= {} if implausible else _over_speed(each, answer)
-        for name, other in each.estimates.items():
-            if name != each.verdict.method and other.dutch_roll is not None:
-                row["check_wn_rad_s"] = other.dutch_roll.wn_rad_s
-                row["check_zeta"] = other.dutch_roll.zeta
+        for name in RUNNING:
+            running = each.estimates.get(name)
+            if running is not None and running.dutch_roll is not None:
+                row[f"{name}_wn_rad_s"] = running.dutch_roll.wn_rad_s
+                row[f"{name}_zeta"] = running.dutch_roll.zeta
         yield row
 
 

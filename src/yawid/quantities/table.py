@@ -157,9 +157,6 @@ _OTHERS: Final = (
     Quantity("theta_std", "", "their sigmas, of noise alone"),
     Quantity("one_step_pct", "%", "fit one step ahead, always high: judge by the fit simulated"),
     Quantity("simulation_pct", "%", "fit of the final model, run free from the inputs"),
-    Quantity(
-        "simulation_held_back_pct", "%", "fit run free over samples that the model has not seen"
-    ),
     Quantity("innovation_std", "rad/s", "standard deviation of the a priori innovation"),
     Quantity("residual_std", "rad/s", "standard deviation of the a posteriori residual"),
     Quantity(

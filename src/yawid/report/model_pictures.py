@@ -6,6 +6,7 @@ holds.
 
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -157,12 +158,21 @@ def _segment_s(drawn: Drawn) -> float:
 
 
 def _spectral(drawn: Drawn) -> FrequencyResponse | None:
-    measured, rows = drawn.measured, drawn.measured.longest
+    """Return G(jw) from spectra.
+
+    Each input is the mean over the sample after its instant, (exp(jw Ts) - 1) / (jw Ts) of itself,
+    which is half a sample early. Of a rudder that is held the sampled yaw rate, which falls as 1/s,
+    has the same factor: that of the hold, with what sampling folds.
+    """
+    measured, rows, step_s = drawn.measured, drawn.measured.longest, drawn.model.sample_time_s
     try:
         u, y = measured.u[rows, 0], measured.y[rows]
-        return frequency_response(u, y, drawn.model.sample_time_s, _segment_s(drawn))
+        found = frequency_response(u, y, step_s, _segment_s(drawn))
     except YawidError:
         return None
+    s = 2j * np.pi * found.frequency_hz * step_s
+    mean = np.expm1(s) / s
+    return replace(found, G=found.G * mean, magnitude_std=found.magnitude_std * np.abs(mean))
 
 
 def _draw_spectral(
