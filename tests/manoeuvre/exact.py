@@ -8,23 +8,21 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import expm
 
-from yawid.manoeuvre.record import Record
+from yawid.physics.responses import Record
 
 Floats = NDArray[np.float64]
 
 
-def states(A: Any, B: Any, u: Floats, sample_time_s: float, *, linear: bool = False) -> Floats:
-    """The states (n, len(A)) at each instant, at rest first; u (n, inputs) is held, or on lines"""
+def states(A: Any, B: Any, u: Floats, sample_time_s: float) -> Floats:
+    """The states (n, len(A)) at each instant, at rest first; u (n, inputs) is held"""
     n, m = len(A), np.shape(B)[1]
-    M = np.zeros((n + 2 * m, n + 2 * m))
-    M[:n, :n], M[:n, n : n + m] = A, B
-    M[n : n + m, n + m :] = np.eye(m) / sample_time_s
+    M = np.zeros((n + m, n + m))
+    M[:n, :n], M[:n, n:] = A, B
     step = expm(M * sample_time_s)[:n]
     x, found = np.zeros(n), []
-    for k, now in enumerate(u):
+    for now in u:
         found.append(x)
-        then = u[min(k + 1, len(u) - 1)] if linear else now
-        x = step @ np.concatenate([x, now, then - now])
+        x = step @ np.concatenate([x, now])
     return np.array(found)
 
 
@@ -36,11 +34,10 @@ def yaw_channel(
     zeta: float = 0.1,
     K: float = 0.3,
     T_s: float = 0.8,
-    linear: bool = False,
 ) -> Floats:
     """Yaw rate (n,) of a rudder (n,) by eq. 23"""
     A, B = [[0.0, 1.0], [-wn * wn, -2.0 * zeta * wn]], [[0.0], [1.0]]
-    x = states(A, B, u[:, None], sample_time_s, linear=linear)
+    x = states(A, B, u[:, None], sample_time_s)
     return np.asarray(K * wn * wn * (x[:, 0] + T_s * x[:, 1]))
 
 

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from manoeuvre.exact import doublets, record, yaw_channel
 
 from yawid.manoeuvre.fit import Fit, fits_of
 from yawid.manoeuvre.likelihood import free_decay, freed, shifted, simulated
-from yawid.manoeuvre.record import Record
+from yawid.physics.responses import Blocks, Record
 
 
 @pytest.fixture(scope="module")
@@ -18,9 +20,7 @@ def fit() -> Fit:
 
 
 def test_a_rudder_that_moved_the_nose_is_far_likelier_than_free_decay(fit: Fit):
-    found = free_decay(fit)
-    assert found.nats > 100.0
-    assert found.e.std() == pytest.approx(1.0, rel=0.1)
+    assert free_decay(fit) > 100.0
 
 
 def test_a_rudder_that_moved_nothing_is_hardly_likelier_than_free_decay():
@@ -29,7 +29,7 @@ def test_a_rudder_that_moved_nothing_is_hardly_likelier_than_free_decay():
     for seed in range(12):
         u = doublets(2.0, 0.1, periods=6.0)
         y = yaw_channel(np.random.default_rng(seed).normal(size=len(u)), 0.1)
-        nats.append(free_decay(fits_of(record(u, y, 0.1, noise=0.1, seed=seed))[0]).nats)
+        nats.append(free_decay(fits_of(record(u, y, 0.1, noise=0.1, seed=seed))[0]))
     assert np.median(nats) < 6.0
 
 
@@ -41,8 +41,9 @@ def test_without_a_shift_nothing_is_lost_and_with_one_much(fit: Fit):
 
 def test_a_shift_is_judged_as_the_fit_of_a_shifted_record(fit: Fit):
     """The squares of a shifted rudder, by least squares over the same poles, whitened alike"""
-    record = fit.blocks.record.shifted(8)
-    blocks = type(fit.blocks)(record, fit.blocks.q)
+    record = fit.blocks.record
+    moved = replace(record, u=np.roll(record.u, 8, axis=0))
+    blocks = Blocks(moved, fit.blocks.q)
     response = blocks.responses(fit.structure.poles(fit.theta))[0]
     X = np.concatenate(
         [response.forced.real, response.forced.imag, response.free.real, response.free.imag], axis=1
@@ -66,3 +67,14 @@ def test_the_simulated_yaw_rate_is_the_measured_one_without_its_noise():
     y = yaw_channel(u, 0.05)
     measured, found = simulated(fits_of(Record.of(0.05, u[:, None], y))[0])
     np.testing.assert_allclose(found, measured, atol=1e-6 * np.abs(y).max())
+
+
+def test_an_aileron_stays_where_it_is_while_the_rudder_is_moved_or_taken_away():
+    """All of the yaw is the aileron's, so that no rudder is better than any other, or than none"""
+    u = doublets(2.0, 0.05, periods=8.0)
+    aileron = 2.0 * np.roll(u, 37)
+    fit = fits_of(record(np.column_stack([u, aileron]), yaw_channel(aileron, 0.05), 0.05,
+                         noise=0.02))[0]  # fmt: skip
+    assert abs(free_decay(fit)) < 6.0
+    assert np.abs(shifted(fit, np.array([-8, 8, 60]))).max() < 6.0
+    assert abs(freed(fit, 8)) < 6.0

@@ -35,9 +35,9 @@ import numpy as np
 
 from yawid.answers.run_summary import HIGHEST, LOWEST, POINTS
 from yawid.blocks import Floats
-from yawid.manoeuvre.fit import Fit, best_alone, refitted
+from yawid.manoeuvre.fit import Fit, best_alone
 from yawid.manoeuvre.projection import ROLL
-from yawid.manoeuvre.record import Complexes
+from yawid.physics.modes import Complexes
 
 LEAST_TEMPER, TEMPER, ROWS_PER_TEMPER = 8.0, 50.0, 10.0
 """With BIC as it is, one structure has all of the weight on a long record, though each of them is
@@ -84,15 +84,11 @@ class Known(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Eq23:
-    """Eq. 23 for one input: K in rad/s per unit, T in s, and the yaw acceleration K T wn^2.
-
-    ``misfit`` is the root mean square of its relative difference from the model's response.
-    """
+    """Eq. 23 of the rudder: K in rad/s per unit, T in s, and the yaw acceleration K T wn^2."""
 
     K: Known
     T_s: Known
     yaw_acceleration: Known
-    misfit: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,7 +97,7 @@ class Answer:
 
     ``weights`` are those of the structures that were averaged, by name. ``model`` is the answer's
     model. At ``w`` (n,) in rad/s it has the ``response`` (inputs, n); ``covariance`` is that of
-    (log wn, zeta, its real parts, its imaginary parts). ``eq_23`` has an entry for each input.
+    (log wn, zeta, its real parts, its imaginary parts).
     """
 
     wn_rad_s: Known
@@ -111,16 +107,7 @@ class Answer:
     w: Floats
     response: Complexes
     covariance: Floats
-    eq_23: tuple[Eq23, ...]
-
-    def gain(self, number: int = 0) -> tuple[Floats, Floats]:
-        """Return |G(jw)| (n,) of an input, and its sigma (n,)."""
-        G, n = self.response[number], len(self.w)
-        at = 2 + number * n + np.arange(n)
-        slopes = np.zeros((n, len(self.covariance)))
-        slopes[np.arange(n), at] = G.real / np.abs(G)
-        slopes[np.arange(n), at + self.response.size] = G.imag / np.abs(G)
-        return np.abs(G), np.sqrt(np.einsum("ij,jk,ik->i", slopes, self.covariance, slopes))
+    eq_23: Eq23
 
 
 def answer_of(fits: Sequence[Fit], *, has_roll_loop: bool = False) -> Answer | None:
@@ -138,7 +125,7 @@ def answer_of(fits: Sequence[Fit], *, has_roll_loop: bool = False) -> Answer | N
     w = wn * np.linspace(LOWEST, HIGHEST, POINTS)
     best = best_alone([fit for fit, _ in weighted])
     assert best is not None  # without one there are no weights
-    model = with_pair(best, wn, zeta)
+    model = best.with_pair(wn, zeta)
     G = model.response(w)[0]
     x = np.concatenate([[log_wn, zeta], G.real.ravel(), G.imag.ravel()])
     C = np.zeros((len(x), len(x)))
@@ -158,7 +145,7 @@ def answer_of(fits: Sequence[Fit], *, has_roll_loop: bool = False) -> Answer | N
     return Answer(
         Known(wn, wn * float(std[0])), Known(zeta, float(std[1])),
         {fit.structure.name: s for fit, s in weighted}, model, w, G, C,
-        tuple(_eq_23(wn, zeta, w, G, C, number) for number in range(len(G))),
+        _eq_23(wn, zeta, w, G, C),
     )  # fmt: skip
 
 
@@ -211,13 +198,6 @@ def _left_out(roll: Fit) -> float:
     return LEFT_OUT / max(float(np.abs(np.log(others / poles[roll.pair])).min()), LEAST_APART)
 
 
-def with_pair(fit: Fit, wn_rad_s: float, zeta: float) -> Fit:
-    """Return a fit with its pair at wn and zeta, and all that is linear solved again."""
-    theta = fit.theta.copy()
-    theta[2 * fit.pair : 2 * fit.pair + 2] = math.log(wn_rad_s), math.log(zeta)
-    return refitted(fit, theta)
-
-
 def _inflated(fit: Fit) -> float:
     """Return the factor of a fit's covariance."""
     periods = fit.blocks.record.seconds * math.exp(fit.log_pair[0]) / (2.0 * math.pi)
@@ -256,12 +236,12 @@ def _as_parameters(model: Fit, w: Floats, C: Floats) -> Floats:
     return found
 
 
-def _eq_23(wn: float, zeta: float, w: Floats, G: Complexes, C: Floats, number: int) -> Eq23:
-    """Return K and T of one input from the response G (inputs, n) with the covariance C.
+def _eq_23(wn: float, zeta: float, w: Floats, G: Complexes, C: Floats) -> Eq23:
+    """Return K and T of the rudder from the response G (inputs, n) with the covariance C.
 
     P (K, K T) = 1 is solved for the relative misfit, so the slopes are -(P'P)^-1 P' (dP x).
     """
-    s, g, n = 1j * w, G[number], len(w)
+    s, g, n = 1j * w, G[0], len(w)
     den = s * s + 2.0 * zeta * wn * s + wn * wn
     columns = np.stack([wn * wn / den / g, wn * wn / den / g * s])
     P = np.concatenate([columns.real, columns.imag], axis=1).T
@@ -272,7 +252,7 @@ def _eq_23(wn: float, zeta: float, w: Floats, G: Complexes, C: Floats, number: i
     moved = np.zeros((n, len(C)), complex)
     moved[:, 0] = M * (2.0 - (2.0 * zeta * wn * s + 2.0 * wn * wn) / den)
     moved[:, 1] = M * (-2.0 * wn * s / den)
-    at = 2 + number * n + np.arange(n)
+    at = 2 + np.arange(n)
     moved[np.arange(n), at] = -M / g
     moved[np.arange(n), at + G.size] = -1j * M / g
     S = -solve @ np.concatenate([moved.real, moved.imag])
@@ -285,5 +265,5 @@ def _eq_23(wn: float, zeta: float, w: Floats, G: Complexes, C: Floats, number: i
     by_T = np.array([-KT / K, 1.0]) / K
     return Eq23(
         Known(K, math.sqrt(V[0, 0])), Known(KT / K, math.sqrt(by_T @ V @ by_T)),
-        Known(rate, math.sqrt(max(of_rate, 0.0))), math.sqrt(misfit),
+        Known(rate, math.sqrt(max(of_rate, 0.0))),
     )  # fmt: skip

@@ -34,9 +34,9 @@ from yawid.manoeuvre.conditions import Conditions, conditions
 from yawid.manoeuvre.fit import Fit, best_alone, fits_of
 from yawid.manoeuvre.judge import Evidence, ManoeuvreSetting, is_turning, reasons
 from yawid.manoeuvre.likelihood import simulated
-from yawid.manoeuvre.record import Record
 from yawid.manoeuvre.signals import Fitted, fitted
 from yawid.physics.modes import modes
+from yawid.physics.responses import Record, as_fitted
 from yawid.quantities.vehicles import AIRFRAME, WITH_ROLL_LOOP
 
 
@@ -66,11 +66,11 @@ def answer(
     ``running`` holds the recursive estimates of its last sample, which are shown with it.
     """
     config, (found, untrue) = setting.config, conditions(samples, setting.modes_of)
-    if config.rudder_is == "measured":  # what moves on lines moves within every sample
-        samples = replace(samples, rudder_moves=np.ones(len(samples)))
     turn = config.turn == "keep" and not config.binds("turn") and is_turning(samples)
+    measured = config.rudder_is == "measured"
+    samples = as_fitted(samples, measured=measured, turn_removed=turn)
     leaves = found.loop != WITH_ROLL_LOOP and not config.binds("inputs")
-    seen = fitted(samples, turn_removed=turn, inputs=None if leaves else config.inputs)
+    seen = fitted(samples, None if leaves else config.inputs)
     fit = best_alone(seen.fits)
     explained_pct = fit_percent(*simulated(fit)) if fit else math.nan
     has_loop = found.loop != AIRFRAME and seen.inputs != BOTH
@@ -131,7 +131,7 @@ def _summary(seen: Fitted, of: Evidence, found: Conditions) -> MethodSummary:
     )
     if answer is None:
         return bare
-    wn, zeta, rudder = answer.wn_rad_s, answer.zeta, answer.eq_23[0]
+    wn, zeta, rudder = answer.wn_rad_s, answer.zeta, answer.eq_23
     noise = _noise(seen.fits, answer)
     numbers = _eq_22(wn, zeta, rudder.K, rudder.T_s, rudder.yaw_acceleration)
     return msgspec.structs.replace(

@@ -31,7 +31,8 @@ from yawid.manoeuvre.projection import (
     Structure,
     ar_of,
 )
-from yawid.manoeuvre.record import Blocks, Complexes, Record, block_size
+from yawid.physics.modes import Complexes
+from yawid.physics.responses import Blocks, Record, block_size
 
 PER_PERIOD: Final = 16
 """Blocks in a period of w. With the raw samples of a fine grid BIC prefers a resonance of the noise
@@ -88,6 +89,20 @@ class Fit:
         at = 2 * self.pair
         log_w, log_z = np.sqrt(np.diag(self.covariance)[at : at + 2]).tolist()
         return log_w, log_z * float(np.exp(self.log_pair[1]))
+
+    def of_yaw(self, blocks: Blocks | None = None) -> Problem:
+        """Return the problem of its yaw rate alone, with its inputs or with those of other blocks.
+
+        Its AR is the yaw rate's own.
+        """
+        blocks = self.blocks if blocks is None else blocks
+        return Problem(blocks, self.structure, self.D[:, :1, :1])
+
+    def with_pair(self, wn_rad_s: float, zeta: float) -> "Fit":
+        """Return a fit of yaw rate with its pair at wn and zeta; what is linear is solved again."""
+        theta, problem = self.theta.copy(), self.of_yaw()
+        theta[2 * self.pair : 2 * self.pair + 2] = math.log(wn_rad_s), math.log(zeta)
+        return finished(problem, theta, problem.at(theta))
 
     def response(self, w: Floats) -> tuple[Complexes, Complexes]:
         """Return G(jw) (inputs, n) at w (n,) in rad/s, and the slopes (parameters, inputs, n).
@@ -335,9 +350,3 @@ def best_alone(fits: Sequence[Fit]) -> Fit | None:
     """Return the fit of yaw rate alone with the least BIC, None without one."""
     alone = (fit for fit in fits if fit.structure.name != ROLL)
     return min(alone, key=lambda fit: fit.bic, default=None)
-
-
-def refitted(fit: Fit, theta: Floats) -> Fit:
-    """Return a fit of yaw rate with its poles at theta, and all that is linear solved again."""
-    problem = Problem(fit.blocks, fit.structure, fit.D[:, :1, :1])
-    return finished(problem, theta, problem.at(theta))

@@ -99,7 +99,7 @@ def driven(fit: Fit) -> Driven:
     if rows > 2 * apart:
         others = np.unique(np.linspace(apart, rows - apart, FAR).astype(int))
         far = float(2.0 * shifted(fit, others).min())
-    return Driven(2.0 * free_decay(fit).nats, least, late * record.sample_time_s, far)
+    return Driven(2.0 * free_decay(fit), least, late * record.sample_time_s, far)
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,7 +153,7 @@ def reasons(of: Evidence) -> Iterator[Reason]:
     yield from _known(of.answer, of.fit, of.explained_pct)
     yield from _driven(of.fit)
     yield from _fed_back(of, of.answer.wn_rad_s.value)
-    rudder = of.answer.eq_23[0]
+    rudder = of.answer.eq_23
     if (effect := of_the_pair(of.fit)) < CLEAR_PAIR:
         yield Reason(
             "mode_not_driven",
@@ -332,11 +332,8 @@ def _fed_back(of: Evidence, wn_rad_s: float) -> Iterator[Reason]:
     """Judge how much of the rudder near the mode feeds back the yaw rate."""
     samples, config = of.samples, of.setting.config
     rudder = of.rudder * config.half_travel
-    y = samples.y - samples.turn_rate if of.turn_removed else samples.y
-    found = rate_feedback(
-        rudder, np.where(np.isfinite(rudder), y, np.nan), samples.aileron, wn_rad_s,
-        samples.sample_time_s,
-    )  # fmt: skip
+    y = np.where(np.isfinite(rudder), samples.y, np.nan)
+    found = rate_feedback(rudder, y, samples.aileron, wn_rad_s, samples.sample_time_s)
     if found is None or found.share <= SOME_FED_BACK:
         return
     said = (

@@ -1,11 +1,7 @@
 """A manoeuvre's samples out of a run's rows, and what a model with known poles makes of them.
 
-A pole p answers an input u that is held over each sample of Ts seconds exactly by
-
-    x(k+1) = exp(p Ts) x(k) + (exp(p Ts) - 1) / p u(k)
-
-and is free as exp(p Ts k). Initial states, one for each pole and each run without a gap, and the
-bias are solved by least squares.
+They are those of the fit, and so are the responses (:mod:`yawid.physics.responses`). Initial
+states, one for each pole and each run without a gap, and the bias are solved by least squares.
 """
 
 from collections.abc import Sequence
@@ -14,13 +10,12 @@ from datetime import datetime
 from typing import Final
 
 import numpy as np
-from scipy.signal import lfilter
 
 from yawid.answers.run_summary import Manoeuvre
 from yawid.blocks import Bools, Floats, SampleBlock, runs_of
 from yawid.config.run import RunConfig
-from yawid.estimation.grids import as_held
 from yawid.physics.modes import Complexes
+from yawid.physics.responses import Blocks, Record, as_fitted, inputs_of
 
 _AWAY_NS: Final = 2_000_000_000
 
@@ -64,36 +59,34 @@ class Flown:
         forced, free = self._responses(poles)
         twice = np.where(poles.imag > 0.0, 2.0, 1.0)
         answer = np.einsum("nim,im->n", forced, residues * twice).real
-        known = self.known
-        rest = np.linalg.lstsq(free[known], (self.y - answer)[known])[0]
-        return np.where(known, answer + free @ rest, np.nan)
+        found = np.full(len(self.y), np.nan)
+        rest = np.linalg.lstsq(free, self.y[self.known] - answer)[0]
+        found[self.known] = answer + free @ rest
+        return found
 
     def explained_by_rudder(self, poles: Complexes, y: Floats) -> Complexes:
         """Return the residues (m,) with which the rudder explains another output y (n,) best."""
         forced, free = self._responses(poles)
         x, pairs = forced[:, 0], poles.imag > 0.0
         parts = np.concatenate([x.real * np.where(pairs, 2.0, 1.0), -2.0 * x.imag[:, pairs]], 1)
-        columns = np.column_stack([parts, free])
-        known = np.asarray(self.known & np.isfinite(y))
-        found = np.linalg.lstsq(columns[known], y[known])[0]
+        y = y[self.known]
+        known = np.isfinite(y)
+        found = np.linalg.lstsq(np.column_stack([parts, free])[known], y[known])[0]
         residues: Complexes = found[: len(poles)].astype(complex)
         residues[pairs] += 1j * found[len(poles) : parts.shape[1]]
         return residues
 
     def _responses(self, poles: Complexes) -> tuple[Complexes, Floats]:
-        """Return the forced responses (n, inputs, m), and a column (n, k) for each free part."""
-        runs, Ts = runs_of(self.known), self.sample_time_s
-        forced = np.zeros((len(self.y), self.held.shape[1], len(poles)), complex)
-        free = np.zeros((len(self.y), len(runs), len(poles)), complex)
-        for i, p in enumerate(poles.tolist()):
-            decay = np.exp(p * Ts)
-            for run, (first, last) in enumerate(runs.tolist()):
-                drive = np.expm1(p * Ts) / p * self.held[first:last]
-                forced[first:last, :, i] = lfilter([0.0, 1.0], [1.0, -decay], drive, axis=0)
-                free[first:last, run, i] = np.exp(p * Ts * np.arange(last - first))
-        wide = free.reshape(len(free), -1)
-        own = wide.imag[:, np.tile(poles.imag > 0.0, len(runs))]
-        return forced, np.column_stack([wide.real, own, self.known])
+        """Return the forced responses (k, inputs, m), and a column (k,) for each free part.
+
+        Their rows are the k samples that are no gap.
+        """
+        record = Record.of(self.sample_time_s, self.held, self.y)
+        found = Blocks(record, 1, least=1).responses(poles)
+        free = [r.free.real for r in found]
+        free += [r.free.imag for r, p in zip(found, poles, strict=True) if p.imag > 0.0]
+        bias = np.ones(np.count_nonzero(self.known))
+        return np.stack([r.forced for r in found], axis=2), np.column_stack([*free, bias])
 
 
 class Rows:
@@ -125,17 +118,15 @@ class Rows:
         if not self._parts:
             return None
         samples, found = SampleBlock.joined(self._parts), self.found
-        u = samples.u[:, : len(found.inputs)]
-        if u.shape[1] < len(found.inputs):
-            u = np.column_stack([u, samples.aileron])
-        turned = found.turn_removed and config.turn == "keep"
-        y = samples.y - samples.turn_rate if turned else samples.y
-        good = np.isfinite(y) & np.isfinite(u).all(axis=1)
-        u, y = np.where(good[:, None], u, np.nan), np.where(good, y, np.nan)
-        moves = (samples.rudder_moves == 1.0) | (config.rudder_is == "measured")
+        samples = as_fitted(
+            samples,
+            measured=config.rudder_is == "measured",
+            turn_removed=found.turn_removed and config.turn == "keep",
+        )
+        u, held = inputs_of(samples, found.inputs, [samples.y])
         return Flown(
-            found, samples.sample_time_s, samples.boot_us / 1e6, u, as_held(u, moves), y,
-            samples.turn_rate,
+            found, samples.sample_time_s, samples.boot_us / 1e6, u, held,
+            np.where(np.isfinite(held[:, 0]), samples.y, np.nan), samples.turn_rate,
         )  # fmt: skip
 
 

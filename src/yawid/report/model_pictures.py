@@ -229,7 +229,10 @@ def step_picture(drawn: Drawn, grid: Grid) -> Picture:
 
 
 def step_band(model: Answered, t: Floats) -> tuple[Floats, Floats]:
-    """Return the yaw rate (n,) at t (n,) in s after a unit step of the rudder, and its sigma."""
+    """Return the transient function (n,) of eq. 1 and 2 at t (n,) in s, and its sigma.
+
+    It is the yaw rate after a unit step of the rudder.
+    """
 
     def answer(x: Floats) -> Floats:
         G = model.transfer(x[None])

@@ -1,14 +1,15 @@
 """What a fit sees of a manoeuvre, and the exact responses of poles over blocks of its samples.
 
+Fit, pictures and models take the same samples of it, in this way.
+
 A pole p answers an input u by x' = p x + u. Over one sample of Ts seconds
 
-    x(k+1) = E x(k) + G0 u(k) + G1 u(k+1),   E = exp(p Ts)
-    held:    G0 = (E - 1) / p,  G1 = 0
-    linear:  G1 = ((E - 1) / (p Ts) - 1) / p,  G0 = (E - 1) / p - G1
+    x(k+1) = E x(k) + (E - 1) / p u(k),   E = exp(p Ts)
 
-without error, at every rate. A block of q samples has the mean of x over its instants, so that
-measurement and model are averaged alike and a fit does not depend on the rate: with L = E^q and
-the input of the block's samples in a row, U,
+without error, at every rate, for an input that is held over each sample; ``as_held`` makes such a
+one of an input that moves within its samples. A block of q samples has the mean of x over its
+instants, so that measurement and model are averaged alike and a fit does not depend on the rate:
+with L = E^q and the input of the block's samples in a row, U,
 
     x(K+1) = L x(K) + U d,   mean(K) = a x(K) + U b,   a = (1 + E + ... + E^(q-1)) / q
 
@@ -17,17 +18,17 @@ a run, and each run has an initial state of its own: the free response is a L^K.
 """
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from yawid.blocks import Bools, Floats, Ints, runs_of
+from yawid.blocks import Bools, Floats, Ints, SampleBlock, runs_of
 from yawid.estimation.all_pole import all_pole
+from yawid.estimation.grids import as_held
+from yawid.physics.modes import Complexes
 
-Complexes = NDArray[np.complex128]
 LEAST_BLOCKS: Final = 8
 """The least length of a run in blocks: each run has free initial states of its own, three in most
 structures, which explain a shorter one whatever the poles are. By counting; on no flights."""
@@ -38,43 +39,51 @@ class Record:
     """A manoeuvre on one grid: inputs ``u`` (n, inputs) and outputs ``y`` (n, outputs).
 
     The outputs are the yaw rate in rad/s and, where there are two, roll in rad. ``u`` is held over
-    the sample that follows its instant, as :func:`yawid.estimation.grids.as_held` returns it, or,
-    if ``linear``, the value at the instant between which it moves on straight lines. ``runs``
-    (runs, 2) are the rows at which each run begins and ends. All have mean 0.
+    the sample that follows its instant, as :func:`yawid.estimation.grids.as_held` returns it.
+    ``runs`` (runs, 2) are the rows at which each run begins and ends. All have mean 0.
     """
 
     sample_time_s: float
     u: Floats
     y: Floats
     runs: Ints
-    linear: bool = False
 
     @classmethod
-    def of(
-        cls, sample_time_s: float, u: Floats, *outputs: Floats, linear: bool = False
-    ) -> "Record":
+    def of(cls, sample_time_s: float, u: Floats, *outputs: Floats) -> "Record":
         """Return the record of u (n, inputs) and outputs (n,) each; a row with NaN is a gap."""
         y = np.stack(outputs, axis=1)
         good: Bools = np.isfinite(np.concatenate([u, y], axis=1)).all(axis=1)
         rows = max(np.count_nonzero(good), 1)
         u, y = (np.where(good[:, None], x - x[good].sum(axis=0) / rows, 0.0) for x in (u, y))
-        return cls(sample_time_s, u, y, runs_of(good), linear)
+        return cls(sample_time_s, u, y, runs_of(good))
 
     @property
     def seconds(self) -> float:
         """The time in s that the runs last together."""
         return float(np.diff(self.runs).sum()) * self.sample_time_s
 
-    def with_inputs(self, u: Floats) -> "Record":
-        """Return the same outputs with other inputs u (n, inputs), of mean 0."""
-        return replace(self, u=u)
 
-    def shifted(self, rows: int) -> "Record":
-        """Return the record whose inputs are later by so many rows.
+def as_fitted(samples: SampleBlock, *, measured: bool, turn_removed: bool) -> SampleBlock:
+    """Return samples as a fit takes them: what is ``measured`` moves within every sample.
 
-        What leaves at one end comes in at the other one.
-        """
-        return self.with_inputs(np.roll(self.u, rows, axis=0))
+    With ``turn_removed`` the yaw rate is less the turn that the bank makes.
+    """
+    moves = np.ones(len(samples)) if measured else samples.rudder_moves
+    y = samples.y - samples.turn_rate if turn_removed else samples.y
+    return replace(samples, rudder_moves=moves, y=y)
+
+
+def inputs_of(
+    samples: SampleBlock, inputs: Sequence[str], outputs: Sequence[Floats]
+) -> tuple[Floats, Floats]:
+    """Return the rudder, and with two ``inputs`` the aileron (n, inputs), and both as held.
+
+    A row that lacks one of them or of the ``outputs`` (n,) each is a gap: there they are NaN.
+    """
+    u = np.column_stack([samples.u[:, 0], samples.aileron])[:, : len(inputs)]
+    good = np.isfinite(np.column_stack([u, *outputs])).all(axis=1)
+    u = np.where(good[:, None], u, np.nan)
+    return u, as_held(u, samples.rudder_moves == 1.0)
 
 
 class Response(NamedTuple):
@@ -92,22 +101,20 @@ class Response(NamedTuple):
 class Blocks:
     """A record in blocks of ``q`` samples: outputs ``y`` (N, outputs), ``runs`` (runs, 2) of them.
 
-    Runs of fewer than LEAST_BLOCKS blocks are left out.
+    Runs of fewer than ``least`` blocks are left out.
     """
 
-    def __init__(self, record: Record, q: int) -> None:
+    def __init__(self, record: Record, q: int, least: int = LEAST_BLOCKS) -> None:
         self.record, self.q = record, q
         self.step_s = q * record.sample_time_s
-        last = int(record.linear)  # a line needs the value at its end
-        counts = [(a, (b - a - last) // q) for a, b in record.runs.tolist()]
-        counts = [(a, n) for a, n in counts if n >= LEAST_BLOCKS]
+        counts = [(a, (b - a) // q) for a, b in record.runs.tolist()]
+        counts = [(a, n) for a, n in counts if n >= least]
         ends = np.cumsum([0, *(n for _, n in counts)])
         self.runs = np.stack([ends[:-1], ends[1:]], axis=1)
         rows = [np.arange(a, a + n * q) for a, n in counts]
         at = np.concatenate([np.empty(0, np.int64), *rows]).reshape(-1, q)
         self.y: Floats = record.y[at].mean(axis=1)
-        moved = [record.u[at], record.u[at + 1]] if record.linear else [record.u[at]]
-        self.u: Floats = np.concatenate(moved, axis=1).transpose(2, 0, 1)
+        self.u: Floats = record.u[at].transpose(2, 0, 1)
 
     def __len__(self) -> int:
         return len(self.y)
@@ -119,7 +126,7 @@ class Blocks:
     def weights(self, p: Complexes) -> tuple[Complexes, Complexes]:
         """Return (L, a) and (d, b) of poles p (m,), each followed by its derivatives by p.
 
-        The first are (4, m), the second ones (4, m, samples of a block's input).
+        The first are (4, m), the second ones (4, m, q).
         """
         Ts, q, i = self.record.sample_time_s, self.q, np.arange(self.q)
         E, p = np.exp(p * Ts), p[:, None]
@@ -132,19 +139,11 @@ class Blocks:
         (d, d_slope), (b, b_slope) = parts[:, :, ::-1], summed[:, :, ::-1] / q
         gain = np.expm1(p * Ts) / p
         gain_slope = (Ts * E[:, None] - gain) / p
-        gains = [(gain, gain_slope)]
-        if self.record.linear:
-            later = (gain / Ts - 1.0) / p
-            later_slope = (gain_slope / Ts - later) / p
-            gains = [(gain - later, gain_slope - later_slope), (later, later_slope)]
         wide = [
-            np.concatenate(each, axis=1)
-            for each in (
-                [d * g for g, _ in gains],
-                [b * g for g, _ in gains],
-                [d_slope * g + d * g_slope for g, g_slope in gains],
-                [b_slope * g + b * g_slope for g, g_slope in gains],
-            )
+            d * gain,
+            b * gain,
+            d_slope * gain + d * gain_slope,
+            b_slope * gain + b * gain_slope,
         ]
         L, (a, a_slope) = E**q, parts.mean(axis=2)
         return np.stack([L, a, self.step_s * L, a_slope]), np.stack(wide)

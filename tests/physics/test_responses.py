@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from manoeuvre.exact import Floats, states
+from manoeuvre.streams import stream
 
-from yawid.manoeuvre.record import LEAST_BLOCKS, Blocks, Record, block_size
+from yawid.physics.responses import LEAST_BLOCKS, Blocks, Record, as_fitted, block_size
 
 TS_S = 0.05
 POLES = np.array([-0.3 + 2.0j, -1.5 + 0.0j])
@@ -16,27 +17,25 @@ def moved(n: int = 200) -> Floats:
     return np.repeat(np.random.default_rng(3).normal(size=(n // 10, 2)), 10, axis=0)
 
 
-@pytest.mark.parametrize("linear", [False, True])
 @pytest.mark.parametrize("q", [1, 3])
-def test_a_response_is_that_of_the_differential_equation_averaged_over_blocks(q: int, linear: bool):
+def test_a_response_is_that_of_the_differential_equation_averaged_over_blocks(q: int):
     u = moved()
-    record = Record.of(TS_S, u, np.zeros(len(u)), linear=linear)
+    record = Record.of(TS_S, u, np.zeros(len(u)))
     found = Blocks(record, q).responses(POLES)
     for pole, response in zip(POLES, found, strict=True):
         A = [[pole.real, -pole.imag], [pole.imag, pole.real]]
         for i in range(2):
-            x = states(A, [[1.0], [0.0]], record.u[:, i : i + 1], TS_S, linear=linear)
+            x = states(A, [[1.0], [0.0]], record.u[:, i : i + 1], TS_S)
             exact = x @ [1.0, 1.0j]
             rows = len(response.forced) * q
             mean = exact[:rows].reshape(-1, q).mean(axis=1)
             np.testing.assert_allclose(response.forced[:, i], mean, atol=1e-12)
 
 
-@pytest.mark.parametrize("linear", [False, True])
-def test_its_slope_is_the_difference_of_two_poles(linear: bool):
+def test_its_slope_is_the_difference_of_two_poles():
     u = moved()
     u[90:93] = np.nan
-    blocks = Blocks(Record.of(TS_S, u, np.zeros(len(u)), linear=linear), 3)
+    blocks = Blocks(Record.of(TS_S, u, np.zeros(len(u))), 3)
     step = 1e-6
     for at, above, below in zip(
         *(blocks.responses(POLES + each) for each in (0.0, step, -step)), strict=True
@@ -74,3 +73,16 @@ def test_blocks_are_a_share_of_the_period_whatever_the_rate():
         assert 0.75 * sixteenth < block_size(record, 1.0, 16, 80) / hz <= sixteenth
     short = Record.of(0.05, np.zeros((100, 1)), np.zeros(100))
     assert block_size(short, 0.5, 16, 80) == 1
+
+
+def test_the_turn_is_taken_off_where_asked() -> None:
+    turning = stream(np.zeros(50), y=np.ones(50), turn=np.linspace(0.0, 0.3, 50))
+    for removed, expected in ((True, 1.0 - turning.turn_rate), (False, turning.y)):
+        found = as_fitted(turning, measured=False, turn_removed=removed)
+        np.testing.assert_array_equal(found.y, expected)
+        np.testing.assert_array_equal(found.rudder_moves, turning.rudder_moves)
+
+
+def test_a_measured_rudder_moves_within_every_sample() -> None:
+    moves = as_fitted(stream(np.zeros(50)), measured=True, turn_removed=False).rudder_moves
+    assert (moves == 1.0).all()
