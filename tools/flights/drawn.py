@@ -6,7 +6,7 @@ The rudder moves no aircraft here; lift motors, gusts, engines and wheels do.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -74,13 +74,16 @@ class Drawn:
 
 
 def drawn_log(
-    rng: np.random.Generator, draw: Callable[[float], dict[str, Floats]], **facts: Any
+    rng: np.random.Generator,
+    draw: Callable[[float], dict[str, Floats]],
+    lengths_s: Sequence[float] = LENGTHS_S,
+    **facts: Any,
 ) -> Made:
     """Return the log of a motion, with ``facts`` in its truth.
 
     ``draw`` returns the motion's columns for a length in s.
     """
-    seconds = float(rng.choice(LENGTHS_S))
+    seconds = float(rng.choice(lengths_s))
     plan, link = FlightPlan(seconds=seconds, manoeuvre="none"), drawn_link(rng)
     log = join(telemetry(link, Drawn(plan, draw(seconds))))
     known: dict[str, Any] = {"aircraft": "drawn", "dutch_roll": None, "severity": 0}
@@ -92,10 +95,10 @@ def _of(link: Link, seconds: float) -> dict[str, float]:
     return {"seconds": seconds} | {name: getattr(link, name) for name in names}
 
 
-def hovering(rng: np.random.Generator) -> Made:
+def hovering(rng: np.random.Generator, lengths_s: Sequence[float] = LENGTHS_S) -> Made:
     """Hover a quadplane in wind: the rudder moves with the lift motors, which turn the aircraft."""
     wind = float(rng.choice([0.0, 3.0, 8.0, 12.0]))
-    drawn = drawn_log(rng, lambda s: _hover(rng, s, wind), wind_m_s=wind)
+    drawn = drawn_log(rng, lambda s: _hover(rng, s, wind), lengths_s, wind_m_s=wind)
     kind = int(rng.choice([mavlink.MAV_TYPE_FIXED_WING, mavlink.MAV_TYPE_VTOL_TILTROTOR]))
     mode = int(rng.choice([QSTABILIZE, QHOVER, QLOITER, AUTO]))
     assert drawn.truth is not None
@@ -174,9 +177,9 @@ def quadrotor(rng: np.random.Generator) -> Made:
     return Made(join(edited(split(made.log), **edits)), made.truth)
 
 
-def tumbling(rng: np.random.Generator) -> Made:
+def tumbling(rng: np.random.Generator, lengths_s: Sequence[float] = LENGTHS_S) -> Made:
     """Tumble, rolling all the time; the controller moves the rudder against the rates."""
-    return drawn_log(rng, lambda s: _tumble(rng, s))
+    return drawn_log(rng, lambda s: _tumble(rng, s), lengths_s)
 
 
 def _tumble(rng: np.random.Generator, seconds: float) -> dict[str, Floats]:
@@ -197,7 +200,7 @@ def _tumble(rng: np.random.Generator, seconds: float) -> dict[str, Floats]:
     }
 
 
-def parked(rng: np.random.Generator) -> Made:
+def parked(rng: np.random.Generator, lengths_s: Sequence[float] = LENGTHS_S) -> Made:
     """Stand with the engine running: the pilot checks the rudder, the gyro has a vibration."""
     line_hz, wind = float(rng.uniform(1.0, 9.0)), float(rng.choice([0.0, 2.0, 9.0]))
 
@@ -206,7 +209,7 @@ def parked(rng: np.random.Generator) -> Made:
         shake = np.sin(math.tau * line_hz * t + wander(rng, len(t), 5.0, 1.0))
         return columns | {"r": columns["r"] + rng.uniform(0.002, 0.01) * shake}
 
-    return drawn_log(rng, draw, line_hz=round(line_hz, 2), wind_m_s=wind)
+    return drawn_log(rng, draw, lengths_s, line_hz=round(line_hz, 2), wind_m_s=wind)
 
 
 def _standing(rng: np.random.Generator, seconds: float, wind: float) -> dict[str, Floats]:
@@ -233,7 +236,7 @@ def disarmed(rng: np.random.Generator) -> Made:
     return Made(join(edited(split(made.log), HEARTBEAT=heartbeat)), made.truth)
 
 
-def taxiing(rng: np.random.Generator) -> Made:
+def taxiing(rng: np.random.Generator, lengths_s: Sequence[float] = LENGTHS_S) -> Made:
     """Roll at 1 to 4.5 m/s in little wind, steered by the nose wheel on the rudder pedals."""
     speed = float(rng.uniform(1.5, 4.0))
 
@@ -248,7 +251,7 @@ def taxiing(rng: np.random.Generator) -> Made:
         roll = wander(rng, n, 0.2, 0.005)
         return {"r": r, "roll": roll, "rudder": rudder, "airspeed": air, "groundspeed": rolling}
 
-    return drawn_log(rng, draw, speed_m_s=round(speed, 2))
+    return drawn_log(rng, draw, lengths_s, speed_m_s=round(speed, 2))
 
 
 def take_off(number: int) -> Made:

@@ -32,18 +32,17 @@ class LinearAircraft:
     """A linear aircraft in flight; it has the properties of JSBSim that a flight reads and sets."""
 
     def __init__(self, own: Mapping[str, float], plan: FlightPlan) -> None:
-        self.servo_lag_s, speed = own["servo_lag_s"], own["airspeed_m_s"]
+        self.servo_lag_s, self._speed = own["servo_lag_s"], own["airspeed_m_s"]
         self.A, self.aileron, self.rudder = _matrices(own)
         M = np.zeros((10, 10))  # the states, d_a, d_r, psi; then the commands and the gust
         M[:4, :4], M[:4, 4], M[:4, 5] = self.A, self.aileron, -self.rudder
         M[:4, 9] = self.A[:, 0]
         M[[4, 5], [4, 5]], M[[4, 5], [7, 8]] = -1.0 / self.servo_lag_s, 1.0 / self.servo_lag_s
         M[6, 3] = 1.0
-        self._step = expm(M * STEP_S)
-        self._x = np.zeros(10)
+        self._M, self._x = M, np.zeros(10)
         self._x[6] = math.radians(plan.heading_deg)
-        self._keep = math.exp(-STEP_S * speed / GUST_M)
-        self._gust_rad = GUST_M_S / speed * math.sqrt(1.0 - self._keep**2)
+        self.set_dt(STEP_S)
+        speed = self._speed
         self._rng: np.random.Generator | None = None
         commands = (f"fcs/{name}-cmd-norm" for name in ("rudder", "aileron", "elevator"))
         still = ("attitude/theta-rad", "velocities/q-rad_sec", "velocities/h-dot-fps", SEVERITY)
@@ -54,8 +53,10 @@ class LinearAircraft:
         }  # fmt: skip
 
     def set_dt(self, step_s: float) -> None:
-        """Do nothing: the step is always STEP_S."""
-        assert step_s == STEP_S
+        """Set the length of a step, for which commands and gust are held."""
+        self._step = expm(self._M * step_s)
+        self._keep = math.exp(-step_s * self._speed / GUST_M)
+        self._gust_rad = GUST_M_S / self._speed * math.sqrt(1.0 - self._keep**2)
 
     def run(self) -> None:
         """Propagate one step, in turbulence if a severity is set."""

@@ -41,7 +41,8 @@ class Link:
     """The settings of a link: what is sent, and with which noise.
 
     Rates are in Hz. ``rate_noise`` and ``angle_noise`` are the standard deviations of ATTITUDE's
-    noise in rad/s and rad. ``boot_s`` is the vehicle's time at the start of the flight.
+    noise in rad/s and rad. ``boot_s`` is the vehicle's time at the start of the flight, and
+    ``servo_ms`` when the first servo message is sent.
 
     Raises:
         ValueError: a number is outside its limits.
@@ -55,6 +56,7 @@ class Link:
     mavlink1: bool = False
     seed: int = 1
     sysid: int = 1
+    servo_ms: int = 5
 
     def __post_init__(self) -> None:
         for name in ("attitude_hz", "servo_hz"):
@@ -105,7 +107,7 @@ def schedule(plan: FlightPlan, link: Link, rng: np.random.Generator) -> list[tup
         ("heartbeat", 1.0, 0),
         ("gcs_heartbeat", 1.0, 440),
         ("attitude", link.attitude_hz, 2),
-        ("servo_output_raw", link.servo_hz, 5),
+        ("servo_output_raw", link.servo_hz, link.servo_ms),
         ("vfr_hud", 4.0, 9),
     ]
     end_ms = int(1000 * plan.seconds)

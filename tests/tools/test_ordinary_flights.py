@@ -1,0 +1,294 @@
+"""Ordinary flights: each has what its name says, and its truth is that of the aircraft flown."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from flights import ordinary
+from flights import ordinary_kinds as kinds
+from flights.flight import trimmed
+from flights.fly import Made
+from flights.linear import SEVERITY
+from flights.ordinary import (
+    KT,
+    LOOP_S,
+    STEP_S,
+    Ordinary,
+    P,
+    R,
+    RollLaw,
+    SmallAircraft,
+    flown,
+    fly_ordinary,
+)
+from flights.plan import KNOT, FlightPlan
+from flights.surgery import split
+from flights.telemetry import Link
+from flights.truth import lateral
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+from scipy.linalg import expm
+
+T37 = FlightPlan("T37", 200.0, 4000.0, seconds=60.0, manoeuvre="none", roll_rate_gain=0.2)
+"""An aircraft that JSBSim trims quickly; its first turn begins at 20 s."""
+CALM = Ordinary(T37, Link(10.0, 10.0, seed=3))
+OWN = {
+    "airspeed_m_s": 18.0, "servo_lag_s": 0.03, "Y_beta": -0.4, "L_beta": -20.0, "L_p": -10.0,
+    "L_r": 2.0, "N_beta": 25.0, "N_p": -0.4, "N_r": -1.5, "Y_delta_r": -0.1, "L_delta_a": 50.0,
+    "L_delta_r": -1.0, "N_delta_a": -1.0, "N_delta_r": 20.0,
+}  # fmt: skip
+A = np.array(
+    [[-0.4, 9.80665 / 18.0, 0, -1], [0, 0, 1, 0], [-20, 0, -10, 2], [25, 0, -0.4, -1.5]], float
+)
+"""The matrix of OWN for beta, roll, p and r."""
+SMALL_PLAN = FlightPlan("small", 18.0 / KNOT, 1000.0, seconds=60.0, manoeuvre="none")
+
+
+def columns(made: Made, name: str, *fields: str) -> np.ndarray:
+    """The fields of a message (n, fields), by pymavlink's own decoder."""
+    reader = mavlink.MAVLink(None)
+    messages = [reader.decode(bytearray(frame)) for _, frame in split(made.log)]
+    found = [m for m in messages if m.get_type() == name and m.get_srcSystem() == 1]
+    return np.array([[getattr(m, field) for field in fields] for m in found], float)
+
+
+def test_a_small_aircraft_moves_as_the_exponential_of_its_matrix_says() -> None:
+    small = SmallAircraft(OWN, SMALL_PLAN)
+    small.set_dt(STEP_S)
+    small._x[:4] = start = 1e-4 * np.array([1.0, 2.0, -1.0, 0.5])
+
+    for _ in range(200):
+        small.run()
+
+    assert small._x[:4] == pytest.approx(expm(2.0 * A) @ start, abs=1e-10)
+
+
+def test_a_small_aircraft_feels_the_yaw_of_the_field_behind_its_span() -> None:
+    small, t = SmallAircraft(OWN, SMALL_PLAN), np.arange(20_000) * STEP_S
+    small.set_dt(STEP_S)
+    small["atmosphere/randomseed"], small[SEVERITY] = 5, 2
+
+    felt = []
+    for _ in t:
+        small.run()
+        felt.append(small._x[[9, 10]].tolist())
+
+    gust, rate = np.array(felt).T
+    s = 2j * np.pi * np.fft.rfftfreq(len(t), STEP_S)
+    lag_s = 3.0 * 2.0 / math.pi / 18.0  # MIL-F-8785C, of a span of 2 m
+    behind = np.fft.irfft(s / (1.0 + s * lag_s) * np.fft.rfft(gust), len(t))
+    assert np.corrcoef(rate[500:-500], behind[500:-500])[0, 1] > 0.97
+    assert rate.std() == pytest.approx(behind.std(), rel=0.1)
+    assert gust.std() == pytest.approx(2 * 0.4 / 18.0, rel=0.3)
+
+
+def test_the_truth_of_a_small_aircraft_is_the_eigenvalue_of_its_matrix() -> None:
+    made = fly_ordinary(Ordinary(replace(SMALL_PLAN, seconds=5.0), Link(10.0, 10.0), own=OWN))
+
+    poles = np.linalg.eigvals(A)
+    pair = poles[np.argmax(poles.imag)]
+    mode = made.truth["dutch_roll_open_loop"]
+    assert (mode["wn_rad_s"], mode["zeta"]) == pytest.approx((abs(pair), -pair.real / abs(pair)))
+
+
+def test_the_truth_of_jsbsim_is_its_linearisation_at_the_speed_and_height_flown() -> None:
+    turning = replace(CALM, severity=2)
+    made = fly_ordinary(turning)
+
+    past = flown(turning)
+    kt, feet = past.states[501:, KT : KT + 2].mean(0).tolist()
+    poles = np.linalg.eigvals(lateral(trimmed(replace(T37, speed_kt=kt, altitude_ft=feet)))[0])
+    pair = poles[np.argmax(poles.imag)]
+    mode = made.truth["dutch_roll_open_loop"]
+    assert mode["wn_rad_s"] == pytest.approx(abs(pair), rel=1e-4)
+    assert mode["zeta"] == pytest.approx(-pair.real / abs(pair), rel=1e-3)
+
+
+def test_a_flight_turns_holds_height_and_speed_and_mixes_its_rudder() -> None:
+    made = fly_ordinary(replace(CALM, mix=0.5))
+
+    roll = columns(made, "ATTITUDE", "roll")[:, 0]
+    speed, feet = columns(made, "VFR_HUD", "airspeed", "alt").T
+    aileron, rudder = columns(made, "SERVO_OUTPUT_RAW", "servo1_raw", "servo4_raw").T
+    assert abs(roll[:190]).max() < 0.05
+    assert 0.25 < abs(roll).max() < 0.5
+    assert np.ptp(feet) < 30.0
+    assert np.ptp(speed) < 0.05 * speed.mean()
+    assert np.ptp(aileron) > 20.0
+    assert rudder - rudder[0] == pytest.approx(0.5 * (aileron - aileron[0]), abs=1.6)
+
+
+def test_without_turns_the_course_stays_and_a_resting_rudder_never_moves() -> None:
+    made = fly_ordinary(replace(CALM, turns_s=None))
+
+    yaw = columns(made, "ATTITUDE", "yaw")[:, 0]
+    assert np.ptp(yaw) < math.radians(3.0)
+    assert np.ptp(columns(made, "SERVO_OUTPUT_RAW", "servo4_raw")) == 0.0
+
+
+def test_servo_messages_come_at_other_times_than_the_attitudes() -> None:
+    flight = kinds.jsbsim(2000, 0)
+    every_ms = round(1000.0 / flight.link.attitude_hz)
+    made = fly_ordinary(replace(CALM, link=replace(CALM.link, servo_ms=45)))
+
+    attitude = columns(made, "ATTITUDE", "time_boot_ms")[:, 0]
+    servo = columns(made, "SERVO_OUTPUT_RAW", "time_usec")[:, 0] / 1e3
+    later = (servo[:, None] - attitude[None, :-1]).min(
+        1, where=servo[:, None] >= attitude[:-1], initial=1e9
+    )
+    assert np.median(later[5:]) == pytest.approx(43.0, abs=3.0)
+    assert 5 <= flight.link.servo_ms < every_ms
+
+
+def test_the_first_law_is_proportional_and_the_autopilots_integrate() -> None:
+    plan = FlightPlan(roll_gain=0.8, roll_rate_gain=0.2, speed_kt=100.0)
+    hold, px4, arduplane = (RollLaw(name, plan) for name in ("hold", "px4", "arduplane"))
+
+    assert hold(0.1, 0.05, 80.0) == pytest.approx(0.8 * 0.1 - 0.2 * 0.05)
+    n = 100
+    for _ in range(n):
+        by_px4, by_arduplane = px4(0.1, 0.0, 100.0), arduplane(0.1, 0.0, 100.0)
+    assert by_px4 == pytest.approx(0.08 + 2.0 * 0.2 * (0.1 / 0.4) * n * LOOP_S)
+    late_s = 1.0 / (math.tau * 3.0)  # the wanted rate's filter delays the integral
+    assert by_arduplane == pytest.approx(
+        0.08 + 1.9 * 0.2 * (0.1 / 0.5) * (n * LOOP_S - late_s), rel=0.02
+    )
+    assert px4(0.1, 0.0, 50.0) - by_px4 > 0.08  # at half the speed, FF twice and P four times
+
+
+def test_frozen_gusts_blow_from_the_side_as_they_yaw() -> None:
+    plan = replace(T37, heading_deg=40.0, seconds=40.0)
+    rates = []
+    for frozen in (True, False):
+        flight = Ordinary(plan, Link(seed=11), severity=3, frozen=frozen, turns_s=None)
+        fdm, seen = flight.start(), []
+        for _ in range(4000):
+            flight.blow(fdm)
+            fdm.run()
+            heading = fdm["attitude/psi-rad"]
+            north, east = (fdm[f"atmosphere/total-wind-{axis}-fps"] for axis in ("north", "east"))
+            side = east * math.cos(heading) - north * math.sin(heading)
+            seen.append((side, fdm["atmosphere/r-turb-rad_sec"], fdm["velocities/vt-fps"]))
+        side, yawing, speed = np.array(seen).T
+        # The lag of the span filters both: compare what the yaw rate has added up to.
+        lag_s = 3.0 * fdm["metrics/bw-ft"] / math.pi / speed.mean()
+        total = speed.mean() * (np.cumsum(yawing) * STEP_S + lag_s * yawing)
+        slow = np.ones(200) / 200
+        high = [x - np.convolve(x, slow, "same") for x in (side, total)]
+        rates.append(np.corrcoef(*(x[200:-200] for x in high))[0, 1])
+    assert rates[0] > 0.95
+    assert rates[1] < 0.9
+
+
+@pytest.mark.parametrize("axes", ["p", "r", "pr"])
+def test_a_line_has_its_frequency_and_its_share_of_the_yaw_rate_in_its_axes(
+    axes: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(ordinary, "TRIAL_S", T37.seconds)
+    gusty = replace(CALM, severity=2, turns_s=None)
+    still, shaken = flown(gusty), flown(replace(gusty, line=(axes, 4.0, 0.5)))
+
+    for axis, name in ((P, "p"), (R, "r")):
+        added = (shaken.noises - still.noises)[:, axis]
+        if name not in axes:
+            assert not added.any()
+            continue
+        assert added.var() == pytest.approx(0.5 * still.states[:, R].var(), rel=0.15)
+        power = np.abs(np.fft.rfft(added)) ** 2
+        w = 2 * np.pi * np.fft.rfftfreq(len(added), LOOP_S)
+        assert power[abs(w - 4.0) < math.tau * 0.05].sum() > 0.8 * power.sum()
+
+
+def test_backlash_and_a_stiff_hold_make_a_limit_cycle() -> None:
+    calm = replace(CALM, turns_s=None)
+    stiff = replace(calm, plan=replace(T37, roll_gain=2.5, roll_rate_gain=0.1))
+
+    smooth, playing = (
+        flown(each).states[1000:, P] for each in (stiff, replace(stiff, backlash=0.03))
+    )
+
+    assert playing.std() > 5.0 * smooth.std()
+
+
+def test_a_damper_moves_the_rudder_on_its_own_and_the_truth_stays_bare() -> None:
+    gusty = replace(CALM, severity=2, mix=0.5)
+
+    bare, damped = (fly_ordinary(replace(gusty, damper=gain)) for gain in (0.0, 0.8))
+
+    own = []
+    for made in (bare, damped):
+        aileron, rudder = columns(made, "SERVO_OUTPUT_RAW", "servo1_raw", "servo4_raw").T
+        own.append(np.std(rudder - 0.5 * aileron))
+    assert own[0] < 0.6  # whole us
+    assert own[1] > 3.0
+    modes = [made.truth["dutch_roll_open_loop"]["zeta"] for made in (bare, damped)]
+    assert modes[1] == pytest.approx(modes[0], rel=0.01)
+
+
+def test_what_is_sent_of_a_hostile_flight_is_changed_and_the_flight_is_not() -> None:
+    flight = replace(CALM, plan=replace(T37, seconds=40.0))
+    rng = np.random.default_rng(1)
+    true = fly_ordinary(flight)
+
+    def sent(name: str, nth: int = 0) -> np.ndarray:
+        made = kinds.FAMILIES[name](rng, nth, flight)
+        assert made.truth["dutch_roll_open_loop"] == true.truth["dutch_roll_open_loop"]
+        aileron = columns(made, "SERVO_OUTPUT_RAW", "servo1_raw") - 1500.0
+        return np.hstack(
+            [columns(made, "ATTITUDE", "roll", "yawspeed", "rollspeed")[:390], aileron[:390]]
+        )
+
+    roll, r, p, aileron = np.hstack(
+        [columns(true, "ATTITUDE", "roll", "yawspeed", "rollspeed")[:390],
+         columns(true, "SERVO_OUTPUT_RAW", "servo1_raw")[:390] - 1500.0]
+    ).T  # fmt: skip
+    assert sent("r scaled")[:, 1] == pytest.approx(1.2 * r, abs=1e-6)
+    assert sent("aileron of wrong scale")[:, 3] == pytest.approx(-aileron)
+    late = sent("roll late by .1 s")
+    assert late[1:, 0] == pytest.approx(roll[:-1], abs=0.008)
+    assert late[:, 2] == pytest.approx(p)
+
+
+def test_the_grid_has_all_severities_rates_laws_and_both_rudders() -> None:
+    flights = [kinds.jsbsim(2000, number) for number in range(80)]
+
+    for of in (
+        lambda x: (x.plan.aircraft, x.severity), lambda x: (x.severity, x.link.attitude_hz),
+        lambda x: (x.severity, x.mix > 0.0), lambda x: (x.severity, x.frozen),
+        lambda x: (x.law, x.mix > 0.0), lambda x: (x.law, x.link.attitude_hz),
+    ):  # fmt: skip
+        counts = np.unique([str(of(each)) for each in flights], return_counts=True)[1]
+        assert counts.min() >= 2
+        assert counts.max() <= 3.0 * counts.min()
+    assert kinds.jsbsim(2000, 7) == kinds.jsbsim(2000, 7) != kinds.jsbsim(2001, 7)
+
+
+def test_small_aircraft_have_modes_from_3_to_12_rad_s_that_their_rate_shows() -> None:
+    flights = [kinds.small(2000, number) for number in range(24)]
+
+    modes = []
+    for flight in flights:
+        poles = np.linalg.eigvals(SmallAircraft(flight.own, flight.plan).A)
+        pair = poles[np.argmax(poles.imag)]
+        modes.append(abs(pair))
+        assert 0.12 <= -pair.real / abs(pair) <= 0.31
+        assert 0.06 <= -1.0 / poles.real[abs(poles.imag) < 1e-9].min() <= 0.15
+        assert 2.2 * abs(pair) < 0.8 * math.pi * flight.link.attitude_hz
+    assert min(modes) < 3.4
+    assert max(modes) > 10.5
+
+
+def test_there_are_ten_hostile_families_and_nothing_flies_on_the_ground(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(kinds, "ON_THE_GROUND_S", 60.0)
+    rng = np.random.default_rng(2)
+
+    made = kinds.FAMILIES["hover, taxi, tumble, parked"](rng, 1, CALM)
+
+    assert len(kinds.FAMILIES) == 10
+    assert made.truth["dutch_roll_open_loop"] is None
+    assert made.truth["seconds"] == 60.0
+    assert columns(made, "VFR_HUD", "airspeed").max() < 5.0
