@@ -96,7 +96,7 @@ class Pipeline:
         stage = self._manoeuvres
         if stage is None:
             return []
-        found = [each.found for each in stage.judged()]
+        found = stage.judged()
         if stage.laterals is None:
             return found
         bares = stage.laterals.bares()
@@ -107,7 +107,7 @@ class Pipeline:
         stage = self._manoeuvres
         if stage is None:
             return UnderWay(None, 0.0), 0
-        return stage.progress(), stage.unanswered
+        return stage.finder.progress(), len(stage.waiting)
 
     def flights(self, of_the_log: list[Reason]) -> list[Flight]:
         """Return the flight's answers, the headline first; see the stage."""
@@ -163,8 +163,8 @@ class Pipeline:
         if self.bank is None:
             self._motion.append(motion)
             return
-        if self._manoeuvres is not None:
-            self._manoeuvres.move(motion)
+        if self._manoeuvres is not None and self._manoeuvres.laterals is not None:
+            self._manoeuvres.laterals.store.feed(motion)
         for sink in self.sinks:
             sink.motion(motion)
 
@@ -190,11 +190,14 @@ class Pipeline:
 
         Those without an answer are waited for until ``until_s`` on the monotonic clock.
         """
-        ready = [] if self._manoeuvres is None else list(self._manoeuvres.ready(until_s=until_s))
+        stage = self._manoeuvres
+        if stage is None:
+            return []
+        ready = list(stage.ready(until_s=until_s))
         for each in ready:
             for sink in self.sinks:
-                sink.manoeuvre(each.found, each.span_ns)
-        return [each.found for each in ready]
+                sink.manoeuvre(each, stage.spans_ns[each.n])
+        return ready
 
     def leave_out(self, until_s: float) -> list[str]:
         """Give up the answers that are not ready; return in words what is missing."""
@@ -211,14 +214,14 @@ class Pipeline:
 
         Those without a fit are waited for as by :meth:`collect`.
         """
-        laterals = None if self._manoeuvres is None else self._manoeuvres.laterals
-        if self._manoeuvres is None or laterals is None:
+        stage = self._manoeuvres
+        if stage is None or stage.laterals is None:
             return []
-        ready = list(laterals.ready(self._manoeuvres.answered, until_s=until_s))
-        for n, bare, span_ns in ready:
+        ready = list(stage.laterals.ready(stage.answered, until_s=until_s))
+        for n, bare in ready:
             for sink in self.sinks:
-                sink.lateral(n, bare, span_ns)
-        return [(n, bare) for n, bare, _ in ready]
+                sink.lateral(n, bare, stage.spans_ns[n])
+        return ready
 
     def estimate(self, samples: SampleBlock) -> None:
         """Estimate samples of one epoch, and write them."""

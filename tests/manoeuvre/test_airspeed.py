@@ -100,14 +100,14 @@ def test_on_one_heading_only_a_tail_wind_that_no_flight_has_is_implausible() -> 
     assert found is not None
     assert not found.is_factor
     assert "51 m/s over ground at an airspeed of 0.9 m/s" in found.reason.text
-    alone, untrue = conditions(flight(straight, true_m_s=51.0, reported_m_s=0.9), (3, 1))
+    alone, untrue = conditions(flight(straight, true_m_s=51.0, reported_m_s=0.9), 1, (3, 1))
     assert untrue == found.reason
     assert (alone.airspeed_m_s, alone.airspeed_source, alone.airspeed_kind) == (None, None, None)
     # Faster than the aircraft, and still a wind; and a head wind may leave nothing.
     for wind in ((12.0, 0.0), (-10.0, 0.0), (0.0, 12.0)):
         samples = flight(straight, true_m_s=10.0, reported_m_s=10.0, wind=wind)
         assert finding(samples) is None
-        right, untrue = conditions(samples, (3, 1))
+        right, untrue = conditions(samples, 1, (3, 1))
         assert (untrue, right.airspeed_m_s) == (None, 10.0)
 
 

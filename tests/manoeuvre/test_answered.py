@@ -11,18 +11,19 @@ from manoeuvre.streams import HZ, TS_S, WN, ZETA, doublets, flown, rest, stream,
 from places import C172P
 from scipy.signal import butter, lfilter
 
+from yawid.answers.run_summary import Manoeuvre
 from yawid.blocks import Floats, SampleBlock
 from yawid.cli.main import main
 from yawid.config.run import BOTH, RunConfig
 from yawid.manoeuvre.answer import HIDDEN_ZETA
-from yawid.manoeuvre.answered import Answered, answer
+from yawid.manoeuvre.answered import answer
 from yawid.manoeuvre.judge import ManoeuvreSetting
 
 NOISE = 0.002
 MANUAL, FBWA = 0.0, 5.0
 
 
-def told(samples: SampleBlock, **options: Any) -> Answered:
+def told(samples: SampleBlock, **options: Any) -> Manoeuvre:
     return answer(samples, 7, ManoeuvreSetting(RunConfig(**options), TS_S, (20.0, 20.0), (3, 1)))
 
 
@@ -41,8 +42,8 @@ def flight(aileron: Floats | float = 0.0, **options: Any) -> SampleBlock:
     return stream(RUDDER, y=options.pop("y", y), aileron=aileron, **options)
 
 
-def assert_right(found: Answered, wn_share: float = 0.02) -> None:
-    roll = found.found.dutch_roll
+def assert_right(found: Manoeuvre, wn_share: float = 0.02) -> None:
+    roll = found.dutch_roll
     assert roll.wn_rad_s == pytest.approx(WN, rel=wn_share)
     assert roll.zeta == pytest.approx(ZETA, abs=0.02)
     assert abs(roll.wn_rad_s - WN) < 4.0 * roll.wn_std
@@ -53,13 +54,11 @@ def test_it_is_the_plants_dutch_roll():
     found = told(flight())
 
     assert_right(found)
-    manoeuvre = found.found
-    assert manoeuvre.n == 7
-    assert manoeuvre.inputs == ["rudder"]
-    assert not manoeuvre.turn_removed
-    assert manoeuvre.verdict.method == "ct"
-    assert manoeuvre.verdict.usable
-    assert found.span_ns == (int(flight().unix_ns[0]), int(flight().unix_ns[-1]))
+    assert found.n == 7
+    assert found.inputs == ["rudder"]
+    assert not found.turn_removed
+    assert found.verdict.method == "ct"
+    assert found.verdict.usable
 
 
 @pytest.mark.parametrize(
@@ -72,7 +71,7 @@ def test_it_is_the_plants_dutch_roll():
     ],
 )
 def test_options_of_the_recursive_estimators_change_no_answer(options: dict[str, Any]):
-    assert told(flight(), **options).found.answer == told(flight()).found.answer
+    assert told(flight(), **options).answer == told(flight()).answer
 
 
 @pytest.mark.parametrize(("share", "is_poor"), [(1.5, True), (0.5, False)])
@@ -80,7 +79,7 @@ def test_a_rudder_that_explains_too_little_of_the_yaw_rate_is_refused(share: flo
     """Noise of ``share`` times the answer's size leaves 1 - share / sqrt(1 + share^2) of it."""
     y = yawing(RUDDER, 0.0, noise=0.0)
     noise = share * y.std() * np.random.default_rng(5).standard_normal(len(y))
-    found = told(flight(y=y + noise)).found
+    found = told(flight(y=y + noise))
 
     left = 100.0 * (1.0 - share / math.hypot(1.0, share))
     assert found.answer.fit.simulation_pct == pytest.approx(left, abs=4.0)
@@ -91,23 +90,23 @@ def test_an_aileron_that_moves_the_nose_on_its_own_is_an_input_too():
     """By the rudder alone the fit is poor; by both it is the plant"""
     found = told(flight(AILERON))
 
-    assert found.found.inputs == list(BOTH)
-    assert list(found.found.answer.response.residues) == list(BOTH)
+    assert found.inputs == list(BOTH)
+    assert list(found.answer.response.residues) == list(BOTH)
     assert_right(found)
     alone = told(flight(AILERON), given=("inputs",))
-    assert alone.found.inputs == ["rudder"]
-    by_both, by_one = (each.found.answer.fit for each in (found, alone))
+    assert alone.inputs == ["rudder"]
+    by_both, by_one = (each.answer.fit for each in (found, alone))
     assert by_both.simulation_pct > by_one.simulation_pct + 2.0
 
 
 def test_an_aileron_that_brings_the_fit_nothing_is_not_an_input():
     y = yawing(RUDDER, 0.0, noise=NOISE)
-    assert told(flight(AILERON, y=y)).found.inputs == ["rudder"]
+    assert told(flight(AILERON, y=y)).inputs == ["rudder"]
 
 
 def test_an_aileron_that_is_the_rudders_copy_is_not_an_input():
     samples = stream(RUDDER, y=yawing(RUDDER, 0.5 * RUDDER, noise=NOISE), aileron=0.5 * RUDDER)
-    assert told(samples).found.inputs == ["rudder"]
+    assert told(samples).inputs == ["rudder"]
 
 
 def test_an_aileron_that_only_reacts_is_not_an_input():
@@ -120,22 +119,22 @@ def test_an_aileron_that_only_reacts_is_not_an_input():
     found = told(stream(RUDDER, y=y, aileron=reaction, roll=roll))
 
     assert np.ptp(reaction) > 0.1
-    assert found.found.inputs == ["rudder"]
+    assert found.inputs == ["rudder"]
 
 
 def test_in_a_mode_that_holds_roll_the_aileron_is_no_input():
-    assert told(flight(AILERON, mode=FBWA)).found.inputs == ["rudder"]
-    assert told(flight(AILERON, mode=MANUAL)).found.inputs == list(BOTH)
-    assert told(flight(AILERON, mode=np.nan)).found.inputs == list(BOTH)
+    assert told(flight(AILERON, mode=FBWA)).inputs == ["rudder"]
+    assert told(flight(AILERON, mode=MANUAL)).inputs == list(BOTH)
+    assert told(flight(AILERON, mode=np.nan)).inputs == list(BOTH)
 
 
 @pytest.mark.parametrize("mode", [MANUAL, FBWA])
 def test_inputs_that_were_given_bind(mode: float):
     one = told(flight(AILERON, mode=mode), inputs=("rudder",), given=("inputs",))
-    assert one.found.inputs == ["rudder"]
+    assert one.inputs == ["rudder"]
     u = np.column_stack([RUDDER, AILERON])
     both = told(replace(flight(AILERON, mode=mode), u=u), inputs=BOTH)
-    assert both.found.inputs == list(BOTH)
+    assert both.inputs == list(BOTH)
     assert_right(both)
 
 
@@ -182,7 +181,7 @@ def test_an_airspeed_that_is_another_one_at_the_end_refuses_a_stretch_that_was_n
 ):
     """Which is never cut: wn goes with the airspeed"""
     speed = np.linspace(20.0, 20.0 * last, len(RUDDER))
-    found = told(flight(airspeed=speed), from_s=0.0, to_s=40.0).found
+    found = told(flight(airspeed=speed), from_s=0.0, to_s=40.0)
 
     assert [reason.id for reason in found.verdict.fatal] == ["not_converged"] * is_refused
     assert not is_refused or "the first and the last airspeed differ" in found.verdict.fatal[0].text
@@ -196,15 +195,15 @@ def banked(strength: float) -> dict[str, Any]:
 def test_the_turn_is_removed_where_the_bank_would_drown_the_rudder():
     found = told(flight(**banked(0.8)))
 
-    assert found.found.turn_removed
+    assert found.turn_removed
     assert "turn_dominated" not in {reason.id for reason in found.verdict.reasons}
     assert_right(found)
-    assert not told(flight(**banked(0.01))).found.turn_removed
+    assert not told(flight(**banked(0.01))).turn_removed
 
 
 def test_a_turn_that_was_given_binds():
     kept = told(flight(**banked(0.8)), turn="keep", given=("turn",))
-    assert not kept.found.turn_removed
+    assert not kept.turn_removed
     assert "turn_dominated" in {reason.id for reason in kept.verdict.reasons}
 
 
@@ -212,20 +211,20 @@ def test_a_turn_that_the_stream_removed_is_not_removed_again():
     """Its y has come without it"""
     found = told(flight(turn=banked(0.8)["turn"]), turn="remove")
 
-    assert found.found.turn_removed
+    assert found.turn_removed
     assert_right(found)
 
 
 @pytest.mark.parametrize(("mode", "has_level"), [(MANUAL, True), (FBWA, False), (np.nan, False)])
 def test_a_level_of_flying_qualities_is_the_airframes_alone(mode: float, has_level: bool):
-    found = told(flight(mode=mode)).found
+    found = told(flight(mode=mode))
     for each in found.estimates.values():
         assert (each.dutch_roll.level is not None) == has_level
 
 
 def test_a_roll_loop_makes_zeta_less_sure_where_the_aileron_is_no_input():
-    closed, bare = (told(flight(mode=mode)).found.dutch_roll for mode in (FBWA, MANUAL))
-    both = told(flight(AILERON, mode=np.nan)).found
+    closed, bare = (told(flight(mode=mode)).dutch_roll for mode in (FBWA, MANUAL))
+    both = told(flight(AILERON, mode=np.nan))
 
     added = HIDDEN_ZETA * closed.zeta
     assert closed.zeta_std == pytest.approx(math.hypot(bare.zeta_std, added))
@@ -240,7 +239,7 @@ def test_a_stretch_that_is_too_short_is_refused_with_a_reason(rows: int):
     found = told(stream(rudder, y=yawing(rudder, noise=NOISE)))
 
     assert not found.verdict.usable
-    assert found.found.dutch_roll is None
+    assert found.dutch_roll is None
 
 
 @pytest.mark.parametrize("what", ["all held", "rudder at rest", "no response"])
@@ -272,7 +271,7 @@ def test_inputs_given_on_the_command_line_bind(capsys, monkeypatch, tmp_path):
     """--inputs rudder is the default, and still an order: RunConfig.given holds that it was said"""
     seen = []
 
-    def noted(samples: SampleBlock, n: int, setting: ManoeuvreSetting, *more: Any) -> Answered:
+    def noted(samples: SampleBlock, n: int, setting: ManoeuvreSetting, *more: Any) -> Manoeuvre:
         seen.append(setting.config)
         return answer(samples, n, setting, *more)
 

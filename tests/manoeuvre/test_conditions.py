@@ -59,7 +59,7 @@ def test_no_mode_of_arduplane_is_without_a_loop():
 def test_a_manoeuvre_reports_when_how_fast_and_how_high_it_was_flown():
     rudder = doublets(10)
     airspeed = np.where(np.arange(len(rudder)) % 2, 19.0, 23.0)
-    found, _ = conditions(stream(rudder, first_k=100 * HZ, airspeed=airspeed, mode=FBWA), PLANE)
+    found, _ = conditions(stream(rudder, first_k=100 * HZ, airspeed=airspeed, mode=FBWA), 1, PLANE)
 
     assert (found.from_s, found.to_s) == (100.0, 100.0 + 199 / HZ)
     assert found.duration_s == pytest.approx(199 / HZ)
@@ -75,17 +75,17 @@ def test_samples_that_are_held_do_not_count():
     rudder = doublets(10)
     rudder[50:100] = np.nan
     airspeed = np.where(np.isnan(rudder), 90.0, 20.0)
-    found, _ = conditions(stream(rudder, airspeed=airspeed), PLANE)
+    found, _ = conditions(stream(rudder, airspeed=airspeed), 1, PLANE)
 
     assert found.airspeed_m_s == 20.0
 
 
 def test_what_is_unknown_is_left_out():
-    found, _ = conditions(stream(doublets(10), airspeed=np.nan, mode=np.nan), PLANE)
+    found, _ = conditions(stream(doublets(10), airspeed=np.nan, mode=np.nan), 1, PLANE)
 
     assert (found.mode, found.loop) == (None, "unknown")
     assert (found.airspeed_m_s, found.airspeed_std_m_s, found.airspeed_source) == (None, None, None)
-    held, _ = conditions(stream(rest(10, np.nan)), PLANE)
+    held, _ = conditions(stream(rest(10, np.nan)), 1, PLANE)
     assert held.airspeed_m_s is None
     assert held.altitude_m is None
 
@@ -95,7 +95,7 @@ def test_a_stretch_of_two_modes_is_of_one_loop_only_where_both_are():
     rudder = doublets(10)
     for later, loop in ((STABILIZE, "with_roll_loop"), (MANUAL, "unknown"), (TRAINING, "unknown")):
         both = joined(stream(rudder, mode=FBWA), stream(rudder, first_k=len(rudder), mode=later))
-        found, _ = conditions(both, PLANE)
+        found, _ = conditions(both, 1, PLANE)
         assert found.loop == loop
         assert " and " in found.mode
 
@@ -107,7 +107,7 @@ def test_the_airspeed_is_the_ground_speed_where_most_of_it_is(share: float, sour
     by_ground = stream(rudder[:first], noted=int(Noted.GROUND_SPEED | Noted.SATURATED))
     samples = joined(by_ground, stream(rudder[first:], first_k=first, noted=int(Noted.SATURATED)))
 
-    assert conditions(samples, PLANE)[0].airspeed_source == source
+    assert conditions(samples, 1, PLANE)[0].airspeed_source == source
 
 
 @pytest.mark.parametrize(("groundspeed", "noted"), [(20.0, True), (20.5, False)])
@@ -149,7 +149,7 @@ def test_which_airspeed_it_is_goes_by_the_autopilot_that_sends_it(autopilot: int
         log.servos(t + 0.004, [1500, 1500, 1500, 1500 + 10 * (i % 7)])
     found = samples_of(log.data, RunConfig(rudder="servo:4"))
 
-    flown, _ = conditions(joined(*found.blocks), (autopilot, 1))
+    flown, _ = conditions(joined(*found.blocks), 1, (autopilot, 1))
     assert (flown.airspeed_source, flown.airspeed_kind) == ("airspeed", kind)
     over_ground = found.ground_speed[np.isfinite(found.ground_speed)]
     np.testing.assert_array_equal(over_ground, 23.5)
@@ -158,11 +158,13 @@ def test_which_airspeed_it_is_goes_by_the_autopilot_that_sends_it(autopilot: int
 def test_a_ground_speed_is_of_no_kind():
     samples = stream(doublets(5.0), noted=int(Noted.GROUND_SPEED))
 
-    assert conditions(samples, PLANE)[0].airspeed_kind is None
+    assert conditions(samples, 1, PLANE)[0].airspeed_kind is None
 
 
 def test_the_kind_of_an_airspeed_is_that_of_most_of_it():
     samples = stream(doublets(5.0))
     kinds = np.where(np.arange(len(samples)) < 30, float(Kind.TRUE), float(Kind.CALIBRATED))
 
-    assert conditions(replace(samples, airspeed_kind=kinds), PLANE)[0].airspeed_kind == "calibrated"
+    assert (
+        conditions(replace(samples, airspeed_kind=kinds), 1, PLANE)[0].airspeed_kind == "calibrated"
+    )

@@ -54,7 +54,7 @@ def assert_within(roll: DutchRoll, sigmas: float = 2.0) -> None:
 
 @pytest.mark.parametrize("share", [0.0, 0.02, 0.1, 0.5])
 def test_in_gusts_sigma_grows_with_them(share: float):
-    roll = told(stream(RUDDER, y=CALM + gusts(share))).found.dutch_roll
+    roll = told(stream(RUDDER, y=CALM + gusts(share))).dutch_roll
 
     assert_within(roll)
     assert (roll.wn_std > 0.03 * WN) == (share > 0.3)
@@ -64,7 +64,7 @@ def test_in_gusts_sigma_grows_with_them(share: float):
 def test_a_drift_or_noise_of_a_fifth_of_the_yaw_rate_moves_nothing(drift: bool):
     """Of a free run of the model, a drift made wn 1.8 % and zeta .027 wrong"""
     white = 0.2 * CALM.std() * np.random.default_rng(7).standard_normal(len(CALM))
-    found = told(stream(RUDDER, y=CALM + (slow(0.4, 0.2, 7, len(CALM)) if drift else white))).found
+    found = told(stream(RUDDER, y=CALM + (slow(0.4, 0.2, 7, len(CALM)) if drift else white)))
 
     assert found.verdict.usable
     assert found.dutch_roll.wn_rad_s == pytest.approx(WN, rel=0.01)
@@ -72,7 +72,7 @@ def test_a_drift_or_noise_of_a_fifth_of_the_yaw_rate_moves_nothing(drift: bool):
 
 
 def test_a_vibration_above_the_mode_is_not_taken_for_it():
-    found = told(stream(SLOW, y=vibrating(SLOW))).found
+    found = told(stream(SLOW, y=vibrating(SLOW)))
 
     assert found.verdict.usable
     assert found.dutch_roll.wn_rad_s == pytest.approx(WN, rel=0.02)
@@ -81,7 +81,7 @@ def test_a_vibration_above_the_mode_is_not_taken_for_it():
 
 @pytest.mark.parametrize(("noise", "seed"), [(0.15, 9), (0.165, 15), (0.165, 16), (0.18, 8)])
 def test_in_vibration_and_noise_the_answer_is_right_or_none(noise: float, seed: int):
-    found = told(stream(SLOW, y=vibrating(SLOW, noise, seed))).found
+    found = told(stream(SLOW, y=vibrating(SLOW, noise, seed)))
 
     assert found.dutch_roll is None or found.dutch_roll.wn_rad_s == pytest.approx(WN, rel=0.1)
     if found.verdict.usable:
@@ -91,10 +91,10 @@ def test_in_vibration_and_noise_the_answer_is_right_or_none(noise: float, seed: 
 def test_turns_as_large_as_the_yaw_are_removed_where_asked():
     turn = slow(0.15 / CALM.std(), 0.15, 2, len(SLOW))
     found = told(stream(SLOW, y=yawing(SLOW, noise=0.002) + turn, turn=turn))
-    removed = told(stream(SLOW, y=yawing(SLOW, noise=0.002), turn=turn), turn="remove").found
+    removed = told(stream(SLOW, y=yawing(SLOW, noise=0.002), turn=turn), turn="remove")
 
-    assert found.found.dutch_roll is not None
-    assert_within(found.found.dutch_roll)
+    assert found.dutch_roll is not None
+    assert_within(found.dutch_roll)
     assert removed.verdict.usable
     assert removed.dutch_roll.wn_rad_s == pytest.approx(WN, rel=0.02)
 
@@ -116,6 +116,6 @@ def test_a_rudder_that_mostly_feeds_back_the_yaw_rate_is_warned_of_and_then_refu
 ):
     """Near the mode that part is .33, .81 and 1.3 of the whole rudder"""
     rudder, rate, _ = with_damper(gain, doublets(4), 0.002)
-    found = told(stream(rudder, y=rate)).found
+    found = told(stream(rudder, y=rate))
 
     assert [each.id for each in found.verdict.reasons] == reasons

@@ -9,9 +9,10 @@ import pytest
 from manoeuvre.streams import HZ, TS_S, stream
 from scipy.signal import cont2discrete, lfilter
 
+from yawid.answers.run_summary import Manoeuvre
 from yawid.blocks import Floats
 from yawid.config.run import RunConfig
-from yawid.manoeuvre.answered import Answered, answer
+from yawid.manoeuvre.answered import answer
 from yawid.manoeuvre.judge import ManoeuvreSetting
 
 SECONDS = 20.0
@@ -32,7 +33,7 @@ def decaying(rudder: Floats, wn: float, zeta: float) -> Floats:
     return y + 0.002 * rng.standard_normal(len(y)) + 0.02 * y.std() * wind
 
 
-def told(rudder: Floats, y: Floats, **options: object) -> Answered:
+def told(rudder: Floats, y: Floats, **options: object) -> Manoeuvre:
     setting = ManoeuvreSetting(RunConfig(**options), TS_S, (20.0, 20.0), (3, 1))
     return answer(stream(rudder, y=y), 1, setting)
 
@@ -45,7 +46,7 @@ def test_its_own_rudder_answers():
     found = told(OWN, YAW)
 
     assert found.verdict.usable
-    assert found.found.dutch_roll.wn_rad_s == pytest.approx(1.9, rel=0.05)
+    assert found.dutch_roll.wn_rad_s == pytest.approx(1.9, rel=0.05)
 
 
 @pytest.mark.parametrize(("at_s", "half_s"), [(2.0, 0.8), (0.8, 1.6), (3.0, 1.0)])
@@ -59,7 +60,7 @@ def test_the_inner_part_of_its_own_rudder_has_no_wrong_answer():
 
     K is .3 and the yaw acceleration K wn^2.
     """
-    found = told(doublet(1.6, 0.6), YAW).found
+    found = told(doublet(1.6, 0.6), YAW)
 
     numbers = found.answer.physics["K"], found.answer.yaw_acceleration
     for number, true in zip(numbers, (0.3, 0.3 * 1.9**2), strict=True):

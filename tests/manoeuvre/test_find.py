@@ -53,7 +53,7 @@ def found_in(
 def reasons_of(samples: SampleBlock) -> list[tuple[str, str]]:
     finder = Finder(TS_S, 1.0)
     assert finder.feed(samples) + finder.finish() == []
-    return [(each.id, each.text) for each in excitation_reasons(finder.seen)]
+    return [(each.id, each.text) for each in excitation_reasons(finder.most_whole, finder.most_own)]
 
 
 def test_it_begins_one_second_before_the_first_movement_and_ends_after_five_of_rest():
@@ -559,7 +559,7 @@ def test_where_nothing_is_found_there_is_a_reason(pieces: list[dict[str, Any]]):
     finder = Finder(TS_S, 1.0, lambda mode: mode == MANUAL)
     finder.feed(built(pieces))
     finder.finish()
-    assert len(list(excitation_reasons(finder.seen))) == 1
+    assert len(list(excitation_reasons(finder.most_whole, finder.most_own))) == 1
 
 
 LONG = {

@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -13,8 +12,7 @@ from hypothesis import strategies as st
 from msgspec import structs
 
 from yawid.answers.reasons import Reason, Verdict
-from yawid.answers.run_summary import DutchRoll, Flight, Value
-from yawid.manoeuvre.answered import Answered
+from yawid.answers.run_summary import DutchRoll, Flight, Manoeuvre, Value
 from yawid.manoeuvre.conditions import Finding
 from yawid.manoeuvre.flight import POWERS, TAU_WN_SHARE, TAU_ZETA, flights_of
 
@@ -34,7 +32,7 @@ def answered(
     altitude: float | None = 100.0,
     beyond: tuple[float, float] = (0.0, 0.0),
     physics: Mapping[str, tuple[float, float]] | None = None,
-) -> Answered:
+) -> Manoeuvre:
     """A manoeuvre with its answer; ``beyond`` are the sigmas of wn and zeta beyond noise."""
     numbers = physics or ({} if gain is None else {"K": gain})
     verdict = Verdict.of([Reason(reason, f"about {reason}") for reason in reasons], "ct")
@@ -42,7 +40,7 @@ def answered(
     std = [math.hypot(*each) for each in zip(noise, beyond, strict=True)]
     roll = DutchRoll.of((wn, std[0], zeta, std[1]), noise)
     values = {name: Value(*each) for name, each in numbers.items()}
-    found = manoeuvre(
+    return manoeuvre(
         n,
         speed=speed,
         from_s=100.0 * n,
@@ -56,21 +54,20 @@ def answered(
         estimates={"ct": structs.replace(by_ct(roll), physics=values)},
         verdict=verdict,
     )
-    return Answered(found, verdict, (n, n + 1))
 
 
-def by_loop(*manoeuvres: Answered, log: Sequence[Reason] = ()) -> list[Flight]:
+def by_loop(*manoeuvres: Manoeuvre, log: Sequence[Reason] = ()) -> list[Flight]:
     found = flights_of(manoeuvres, list(log))
     assert found
     return found
 
 
-def together(*manoeuvres: Answered, log: Sequence[Reason] = ()) -> Flight:
+def together(*manoeuvres: Manoeuvre, log: Sequence[Reason] = ()) -> Flight:
     [flight] = by_loop(*manoeuvres, log=log)
     return flight
 
 
-def at_one_speed(*wn: float, **options: Any) -> list[Answered]:
+def at_one_speed(*wn: float, **options: Any) -> list[Manoeuvre]:
     return [answered(n, each, **options) for n, each in enumerate(wn, start=1)]
 
 
@@ -280,7 +277,7 @@ def test_each_loop_has_an_answer_and_that_of_most_manoeuvres_is_the_headline(
     for each in found:
         assert each.verdict.usable
         assert (each.dutch_roll.level is not None) == (each.loop == "airframe")
-        alone = [m for m in manoeuvres if m.found.loop == each.loop]
+        alone = [m for m in manoeuvres if m.loop == each.loop]
         assert each == together(*alone)
 
 
@@ -361,7 +358,7 @@ def test_of_several_as_bad_the_longest_manoeuvre_is_the_best():
     short, long = (
         answered(n, 10.0, reasons=[id_]) for n, id_ in ((1, "turn_dominated"), (2, "poor_fit"))
     )
-    long = replace(long, found=structs.replace(long.found, duration_s=80.0))
+    long = structs.replace(long, duration_s=80.0)
 
     for each in ([short, long], [long, short]):
         assert ids(together(*each)) == {"poor_fit"}

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 from manoeuvre.streams import stream
 
-from yawid.blocks import StampedRows
+from yawid.blocks import MotionBlock, StampedRows
 from yawid.lateral.motion import COMMAND_STEP_S, Motion
-from yawid.manoeuvre.motion_store import angle_of_climb, motion_of
+from yawid.manoeuvre.motion_store import MotionStore, angle_of_climb, motion_of
+from yawid.quantities.airspeed import Kind
 
 W = 2.0
 """The frequency of every sine here in rad/s."""
@@ -138,3 +140,15 @@ def test_the_angle_of_climb_is_that_of_altitude_and_airspeed():
 
     assert angle_of_climb(climbing, 20.0) == pytest.approx(math.asin(0.1), rel=1e-6)
     assert angle_of_climb(stream(0.0 * t_s, altitude=np.nan), 20.0) == 0.0
+
+
+@pytest.mark.parametrize("kind", [Kind.EQUIVALENT, Kind.TRUE])
+def test_the_airspeed_is_the_true_one_whatever_kind_the_source_gave(kind: Kind):
+    """Samples have the equivalent one: at 4000 m the air has .6689 of its density at sea level"""
+    store = MotionStore(120.0)
+    store.feed(MotionBlock(attitude(10.0 + 0.02 * np.arange(400)), SERVOS, NONE))
+    samples = stream(np.zeros(120), first_k=200, airspeed=20.0, altitude=4000.0)
+    found = store.cut(replace(samples, airspeed_kind=np.full(len(samples), float(kind))))
+
+    assert isinstance(found, Motion)
+    assert found.airspeed_m_s == pytest.approx(20.0 / math.sqrt(0.6689), rel=1e-3)

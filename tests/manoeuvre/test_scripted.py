@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 from manoeuvre.streams import HZ, TS_S, WN, ZETA, assert_same, cut, rest, spans, stream, yawing
 
+from yawid.answers.run_summary import Manoeuvre
 from yawid.blocks import Floats, SampleBlock
 from yawid.config.run import RunConfig
-from yawid.manoeuvre.answered import Answered
 from yawid.manoeuvre.find import Finder
 from yawid.manoeuvre.judge import ManoeuvreSetting
 from yawid.manoeuvre.stage import Manoeuvres
@@ -45,15 +45,15 @@ def by_autotune(signal: Floats) -> SampleBlock:
     return stream(rudder, aileron=0.0, mode=PX4_LOITER, y=yawing(rudder, noise=0.002))
 
 
-def answered(samples: SampleBlock, autopilot: int) -> list[Answered]:
+def answered(samples: SampleBlock, autopilot: int) -> list[Manoeuvre]:
     stage = Manoeuvres(ManoeuvreSetting(RunConfig(), TS_S, (20.0, 20.0), (autopilot, 1)))
     stage.feed(samples, {})
     stage.finish()
     return list(stage.ready())
 
 
-def assert_right(each: Answered) -> None:
-    roll = each.found.dutch_roll
+def assert_right(each: Manoeuvre) -> None:
+    roll = each.dutch_roll
     assert each.verdict.usable, each.verdict.reasons
     assert roll is not None
     assert roll.wn_rad_s == pytest.approx(WN, rel=0.02)
@@ -65,8 +65,8 @@ def test_a_doublet_by_the_script_is_one_manoeuvre_in_manual(late_s: float):
     (each,) = answered(by_script(0.5, late_s), 3)
 
     assert_right(each)
-    assert (each.found.mode, each.found.loop) == ("MANUAL", "airframe")
-    assert each.found.from_s <= BEGIN * TS_S
+    assert (each.mode, each.loop) == ("MANUAL", "airframe")
+    assert each.from_s <= BEGIN * TS_S
 
 
 def test_a_doublet_that_begins_as_another_mode_ends_is_cut_where_that_is_told():
@@ -109,4 +109,4 @@ def test_px4s_autotune_is_a_manoeuvre(kind: str):
     (each,) = answered(by_autotune(signal), 12)
 
     assert_right(each)
-    assert each.found.loop == "with_roll_loop"
+    assert each.loop == "with_roll_loop"

@@ -38,8 +38,8 @@ def test_a_short_doublet_answers_by_its_free_decay():
     assert len(samples) * TS_S * WN / (2.0 * math.pi) > 3.0
     assert samples.k[-1] < (10 + 1.4 + 15) * HZ
     assert found.verdict.usable
-    assert found.found.dutch_roll.wn_rad_s == pytest.approx(WN, rel=0.02)
-    assert found.found.dutch_roll.zeta == pytest.approx(ZETA, abs=0.02)
+    assert found.dutch_roll.wn_rad_s == pytest.approx(WN, rel=0.02)
+    assert found.dutch_roll.zeta == pytest.approx(ZETA, abs=0.02)
     cut = found_in(doublet(rest_s=5.0))[0]
     assert len(cut) * TS_S * WN / (2.0 * math.pi) < 2.3
 
@@ -62,6 +62,6 @@ def test_a_record_of_too_few_periods_is_refused(periods: float, refused: bool):
     low = 9 * HZ
     samples = doublet().select(slice(low, low + round(periods * 2 * math.pi / WN * HZ)))
 
-    verdict = answer(samples, 1, SETTING).found.verdict
+    verdict = answer(samples, 1, SETTING).verdict
     assert any("periods" in reason.text for reason in verdict.fatal) == refused
     assert verdict.usable != refused

@@ -22,7 +22,7 @@ def answers(edges: list[int]) -> tuple[list[Manoeuvre], list[Flight]]:
     for block in cut(SAMPLES, edges):
         stage.feed(block, {})
     stage.finish()
-    return [each.found for each in stage.ready()], stage.flights([])
+    return list(stage.ready()), stage.flights([])
 
 
 WHOLE = answers([])

@@ -268,6 +268,10 @@ class Verdict(Part, frozen=True, kw_only=True):
         usable = not any(reason.exit_code for reason in in_order)
         return Verdict(method=method, usable=usable, reasons=in_order)
 
+    def with_reasons(self, more: Iterable[Reason]) -> "Verdict":
+        """Return it with further reasons."""
+        return Verdict.of([*self.reasons, *more], self.method)
+
     @property
     def fatal(self) -> list[Reason]:
         """The reasons that make it unusable; the first one decides the exit code."""

@@ -216,13 +216,14 @@ WHOLE_S = 6.0
 Without it a movement of a second at the end of a log gave the reason for the whole flight."""
 
 
-class Manoeuvre(Part, frozen=True, kw_only=True):
-    """One manoeuvre, in s since boot, the conditions in which it was flown, and its answer.
+class Conditions(Part, frozen=True, kw_only=True):
+    """The conditions in which manoeuvre ``n`` was flown; times are in s since boot.
 
     ``date`` is the UTC time of its first sample (ISO 8601), None where no date is known. ``loop``
-    says what the answer is of: ``airframe``, ``with_roll_loop`` in a flight mode that holds roll,
-    or ``unknown`` without a known mode; ``yaw_loop`` what it leaves out of a yaw damper.
-    ``airspeed_source`` is ``airspeed`` or ``ground speed``, ``airspeed_kind`` the kind it gives.
+    says what an answer is of: ``airframe``, ``with_roll_loop`` in a flight mode that holds roll, or
+    ``unknown`` without a known mode; ``yaw_loop`` what it leaves out of a yaw damper.
+    ``airspeed_source`` is ``airspeed`` or ``ground speed``, ``airspeed_kind`` the kind it gives;
+    the altitude is in m above the sea.
     """
 
     n: Count
@@ -238,6 +239,11 @@ class Manoeuvre(Part, frozen=True, kw_only=True):
     airspeed_source: str | None = None
     airspeed_kind: str | None = None
     altitude_m: Number | None = None
+
+
+class Manoeuvre(Conditions, frozen=True, kw_only=True):
+    """One manoeuvre: the conditions in which it was flown, and its answer."""
+
     inputs: list[str]
     turn_removed: bool
     estimates: dict[str, MethodSummary]

@@ -7,16 +7,16 @@ roll. What the user gives (``--inputs``, ``--turn``) binds.
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
 
 import msgspec
 import numpy as np
 
 from yawid.answers.model_parts import Fit as HowWell
 from yawid.answers.model_parts import Mode
-from yawid.answers.reasons import Reason, Verdict
+from yawid.answers.reasons import Verdict
 from yawid.answers.run_summary import (
     CT,
+    Conditions,
     DutchRoll,
     Manoeuvre,
     MethodSummary,
@@ -30,7 +30,7 @@ from yawid.config.run import BOTH
 from yawid.estimation.fit import fit_percent
 from yawid.estimation.polynomials import parameter_names
 from yawid.manoeuvre.answer import Answer, Known, answer_of
-from yawid.manoeuvre.conditions import Conditions, conditions
+from yawid.manoeuvre.conditions import conditions
 from yawid.manoeuvre.fit import Fit, best_alone, fits_of
 from yawid.manoeuvre.judge import Evidence, ManoeuvreSetting, is_turning, reasons
 from yawid.manoeuvre.likelihood import simulated
@@ -40,32 +40,17 @@ from yawid.physics.responses import Record, as_fitted
 from yawid.quantities.vehicles import AIRFRAME, WITH_ROLL_LOOP
 
 
-@dataclass(frozen=True, slots=True)
-class Answered:
-    """A manoeuvre with its answer; ``span_ns`` is the Unix time of its first and last sample."""
-
-    found: Manoeuvre
-    verdict: Verdict
-    span_ns: tuple[int, int]
-
-    def with_reason(self, reason: Reason) -> "Answered":
-        """Return the answer with a further reason in its verdict."""
-        verdict = Verdict.of([*self.verdict.reasons, reason], self.verdict.method)
-        found = msgspec.structs.replace(self.found, verdict=verdict)
-        return replace(self, found=found, verdict=verdict)
-
-
 def answer(
     samples: SampleBlock,
     n: int,
     setting: ManoeuvreSetting,
     running: Mapping[str, EstimateBlock] | None = None,
-) -> Answered:
+) -> Manoeuvre:
     """Return the answer of the ``n``-th manoeuvre from its samples.
 
     ``running`` holds the recursive estimates of its last sample, which are shown with it.
     """
-    config, (found, untrue) = setting.config, conditions(samples, setting.modes_of)
+    config, (found, untrue) = setting.config, conditions(samples, n, setting.modes_of)
     turn = config.turn == "keep" and not config.binds("turn") and is_turning(samples)
     measured = config.rudder_is == "measured"
     samples = as_fitted(samples, measured=measured, turn_removed=turn)
@@ -80,15 +65,13 @@ def answer(
     estimates = {name: _of_stream(name, each, setting) for name, each in (running or {}).items()}
     if fit is not None:
         estimates = {CT: _summary(seen, evidence, found)} | estimates
-    manoeuvre = Manoeuvre(
-        n=n,
-        **asdict(found),
+    return Manoeuvre(
+        **msgspec.structs.asdict(found),
         inputs=list(seen.inputs),
         turn_removed=turn or config.turn == "remove",
         estimates=estimates,
         verdict=verdict,
     )
-    return Answered(manoeuvre, verdict, (int(samples.unix_ns[0]), int(samples.unix_ns[-1])))
 
 
 def _of_stream(method: str, last: EstimateBlock, setting: ManoeuvreSetting) -> MethodSummary:

@@ -29,7 +29,7 @@ from yawid.lateral.gates import GATES, WN_KNOWN
 from yawid.lateral.motion import Motion
 from yawid.manoeuvre.answered import seen_in
 from yawid.manoeuvre.feedback import rate_feedback
-from yawid.manoeuvre.flight import DISAGREE_WN, LEAST_AGREEING, LEFT_OUT, agreement, disagreement
+from yawid.manoeuvre.flight import DISAGREE_WN, LEAST_AGREEING, agreement, disagreement, left_out
 from yawid.manoeuvre.projection import ROLL
 from yawid.quantities.flying_qualities import dutch_roll_level, wrong_sign
 from yawid.quantities.vehicles import AIRFRAME
@@ -323,8 +323,7 @@ def bare_of(
             text = f"the manoeuvres do not show one airframe: {text}"
             both = sorted(n for _, ns in known for n in ns)
             return _unknown(both, text, KINDS[DISAGREE].now)
-        text += LEFT_OUT[len(apart) > 1]
-        answer = _warned(answer, Reason(DISAGREE, text, weight="warning"))
+        answer = _warned(answer, left_out(text, len(apart), share))
     if failed := list(_against_pool(answer, found, flown)):
         return _stopped(failed, answer.used, KINDS[DISAGREE].now)
     return _with_correlations(answer, [each for each, _ in used])

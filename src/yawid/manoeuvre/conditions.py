@@ -12,15 +12,15 @@ that the flight allows:
 
 import math
 from collections import deque
-from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Final, NamedTuple
 
 import numpy as np
 
 from yawid.answers.reasons import Reason
+from yawid.answers.run_summary import Conditions
 from yawid.blocks import FIRST_DATE_NS, Floats, Held, Noted, SampleBlock
-from yawid.quantities.airspeed import GRAVITY, density_ratio, name_of, source_of
+from yawid.quantities.airspeed import GRAVITY, density_ratio, name_of, source_of, true_of_equivalent
 from yawid.quantities.vehicles import (
     AIRFRAME,
     ARDUPILOT,
@@ -77,30 +77,10 @@ class Finding(NamedTuple):
     is_factor: bool
 
 
-@dataclass(frozen=True, slots=True)
-class Conditions:
-    """When, how fast, how high and in which mode it was flown: fields of ``Manoeuvre``, same names.
-
-    Times are in s since boot, ``date`` in UTC; airspeed in m/s, altitude in m above the sea.
-    ``airspeed_kind`` is the kind that the source gives, a name of
-    :class:`yawid.quantities.airspeed.Kind`.
-    """
-
-    from_s: float
-    to_s: float
-    duration_s: float
-    date: str | None
-    mode: str | None
-    loop: str
-    airspeed_m_s: float | None
-    airspeed_std_m_s: float | None
-    airspeed_source: str | None
-    airspeed_kind: str | None
-    altitude_m: float | None
-
-
-def conditions(samples: SampleBlock, modes_of: tuple[int, int]) -> tuple[Conditions, Reason | None]:
-    """Return the conditions of a manoeuvre's samples, and why its airspeed cannot be true.
+def conditions(
+    samples: SampleBlock, n: int, modes_of: tuple[int, int]
+) -> tuple[Conditions, Reason | None]:
+    """Return the conditions of manoeuvre ``n`` from its samples; why its airspeed is not true.
 
     Such an airspeed is unknown. ``modes_of`` is (autopilot, vehicle type).
     """
@@ -109,7 +89,8 @@ def conditions(samples: SampleBlock, modes_of: tuple[int, int]) -> tuple[Conditi
     names = [mode_name(*modes_of, int(m)) for m in np.unique(samples.mode) if math.isfinite(m)]
     loops = {loop_of(modes_of[0], name) for name in names} or {LOOP_UNKNOWN}
     both = used.select(np.flatnonzero(~by_ground & np.isfinite(used.airspeed + used.ground_speed)))
-    untrue = _tail_wind(_true_airspeed(both), both.ground_speed) if len(both) else None
+    speed = true_of_equivalent(both.airspeed, both.altitude)
+    untrue = _tail_wind(speed, both.ground_speed) if len(both) else None
     known = np.isfinite(used.airspeed) & (untrue is None)
     source = source_of(by_ground) if known.any() else None
     kinds = used.airspeed_kind[known & np.isfinite(used.airspeed_kind)]
@@ -119,6 +100,7 @@ def conditions(samples: SampleBlock, modes_of: tuple[int, int]) -> tuple[Conditi
     unix_ns = int(samples.unix_ns[0])
     date = datetime.fromtimestamp(unix_ns // 10**6 / 1e3, UTC).isoformat(timespec="milliseconds")
     found = Conditions(
+        n=n,
         from_s=from_s,
         to_s=to_s,
         duration_s=to_s - from_s,
@@ -164,7 +146,8 @@ class AirspeedCheck:
         rows &= samples.noted & Noted.GROUND_SPEED.value == 0
         rows &= (samples.held & NOT_FLYING == 0) & (samples.on_ground != 1.0)
         some = samples.select(np.flatnonzero(rows))
-        columns = some.boot_us / 1e6, _true_airspeed(some), some.yaw, some.roll, some.ground_speed
+        speed = true_of_equivalent(some.airspeed, some.altitude)
+        columns = some.boot_us / 1e6, speed, some.yaw, some.roll, some.ground_speed
         is_high = np.isnan(density_ratio(some.altitude))
         self._kept.extend(np.column_stack([some.k, *columns, is_high]).tolist())
 
@@ -259,12 +242,6 @@ def _middle(values: Floats) -> tuple[float, float]:
 
 def _mean(x: Floats) -> float | None:
     return float(np.nanmean(x)) if np.isfinite(x).any() else None
-
-
-def _true_airspeed(samples: SampleBlock) -> Floats:
-    """Return the true airspeed (n,), the equivalent one where the altitude is unknown."""
-    ratio = density_ratio(samples.altitude)
-    return np.asarray(samples.airspeed / np.sqrt(np.where(np.isfinite(ratio), ratio, 1.0)))
 
 
 def _tail_wind(speed: Floats, over_ground: Floats) -> Finding | None:

@@ -40,7 +40,6 @@ from yawid.results.excitation import (
     MODE_LATE_S,
     REACH_S,
     ROWS_PER_LAG,
-    Movement,
     mix,
 )
 
@@ -97,6 +96,8 @@ class Finder:
 
     ``is_bare`` returns whether only the sticks move the surfaces in a flight mode. With
     ``is_stated`` the user named the stretch: all samples are one manoeuvre, however it was flown.
+    ``most_whole`` is the largest stroke of the rudder seen, and ``most_own`` that of its own part
+    that makes no manoeuvre: they say why nothing was found, see :func:`excitation_reasons`.
     """
 
     def __init__(
@@ -115,7 +116,7 @@ class Finder:
         self._chunk = max(round(CHUNK_S / sample_time_s), ROWS_PER_LAG * (2 * self._reach + 2))
         self._last: SampleBlock | None = None
         self._clock = self._used_at = 0
-        self._most_whole = self._most_own = 0.0
+        self.most_whole = self.most_own = 0.0
         self._restart()
 
     def _restart(self) -> None:
@@ -131,14 +132,6 @@ class Finder:
         self._rests_k: int | None = None
         self._is_excited = False
         self._most = np.zeros(2)
-
-    @property
-    def seen(self) -> Movement:
-        """The largest stroke of the rudder, and that of its own part that makes no manoeuvre.
-
-        They say why nothing was found: see :func:`excitation_reasons`.
-        """
-        return Movement(np.array([self._most_whole]), np.array([self._most_own]), True)
 
     def feed(self, samples: SampleBlock) -> list[SampleBlock]:
         """Take samples in; return the manoeuvres that end with them, each as one block."""
@@ -235,7 +228,7 @@ class Finder:
         base_k, second = self._next_k, self._second
         stop_k = self._low_k + len(self._grid) - self._reach
         whole = _strokes(self._table(base_k - self._rest + second, stop_k)[:, RUDDER], second)
-        self._most_whole = max(self._most_whole, float(whole.max(initial=0.0)))
+        self.most_whole = max(self.most_whole, float(whole.max(initial=0.0)))
         for at in range((self._looked_k - base_k) // second, len(whole)):
             self._looked_k += second
             strokes = whole[(self._next_k - base_k) // second : at + 1]
@@ -306,7 +299,7 @@ class Finder:
         k, stop_k, found = self._next_k, self._next_k + self._second, []
         self._next_k = stop_k
         if stroke < LEAST_STROKE:
-            self._most_own = max(self._most_own, stroke)
+            self.most_own = max(self.most_own, stroke)
         if self._start_k is not None and self._is_other(self._start_k, stop_k):
             found += self._end(k)
         if self._start_k is None:

@@ -226,14 +226,6 @@ def _eliminated(power: Floats, first: int) -> Floats:
     return found
 
 
-def bic_of(problem: Problem, point: Point) -> float:
-    """Return the BIC of a fit."""
-    N, rows = len(problem.blocks), len(point.e)
-    variance = float(point.e @ point.e) / rows + 1e-300
-    seen = rows * math.log(variance) - 2.0 * N * math.log(np.linalg.det(problem.D[0]))
-    return seen + unknowns(problem, point) * math.log(N)
-
-
 def unknowns(problem: Problem, point: Point) -> int:
     """Return how many numbers a fit found, those of the AR included."""
     found = point.J.shape[1] + point.beta.size + (len(problem.D) - 1) * problem.outputs**2
@@ -245,11 +237,14 @@ def finished(problem: Problem, theta: Floats, point: Point, pair: int = 0) -> Fi
     blocks, of, N = problem.blocks, problem.structure, len(problem.blocks)
     forced = problem.mixing.shape[1] * len(blocks.u)
     low, high = limits(blocks, of)
-    own = slice(2 * pair, 2 * pair + 2)
+    own, rows = slice(2 * pair, 2 * pair + 2), len(point.e)
+    bic = rows * math.log(float(point.e @ point.e) / rows + 1e-300)
+    bic -= 2.0 * N * math.log(np.linalg.det(problem.D[0]))
+    bic += unknowns(problem, point) * math.log(N)
     low[own.start + 1] = math.log(LIGHTEST)
     return Fit(
         blocks, of, theta, point.beta[0, :forced],
-        _covariance(problem, point, len(theta) + forced), bic_of(problem, point), problem.D,
+        _covariance(problem, point, len(theta) + forced), bic, problem.D,
         point.e.reshape(-1, N), bool(((theta <= low) | (theta >= high))[own].any()), pair,
     )  # fmt: skip
 
@@ -311,13 +306,11 @@ def _fitted(blocks: Blocks, of: Structure, starts: Sequence[Floats]) -> Fit:
     """Return the fit of yaw rate alone, white or AR."""
     problem = Problem(blocks, of, np.eye(1)[None])
     theta, point = descended(problem, problem.best_of(starts) if len(starts) > 1 else starts[0])
-    best = bic_of(problem, point), problem, theta, point
+    white = finished(problem, theta, point)
     for _ in range(AR_ROUNDS):
         problem = Problem(blocks, of, ar_of(blocks, point.v))
         theta, point = descended(problem, theta)
-    if bic_of(problem, point) < best[0]:
-        return finished(problem, theta, point)
-    return finished(*best[1:])
+    return min(white, finished(problem, theta, point), key=lambda fit: fit.bic)
 
 
 def _with_roll(blocks: Blocks, pair: Floats) -> Fit:

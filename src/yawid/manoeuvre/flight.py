@@ -9,7 +9,7 @@ the structure leaves out is common to all of them: that part of sigma is added a
 
 import math
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -23,10 +23,10 @@ from yawid.answers.run_summary import (
     BetweenStd,
     DutchRoll,
     Flight,
+    Manoeuvre,
     Value,
 )
 from yawid.blocks import Bools, Floats
-from yawid.manoeuvre.answered import Answered
 from yawid.manoeuvre.conditions import Finding
 from yawid.manoeuvre.judge import rough_reasons
 from yawid.quantities.vehicles import AIRFRAME
@@ -76,6 +76,10 @@ class Pooled:
         """The sigma of the result of a next manoeuvre."""
         return math.sqrt(self.error**2 + self.tau**2 + self.beyond**2)
 
+    def times(self, by: float) -> Value:
+        """Return it in another unit or at another airspeed."""
+        return Value(by * self.mean, by * self.std, by * self.noise)
+
 
 def pooled(x: Floats, std: Floats, floor: float, beyond: Floats) -> Pooled:
     """Return the random-effects mean of x (n,) with their own sigmas of noise ``std`` (n,), n >= 1.
@@ -98,7 +102,7 @@ def pooled(x: Floats, std: Floats, floor: float, beyond: Floats) -> Pooled:
 
 
 def flights_of(
-    answered: Sequence[Answered], of_the_log: list[Reason], untrue: Finding | None = None
+    answered: Sequence[Manoeuvre], of_the_log: list[Reason], untrue: Finding | None = None
 ) -> list[Flight]:
     """Return an answer for each loop with a usable manoeuvre, the headline first.
 
@@ -114,62 +118,65 @@ def flights_of(
     usable = [each for each in answered if each.verdict.usable]
     if not usable:
         return [_refused(answered, of_the_log)]
-    by_loop: dict[str, list[Answered]] = {}
+    by_loop: dict[str, list[Manoeuvre]] = {}
     for each in usable:
-        by_loop.setdefault(each.found.loop, []).append(each)
+        by_loop.setdefault(each.loop, []).append(each)
 
-    def flown(alike: list[Answered]) -> tuple[int, float]:
-        return len(alike), sum(each.found.duration_s for each in alike)
+    def flown(alike: list[Manoeuvre]) -> tuple[int, float]:
+        return len(alike), sum(each.duration_s for each in alike)
 
     in_turn = sorted(by_loop.values(), key=flown, reverse=True)
     return [_together(alike, of_the_log, untrue) for alike in in_turn]
 
 
-def _refused(answered: Sequence[Answered], of_the_log: list[Reason]) -> Flight:
+def _refused(answered: Sequence[Manoeuvre], of_the_log: list[Reason]) -> Flight:
     """Return a flight without a usable manoeuvre: its reasons are those of the best manoeuvre."""
-    best = min(answered, key=lambda each: each.found.standing)
-    where = f"manoeuvre {best.found.n}, {best.found.from_s:.0f} to {best.found.to_s:.0f} s: "
+    best = min(answered, key=lambda each: each.standing)
+    where = f"manoeuvre {best.n}, {best.from_s:.0f} to {best.to_s:.0f} s: "
     said = [structs.replace(reason, text=where + reason.text) for reason in best.verdict.reasons]
     verdict = Verdict.of([*of_the_log, *said], best.verdict.method)
     return Flight(used=[], disagree=[], verdict=verdict)
 
 
 def _together(
-    alike: Sequence[Answered], of_the_log: list[Reason], untrue: Finding | None
+    alike: Sequence[Manoeuvre], of_the_log: list[Reason], untrue: Finding | None
 ) -> Flight:
     """Return the answer from the manoeuvres of one loop.
 
     An airspeed that is wrong by one factor still serves to compare manoeuvres.
     """
     rolls = np.array([_dutch_roll(each) for each in alike])
-    speeds = np.array([each.found.airspeed_m_s or np.nan for each in alike])
-    sources = {each.found.airspeed_source for each in alike}
+    speeds = np.array([each.airspeed_m_s or np.nan for each in alike])
+    sources = {each.airspeed_source for each in alike}
     scaled = sources == {"airspeed"} and (untrue is None or untrue.is_factor)
     by = speeds if scaled else np.ones(len(alike))
     x, std = rolls[:, 0] / by, rolls[:, 1] / by
     agree, share = agreement(x, std, TAU_WN_SHARE * float(np.median(x)), DISAGREE_WN)
     used = [alike[i] for i in np.flatnonzero(agree).tolist()]
-    rest = [(alike[i].found, float(rolls[i, 0])) for i in np.flatnonzero(~agree).tolist()]
+    rest = [(alike[i], float(rolls[i, 0])) for i in np.flatnonzero(~agree).tolist()]
     is_true, median = untrue is None, float(np.median(speeds[agree]))
     unit = median if scaled and math.isfinite(median) else 1.0
     speed = median if is_true and math.isfinite(median) else None
-    heights = [h for each in used if (h := each.found.altitude_m) is not None]
-    wn, zeta = _averages(rolls, by, agree)
+    heights = [h for each in used if (h := each.altitude_m) is not None]
+    floor = TAU_WN_SHARE * float(np.median(x[agree]))
+    _, _, zetas, zeta_stds, wn_beyond, zeta_beyond = rolls[agree].T
+    wn = pooled(x[agree], std[agree], floor, wn_beyond / by[agree])
+    zeta = pooled(zetas, zeta_stds, TAU_ZETA, zeta_beyond)
     physics = _physics(used, by[agree])
     reasons = [*of_the_log, *_warnings(used), *rough_reasons(wn.mean * unit, wn.std * unit)]
     if rest:
         apart = [(each.n, f"wn {own:.3g} rad/s", each.airspeed_m_s) for each, own in rest]
         text = disagreement(apart, f"{wn.mean * unit:.3g} ± {wn.std * unit:.2g}", speed, len(used))
-        reasons.append(_left_out(text, len(apart), share))
+        reasons.append(left_out(text, len(apart), share))
     verdict = Verdict.of(reasons, Counter(m.verdict.method for m in used).most_common(1)[0][0])
-    loop = used[0].found.loop
+    loop = used[0].loop
     return Flight(
         method=verdict.method,
         airspeed_m_s=speed,
         airspeed_source=_common(sources) if is_true else None,
-        airspeed_kind=_common({m.found.airspeed_kind for m in alike}) if is_true else None,
+        airspeed_kind=_common({m.airspeed_kind for m in alike}) if is_true else None,
         altitude_m=float(np.median(heights)) if heights else None,
-        date=used[0].found.date,
+        date=used[0].date,
         loop=loop,
         dutch_roll=DutchRoll.of(
             (wn.mean * unit, wn.std * unit, zeta.mean, zeta.std),
@@ -177,26 +184,14 @@ def _together(
             (wn.std_mean * unit, zeta.std_mean),
             has_level=loop == AIRFRAME,
         ),
-        kappa_rad_m=Value(wn.mean, wn.std, wn.noise) if scaled and is_true else None,
-        K_per_V=physics.get("K") if scaled and is_true else None,
-        physics={n: _scaled(each, unit ** POWERS[n]) for n, each in physics.items()} or None,
+        kappa_rad_m=wn.times(1.0) if scaled and is_true else None,
+        K_per_V=physics["K"].times(1.0) if "K" in physics and scaled and is_true else None,
+        physics={n: each.times(unit ** POWERS[n]) for n, each in physics.items()} or None,
         between_std=BetweenStd(wn_rad_s=wn.tau * unit, zeta=zeta.tau),
-        used=[each.found.n for each in used],
+        used=[each.n for each in used],
         disagree=[each.n for each, _ in rest],
         verdict=verdict,
     )
-
-
-def _averages(rolls: Floats, by: Floats, agree: Bools) -> tuple[Pooled, Pooled]:
-    """Return the means of wn / ``by`` and of zeta over the manoeuvres that agree.
-
-    A row of ``rolls`` (n, 6) holds wn, its sigma, zeta, its sigma, of noise, and the sigmas of both
-    that noise does not explain.
-    """
-    wn, wn_std, zeta, zeta_std, wn_beyond, zeta_beyond = rolls[agree].T
-    wn, wn_std, wn_beyond = wn / by[agree], wn_std / by[agree], wn_beyond / by[agree]
-    mean = pooled(wn, wn_std, TAU_WN_SHARE * float(np.median(wn)), wn_beyond)
-    return mean, pooled(zeta, zeta_std, TAU_ZETA, zeta_beyond)
 
 
 def _common(values: set[str | None]) -> str | None:
@@ -204,7 +199,7 @@ def _common(values: set[str | None]) -> str | None:
     return next(iter(values)) if len(values) == 1 else None
 
 
-def _warnings(used: Sequence[Answered]) -> Iterator[Reason]:
+def _warnings(used: Sequence[Manoeuvre]) -> Iterator[Reason]:
     """Yield the warnings that more than half of the manoeuvres used have.
 
     How well wn is known is judged of their mean.
@@ -252,7 +247,7 @@ def disagreement(
     return f"{', '.join(said)}; {others} {rest}{at}"
 
 
-def _left_out(text: str, count: int, share: float) -> Reason:
+def left_out(text: str, count: int, share: float) -> Reason:
     """Return the reason that ``count`` manoeuvres disagree with those of this share of weight."""
     text += LEFT_OUT[count > 1]
     return Reason(
@@ -260,9 +255,9 @@ def _left_out(text: str, count: int, share: float) -> Reason:
     )
 
 
-def _dutch_roll(each: Answered) -> tuple[float, ...]:
+def _dutch_roll(each: Manoeuvre) -> tuple[float, ...]:
     """Return wn, zeta, each with its sigma of noise, then what noise does not explain of both."""
-    roll = each.found.dutch_roll
+    roll = each.dutch_roll
     assert roll is not None  # a usable manoeuvre has one
     stds = np.array([roll.wn_std, roll.zeta_std], np.float64)
     noise = np.array([roll.wn_std_noise, roll.zeta_std_noise], np.float64)
@@ -270,14 +265,14 @@ def _dutch_roll(each: Answered) -> tuple[float, ...]:
     return (roll.wn_rad_s, noise[0], roll.zeta, noise[1], *beyond.tolist())
 
 
-def _physics(used: Sequence[Answered], speeds: Floats) -> Mapping[str, Value]:
+def _physics(used: Sequence[Manoeuvre], speeds: Floats) -> dict[str, Pooled]:
     """Return the numbers of eq. 22-23 over the power of V with which they go, where known.
 
     ``speeds`` (n,) are the airspeeds of the n manoeuvres. Half of a variance counts as common to
     all manoeuvres: what a structure leaves out is.
     """
     found = {}
-    answers = [each.found.answer for each in used]
+    answers = [each.answer for each in used]
     for name, power in POWERS.items():
         values = [(answer.physics or {}).get(name) if answer else None for answer in answers]
         rows = np.array(
@@ -287,14 +282,6 @@ def _physics(used: Sequence[Answered], speeds: Floats) -> Mapping[str, Value]:
         if known.any():
             x, std = (rows[known] / speeds[known, None] ** power).T
             half = math.sqrt(0.5) * std
-            mean = pooled(x, half, TAU_WN_SHARE * abs(power) * abs(float(np.median(x))), half)
-            found[name] = Value(mean.mean, mean.std, mean.noise)
+            floor = TAU_WN_SHARE * abs(power) * abs(float(np.median(x)))
+            found[name] = pooled(x, half, floor, half)
     return found
-
-
-def _scaled(each: Value, by: float) -> Value:
-    """Return a number and its sigmas times ``by``."""
-    assert each.value is not None
-    assert each.std is not None
-    assert each.std_noise is not None
-    return Value(by * each.value, by * each.std, by * each.std_noise)

@@ -16,7 +16,7 @@ another flight's rudder, reversed, 0.4 s late. Tables report other ones.
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 
@@ -70,36 +70,6 @@ CLEAR_SIGMAS: Final = 3.0
 CLEAR_PAIR: Final = 25.0
 """The chi-square of the pair's two residues from the rudder. Without it 34 of 500 simulated rolls
 on a runway, a lag and bumps, had a line of the bumps as a usable Dutch roll."""
-
-
-class Driven(NamedTuple):
-    """The likelihood ratios of the rudder: see the top of the file.
-
-    ``late_s`` is the shift that has ``near``, the least of the small ones; ``far`` is infinite
-    where the record is too short for one.
-    """
-
-    free: float
-    near: float
-    late_s: float
-    far: float
-
-
-def driven(fit: Fit) -> Driven:
-    """Return how much better this rudder explains the yaw rate than none, or another one."""
-    record = fit.blocks.record
-    rows, period = len(record.u), 2.0 * math.pi / math.exp(fit.log_pair[0]) / record.sample_time_s
-    sizes = np.unique(np.round(np.geomspace(*NEAR_PERIODS, SHIFTS) * period).astype(int))
-    near = np.concatenate([-sizes[::-1], sizes])
-    ratios = 2.0 * shifted(fit, near)
-    pairs = [(float(ratio), int(late)) for ratio, late in zip(ratios, near, strict=True)]
-    again = [(2.0 * freed(fit, late), late) for _, late in sorted(pairs)[:2]]
-    least, late = min([*pairs, *again])
-    apart, far = math.ceil(FAR_PERIODS * period), math.inf
-    if rows > 2 * apart:
-        others = np.unique(np.linspace(apart, rows - apart, FAR).astype(int))
-        far = float(2.0 * shifted(fit, others).min())
-    return Driven(2.0 * free_decay(fit), least, late * record.sample_time_s, far)
 
 
 @dataclass(frozen=True, slots=True)
@@ -304,23 +274,31 @@ def rough_reasons(wn_rad_s: float, wn_std: float) -> Iterator[Reason]:
 
 
 def _driven(fit: Fit) -> Iterator[Reason]:
-    """Judge whether this rudder made the motion."""
-    found = driven(fit)
-    if found.free < LEAST_FREE:
+    """Judge whether this rudder made the motion, and not free decay or another rudder."""
+    record = fit.blocks.record
+    rows, period = len(record.u), 2.0 * math.pi / math.exp(fit.log_pair[0]) / record.sample_time_s
+    sizes = np.unique(np.round(np.geomspace(*NEAR_PERIODS, SHIFTS) * period).astype(int))
+    moved = np.concatenate([-sizes[::-1], sizes])
+    pairs = list(zip((2.0 * shifted(fit, moved)).tolist(), moved.tolist(), strict=True))
+    near, late = min([*pairs, *((2.0 * freed(fit, late), late) for _, late in sorted(pairs)[:2])])
+    apart = math.ceil(FAR_PERIODS * period)
+    others = np.unique(np.linspace(apart, rows - apart, FAR).astype(int))
+    if (free := 2.0 * free_decay(fit)) < LEAST_FREE:
         yield Reason(
             "mode_not_driven",
             "the rudder explains the yaw rate hardly better than free decay alone: likelihood "
-            f"ratio {max(found.free, 0.0):.0f}, at least {LEAST_FREE:g} needed",
+            f"ratio {max(free, 0.0):.0f}, at least {LEAST_FREE:g} needed",
         )
-    elif found.near < LEAST_SHIFTED:
-        when = "later" if found.late_s > 0.0 else "earlier"
+    elif near < LEAST_SHIFTED:
+        when = "later" if late > 0 else "earlier"
         yield Reason(
             "mode_not_driven",
-            f"the same rudder {abs(found.late_s):.2g} s {when} explains the yaw rate nearly as "
-            f"well: likelihood ratio {max(found.near, 0.0):.0f}, at least {LEAST_SHIFTED:g} needed",
+            f"the same rudder {abs(late * record.sample_time_s):.2g} s {when} explains the yaw "
+            f"rate nearly as well: likelihood ratio {max(near, 0.0):.0f}, at least "
+            f"{LEAST_SHIFTED:g} needed",
             "Check the rudder's channel (--rudder) and that its times are those of the yaw rate.",
         )
-    elif found.far < 0.0:
+    elif rows > 2 * apart and shifted(fit, others).min() < 0.0:
         yield Reason(
             "mode_not_driven",
             "the rudder of another part of the manoeuvre explains the yaw rate as well: the "

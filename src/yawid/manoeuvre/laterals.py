@@ -8,9 +8,8 @@ from concurrent.futures import Executor, Future, wait
 from typing import Any
 
 from yawid.answers.reasons import Reason
-from yawid.answers.run_summary import Bare, Flight
-from yawid.blocks import MotionBlock, SampleBlock
-from yawid.manoeuvre.answered import Answered
+from yawid.answers.run_summary import Bare, Flight, Manoeuvre
+from yawid.blocks import SampleBlock
 from yawid.manoeuvre.bare_answer import (
     Fitted,
     against_flown,
@@ -28,7 +27,7 @@ MOST_KEPT = 24
 
 
 class Laterals:
-    """The lateral motion of a run, and the airframe that each of its manoeuvres shows.
+    """The lateral motion of a run (``store``), and the airframe that each manoeuvre shows.
 
     With ``worker``, an executor of one thread, the fits are made there; the results are the same.
     ``modes_of`` are autopilot and vehicle type. ``yaw_loop`` gives the gains of the autopilot's yaw
@@ -46,29 +45,21 @@ class Laterals:
         yaw_loop: Callable[[float, float], str | None],
     ) -> None:
         self._bares: dict[int, Bare] = {}
-        self._store = MotionStore(longest_s)
+        self.store = MotionStore(longest_s)
         self._lag_s = servo_lag_s
         self._worker = worker
         self._modes_of, self._yaw_loop = modes_of, yaw_loop
         self._held_s: dict[int, tuple[float, float]] = {}
         """From when to when, in s since boot, the autopilot may have moved the rudder."""
-        self._waiting: deque[tuple[int, tuple[int, int], Future[Fitted]]] = deque()
+        self._waiting: deque[tuple[int, Future[Fitted]]] = deque()
         self._found: list[Fitted] = []
         self._until_s = math.inf
         self.is_late = False
 
-    def feed(self, motion: MotionBlock) -> None:
-        """Take motion in, before the samples of the same time."""
-        self._store.feed(motion)
-
-    def forget(self, samples: SampleBlock) -> None:
-        """Forget what manoeuvres after these samples cannot need."""
-        self._store.forget(samples)
-
     def answer(self, n: int, samples: SampleBlock) -> None:
         """Fit the airframe to the motion of manoeuvre ``n``, whose samples these are."""
-        motion, span_ns = self._store.cut(samples), (samples.unix_ns[0], samples.unix_ns[-1])
-        flown, _ = conditions(samples, self._modes_of)
+        motion = self.store.cut(samples)
+        flown, _ = conditions(samples, n, self._modes_of)
         if flown.loop != AIRFRAME:
             self._held_s[n] = flown.from_s, flown.to_s
         gains = self._damper(n)
@@ -79,19 +70,19 @@ class Laterals:
             future = self._worker.submit(fitted, n, motion, self._lag_s)
         else:
             future.set_result(fitted(n, motion, self._lag_s))
-        self._waiting.append((n, (int(span_ns[0]), int(span_ns[1])), future))
+        self._waiting.append((n, future))
 
     def ready(
-        self, answered: Sequence[Answered], *, until_s: float = -math.inf
-    ) -> Iterator[tuple[int, Bare, tuple[int, int]]]:
-        """Yield number, airframe and Unix times of each manoeuvre newly fitted, once.
+        self, answered: Sequence[Manoeuvre], *, until_s: float = -math.inf
+    ) -> Iterator[tuple[int, Bare]]:
+        """Yield number and airframe of each manoeuvre newly fitted, once.
 
         ``answered`` are the answers as flown so far; a manoeuvre without one waits for it. Those
         without a fit are waited for until ``until_s`` on the monotonic clock.
         """
-        flown = {each.found.n: each.found for each in answered}
-        while self._waiting and done_by(self._waiting[0][2], until_s):
-            n, span_ns, future = self._waiting[0]
+        flown = {each.n: each for each in answered}
+        while self._waiting and done_by(self._waiting[0][1], until_s):
+            n, future = self._waiting[0]
             if n not in flown:
                 return
             self._waiting.popleft()
@@ -99,7 +90,7 @@ class Laterals:
             if len(self._found) < MOST_KEPT:
                 self._found.append(found)
             self._bares[found.n] = lateral_of(found)
-            yield found.n, self._bares[found.n], span_ns
+            yield found.n, self._bares[found.n]
 
     def leave_out(self, unanswered: Collection[int], until_s: float) -> list[str]:
         """Give up the fits that are not ready, and those of the manoeuvres without an answer.
@@ -107,7 +98,7 @@ class Laterals:
         Return in words what is missing. No fit begins after ``until_s`` on the monotonic clock.
         """
         self._until_s = until_s
-        given_up = [n for n, _, fit in self._waiting if n in unanswered or not fit.done()]
+        given_up = [n for n, fit in self._waiting if n in unanswered or not fit.done()]
         self._waiting = deque(each for each in self._waiting if each[0] not in given_up)
         return [f"the bare airframe of manoeuvre {n}" for n in given_up if n not in unanswered]
 
@@ -117,14 +108,12 @@ class Laterals:
         refused = {n: lateral_of(yaw_damped(n, each)) for n, each in gains.items() if each}
         return self._bares | refused
 
-    def changes(self) -> dict[int, Reason]:
+    def changes(self) -> dict[int, list[Reason]]:
         """Return a warning of each manoeuvre within which the airframe changes, by its number."""
+        text = "the airframe changes within it: two parts are {:.1f} sigma apart, and wn and zeta "
+        text += "lie between them"
         return {
-            each.n: Reason(
-                "airframe_changes",
-                f"the airframe changes within it: two parts are {gate.found:.1f} sigma apart, and "
-                "wn and zeta lie between them",
-            )
+            each.n: [Reason("airframe_changes", text.format(gate.found))]
             for each in self._found
             if each.airframe is not None
             for gate in each.airframe.failed

@@ -6,16 +6,15 @@ time may come again after a reboot, and the Unix time says which of them is mean
 """
 
 import math
-from collections.abc import Iterator
 from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 
-from yawid.blocks import Floats, Ints, MotionBlock, SampleBlock, StampedRows
+from yawid.blocks import Floats, MotionBlock, SampleBlock, StampedRows
 from yawid.errors import ConfigError
 from yawid.lateral.motion import COMMAND_STEP_S, LEAD_S, Motion
-from yawid.quantities.airspeed import Kind, density_ratio
+from yawid.quantities.airspeed import true_of_equivalent
 
 BEHIND_S = 40.0
 """The time in s for which a manoeuvre may wait for its end to be decided, and its lead."""
@@ -66,9 +65,10 @@ class MotionStore:
             return "the log has no attitude with roll and roll rate"
         if (np.diff(samples.k) < 0).any():
             return "the vehicle rebooted during it"
-        airspeed_m_s = true_airspeed(samples)
-        if not math.isfinite(airspeed_m_s):
+        used = samples.select((samples.held == 0) & np.isfinite(samples.airspeed))
+        if not len(used):
             return "the airspeed is not known"
+        airspeed_m_s = float(true_of_equivalent(used.airspeed, used.altitude).mean())
         block = MotionBlock.joined(self._blocks)
         span_us = int(samples.boot_us[0]), int(samples.boot_us[-1])
         attitude = _inside(_own_clock(block.attitude, samples), *span_us)
@@ -128,20 +128,6 @@ def motion_of(
     )  # fmt: skip
 
 
-def true_airspeed(samples: SampleBlock) -> float:
-    """Return the mean true airspeed in m/s, NaN where no airspeed is known.
-
-    Where the altitude is unknown the air of sea level is assumed: the modes hardly depend on it.
-    """
-    used = samples.select(samples.held == 0)
-    ratio = density_ratio(used.altitude)
-    ratio = np.where(np.isfinite(ratio), ratio, 1.0)
-    is_true = used.airspeed_kind == float(Kind.TRUE)
-    speeds = np.where(is_true, used.airspeed, used.airspeed / np.sqrt(ratio))
-    speeds = speeds[np.isfinite(speeds)]
-    return float(speeds.mean()) if len(speeds) else math.nan
-
-
 def angle_of_climb(samples: SampleBlock, airspeed_m_s: float) -> float:
     """Return the mean angle of climb in rad, 0 where the altitude is not known."""
     known = np.isfinite(samples.altitude)
@@ -158,21 +144,16 @@ def _newest_ns(block: MotionBlock) -> int:
     return max(int(part.unix_ns[-1]) for part in parts if len(part))
 
 
-def _runs(t_us: Ints) -> Iterator[tuple[int, int]]:
-    """Yield where each run of increasing times begins and ends."""
-    edges = [0, *(np.flatnonzero(np.diff(t_us) < 0) + 1).tolist(), len(t_us)]
-    yield from ((a, b) for a, b in pairwise(edges) if b > a)
-
-
 def _own_clock(rows: StampedRows, samples: SampleBlock) -> StampedRows:
     """Return the rows between two reboots of which the samples are: by the Unix time at the end."""
     last_us, last_ns = int(samples.boot_us[-1]), int(samples.unix_ns[-1])
+    edges = {0, *(np.flatnonzero(np.diff(rows.t_us) < 0) + 1).tolist(), len(rows)}
 
     def away_ns(run: tuple[int, int]) -> int:
         at = min(int(np.searchsorted(rows.t_us[slice(*run)], last_us)) + run[0], run[1] - 1)
         return abs(int(rows.unix_ns[at]) - 1000 * int(rows.t_us[at] - last_us) - last_ns)
 
-    return rows.select(slice(*min(_runs(rows.t_us), key=away_ns, default=(0, 0))))
+    return rows.select(slice(*min(pairwise(sorted(edges)), key=away_ns, default=(0, 0))))
 
 
 def _inside(rows: StampedRows, first_us: int, last_us: int) -> StampedRows:

@@ -8,13 +8,14 @@ from functools import partial
 from typing import Final
 
 import numpy as np
+from msgspec.structs import replace
 
 from yawid.answers.reasons import Reason
-from yawid.answers.run_summary import Bare, Flight
-from yawid.blocks import EstimateBlock, Floats, Ints, MotionBlock, SampleBlock
-from yawid.manoeuvre.answered import Answered, answer
+from yawid.answers.run_summary import Bare, Flight, Manoeuvre
+from yawid.blocks import EstimateBlock, Floats, Ints, SampleBlock
+from yawid.manoeuvre.answered import answer
 from yawid.manoeuvre.conditions import AirspeedCheck, is_bare
-from yawid.manoeuvre.find import LONGEST_S, LONGEST_STATED_S, Finder, UnderWay
+from yawid.manoeuvre.find import LONGEST_S, LONGEST_STATED_S, Finder
 from yawid.manoeuvre.flight import flights_of
 from yawid.manoeuvre.judge import ManoeuvreSetting
 from yawid.manoeuvre.laterals import Laterals, done_by
@@ -35,6 +36,7 @@ class Manoeuvres:
 
     With ``worker``, an executor of one thread, ``feed`` does not wait for the fits; without one
     they are made at once. In both cases the answers are the same and come in the order flown.
+    ``waiting`` are those without an answer yet, by number; ``finder`` has the one under way.
     ``laterals`` fits the bare airframe on a worker of its own, None without ``--lateral auto``;
     ``yaw_loop`` gives the gains of a yaw damper in a stretch, as far as they are known.
     """
@@ -46,29 +48,28 @@ class Manoeuvres:
         lateral_worker: Executor | None = None,
         yaw_loop: Callable[[float, float], str | None] = lambda from_s, to_s: None,
     ) -> None:
-        self.answered: list[Answered] = []
+        self.answered: list[Manoeuvre] = []
+        self.spans_ns: dict[int, tuple[int, int]] = {}
+        """The Unix times of the first and the last sample of each manoeuvre, by its number."""
         self._setting = setting
         self._worker = worker
-        self._waiting: deque[tuple[int, Future[Answered]]] = deque()
+        self.waiting: deque[tuple[int, Future[Manoeuvre]]] = deque()
         self._count = self._repeated = 0
         self._flown: list[tuple[Ints, Floats]] = []
         self._running: deque[tuple[Ints, Mapping[str, EstimateBlock]]] = deque()
-        self._finder = _finder(setting)
+        low_us, high_us = setting.config.window_us
+        self.finder = Finder(
+            setting.sample_time_s,
+            setting.config.half_travel,
+            partial(is_bare, setting.modes_of),
+            is_stated=high_us - low_us <= 1e6 * LONGEST_STATED_S,
+        )
         self._airspeed = AirspeedCheck(setting.sample_time_s)
         self.laterals: Laterals | None = None
         if setting.config.lateral == "auto":
-            longest_s = LONGEST_STATED_S if self._finder.is_stated else LONGEST_S
+            longest_s = LONGEST_STATED_S if self.finder.is_stated else LONGEST_S
             lag_s, modes_of = setting.config.servo_lag, setting.modes_of
             self.laterals = Laterals(longest_s, lag_s, lateral_worker, modes_of, yaw_loop)
-
-    def progress(self) -> UnderWay:
-        """Return the progress of the current manoeuvre."""
-        return self._finder.progress()
-
-    @property
-    def unanswered(self) -> int:
-        """The number of manoeuvres that have ended and have no answer yet."""
-        return len(self._waiting)
 
     def feed(self, samples: SampleBlock, estimates: Mapping[str, EstimateBlock]) -> None:
         """Take samples in, and the recursive estimates of them by method."""
@@ -77,43 +78,38 @@ class Manoeuvres:
         while len(self._running) > 1 and self._running[0][0][-1] < until_ns:
             self._running.popleft()
         self._airspeed.feed(samples)
-        for found in self._finder.feed(samples):
+        for found in self.finder.feed(samples):
             self._answer(found)
         if self.laterals is not None:
-            self.laterals.forget(samples)
-
-    def move(self, motion: MotionBlock) -> None:
-        """Take lateral motion in, before the samples of the same time."""
-        if self.laterals is not None:
-            self.laterals.feed(motion)
+            self.laterals.store.forget(samples)
 
     def finish(self) -> None:
         """End the samples, and with them the manoeuvre that is under way."""
-        for found in self._finder.finish():
+        for found in self.finder.finish():
             self._answer(found)
 
-    def ready(self, *, until_s: float = -math.inf) -> Iterator[Answered]:
+    def ready(self, *, until_s: float = -math.inf) -> Iterator[Manoeuvre]:
         """Yield each newly answered manoeuvre once; those without an answer are waited for.
 
         ``until_s`` is on the monotonic clock.
         """
-        while self._waiting and done_by(self._waiting[0][1], until_s):
-            answered = self._waiting.popleft()[1].result()
+        while self.waiting and done_by(self.waiting[0][1], until_s):
+            answered = self.waiting.popleft()[1].result()
             self.answered.append(answered)
             yield answered
 
     def leave_out(self, until_s: float) -> list[str]:
         """Give up the answers that are not ready; return in words what is missing."""
-        missing = [n for n, future in self._waiting if not future.done()]
-        self._waiting = deque(each for each in self._waiting if each[1].done())
+        missing = [n for n, future in self.waiting if not future.done()]
+        self.waiting = deque(each for each in self.waiting if each[1].done())
         bare = [] if self.laterals is None else self.laterals.leave_out(missing, until_s)
         return [*(f"the answer of manoeuvre {n}" for n in missing), *bare]
 
-    def judged(self) -> list[Answered]:
+    def judged(self) -> list[Manoeuvre]:
         """Return those answered, warned of where the airframe changes within them."""
         changes = {} if self.laterals is None else self.laterals.changes()
         return [
-            each.with_reason(changes[n]) if (n := each.found.n) in changes else each
+            replace(each, verdict=each.verdict.with_reasons(changes.get(each.n, ())))
             for each in self.answered
         ]
 
@@ -133,7 +129,7 @@ class Manoeuvres:
             text = "a manoeuvre has ended, and its answer was not ready in time"
             return [Reason("not_converged", text, "Replay the log, which waits for the answer.")]
         travel = self._setting.config.travel_said
-        return [*excitation_reasons(self._finder.seen, travel, grounded)]
+        return [*excitation_reasons(self.finder.most_whole, self.finder.most_own, travel, grounded)]
 
     def bare(self) -> Bare | None:
         """Return the bare airframe of those answered; None where none was looked for."""
@@ -162,23 +158,13 @@ class Manoeuvres:
             self._repeated += 1
             return
         self._count += 1
+        self.spans_ns[self._count] = int(found.unix_ns[0]), int(found.unix_ns[-1])
         running = self._stream_at(found.unix_ns[-1])
         if self._worker is not None:
             future = self._worker.submit(answer, found, self._count, self._setting, running)
         else:
             future = Future()
             future.set_result(answer(found, self._count, self._setting, running))
-        self._waiting.append((self._count, future))
+        self.waiting.append((self._count, future))
         if self.laterals is not None:
             self.laterals.answer(self._count, found)
-
-
-def _finder(setting: ManoeuvreSetting) -> Finder:
-    """Return the search for manoeuvres; a named stretch of at most 600 s is one manoeuvre."""
-    low_us, high_us = setting.config.window_us
-    return Finder(
-        setting.sample_time_s,
-        setting.config.half_travel,
-        partial(is_bare, setting.modes_of),
-        is_stated=high_us - low_us <= 1e6 * LONGEST_STATED_S,
-    )

@@ -98,6 +98,15 @@ def equivalent_of_calibrated(calibrated_m_s: Floats, altitude_m: Floats) -> Floa
     return np.asarray(_SOUND_M_S * np.sqrt(square))
 
 
+def true_of_equivalent(equivalent_m_s: Floats, altitude_m: Floats) -> Floats:
+    """Return the true airspeed (n,) of an equivalent one, at sea level where no altitude is known.
+
+    That is what samples have, whatever the kind of the source's airspeed.
+    """
+    ratio = density_ratio(altitude_m)
+    return np.asarray(equivalent_m_s / np.sqrt(np.where(np.isfinite(ratio), ratio, 1.0)))
+
+
 def equivalent_of_true(true_m_s: Floats, ratio: Floats) -> Floats:
     """Return the equivalent airspeed (n,) of a true one by density ratios (n,)."""
     return np.asarray(true_m_s * np.sqrt(ratio))

@@ -46,16 +46,6 @@ class Movement:
         """Whether the rudder moved enough on its own in the last five seconds, per sample (n,)."""
         return self.own >= LEAST_STROKE
 
-    @property
-    def most_whole(self) -> float:
-        """The largest stroke of the whole rudder."""
-        return float(self.whole.max(initial=0.0))
-
-    @property
-    def most_own(self) -> float:
-        """The largest stroke of the rudder's own part."""
-        return float(self.own.max(initial=0.0))
-
 
 def excitation(
     rudder: Floats, aileron: Floats, mode: Floats, travel_unit: float, sample_time_s: float

@@ -8,7 +8,7 @@ from yawid.answers.reasons import Reason
 from yawid.blocks import WINDOW_S, Floats, Held, shifted, words
 from yawid.config.run import RATE_SLACK, RunConfig
 from yawid.estimation.bank import Bank, SampleHistory
-from yawid.results.excitation import LEAST_STROKE, ROWS_PER_LAG, Movement
+from yawid.results.excitation import LEAST_STROKE, ROWS_PER_LAG
 
 LEAST_RATE_HZ = 5.0
 LOW_RATE_HZ = 10.0
@@ -71,28 +71,29 @@ def changed_rates(
 
 
 def excitation_reasons(
-    found: Movement, travel: str = "half its travel", grounded: float = 0.0
+    most_whole: float, most_own: float, travel: str = "half its travel", grounded: float = 0.0
 ) -> Iterator[Reason]:
     """Judge whether the rudder moved, and whether it moved by itself or as the aileron's copy.
 
-    It must have moved far enough within any five seconds: ten doublets in an hour are enough to
+    ``most_whole`` and ``most_own`` are the largest strokes of the rudder and of its own part. It
+    must have moved far enough within any five seconds: ten doublets in an hour are enough to
     learn from, a slow drift of the trim is not. ``travel`` names what the strokes are parts of;
     ``grounded`` is the share (0 to 1) of the samples that are held because they are on the ground.
     """
     needed, held = f"at least {100 * LEAST_STROKE:.0f} % is needed", ""
     if grounded > MOSTLY_GROUNDED:
         held = f"; {100 * grounded:.0f} % of the samples are held as on the ground: {IF_IT_FLEW}"
-    if found.most_whole < LEAST_STROKE:
+    if most_whole < LEAST_STROKE:
         yield Reason(
             "not_excited",
-            f"the rudder's largest movement within {WINDOW_S:g} s is {100 * found.most_whole:.1f} "
+            f"the rudder's largest movement within {WINDOW_S:g} s is {100 * most_whole:.1f} "
             f"% of {travel}: {needed}{held}",
         )
-    elif found.most_own < LEAST_STROKE:
+    elif most_own < LEAST_STROKE:
         yield Reason(
             "mixed_rudder",
-            f"the rudder follows the aileron: it moved by {100 * found.most_whole:.0f} % of "
-            f"{travel} within {WINDOW_S:g} s, but at most {100 * found.most_own:.1f} % by itself, "
+            f"the rudder follows the aileron: it moved by {100 * most_whole:.0f} % of "
+            f"{travel} within {WINDOW_S:g} s, but at most {100 * most_own:.1f} % by itself, "
             f"and {needed}",
         )
 

@@ -27,8 +27,9 @@ from live_link import (
 )
 from places import REPLAY_LOGS
 
+from yawid.answers.run_summary import Manoeuvre
 from yawid.config.run import RunConfig
-from yawid.manoeuvre.answered import Answered, answer
+from yawid.manoeuvre.answered import answer
 from yawid.runs.live import Ended
 from yawid.runs.outputs import Outputs
 from yawid.runs.replay import StopFlag, replay
@@ -113,7 +114,7 @@ def slow_fit(monkeypatch: pytest.MonkeyPatch) -> threading.Event:
     """A fit that is not done before this is set."""
     done = threading.Event()
 
-    def wait(*asked: object) -> Answered:
+    def wait(*asked: object) -> Manoeuvre:
         assert done.wait(60.0)
         return answer(*asked)  # type: ignore[arg-type] # as the stage calls it
 
@@ -168,7 +169,7 @@ def test_a_fit_that_fails_ends_a_replay_and_of_a_session_the_estimation_alone(
 ):
     attend(tmp_path, lambda stop, _: setattr(stop, "is_set", True))
 
-    def fail(*_: object) -> Answered:
+    def fail(*_: object) -> Manoeuvre:
         raise ArithmeticError("singular")
 
     monkeypatch.setattr("yawid.manoeuvre.stage.answer", fail)
