@@ -102,11 +102,11 @@ def test_a_toml_file_s_mistake_is_named_with_what_was_needed(text, said, tmp_pat
     assert said in capsys.readouterr().err
 
 
-def test_a_toml_file_holds_what_is_written_where_and_auto_orders_too(tmp_path: Path, capsys):
+def test_a_toml_file_holds_what_is_written_where(tmp_path: Path, capsys):
     settings = tmp_path / "run.toml"
     out = tmp_path / "there"
     settings.write_text(
-        f"orders = 'auto'\nrate = 10\nmanoeuvres = 'off'\nout = '{out}'\njson = true\n"
+        f"orders = '2,2,1,1'\nrate = 10\nmanoeuvres = 'off'\nout = '{out}'\njson = true\n"
         "rerun = 'off'\nforce = true\nseconds = 5.5\n",
         encoding="utf-8",
     )
@@ -116,15 +116,16 @@ def test_a_toml_file_holds_what_is_written_where_and_auto_orders_too(tmp_path: P
     orders = json.loads(capsys.readouterr().out)["estimates"]["els"]["orders"]
     assert main(arguments) == 0  # force
 
-    assert orders != {"na": 3, "nb": 3, "nc": 2, "nk": 1}
+    assert orders == {"na": 2, "nb": 2, "nc": 1, "nk": 1}
     assert (out / "log.mcap").exists()
 
 
-def test_a_live_session_says_who_finds_its_orders(tmp_path: Path, capsys):
+@pytest.mark.parametrize("command", [["replay", C172P], ["live", "udpin:127.0.0.1:0"]])
+def test_orders_that_are_none_are_refused_with_who_compares_them(command, tmp_path: Path, capsys):
     settings = tmp_path / "run.toml"
-    settings.write_text("orders = 'auto'\nsysid = 'all'\n", encoding="utf-8")
+    settings.write_text("orders = 'auto'\n", encoding="utf-8")
 
-    assert main(["live", "udpin:127.0.0.1:0", "--config", str(settings)]) == 2
+    assert main([*command, "--config", str(settings)]) == 2
     assert "yawid orders" in capsys.readouterr().err
 
 
@@ -154,14 +155,6 @@ def test_orders_says_that_a_log_has_no_rudder_with_the_code_for_it(capsys):
     said = capsys.readouterr().err
     assert "no_rudder" in said
     assert said.count("\n") == 1
-
-
-def test_a_replay_with_orders_auto_of_a_log_without_rudder_writes_its_verdict(tmp_path, capsys):
-    code = main(["replay", NO_RUDDER, "--orders", "auto", "--json", "--out", str(tmp_path)])
-
-    assert code == 3
-    assert '"no_rudder"' in capsys.readouterr().out
-    assert (tmp_path / "log.mcap").exists()
 
 
 @pytest.mark.parametrize("option", ["--orders", "--method", "--memory", "--engine"])

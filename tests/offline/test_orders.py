@@ -1,17 +1,14 @@
 from __future__ import annotations
 
-import json
-from pathlib import Path
-
 import numpy as np
 import pytest
 from places import C172P
 from printed import printed
 
 from yawid.cli.main import main
-from yawid.config.estimator import ArmaxOrders
+from yawid.config.run import RunConfig
 from yawid.errors import NotIdentifiable
-from yawid.offline.orders import candidates, compare_orders, recommended
+from yawid.offline.orders import CANDIDATES, compare_orders, recommended
 
 
 def second_order(n: int, nk: int, noise: float) -> tuple[np.ndarray, np.ndarray]:
@@ -28,21 +25,17 @@ def second_order(n: int, nk: int, noise: float) -> tuple[np.ndarray, np.ndarray]
 @pytest.mark.parametrize("nk", [1, 2])
 def test_the_structure_that_made_the_record_is_recommended(nk: int):
     u, y = second_order(1500, nk, 0.3)
-    tried = [
-        ArmaxOrders(na=na, nb=na, nc=nc, nk=k)
-        for na in (1, 2, 3)
-        for nc in (0, 1)
-        for k in (1, 2, 3)
-    ]
+    tried = [(na, na, nc, k) for na in (1, 2, 3) for nc in (0, 1) for k in (1, 2, 3)]
 
-    found = compare_orders(u, y, 0.1, tried)
+    found = compare_orders(u, y, 0.1, RunConfig(), tried)
 
     best = recommended(found)
-    assert (best.orders.na, best.orders.nb, best.orders.nk) == (2, (2,), (nk,))
+    assert (best.na, best.nb, best.nk) == (2, 2, nk)
     assert [c.simulation_pct for c in found] == sorted(
         (c.simulation_pct for c in found), reverse=True
     )
-    assert best.loss == pytest.approx(0.09, rel=0.15)
+    [chosen] = [c for c in found if str(c) == str(best)]
+    assert chosen.loss == pytest.approx(0.09, rel=0.15)
 
 
 def test_held_samples_do_not_count_and_too_few_are_refused():
@@ -50,23 +43,28 @@ def test_held_samples_do_not_count_and_too_few_are_refused():
     y[:250] = np.nan
 
     with pytest.raises(NotIdentifiable, match="150 samples"):
-        compare_orders(u, y, 0.1, [ArmaxOrders(na=2, nb=2, nc=1, nk=1)])
+        compare_orders(u, y, 0.1, RunConfig())
 
 
-def test_the_candidates_cover_the_default():
-    assert ArmaxOrders(na=3, nb=3, nc=2, nk=1) in candidates(1)
-    assert all(orders.n_inputs == 2 for orders in candidates(2))
-    assert ArmaxOrders(na=3, nb=4, nc=2, nk=1) in candidates(1, extra_b=1)
+def test_the_candidates_cover_the_default_and_fit_two_inputs_and_the_yaw_angle():
+    assert RunConfig().orders in CANDIDATES
+    config = RunConfig(inputs=("rudder", "aileron"), output="yaw")
+    u, y = second_order(1500, 1, 0.3)
+    both = np.column_stack([u, np.roll(u, 17)])
+    [found] = compare_orders(both, y, 0.1, config, [(2, 2, 1, 1)])
+    assert str(found) == "2,2,1,1"
 
 
-def test_orders_auto_replays_with_what_orders_recommends(tmp_path: Path, capsys):
-    options = ["--rate", "10"]
-    assert main(["orders", str(C172P), "--json", *options]) == 0
+def test_orders_takes_the_manoeuvre_s_samples_says_its_rule_and_marks_its_row(capsys):
+    options = ["orders", str(C172P), "--rate", "10"]
+    assert main([*options, "--json"]) == 0
     report = printed("orders", capsys.readouterr().out)
+    assert main(options) == 0
+    shown = capsys.readouterr().out.splitlines()
 
-    out = ["--out", str(tmp_path), "--json"]
-    assert main(["replay", str(C172P), "--orders", "auto", *options, *out]) == 0
-    summary = json.loads(capsys.readouterr().out)
-
-    assert summary["estimates"]["els"]["orders"] == report["recommended"]
+    best = ",".join(str(report["recommended"][name]) for name in ("na", "nb", "nc", "nk"))
+    assert report["manoeuvres"] == 1
     assert report["recommended"]["nk"] == 1
+    assert [line.split()[1] for line in shown if line.startswith("->")] == [best]
+    assert "1 manoeuvres' samples" in " ".join(shown)
+    assert "ns" not in shown[1].split()

@@ -1,3 +1,5 @@
+"""``yawid step``'s fits: against exact closed forms, scipy's own step responses, and noise."""
+
 from __future__ import annotations
 
 import math
@@ -6,24 +8,21 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.signal import lfilter
+from scipy.signal import lfilter, lti, step
 
 from yawid.answers.reports import Told
 from yawid.errors import ConfigError, NotIdentifiable, SourceError
-from yawid.offline.step_forms import (
+from yawid.offline.step_response import (
+    FORMS,
     first_order_response,
     first_order_settling,
+    fit_step,
+    overshoot,
+    read_step,
+    second_order_from_curve,
     second_order_response,
     second_order_settling,
-)
-from yawid.offline.step_response import (
-    StepRecord,
-    fit_first_order,
-    fit_second_order,
-    fit_yaw,
-    read_first_order,
-    read_second_order,
-    read_step,
+    yaw_response,
 )
 from yawid.plant.excitation import Excitation
 from yawid.plant.simulate import REFERENCE, simulate_plant
@@ -31,6 +30,40 @@ from yawid.plant.yaw import YawPlant
 
 RUNS = 200
 T = np.linspace(-2.0, 20.0, 440)
+
+
+def test_the_closed_forms_are_the_step_responses_of_eq_4_7_and_23():
+    t = np.linspace(0.0, 20.0, 2001)
+    for found, transfer in (
+        (first_order_response(t, 1.7, 1.3), lti([1.7], [1.3, 1.0])),
+        (second_order_response(t, 1.7, 0.3, 2.0), lti([6.8], [1.0, 1.2, 4.0])),
+        (yaw_response(t, 1.7, 0.6, 0.3, 2.0), lti([4.08, 6.8], [1.0, 1.2, 4.0])),
+    ):
+        np.testing.assert_allclose(found, step(transfer, T=t)[1], atol=1e-9)
+    before = np.array([-2.0, -1e-9])
+    assert not first_order_response(before, 1.7, 1.3).any()
+    assert not second_order_response(before, 1.7, 0.3, 2.0).any()
+
+
+@given(st.floats(0.02, 0.9), st.floats(0.1, 20.0))
+def test_eq_9_to_13_turn_the_extremum_of_the_closed_form_back_into_d_and_q(D, q):
+    """The first extremum is at T1 = pi / (q sqrt(1 - D^2)), and the second is smaller by D."""
+    t1 = math.pi / (q * math.sqrt(1.0 - D * D))
+    t = np.array([0.0, t1, 2.0 * t1])
+    h = second_order_response(t, 1.0, D, q)
+    np.testing.assert_allclose(h, [0.0, 1.0 + overshoot(D), 1.0 - overshoot(D) ** 2], atol=1e-12)
+    # Delta h is read off h_max, whose last bit weighs 1/overshoot.
+    rtol = max(1e-12, 2e-15 / overshoot(D))
+    np.testing.assert_allclose(second_order_from_curve(t, h), (D, q), rtol=rtol)
+
+
+def test_settling_times_are_when_the_response_enters_its_band():
+    for tolerance in (0.02, 0.05):
+        assert first_order_settling(tolerance, 1.3) == pytest.approx(-1.3 * math.log(tolerance))
+        settled = second_order_settling(tolerance, 0.2, 2.0) <= T
+        misses = np.abs(second_order_response(T, 1.0, 0.2, 2.0) - 1.0)
+        assert misses[settled].max() <= tolerance
+        assert misses[~settled].max() > tolerance
 
 
 def interval(found: Told) -> tuple[float, float]:
@@ -47,7 +80,7 @@ def test_exact_samples_give_k_and_t_back_to_1e_6(K, tau, u0, offset, start):
     y = offset + u0 * first_order_response(T, K, tau)
     # An offset far above the step costs digits before any fit.
     rel = 1e-6 if abs(offset) < 1e4 * abs(K * u0) else 1e-3
-    found = fit_first_order(T + start, y, u0, start)
+    found = fit_step("first", T + start, y, u0, start)
     assert found.parameters["K"].value == pytest.approx(K, rel=rel)
     assert found.parameters["T"].value == pytest.approx(tau, rel=rel)
     assert found.settling_2pct_s.value == pytest.approx(tau * math.log(50.0), rel=rel)
@@ -57,21 +90,21 @@ def test_exact_samples_give_k_and_t_back_to_1e_6(K, tau, u0, offset, start):
 @given(gain, st.floats(0.03, 0.9), st.floats(0.5, 3.0), gain)
 @settings(max_examples=60, deadline=None)
 def test_exact_samples_give_k_d_and_q_back_to_1e_6(k, D, q, u0):
-    t = np.linspace(0.0, 1.2 * second_order_settling(D, q, 0.02), 500)
-    found = fit_second_order(t, u0 * second_order_response(t, k, D, q) + 3.0 * k * u0, u0)
+    t = np.linspace(0.0, 1.2 * second_order_settling(0.02, D, q), 500)
+    found = fit_step("second", t, u0 * second_order_response(t, k, D, q) + 3.0 * k * u0, u0)
     assert found.parameters["k"].value == pytest.approx(k, rel=1e-6)
     assert found.parameters["D"].value == pytest.approx(D, rel=1e-6)
     assert found.parameters["q"].value == pytest.approx(q, rel=1e-6)
-    assert found.settling_2pct_s.value == pytest.approx(second_order_settling(D, q, 0.02), rel=1e-6)
-    assert found.settling_5pct_s.value == pytest.approx(second_order_settling(D, q, 0.05), rel=1e-6)
+    assert found.settling_2pct_s.value == pytest.approx(second_order_settling(0.02, D, q), rel=1e-6)
+    assert found.settling_5pct_s.value == pytest.approx(second_order_settling(0.05, D, q), rel=1e-6)
 
 
-def test_the_papers_readings_alone_are_right_to_the_sample():
-    """T where the response passes 63 %; D and q from the overshoot and its time."""
-    exact = StepRecord.checked(T, 3.0 + 2.0 * first_order_response(T, 0.8, 1.3), 2.0, 0.0)
-    assert next(read_first_order(exact)) == pytest.approx(1.3, rel=0.001)
-    exact = StepRecord.checked(T, second_order_response(T, -1.0, 0.3, 2.0), 1.0, 0.0)
-    assert next(read_second_order(exact)) == pytest.approx((0.3, 2.0), rel=0.02)
+def test_the_papers_formulas_are_right_to_the_sample_and_stand_next_to_the_fit():
+    """K and T where the response passes 63 %; k, D and q from the overshoot and its time."""
+    first = fit_step("first", T, 3.0 + 2.0 * first_order_response(T, 0.8, 1.3), 2.0)
+    second = fit_step("second", T, second_order_response(T, -1.0, 0.3, 2.0))
+    assert first.formula == pytest.approx({"K": 0.8, "T": 1.3}, rel=0.001)
+    assert second.formula == pytest.approx({"k": -1.0, "D": 0.3, "q": 2.0}, rel=0.02)
 
 
 def covered(values, truths):
@@ -84,9 +117,9 @@ def test_with_2_percent_noise_the_intervals_cover_k_and_t(tau):
     rng, hits = np.random.default_rng(11), []
     for _ in range(RUNS):
         y = 5.0 + 1.5 * first_order_response(T, 0.8, tau) + 0.02 * 1.2 * rng.standard_normal(len(T))
-        found = fit_first_order(T, y, 1.5)
+        found = fit_step("first", T, y, 1.5)
         values = (found.parameters["K"], found.parameters["T"], found.settling_2pct_s)
-        hits.append(covered(values, (0.8, tau, first_order_settling(tau, 0.02))))
+        hits.append(covered(values, (0.8, tau, first_order_settling(0.02, tau))))
     coverage = np.mean(hits, axis=0)
     assert (coverage >= 0.90).all(), coverage
     assert (coverage <= 0.98).all(), coverage
@@ -97,14 +130,14 @@ def test_with_2_percent_noise_the_intervals_cover_k_d_and_q(D, q):
     rng, hits = np.random.default_rng(12), []
     for _ in range(RUNS):
         y = 5.0 - 1.2 * second_order_response(T, 1.0, D, q) + 0.024 * rng.standard_normal(len(T))
-        found = fit_second_order(T, y, -1.2)
+        found = fit_step("second", T, y, -1.2)
         values = (
             found.parameters["k"],
             found.parameters["D"],
             found.parameters["q"],
             found.settling_5pct_s,
         )
-        hits.append(covered(values, (1.0, D, q, second_order_settling(D, q, 0.05))))
+        hits.append(covered(values, (1.0, D, q, second_order_settling(0.05, D, q))))
     coverage = np.mean(hits, axis=0)
     assert (coverage >= 0.90).all(), coverage
     assert (coverage <= 0.98).all(), coverage
@@ -115,7 +148,7 @@ def test_with_coloured_noise_the_intervals_still_cover():
     rng, hits = np.random.default_rng(13), []
     for _ in range(RUNS):
         noise = lfilter([0.6], [1.0, -0.8], 0.02 * rng.standard_normal(2 * len(T)))[len(T) :]
-        found = fit_first_order(T, first_order_response(T, 1.0, 1.0) + noise)
+        found = fit_step("first", T, first_order_response(T, 1.0, 1.0) + noise)
         hits.append(covered((found.parameters["K"], found.parameters["T"]), (1.0, 1.0)))
     coverage = np.mean(hits, axis=0)
     assert (coverage >= 0.88).all(), coverage
@@ -126,7 +159,7 @@ def test_missing_samples_and_uneven_times_do_no_harm():
     t = np.sort(rng.uniform(0.0, 20.0, 400))
     y = second_order_response(t, 1.0, 0.3, 2.0)
     y[rng.integers(0, 400, 40)] = np.nan
-    found = fit_second_order(t, y)
+    found = fit_step("second", t, y)
     assert [found.parameters["D"].value, found.parameters["q"].value] == pytest.approx(
         [0.3, 2.0], rel=1e-6
     )
@@ -134,41 +167,41 @@ def test_missing_samples_and_uneven_times_do_no_harm():
 
 @given(
     st.integers(0, 2**32 - 1), st.integers(10, 150), st.integers(0, 2), st.floats(-9.0, 9.0),
-    st.sampled_from([fit_first_order, fit_second_order]),
+    st.sampled_from(list(FORMS)),
 )  # fmt: skip
 @settings(max_examples=25, deadline=None)
-def test_any_record_is_fitted_or_refused_never_half_done(seed, n, sums, decade, fit):
+def test_any_record_is_fitted_or_refused_never_half_done(seed, n, sums, decade, model):
     """White noise, a random walk or its integral, of any size: finite values or one clear error."""
     rng = np.random.default_rng(seed)
     y = 10.0**decade * rng.standard_normal(n)
     for _ in range(sums):
         y = np.cumsum(y)
     try:
-        found = fit(np.arange(n) * 0.1, y)
+        found = fit_step(model, np.arange(n) * 0.1, y)
     except NotIdentifiable:
         return
     values = [*found.parameters.values(), found.settling_2pct_s, found.settling_5pct_s]
     assert all(math.isfinite(v.value) and math.isfinite(v.std) for v in values)
 
 
-def refused(fit, y, text, t=T):
+def refused(model, y, text, t=T):
     with pytest.raises(NotIdentifiable, match=text):
-        fit(t, y)
+        fit_step(model, t, y)
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.02])
 def test_a_form_that_does_not_hold_is_refused(noise):
     noisy = noise * np.random.default_rng(15).standard_normal(len(T))
-    refused(fit_second_order, first_order_response(T, 1.0, 2.0) + noisy, "eq. 7")
+    refused("second", first_order_response(T, 1.0, 2.0) + noisy, "eq. 7")
     for D in (0.1, 0.3, 0.6):
-        refused(fit_first_order, second_order_response(T, 1.0, D, 2.0) + noisy, "this form")
+        refused("first", second_order_response(T, 1.0, D, 2.0) + noisy, "this form")
 
 
 def test_the_yaw_rate_of_eq_23_is_neither_form():
     """Its zero and its lasting oscillation: K and D read off it would be wrong without a word."""
     flown = simulate_plant("yaw", Excitation(kind="step"), duration_s=20.0)
-    refused(fit_first_order, flown.y, "this form", flown.t)
-    refused(fit_second_order, flown.y, "eq. 7", flown.t)
+    refused("first", flown.y, "this form", flown.t)
+    refused("second", flown.y, "eq. 7", flown.t)
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.0005])
@@ -177,7 +210,7 @@ def test_eq_23_s_own_form_gives_the_plant_back(noise):
     flown = simulate_plant("yaw", excitation, duration_s=40.0, noise_std=noise, seed=3)
     true = YawPlant.from_coefficients(REFERENCE)
 
-    found = fit_yaw(flown.t, flown.y, 0.05, 5.0)
+    found = fit_step("yaw", flown.t, flown.y, 0.05, 5.0)
 
     for name in ("K", "T_theta_s", "omega_beta", "xi_beta"):
         value, sigma = found.parameters[name].value, found.parameters[name].std
@@ -205,20 +238,20 @@ def test_a_step_in_column_u_says_its_height_and_time(tmp_path):
 def test_a_record_that_ends_before_the_steady_state_is_refused(noise):
     noisy = noise * np.random.default_rng(16).standard_normal(len(T))
     short = slice(0, 100)
-    refused(fit_first_order, (first_order_response(T, 1.0, 2.0) + noisy)[short], "steady", T[short])
+    refused("first", (first_order_response(T, 1.0, 2.0) + noisy)[short], "steady", T[short])
     slow = second_order_response(T, 1.0, 0.05, 2.0) + noisy
-    refused(fit_second_order, slow[:200], "steady", T[:200])
-    refused(fit_first_order, np.maximum(T, 0.0) + noisy, "steady")
+    refused("second", slow[:200], "steady", T[:200])
+    refused("first", np.maximum(T, 0.0) + noisy, "steady")
 
 
 def test_a_record_without_an_answer_is_refused():
-    for fit in (fit_first_order, fit_second_order):
-        refused(fit, np.random.default_rng(17).standard_normal(len(T)), "does not answer")
-        refused(fit, np.ones(len(T)), "does not answer")
+    for model in FORMS:
+        refused(model, np.random.default_rng(17).standard_normal(len(T)), "does not respond")
+        refused(model, np.ones(len(T)), "does not respond")
 
 
 def test_samples_too_coarse_for_the_transient_are_refused():
-    refused(fit_first_order, first_order_response(T, 1.0, 1e-4), "too few|too little")
+    refused("first", first_order_response(T, 1.0, 1e-4), "too few|too little")
 
 
 @pytest.mark.parametrize(
@@ -235,9 +268,9 @@ def test_samples_too_coarse_for_the_transient_are_refused():
 )
 def test_a_record_that_is_none_is_refused(change, text):
     record = {"t": T, "y": first_order_response(T, 1.0, 1.0)} | change
-    for fit in (fit_first_order, fit_second_order):
+    for model in FORMS:
         with pytest.raises(ConfigError, match=text):
-            fit(**record)
+            fit_step(model, **record)
 
 
 def test_t_and_y_are_read_by_name(tmp_path):
@@ -254,11 +287,11 @@ def test_t_and_y_are_read_by_name(tmp_path):
         ("", "name one column t and one y"),
         ("0,1\n0.1,2\n", "name one column t and one y"),
         ("t,y,y\n0,1,2\n", "name one column t and one y"),
-        ("t,y\n0,1\n0.1,two\n", "line 3"),
-        ("t,y\n0,1\n,2\n", "line 3"),
+        ("t,y\n0,1\n0.1,two\n", "no numbers below the first line"),
+        ("t,y,u\n0,1\n", "no numbers below the first line"),
     ],
 )
-def test_a_file_that_is_no_step_response_is_refused_with_its_line(tmp_path, text, message):
+def test_a_file_that_is_no_step_response_is_refused_with_its_place(tmp_path, text, message):
     path = tmp_path / "step.csv"
     path.write_text(text, encoding="utf-8")
     with pytest.raises(ConfigError, match=message):

@@ -79,13 +79,6 @@ def test_memory_takes_the_place_of_the_forgetting_factor_of_the_run(
     assert summary_of(third)["estimates"] == summary_of(first)["estimates"]
 
 
-def test_automatic_orders_are_those_of_the_log(first: Path, tmp_path: Path) -> None:
-    direct = replayed(C172P, tmp_path / "direct", "--rate", 10, "--orders", "auto", *STREAM)
-    again = replayed(first, tmp_path / "again", "--orders", "auto", *STREAM)
-
-    assert summary_of(again)["estimates"] == summary_of(direct)["estimates"]
-
-
 @pytest.mark.parametrize(
     "option", [("--rate", "5"), ("--rudder", "servo:2"), ("--inputs", "rudder,aileron")]
 )

@@ -68,7 +68,12 @@ def test_of_an_mcap_too_even_where_its_own_name_would_be_written(
     mcap: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(mcap.parent)
-    options: dict[str, Any] = {"orders": "auto", "from_s": 50, "to_s": 140, "manoeuvres": "off"}
+    options: dict[str, Any] = {
+        "orders": (2, 2, 1, 1),
+        "from_s": 50,
+        "to_s": 140,
+        "manoeuvres": "off",
+    }
 
     assert_same(yawid.replay("log.mcap", **options), yawid.replay(C172P, rate=10.0, **options))
 

@@ -22,13 +22,12 @@ from matplotlib.axes import Axes
 
 from yawid.config.estimator import ArmaxOrders
 from yawid.estimation.fit import fit_percent, simulate
-from yawid.offline.paper_program import paper_program
-from yawid.offline.step_forms import (
+from yawid.offline.step_response import (
     first_order_response,
     overshoot,
     second_order_response,
 )
-from yawid.offline.two_stage import two_stage
+from yawid.offline.two_stage import paper_listing, two_stage
 from yawid.plant.excitation import Excitation
 from yawid.plant.simulate import REFERENCE
 from yawid.plant.yaw import YawPlant
@@ -75,7 +74,8 @@ def identified(axes: Axes) -> None:
     plant = YawPlant.from_coefficients(REFERENCE).linear("yaw-rate")
     t = np.arange(0.0, 10.0, TS)
     record = plant.simulate(np.ones(len(t)), TS)[:, 0]
-    vacuous = paper_program(np.ones(len(t)), record)
+    theta1, own = paper_listing(np.ones(len(t)), record)
+    vacuous_pct = fit_percent(record, own)
     # Ten samples a second suit the mode; at a hundred, the zeros of eq. 28's C lie close to z = 1.
     t = np.arange(0.0, 20.0, 10 * TS)
     u = Excitation(kind="3211", start_s=0.5, unit_s=0.7).samples(len(t), 10 * TS)
@@ -83,10 +83,10 @@ def identified(axes: Axes) -> None:
     y = plant.simulate(u, 10 * TS)[:, 0] + noise
     orders = ArmaxOrders(na=2, nb=(2,), nc=2, nk=(1,))
     lagged = simulate(two_stage(u, y, orders).theta, orders, False, u[:, None], y)
-    static = vacuous.theta[1] * u / (1.0 + vacuous.theta[0]) if vacuous.theta[0] > -0.999 else 0 * u
+    static = theta1[1] * u / (1.0 + theta1[0]) if theta1[0] > -0.999 else 0 * u
     axes.plot(t, y, c="0.7", label="another experiment (3-2-1-1)")
     axes.plot(t, lagged, label=f"procedure with its lags: {fit_percent(y, lagged):.0f} %")
-    axes.plot(t, static, "--", label=f"listing (fits its own record {vacuous.fit_pct:.0f} %)")
+    axes.plot(t, static, "--", label=f"listing (fits its own record {vacuous_pct:.0f} %)")
     axes.set(title="Figure 2.4: experiment and identified", xlabel="t, s", ylabel="r, rad/s")
     axes.legend(fontsize=7)
 

@@ -93,11 +93,6 @@ def _live(arguments: argparse.Namespace) -> int:
     if every_vehicle:
         arguments.sysid = None
     settings = settings_of(arguments)
-    if settings.get("orders") == "auto":
-        raise ConfigError(
-            "--orders auto needs the whole flight, which a live session does not have: run yawid "
-            "orders on a log of this aircraft and give the orders it recommends"
-        )
     config, outputs = RunConfig(**settings), outputs_of(arguments, session_name())
     options = LiveOptions(
         arguments.endpoint,

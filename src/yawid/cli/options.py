@@ -115,7 +115,7 @@ CHANNELS: tuple[Option, ...] = (
 )  # fmt: skip
 MODEL: tuple[Option, ...] = (
     ("--orders", str, "NA,NB,NC,NK",
-     "orders, nb and nk for every input; replay, inspect: or auto (default: 3,3,2,1)"),
+     "orders, nb and nk for every input (default: 3,3,2,1)"),
     ("--method", str, "|".join(RECURSIVE), f"the stream's estimator (default: {ELS})"),
     ("--also", str, "METHOD|none", f"a second one next to it (default: {RML})"),
     ("--engine", str, "numba|filterpy", "what computes the recursion (default: numba)"),

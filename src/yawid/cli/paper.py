@@ -73,16 +73,20 @@ def _add_simulate(commands: Commands) -> None:
 
 
 def _step(arguments: argparse.Namespace) -> int:
-    from yawid.runs.step import MODELS, step_report
+    from yawid.runs.step import step_report
 
     asked = arguments.model, arguments.u0, arguments.step_time
-    report = step_report(arguments.file, *asked)
+    words, report = step_report(arguments.file, *asked)
     if arguments.json:
         print_json(report.to_json())
         return 0
-    print_line(MODELS[report.model])
+    print_line(words)
+    formula = report.formula or {}
+    if formula:
+        print_line(f"  {'':<16} {'by the fit':<24} by the paper's formulas")
     for name, number in (report.parameters | {n: getattr(report, n) for n in SETTLING}).items():
-        print_line(f"  {name:<16} {number.value:.6g} ± {number.std:.2g}")
+        fitted, read = f"{number.value:.6g} ± {number.std:.2g}", formula.get(name)
+        print_line(f"  {name:<16} {fitted:<24} {'' if read is None else f'{read:.6g}'}".rstrip())
     return 0
 
 

@@ -5,7 +5,7 @@ import tomllib
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
-from typing import Annotated, Any, Literal, get_args, get_type_hints
+from typing import Annotated, Any, get_args, get_type_hints
 
 import tomli_w
 from msgspec import Meta, ValidationError, convert
@@ -41,7 +41,7 @@ _SOME = Meta(min_length=1)
 _LISTS: dict[str, tuple[Any, str]] = {
     "orders": (
         Annotated[tuple[int, ...], _SOME],
-        "na,nb,nc,nk, four whole numbers (auto: only replay, inspect and fleet)",
+        "na,nb,nc,nk, four whole numbers (yawid orders compares them)",
     ),
     "inputs": (Annotated[tuple[str, ...], _SOME], "rudder or rudder,aileron"),
     "given": (tuple[str, ...], "names of settings"),
@@ -61,7 +61,7 @@ ALIASES = {"from": "from_s", "to": "to_s", "maneuvers": "manoeuvres"}
 class RunConfig:
     """One run of the pipeline; each field is the command-line option of the same name.
 
-    - ``orders``: na, nb, nc, nk, or ``auto`` until the log has chosen them;
+    - ``orders``: na, nb, nc, nk;
     - ``memory`` in s or ``forgetting`` as a factor, not both; without either, a memory of 60 s;
     - ``rate`` in Hz; None is 20 Hz, or the rate of the slower channel if that is lower;
     - ``band`` in Hz; None is no filter;
@@ -86,7 +86,7 @@ class RunConfig:
         ConfigError: a value outside its limits.
     """
 
-    orders: tuple[int, int, int, int] | Literal["auto"] = (3, 3, 2, 1)
+    orders: tuple[int, int, int, int] = (3, 3, 2, 1)
     method: Annotated[str, one_of(*RECURSIVE)] = ELS
     also: Annotated[str, one_of(*RECURSIVE, "none")] = RML
     engine: Engine = "numba"
@@ -149,9 +149,8 @@ class RunConfig:
         if self.inputs not in INPUTS:
             given = ",".join(self.inputs)
             raise ConfigError(f"--inputs must be rudder or rudder,aileron, got {given}")
-        if self.orders != "auto":
-            self._check_orders(self.orders)
-            self.armax_orders()
+        self._check_orders(self.orders)
+        self.armax_orders()
         if self.band is not None and (
             len(self.band) != 2 or not 0.0 < self.band[0] < self.band[1] < math.inf
         ):
@@ -208,26 +207,13 @@ class RunConfig:
         is_angle = self.rudder_max_deg is not None or self.rudder_unit in ("rad", "deg")
         return "rad" if is_angle else HALF_TRAVEL
 
-    @property
-    def four_orders(self) -> tuple[int, int, int, int]:
-        """The orders na, nb, nc, nk.
-
-        Raises:
-            ConfigError: the orders are ``auto``, which only a log can replace.
-        """
-        if self.orders == "auto":
-            raise ConfigError(
-                "--orders auto: only replay, inspect and fleet choose the orders from the log"
-            )
-        return self.orders
-
     def armax_orders(self) -> ArmaxOrders:
         """Return the orders with nb and nk for every input.
 
         With the yaw angle as output nb is larger by one: its difference quotient is the mean rate
         over the interval before, which depends on one more input than the rate at an instant.
         """
-        na, nb, nc, nk = self.four_orders
+        na, nb, nc, nk = self.orders
         nb += self.output == "yaw"
         count = len(self.inputs)
         return ArmaxOrders(na=na, nb=(nb,) * count, nc=nc, nk=(nk,) * count)
@@ -318,8 +304,6 @@ def check_settings(loaded: dict[str, Any], where: str) -> dict[str, Any]:
 
 
 def _typed(name: str, value: Any, where: str) -> Any:
-    if (name, value) == ("orders", "auto"):
-        return value
     option = name.removesuffix("_s").replace("_", "-")
     named = f"--{option}" if where == COMMAND_LINE else f"{where}: {name}"
     if name in _LISTS:

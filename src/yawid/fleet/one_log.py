@@ -20,7 +20,6 @@ from yawid.dataset.values import FAILED, USAGE, ReadRow, Row, failed, known_date
 from yawid.errors import ConfigError, SourceError, YawidError
 from yawid.fleet.seconds import FlightSink
 from yawid.fleet.spec import Spec
-from yawid.runs.choose_orders import with_orders
 from yawid.runs.job import Recording, open_log, run
 from yawid.sources.open_log import ReadOptions
 from yawid.version import __version__
@@ -99,19 +98,19 @@ def _where(error: Exception) -> str:
 
 def _rows_of(path: Path, spec: Spec) -> Rows:
     """Return the rows of a log. An MCAP gets the hash of the log that it was made from."""
-    options, is_auto = read_options_of(spec), spec.settings.get("orders") == "auto"
+    options = read_options_of(spec)
     with ExitStack() as stack:
 
         def opened(*, again: bool) -> Recording:
             return stack.enter_context(closing(open_log(path, options, again=again)))
 
-        source = opened(again=is_auto)
+        source = opened(again=False)
         settings = dict(spec.settings)
         if not source.format.has_columns:  # a folder may hold records and logs
             settings = {name: each for name, each in settings.items() if name not in OF_RECORDS}
-        config = with_orders(source, source.settled(settings))
+        config = source.settled(settings)
         first = _flown(source, config, spec)
-        again = [source] if is_auto else []
+        again = list[Recording]()
 
         def another(config: RunConfig) -> _Flown | None:
             if not again:

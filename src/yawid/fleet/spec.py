@@ -3,7 +3,7 @@
 import hashlib
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field
 from pathlib import Path, PurePath
 from typing import Any, Literal
 
@@ -61,9 +61,7 @@ class Spec:
     def config_hash(self) -> str:
         """A hash that is equal for equal settings, whether given or left at their defaults."""
         config = RunConfig(**self.settings)
-        is_auto = config.orders == "auto"
-        usual = replace(config, orders=RunConfig().orders) if is_auto else config
-        whole = [asdict(usual), is_auto, self.form, self.key_mark, self.modes]
+        whole = [asdict(config), self.form, self.key_mark, self.modes]
         whole += filter(None, [self.vehicle, self.vehicle_from])
         text = json.dumps(whole, sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()[:16]

@@ -81,7 +81,7 @@ def _of_stream(method: str, last: EstimateBlock, setting: ManoeuvreSetting) -> M
     found = modes(last, orders, setting.sample_time_s, mean_output=config.output == "yaw")
     return MethodSummary(
         method=method,
-        orders=Orders(*config.four_orders),
+        orders=Orders(*config.orders),
         sample_time_s=setting.sample_time_s,
         theta=finite(dict(zip(names, last.theta[0], strict=True))),
         theta_std=finite(dict(zip(names, last.theta_std[0], strict=True))),

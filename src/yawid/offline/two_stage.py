@@ -9,20 +9,27 @@ The fixed point is that of extended least squares. Convergence is certain where 
 strictly positive real (``polynomials.spr_margin``), and frequent elsewhere; recursive maximum
 likelihood has no such condition. Printed slip: the last exponent of B in eq. 29 is -nk-nb+1, as in
 eq. 32.
+
+:func:`paper_listing` is the paper's program nhandangARMAX.m as printed, kept to show why its result
+has no meaning. It builds ``Phi = [-Y U]'`` without lags: Y(k) is regressed on Y(k) itself. For any
+plant theta = [-1, 0] makes y_est = Y, the identity, and least squares find it: the printed A(z) =
+1 - 1.0000 z^-1 is this -1, the printed B = 5e-11 and the mean square error 1e-22 are rounding
+errors, and the fit of 100 % is that of Y = Y. The second regression adds error1, which is such a
+rounding error: its coefficient (printed 4.1402e3) can have any value. Printed slips: ``Phi`` is
+used as ``phi``; T, t and the orders of eq. 28 are never used; "equation (7)" means eq. 30.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from yawid.blocks import Floats, runs_of, shifted
 from yawid.config.estimator import ArmaxOrders
 from yawid.errors import ConfigError, NotIdentifiable
 from yawid.estimation.all_pole import all_pole
 from yawid.estimation.checks import checked_samples
-from yawid.estimation.fit import fit_percent
-from yawid.estimation.polynomials import c_of, known_regressors, reflected, spr_margin
+from yawid.estimation.polynomials import c_of, known_regressors, reflected
 
 MOST_ROUNDS = 500
 """The most rounds of steps 2 and 3."""
@@ -38,23 +45,18 @@ RCOND = 1e-12
 
 @dataclass(frozen=True, slots=True)
 class TwoStage:
-    """Result of the procedure: theta, the ARX fit before it, and the number of rounds.
+    """Result of the procedure: theta, and the ARX fit before it.
 
     ``theta`` (n,) is [a1.., b1.. of each input, c1.., bias]; ``arx`` is the same without c.
     ``theta_std`` (n,) is the sigma of the last least squares, too small where C is not 1.
-    ``residual`` (samples,) in y's unit is NaN where lags are missing, ``noise_std`` is its standard
-    deviation, ``one_step_pct`` the fit in percent, ``spr_margin`` as in ``polynomials``.
+    ``residual`` (samples,) in y's unit is NaN where lags are missing.
     """
 
     theta: Floats
     theta_std: Floats
     arx: Floats
     residual: Floats
-    noise_std: float
-    one_step_pct: float
-    rounds: int
     converged: bool
-    spr_margin: float
 
 
 def two_stage(u: ArrayLike, y: ArrayLike, orders: ArmaxOrders, bias: bool = False) -> TwoStage:
@@ -67,34 +69,34 @@ def two_stage(u: ArrayLike, y: ArrayLike, orders: ArmaxOrders, bias: bool = Fals
         NotIdentifiable: the record does not excite all parameters of these orders.
     """
     u, y = checked_samples(u, y, orders.n_inputs, finite_or_nan=True)
-    known, first = known_regressors(u, y, orders, bias), orders.n_theta - orders.nc
+    known, nc = known_regressors(u, y, orders, bias), orders.nc
+    of_c = [orders.n_theta - nc] * nc  # where c1.. stand in theta
     rows = np.isfinite(known).all(axis=1) & np.isfinite(y)
-    if rows.sum() <= 2 * known.shape[1] + orders.nc:
+    if rows.sum() <= 2 * known.shape[1] + nc:
         raise ConfigError(f"{rows.sum()} samples with their lags are too few for {orders}")
     arx, std = _least_squares(known[rows], y[rows])
-    theta = np.insert(arx, [first] * orders.nc, 0.0)
-    eps, rounds, share, last = y - known @ arx, 0, 1.0, np.inf
-    spread = float(np.linalg.norm(y[rows]))
-    still = orders.nc == 0
-    if np.linalg.norm(eps[rows]) <= NOISELESS * spread:  # without noise C cannot be estimated
-        std, still = np.insert(std, [first] * orders.nc, np.inf), True
-    while not still and rounds < MOST_ROUNDS:
-        lagged = [shifted(np.where(rows, eps, 0.0), i + 1) for i in range(orders.nc)]
-        phi = np.column_stack([known[:, :first], *lagged, known[:, first:]])
-        phi[np.isnan(phi) & rows[:, None]] = 0.0  # an eps before the first row
+    theta, eps, share, last = np.insert(arx, of_c, 0.0), y - known @ arx, 1.0, np.inf
+    is_exact = np.linalg.norm(eps[rows]) <= NOISELESS * np.linalg.norm(y[rows])
+    converged = nc == 0 or bool(is_exact)
+    if is_exact:  # without noise C cannot be estimated
+        std = np.insert(std, of_c, np.inf)
+    for round_ in range(0 if converged else MOST_ROUNDS):
+        past = np.where(rows, eps, 0.0)
+        lagged = [np.nan_to_num(shifted(past, i + 1)) for i in range(nc)]
+        phi = np.insert(known, of_c, np.stack(lagged, axis=1), axis=1)
         target, std = _least_squares(phi[rows], y[rows])
         move = float(np.max(np.abs(target - theta) / std))
-        if rounds and move > last:
+        if round_ and move > last:
             share = max(0.5 * share, SMALLEST_SHARE)
-        theta = theta + share * (target - theta) if rounds else target
-        c_of(theta, orders)[:] = reflected(c_of(theta, orders))
-        eps = _residuals(theta, known, y, rows, orders)
-        rounds, last, still = rounds + 1, move, move <= STILL
-    used = eps[rows]
-    noise = float(np.sqrt(used @ used / max(len(used) - len(theta), 1)))
-    margin = spr_margin(c_of(theta, orders))
-    fit = fit_percent(y, y - eps)
-    return TwoStage(theta, std, arx, eps, noise, fit, rounds, still, margin)
+        theta = theta + share * (target - theta) if round_ else target
+        c = c_of(theta, orders)
+        c[:] = reflected(c)
+        eps, last = y - known @ np.delete(theta, slice(of_c[0], of_c[0] + nc)), move
+        for start, stop in runs_of(rows):  # eq. 33, from eps = 0 before each run
+            eps[start:stop] = all_pole(c, eps[start:stop])
+        if converged := move <= STILL:
+            break
+    return TwoStage(theta, std, arx, eps, converged)
 
 
 def _least_squares(phi: Floats, y: Floats) -> tuple[Floats, Floats]:
@@ -107,17 +109,18 @@ def _least_squares(phi: Floats, y: Floats) -> tuple[Floats, Floats]:
         )
     eps = y - phi @ theta
     variance = np.diag(np.linalg.inv(phi.T @ phi)) * (eps @ eps) / (len(y) - len(theta))
-    std = np.sqrt(np.maximum(variance, np.finfo(float).tiny))
-    return np.asarray(theta, dtype=np.float64), np.asarray(std, dtype=np.float64)
+    std: Floats = np.sqrt(np.maximum(variance, np.finfo(float).tiny))
+    return np.asarray(theta, dtype=np.float64), std
 
 
-def _residuals(
-    theta: Floats, known: Floats, y: Floats, rows: NDArray[np.bool_], orders: ArmaxOrders
-) -> Floats:
-    """Return eps (samples,) of eq. 33, from eps = 0 before each run of ``rows``; NaN outside."""
-    first = orders.n_theta - orders.nc
-    c = c_of(theta, orders)
-    eps = y - known @ np.delete(theta, slice(first, first + orders.nc))
-    for start, stop in runs_of(rows):
-        eps[start:stop] = all_pole(c, eps[start:stop])
-    return eps
+def paper_listing(u: Floats, y: Floats) -> tuple[Floats, Floats]:
+    """Return theta1 (3,) and y_est1 (n,) of the listing for an input U (n,) and an output Y (n,).
+
+    Both regressions are by ``lstsq``, as their matrix may be singular. The mean square error and
+    the fit that the paper prints are those of y_est1.
+    """
+    phi = np.stack([-y, u])
+    theta = np.linalg.lstsq(phi.T, y, rcond=None)[0]
+    phi1 = np.vstack([phi, y - phi.T @ theta])
+    theta1 = np.linalg.lstsq(phi1.T, y, rcond=None)[0]
+    return theta1, phi1.T @ theta1

@@ -1,69 +1,18 @@
-"""The orders that suit a log or a finished run: ``yawid orders`` and ``--orders auto``."""
+"""The orders that suit a log or a finished run: ``yawid orders``."""
 
 import sys
 from collections.abc import Mapping
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from yawid.answers.reports import OrdersReport, OrdersTried
-from yawid.answers.run_summary import DutchRoll, Orders
-from yawid.blocks import SampleBlock, finite
+from yawid.answers.reports import OrdersReport
 from yawid.config.run import RunConfig
 from yawid.errors import ChannelError, NotIdentifiable
-from yawid.runs.job import KeptSamples, Recording, open_log, run
-from yawid.sinks.terminal.progress import Bar, progress
+from yawid.runs.job import KeptSamples, open_log, run
+from yawid.sinks.terminal.progress import progress
 from yawid.sources.open_log import ReadOptions
-
-if TYPE_CHECKING:
-    from yawid.offline.orders import Tried
-
-
-def with_orders(source: Recording, config: RunConfig) -> RunConfig:
-    """Return the configuration; orders ``auto`` are replaced by those that suit the source.
-
-    Where no orders can be compared they are the default ones: the verdict of the replay then
-    gives the reason.
-
-    Raises:
-        SourceError: the source cannot be read.
-        ConfigError: what is asked for does not fit the source.
-    """
-    if config.orders != "auto":
-        return config
-    with progress(sys.stderr, "choosing orders", source.size) as bar:
-        usual, kept = replace(config, orders=RunConfig().orders, manoeuvres="off"), KeptSamples()
-        run(source, usual, [kept], advance=bar)
-        samples = kept.joined()
-        try:
-            return _with(_compared(samples, config, bar)[1], config)
-        except NotIdentifiable:
-            return replace(config, orders=RunConfig().orders)
-
-
-def _compared(
-    samples: SampleBlock | None, config: RunConfig, bar: Bar
-) -> tuple["list[Tried]", "Tried"]:
-    """Return every structure tried on the samples, best simulation first, and the one to use.
-
-    Raises:
-        NotIdentifiable: there are too few samples.
-    """
-    from yawid.offline.orders import candidates, compare_orders, recommended  # seldom needed
-
-    if samples is None:
-        raise NotIdentifiable("no sample has both rudder and yaw rate")
-    tried = candidates(len(config.inputs), extra_b=int(config.output == "yaw"))
-    bar.begin(f"{len(tried)} structures", len(tried))
-    found = compare_orders(samples.u, samples.y, samples.sample_time_s, tried, bar)
-    return found, recommended(found)
-
-
-def _with(chosen: "Tried", config: RunConfig) -> RunConfig:
-    orders = chosen.orders
-    nb = orders.nb[0] - int(config.output == "yaw")
-    return replace(config, orders=(orders.na, nb, orders.nc, orders.nk[0]))
 
 
 def orders_report(
@@ -71,6 +20,7 @@ def orders_report(
 ) -> OrdersReport:
     """Return what ``yawid orders`` prints, with the verdict of a replay of the log.
 
+    The samples are those of the manoeuvres, where these have enough, and else all of the log.
     Orders are the stream's, and change no verdict. Where that is not usable none are recommended:
     they would be those of noise.
 
@@ -80,32 +30,36 @@ def orders_report(
         SourceError: the log cannot be read.
         ConfigError: what is asked for does not fit the log.
     """
+    from yawid.offline.orders import (  # seldom needed
+        CANDIDATES,
+        compare_orders,
+        recommended,
+        samples_of_manoeuvres,
+    )
+
     with (
-        closing(open_log(log, read_options, again=True)) as source,
+        closing(open_log(log, read_options)) as source,
         progress(sys.stderr, log.name, source.size) as bar,
     ):
         config, kept = source.settled(settings), KeptSamples()
         job = run(source, replace(config, orders=RunConfig().orders), [kept], advance=bar)
-        samples, verdict = kept.joined(), job.conclude().deciding
+        summary = job.conclude()
+        verdict = summary.deciding
         try:
-            found, chosen = _compared(samples, config, bar)
+            samples, used = samples_of_manoeuvres(kept.joined(), summary.manoeuvres or [])
+            bar.begin(f"{len(CANDIDATES)} structures", len(CANDIDATES))
+            found = compare_orders(samples.u, samples.y, samples.sample_time_s, config, advance=bar)
+            chosen = recommended(found)
         except NotIdentifiable as error:  # the log's own first reason says more, if it has one
             first = next(iter(verdict.reasons), None)
-            if first is None or (samples is not None and first.exit_code != 3):
+            if first is None or (kept.joined() is not None and first.exit_code != 3):
                 raise
             kind = ChannelError if first.exit_code == 3 else NotIdentifiable
             raise kind(f"{log}: {first}") from error
     return OrdersReport(
         log=str(log.absolute()),
-        recommended=Orders(*_with(chosen, config).four_orders) if verdict.usable else None,
-        candidates=[_described(candidate) for candidate in found],
+        manoeuvres=used,
+        recommended=chosen if verdict.usable else None,
+        candidates=found,
         verdict=verdict,
     )
-
-
-def _described(candidate: "Tried") -> OrdersTried:
-    names = ("loss", "aic", "bic", "whiteness_p", "simulation_pct", "update_ns")
-    values = finite({name: getattr(candidate, name) for name in names})
-    roll, orders = DutchRoll.of(candidate.dutch_roll), candidate.orders
-    own = {"na": orders.na, "nb": orders.nb[0], "nc": orders.nc, "nk": orders.nk[0]}
-    return OrdersTried(**own, **values, dutch_roll=roll)

@@ -28,7 +28,6 @@ from yawid.results.advice import what_to_record
 from yawid.results.excitation import excitation
 from yawid.results.judge_samples import LEAST_RATE_HZ
 from yawid.results.make_card import Flown, make_card, why_no_card
-from yawid.runs.choose_orders import with_orders
 from yawid.runs.job import KeptSamples, RecordedLog, run
 from yawid.sinks.terminal.progress import Bar, progress
 from yawid.sources.open_log import ReadOptions
@@ -63,8 +62,8 @@ def inspect(
         SourceError: the log cannot be read.
         ConfigError: what is asked for does not fit the log.
     """
-    with closing(RecordedLog(log, read_options, again=True)) as source:
-        config = with_orders(source, source.settled(settings))
+    with closing(RecordedLog(log, read_options)) as source:
+        config = source.settled(settings)
         with progress(sys.stderr, log.name, source.size) as bar:
             return _inspected(source, config, bar, with_card=with_card)
 

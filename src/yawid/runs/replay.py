@@ -12,7 +12,6 @@ from yawid.answers.reasons import Reason
 from yawid.answers.run_summary import RunSummary
 from yawid.config.run import RunConfig
 from yawid.errors import SinkError, UnwrittenError
-from yawid.runs.choose_orders import with_orders
 from yawid.runs.job import Recording, open_log, run
 from yawid.runs.outputs import (
     Outputs,
@@ -54,11 +53,11 @@ def replay(
     with ExitStack() as stack:
         with stop.raising():
             local = stack.enter_context(brought(log))
-            source = open_log(local, read_options, again=settings.get("orders") == "auto")
+            source = open_log(local, read_options)
         stack.callback(source.close)
         source.path = log
         with stop.raising():
-            config = with_orders(source, source.settled(settings))
+            config = source.settled(settings)
         outputs, why_not = among_files(outputs, config, source, local)
         if why_not is None:
             return to_files(source, config, outputs, stop)

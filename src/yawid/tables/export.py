@@ -92,7 +92,7 @@ def facts_of(run: McapRun, known: Units) -> dict[str, str]:
         "sign": run.metadata.get("sign", {}).get("text"),
         "output": config.output,
         "sample_time_s": repr(grid.sample_time_s),
-        "orders": ",".join(map(str, config.four_orders)),
+        "orders": ",".join(map(str, config.orders)),
         "method": grid.methods[0],
         "usable": str(summary.deciding.usable).lower(),
         "reasons": " ".join(reason.id for reason in summary.deciding.reasons),

@@ -35,7 +35,7 @@ def replay(
     log: str | PathLike[str] | Any,
     *,
     rate: float | None = None,
-    orders: Sequence[int] | Literal["auto"] | None = None,
+    orders: Sequence[int] | None = None,
     from_s: float | None = None,
     to_s: float | None = None,
     rudder: str | None = None,

@@ -10,7 +10,6 @@ from typing import Any
 
 from yawid.config.run import RunConfig, check_settings
 from yawid.errors import ConfigError, did_you_mean
-from yawid.runs.choose_orders import with_orders
 from yawid.runs.job import open_log, run
 from yawid.runs.regress.compare import NOT_COMPARED
 from yawid.runs.regress.table import TableSink
@@ -96,8 +95,8 @@ class Case:
             ConfigError: the options do not fit the log.
         """
         rows = TableSink()
-        with closing(open_log(self.log, again=self.config.orders == "auto")) as source:
-            config = with_orders(source, source.settled(asdict(self.config)))
+        with closing(open_log(self.log)) as source:
+            config = source.settled(asdict(self.config))
             summary = run(source, config, [rows]).conclude()
         rows.finish(summary, {})
         kept = _compared(summary.to_json())

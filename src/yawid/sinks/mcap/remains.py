@@ -135,7 +135,7 @@ class Remains:
             roll = DutchRoll.of(row, row[1::2])
         return MethodSummary(
             method=method,
-            orders=Orders(*config.four_orders),
+            orders=Orders(*config.orders),
             sample_time_s=grid.sample_time_s,
             forgetting_factor=config.forgetting_factor(grid.sample_time_s),
             updates=self.rows - self.held,

@@ -151,15 +151,21 @@ def _vehicles(vehicles: Sequence[VehicleSeen], answered: VehicleSeen | None) -> 
 
 
 def print_orders(report: OrdersReport, stream: TextIO, most: int = 12) -> None:
-    """Print the ``most`` best structures of a log as a table, and the recommended one."""
+    """Print the ``most`` best structures of a log as a table; an arrow marks the recommended one.
+
+    That is printed where it is not among the best by simulation, too.
+    """
     console = page_console(stream)
     console.print(Text(report.log, style="bold"))
     table = Table(box=None, pad_edge=False)
-    for heading in ("na,nb,nc,nk", "simulated %", "BIC", "AIC", "white p", "wn", "zeta", "ns"):
+    for heading in ("", "na,nb,nc,nk", "simulated %", "BIC", "AIC", "white p", "wn", "zeta"):
         table.add_column(heading, justify="right")
-    for tried in report.candidates[:most]:
-        roll = tried.dutch_roll
+    for place, tried in enumerate(report.candidates):
+        roll, is_chosen = tried.dutch_roll, str(tried) == str(report.recommended)
+        if place >= most and not is_chosen:
+            continue
         table.add_row(
+            "->" if is_chosen else "",
             str(tried),
             _percent(tried.simulation_pct),
             _number(tried.bic, ".0f"),
@@ -167,9 +173,15 @@ def print_orders(report: OrdersReport, stream: TextIO, most: int = 12) -> None:
             _number(tried.whiteness_p, ".2g"),
             _number(None if roll is None else roll.wn_rad_s, ".3f"),
             _number(None if roll is None else roll.zeta, ".3f"),
-            _number(tried.update_ns, ".0f"),
+            style="bold" if is_chosen else None,
         )
     console.print(table)
+    of = f"{report.manoeuvres} manoeuvres'" if report.manoeuvres else "the log's"
+    rule = (
+        f"Rule: of the structures within 0.5 points of the best simulation, the one with the least "
+        f"BIC; estimated from two thirds of {of} samples, simulated over the rest."
+    )
+    console.print(Text(rule))
     if report.recommended is not None:
         console.print(Text(f"recommended  --orders {report.recommended}", style="bold"))
         return
