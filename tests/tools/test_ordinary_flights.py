@@ -11,7 +11,7 @@ from flights import ordinary
 from flights import ordinary_kinds as kinds
 from flights.flight import trimmed
 from flights.fly import Made
-from flights.linear import SEVERITY
+from flights.linear import SEVERITY, LinearAircraft
 from flights.ordinary import (
     KT,
     LOOP_S,
@@ -20,7 +20,6 @@ from flights.ordinary import (
     P,
     R,
     RollLaw,
-    SmallAircraft,
     flown,
     fly_ordinary,
 )
@@ -55,7 +54,7 @@ def columns(made: Made, name: str, *fields: str) -> np.ndarray:
 
 
 def test_a_small_aircraft_moves_as_the_exponential_of_its_matrix_says() -> None:
-    small = SmallAircraft(OWN, SMALL_PLAN)
+    small = LinearAircraft(OWN, SMALL_PLAN)
     small.set_dt(STEP_S)
     small._x[:4] = start = 1e-4 * np.array([1.0, 2.0, -1.0, 0.5])
 
@@ -66,7 +65,7 @@ def test_a_small_aircraft_moves_as_the_exponential_of_its_matrix_says() -> None:
 
 
 def test_a_small_aircraft_feels_the_yaw_of_the_field_behind_its_span() -> None:
-    small, t = SmallAircraft(OWN, SMALL_PLAN), np.arange(20_000) * STEP_S
+    small, t = LinearAircraft(OWN, SMALL_PLAN), np.arange(20_000) * STEP_S
     small.set_dt(STEP_S)
     small["atmosphere/randomseed"], small[SEVERITY] = 5, 2
 
@@ -85,7 +84,8 @@ def test_a_small_aircraft_feels_the_yaw_of_the_field_behind_its_span() -> None:
 
 
 def test_the_truth_of_a_small_aircraft_is_the_eigenvalue_of_its_matrix() -> None:
-    made = fly_ordinary(Ordinary(replace(SMALL_PLAN, seconds=5.0), Link(10.0, 10.0), own=OWN))
+    own = tuple(OWN.items())
+    made = fly_ordinary(Ordinary(replace(SMALL_PLAN, seconds=8.0, own=own), Link(10.0, 10.0)))
 
     poles = np.linalg.eigvals(A)
     pair = poles[np.argmax(poles.imag)]
@@ -97,8 +97,8 @@ def test_the_truth_of_jsbsim_is_its_linearisation_at_the_speed_and_height_flown(
     turning = replace(CALM, severity=2)
     made = fly_ordinary(turning)
 
-    past = flown(turning)
-    kt, feet = past.states[501:, KT : KT + 2].mean(0).tolist()
+    states, _, _ = flown(turning)
+    kt, feet = states[501:, KT : KT + 2].mean(0).tolist()
     poles = np.linalg.eigvals(lateral(trimmed(replace(T37, speed_kt=kt, altitude_ft=feet)))[0])
     pair = poles[np.argmax(poles.imag)]
     mode = made.truth["dutch_roll_open_loop"]
@@ -188,14 +188,15 @@ def test_a_line_has_its_frequency_and_its_share_of_the_yaw_rate_in_its_axes(
 ) -> None:
     monkeypatch.setattr(ordinary, "TRIAL_S", T37.seconds)
     gusty = replace(CALM, severity=2, turns_s=None)
-    still, shaken = flown(gusty), flown(replace(gusty, line=(axes, 4.0, 0.5)))
+    states, _, quiet = flown(gusty)
+    _, _, shaken = flown(replace(gusty, line=(axes, 4.0, 0.5)))
 
     for axis, name in ((P, "p"), (R, "r")):
-        added = (shaken.noises - still.noises)[:, axis]
+        added = (shaken - quiet)[:, axis]
         if name not in axes:
             assert not added.any()
             continue
-        assert added.var() == pytest.approx(0.5 * still.states[:, R].var(), rel=0.15)
+        assert added.var() == pytest.approx(0.5 * states[:, R].var(), rel=0.15)
         power = np.abs(np.fft.rfft(added)) ** 2
         w = 2 * np.pi * np.fft.rfftfreq(len(added), LOOP_S)
         assert power[abs(w - 4.0) < math.tau * 0.05].sum() > 0.8 * power.sum()
@@ -205,9 +206,7 @@ def test_backlash_and_a_stiff_hold_make_a_limit_cycle() -> None:
     calm = replace(CALM, turns_s=None)
     stiff = replace(calm, plan=replace(T37, roll_gain=2.5, roll_rate_gain=0.1))
 
-    smooth, playing = (
-        flown(each).states[1000:, P] for each in (stiff, replace(stiff, backlash=0.03))
-    )
+    smooth, playing = (flown(replace(stiff, backlash=x))[0][1000:, P] for x in (0.0, 0.03))
 
     assert playing.std() > 5.0 * smooth.std()
 
@@ -229,26 +228,22 @@ def test_a_damper_moves_the_rudder_on_its_own_and_the_truth_stays_bare() -> None
 
 def test_what_is_sent_of_a_hostile_flight_is_changed_and_the_flight_is_not() -> None:
     flight = replace(CALM, plan=replace(T37, seconds=40.0))
-    rng = np.random.default_rng(1)
-    true = fly_ordinary(flight)
 
-    def sent(name: str, nth: int = 0) -> np.ndarray:
-        made = kinds.FAMILIES[name](rng, nth, flight)
-        assert made.truth["dutch_roll_open_loop"] == true.truth["dutch_roll_open_loop"]
-        aileron = columns(made, "SERVO_OUTPUT_RAW", "servo1_raw") - 1500.0
-        return np.hstack(
-            [columns(made, "ATTITUDE", "roll", "yawspeed", "rollspeed")[:390], aileron[:390]]
-        )
+    def sent(flight: Ordinary) -> tuple[np.ndarray, dict[str, float]]:
+        made = fly_ordinary(flight)
+        attitude = columns(made, "ATTITUDE", "roll", "yawspeed", "rollspeed")[:390]
+        aileron = columns(made, "SERVO_OUTPUT_RAW", "servo1_raw")[:390] - 1500.0
+        return np.hstack([attitude, aileron]).T, made.truth["dutch_roll_open_loop"]
 
-    roll, r, p, aileron = np.hstack(
-        [columns(true, "ATTITUDE", "roll", "yawspeed", "rollspeed")[:390],
-         columns(true, "SERVO_OUTPUT_RAW", "servo1_raw")[:390] - 1500.0]
-    ).T  # fmt: skip
-    assert sent("r scaled")[:, 1] == pytest.approx(1.2 * r, abs=1e-6)
-    assert sent("aileron of wrong scale")[:, 3] == pytest.approx(-aileron)
-    late = sent("roll late by .1 s")
-    assert late[1:, 0] == pytest.approx(roll[:-1], abs=0.008)
-    assert late[:, 2] == pytest.approx(p)
+    (roll, r, p, aileron), truth = sent(flight)
+    for name, expected in {
+        "r scaled": (roll, 1.2 * r, p, aileron),
+        "aileron of wrong scale": (roll, r, p, -aileron),
+        "roll late by .1 s": (np.append(roll[0], roll[:-1]), r, p, aileron),
+    }.items():
+        found, still = sent(kinds.FAMILIES[name](np.random.default_rng(1), 0, flight))
+        assert still == truth
+        assert found == pytest.approx(np.array(expected), abs=0.01)
 
 
 def test_the_grid_has_all_severities_rates_laws_and_both_rudders() -> None:
@@ -270,7 +265,7 @@ def test_small_aircraft_have_modes_from_3_to_12_rad_s_that_their_rate_shows() ->
 
     modes = []
     for flight in flights:
-        poles = np.linalg.eigvals(SmallAircraft(flight.own, flight.plan).A)
+        poles = np.linalg.eigvals(trimmed(flight.plan).A)
         pair = poles[np.argmax(poles.imag)]
         modes.append(abs(pair))
         assert 0.12 <= -pair.real / abs(pair) <= 0.31
@@ -283,12 +278,11 @@ def test_small_aircraft_have_modes_from_3_to_12_rad_s_that_their_rate_shows() ->
 def test_there_are_ten_hostile_families_and_nothing_flies_on_the_ground(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(kinds, "ON_THE_GROUND_S", 60.0)
-    rng = np.random.default_rng(2)
-
-    made = kinds.FAMILIES["hover, taxi, tumble, parked"](rng, 1, CALM)
+    monkeypatch.setattr(kinds, "ON_GROUND_S", 60.0)
+    made = kinds.hostile(5000, 16)
 
     assert len(kinds.FAMILIES) == 10
+    assert made.truth["family"] == "hover, taxi, tumble, parked"
     assert made.truth["dutch_roll_open_loop"] is None
     assert made.truth["seconds"] == 60.0
     assert columns(made, "VFR_HUD", "airspeed").max() < 5.0

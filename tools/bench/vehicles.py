@@ -26,7 +26,7 @@ from typing import IO, Any
 
 import numpy as np
 import psutil
-from flights.drawn import Drawn
+from flights.drawn import drawn
 from flights.hands import count
 from flights.plan import STEP_S, FlightPlan
 from flights.surgery import Record, join, split
@@ -63,7 +63,7 @@ def vehicle(sysid: int) -> Iterator[Record]:
     columns = {"r": r, "rudder": u, "airspeed": np.full(n, 20.0), "groundspeed": np.full(n, 20.0)}
     plan = FlightPlan(seconds=seconds, manoeuvre="none")
     link = Link(boot_s=Link().boot_s + start_s, seed=sysid, sysid=sysid)
-    for stamp_us, frame in telemetry(link, Drawn(plan, columns)):
+    for stamp_us, frame in telemetry(link, drawn(plan, columns)):
         if sysid == 1 or sysid_of(frame) != GCS[0]:  # one ground station is enough
             yield stamp_us + round(1e6 * start_s), frame
 

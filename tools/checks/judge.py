@@ -60,7 +60,11 @@ def judged(log: Path, truth: Truth, config: RunConfig | None = None) -> list[Row
         return compared(replayed(log, config), truth, config)
     except YawidError as error:
         verdict = Verdict(usable=False, reasons=[])
-        return [{"kind": "flight"} | _judged(None, None, verdict) | {"fatal": type(error).__name__}]
+        return [
+            {"kind": "flight"}
+            | judged_answer(None, None, verdict)
+            | {"fatal": type(error).__name__}
+        ]
 
 
 BARE = ("aileron",)
@@ -135,22 +139,27 @@ def _manoeuvre_rows(
     for method in METHODS:
         estimate = found.estimates.get(method)
         roll = None if estimate is None else estimate.dutch_roll
-        yield {"kind": method} | where | _judged(roll, known[1], found.verdict)
+        yield {"kind": method} | where | judged_answer(roll, known[1], found.verdict)
     own = {} if known[0] is None else numbers_shown(found.answer, float(known[0][0][0]))
-    yield {"kind": "manoeuvre"} | where | _judged(found.dutch_roll, known[0], found.verdict) | own
+    yield (
+        {"kind": "manoeuvre"}
+        | where
+        | judged_answer(found.dutch_roll, known[0], found.verdict)
+        | own
+    )
     if (bare := found.lateral) is not None:
         of_bare = true_at(truth, found.from_s, found.to_s, BARE)
-        yield {"kind": "bare"} | where | _judged(bare.dutch_roll, of_bare, bare.verdict)
+        yield {"kind": "bare"} | where | judged_answer(bare.dutch_roll, of_bare, bare.verdict)
 
 
 def _flight_row(summary: RunSummary, truth: Truth, known: Mapping[int, Known | None]) -> Row:
     flight, verdict = summary.flight, summary.deciding
     if flight is None:
-        return {"kind": "flight"} | _judged(None, None, verdict)
+        return {"kind": "flight"} | judged_answer(None, None, verdict)
     roll = flight.dutch_roll if verdict.usable else None
     at_speed = flight.airspeed_m_s if {"lines", "manoeuvres"} & truth.keys() else None
     used = [m for m in summary.manoeuvres or [] if m.n in flight.used or not flight.used]
-    row: Row = {"kind": "flight"} | _judged(roll, _together(used, known, at_speed), verdict)
+    row: Row = {"kind": "flight"} | judged_answer(roll, _together(used, known, at_speed), verdict)
     row["disagree"] = len(flight.disagree)
     true = truth.get("kappa_rad_m", {}).get(flight.loop)
     if true and flight.kappa_rad_m is not None:
@@ -180,7 +189,7 @@ def _together(
     return np.mean(values, axis=0), np.sqrt(squares)
 
 
-def _judged(roll: DutchRoll | None, known: Known | None, verdict: Verdict) -> Row:
+def judged_answer(roll: DutchRoll | None, known: Known | None, verdict: Verdict) -> Row:
     """Return verdict, truth, estimate, error (wn's in %), sigmas and z; unknown ones are None.
 
     ``sigma_mean`` and ``z_mean`` are those of a flight's mean.

@@ -13,7 +13,7 @@ import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from scipy.signal import lfilter
 
-from flights.flight import Floats
+from flights.flight import SENSED_MS, Floats
 from flights.fly import Made
 from flights.hands import by_hand, count, wander
 from flights.moved import SEED, drawn_link
@@ -28,49 +28,67 @@ LENGTHS_S = (60.0, 80.0, 100.0)
 FIRST_LIFT_MOTOR = 33  # SERVOn_FUNCTION of the first of four
 
 
-class Drawn:
+class Played:
     """A replacement of a flight: it has the properties that telemetry reads, computed beforehand.
 
-    Its columns (n,) have a value for each millisecond: ``r`` and ``p`` in rad/s, ``roll`` and
-    ``pitch`` in rad, airspeed and ground speed in m/s, rudder and aileron in units. A column that
-    is not given is 0.
+    ``columns`` are properties (n,) by their names in JSBSim, with a value for each ``step_ms``;
+    what lies in between is interpolated. ``aileron`` and ``rudder`` (n,) are the outputs in units,
+    which stay for a step. ``noises`` (m, 6) are those of the sensors, each for SENSED_MS.
     """
 
-    def __init__(self, plan: FlightPlan, columns: dict[str, Floats]) -> None:
-        n = count(plan.seconds)
-        zero = np.zeros(n)
-        given = {name: np.asarray(columns.get(name, zero)) for name in ("p", "r", "roll", "pitch")}
-        psi = np.cumsum(given["r"]) * STEP_S
-        air, over_ground = columns.get("airspeed", zero), columns.get("groundspeed", zero)
-        self._columns = {
-            "attitude/phi-rad": given["roll"],
-            "attitude/theta-rad": given["pitch"],
-            "attitude/psi-rad": psi,
-            "attitude/psi-deg": np.degrees(psi),
-            "velocities/p-rad_sec": given["p"],
-            "velocities/q-rad_sec": np.gradient(given["pitch"], STEP_S),
-            "velocities/r-rad_sec": given["r"],
-            "velocities/vc-kts": air / KNOT,
-            "velocities/vg-fps": over_ground / FOOT,
-            "position/h-sl-ft": np.full(n, 20.0 / FOOT),
-            "fcs/throttle-cmd-norm": np.full(n, 0.3),
-            "velocities/h-dot-fps": zero,
-        }
-        self.plan, self._ms = plan, 0
-        self._rudder, self._aileron = columns.get("rudder", zero), columns.get("aileron", zero)
-        self.rudder_us = self.aileron_us = 1500
-        self.noise: list[float] | None = None
+    def __init__(
+        self,
+        plan: FlightPlan,
+        columns: dict[str, Floats],
+        outputs: dict[str, Floats],
+        step_ms: int = 1,
+        noises: Floats | None = None,
+    ) -> None:
+        self.plan, self.columns, self.outputs, self.noises = plan, columns, outputs, noises
+        columns["attitude/psi-deg"] = np.degrees(columns["attitude/psi-rad"])
+        self._step_ms = step_ms
         self.advance_to(0)
 
     def advance_to(self, ms: int) -> None:
         """Advance to a millisecond after the start."""
-        self._ms = ms
-        self.rudder_us = self.plan.rudder.pulse(float(self._rudder[ms]))
-        self.aileron_us = self.plan.aileron.pulse(float(self._aileron[ms]))
+        self._at, rest_ms = divmod(ms, self._step_ms)
+        self._share, at = rest_ms / self._step_ms, self._at
+        self.rudder_us = self.plan.rudder.pulse(float(self.outputs["rudder"][at]))
+        self.aileron_us = self.plan.aileron.pulse(float(self.outputs["aileron"][at]))
+        noises = self.noises
+        self.noise = None if noises is None else noises[ms // SENSED_MS].tolist()
 
     def __getitem__(self, name: str) -> float:
         """Return the present value of a property by its name in JSBSim."""
-        return float(self._columns[name][self._ms])
+        column = self.columns[name]
+        here = float(column[self._at])
+        return here + self._share * (float(column[self._at + 1]) - here) if self._share else here
+
+
+def drawn(plan: FlightPlan, columns: dict[str, Floats]) -> Played:
+    """Return the flight of a motion whose columns (n,) have a value for each millisecond.
+
+    They are ``r`` and ``p`` in rad/s, ``roll`` and ``pitch`` in rad, airspeed and ground speed in
+    m/s, rudder and aileron in units. A column that is not given is 0.
+    """
+    n = count(plan.seconds)
+    zero = np.zeros(n)
+    names = ("p", "r", "roll", "pitch", "airspeed", "groundspeed", "rudder", "aileron")
+    given = {name: np.asarray(columns.get(name, zero)) for name in names}
+    properties = {
+        "attitude/phi-rad": given["roll"],
+        "attitude/theta-rad": given["pitch"],
+        "attitude/psi-rad": np.cumsum(given["r"]) * STEP_S,
+        "velocities/p-rad_sec": given["p"],
+        "velocities/q-rad_sec": np.gradient(given["pitch"], STEP_S),
+        "velocities/r-rad_sec": given["r"],
+        "velocities/vc-kts": given["airspeed"] / KNOT,
+        "velocities/vg-fps": given["groundspeed"] / FOOT,
+        "position/h-sl-ft": np.full(n, 20.0 / FOOT),
+        "fcs/throttle-cmd-norm": np.full(n, 0.3),
+        "velocities/h-dot-fps": zero,
+    }
+    return Played(plan, properties, given)
 
 
 def drawn_log(
@@ -85,7 +103,7 @@ def drawn_log(
     """
     seconds = float(rng.choice(lengths_s))
     plan, link = FlightPlan(seconds=seconds, manoeuvre="none"), drawn_link(rng)
-    log = join(telemetry(link, Drawn(plan, draw(seconds))))
+    log = join(telemetry(link, drawn(plan, draw(seconds))))
     known: dict[str, Any] = {"aircraft": "drawn", "dutch_roll": None, "severity": 0}
     return Made(log, known | _of(link, seconds) | facts)
 
@@ -98,12 +116,12 @@ def _of(link: Link, seconds: float) -> dict[str, float]:
 def hovering(rng: np.random.Generator, lengths_s: Sequence[float] = LENGTHS_S) -> Made:
     """Hover a quadplane in wind: the rudder moves with the lift motors, which turn the aircraft."""
     wind = float(rng.choice([0.0, 3.0, 8.0, 12.0]))
-    drawn = drawn_log(rng, lambda s: _hover(rng, s, wind), lengths_s, wind_m_s=wind)
+    made = drawn_log(rng, lambda s: _hover(rng, s, wind), lengths_s, wind_m_s=wind)
     kind = int(rng.choice([mavlink.MAV_TYPE_FIXED_WING, mavlink.MAV_TYPE_VTOL_TILTROTOR]))
     mode = int(rng.choice([QSTABILIZE, QHOVER, QLOITER, AUTO]))
-    assert drawn.truth is not None
-    log = on_lift_motors(split(drawn.log), rng, kind=kind, mode=mode)
-    return Made(log, drawn.truth | {"mode": mode, "mav_type": kind})
+    assert made.truth is not None
+    log = on_lift_motors(split(made.log), rng, kind=kind, mode=mode)
+    return Made(log, made.truth | {"mode": mode, "mav_type": kind})
 
 
 def _hover(rng: np.random.Generator, seconds: float, wind: float) -> dict[str, Floats]:

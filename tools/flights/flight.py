@@ -73,12 +73,12 @@ def jsbsim_rudder(unit: float) -> float:
 def trimmed(plan: FlightPlan) -> Any:
     """Return a ``jsbsim.FGFDMExec`` in straight and level flight, engines running.
 
-    One of the linear aircraft of sealed.toml is returned as it is.
+    A linear aircraft, of the plan's own or of sealed.toml, is returned as it is.
 
     Raises:
         FlightError: JSBSim does not have the aircraft, or finds no trim.
     """
-    if "servo_lag_s" in (own := sealed(plan.aircraft)):
+    if "servo_lag_s" in (own := dict(plan.own) or sealed(plan.aircraft)):
         return LinearAircraft(own, plan)
     jsbsim.set_logger(jsbsim.DefaultLogger(jsbsim.LogLevel.FATAL))
     fdm = jsbsim.FGFDMExec(jsbsim.get_default_root_dir())

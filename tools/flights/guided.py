@@ -107,7 +107,7 @@ class LegFlight(Flight):
         """Update the wanted nose attitude, throttle and bank, fifty times a second."""
         leg = self._leg
         bank = math.radians(leg.bank_deg) if leg.kind == "turn" and not self._ends_soon() else 0.0
-        self._bank_held += _within(bank - self._bank_held, BANK_STEP)
+        self._bank_held += within(bank - self._bank_held, BANK_STEP)
         fdm, dt = self._fdm, GUIDE_MS / 1000
         if leg.kind == "manoeuvre":
             self._nose += (self._lift - self._nose) * dt
@@ -115,13 +115,13 @@ class LegFlight(Flight):
         if leg.kind == "landing" and fdm["position/h-agl-ft"] < FLARE_FT:
             self._flare(dt)
             return
-        self._speed += _within(self._speeds[self._number] - self._speed, SPEED_STEP_KT)
+        self._speed += within(self._speeds[self._number] - self._speed, SPEED_STEP_KT)
         climb = leg.climb_ft_min / 60.0
         if climb and not (leg.to_ft - self._height) * climb < 0.0:
             self._height += climb * dt
         else:
             climb = 0.0
-        wanted = _within(climb + 0.15 * (self._height - fdm["position/h-sl-ft"]), 15.0)
+        wanted = within(climb + 0.15 * (self._height - fdm["position/h-sl-ft"]), 15.0)
         slow = self._speed - fdm["velocities/vc-kts"]
         self._throttle = min(max(self._throttle + THROTTLE_RATE * slow * dt, 0.0), 1.0)
         steep = CLIMB_THROTTLE * wanted / max(fdm["velocities/vt-fps"], 50.0)
@@ -133,8 +133,8 @@ class LegFlight(Flight):
     def _climb(self, wanted_fps: float, dt: float) -> None:
         fdm = self._fdm
         share = (wanted_fps - fdm["velocities/h-dot-fps"]) / max(fdm["velocities/vt-fps"], 50.0)
-        self._lift = _within(self._lift + 0.4 * share * dt, 0.3)
-        self._nose = _within(self._lift + 0.8 * share, 0.3)
+        self._lift = within(self._lift + 0.4 * share * dt, 0.3)
+        self._nose = within(self._lift + 0.8 * share, 0.3)
 
     def _flare(self, dt: float) -> None:
         """Close the throttle and slow the descent; on the wheels, steer straight and brake."""
@@ -148,9 +148,9 @@ class LegFlight(Flight):
         heading = self.sensed(2)
         if self._runway is None:
             self._runway = heading + math.radians(self._drawn.uniform(-6.0, 6.0))
-        self._nose += _within(-self._nose, 0.03 * dt)
+        self._nose += within(-self._nose, 0.03 * dt)
         off = math.remainder(heading - self._runway, math.tau)
-        self._feet += _within(_within(-2.0 * off, 0.4) - self._feet, 1.0 * dt)
+        self._feet += within(within(-2.0 * off, 0.4) - self._feet, 1.0 * dt)
         fdm["fcs/left-brake-cmd-norm"] = fdm["fcs/right-brake-cmd-norm"] = 0.3
 
     def _ends_soon(self) -> bool:
@@ -166,7 +166,8 @@ class LegFlight(Flight):
         fdm["atmosphere/gust-east-fps"] = size * math.cos(heading)
 
 
-def _within(value: float, most: float) -> float:
+def within(value: float, most: float) -> float:
+    """Return a value, limited to ``most`` on both sides."""
     return min(max(value, -most), most)
 
 

@@ -1,11 +1,14 @@
 """A linear aircraft in place of JSBSim: four lateral states, and servos that lag.
 
-    beta' = Y_beta a - r + g/V roll + Y_delta_r d_r       a = beta + gust
-    p'    = L_beta a + L_p p + L_r r + L_delta_a d_a + L_delta_r d_r
-    r'    = N_beta a + N_p p + N_r r + N_delta_a d_a + N_delta_r d_r
+    beta' = Y_beta a - r + g/V sin(roll) + Y_delta_r d_r
+    p'    = L_beta a + L_p p_a + L_r r_a + L_delta_a d_a + L_delta_r d_r
+    r'    = N_beta a + N_p p_a + N_r r_a + N_delta_a d_a + N_delta_r d_r
     roll' = p,   psi' = r,   d' = (command - d) / lag for rudder and aileron
+    a = beta + b,   r_a = r + b' / (1 + 3 span / (pi V) s),   p_a = p + the rolling gust
 
-It flies level at one airspeed. Commands are held for a step and propagated by a matrix exponential.
+It flies level at one airspeed through a frozen field of gusts (MIL-F-8785C), whose sideslip b moves
+past it and so yaws it. Commands, gusts and sin(roll) - roll are held for a step, which is
+propagated by a matrix exponential.
 """
 
 from __future__ import annotations
@@ -23,8 +26,9 @@ Floats = NDArray[np.float64]
 GRAVITY = 9.80665
 STATES = ("beta", "attitude/phi-rad", "velocities/p-rad_sec", "velocities/r-rad_sec")
 """The lateral states, by JSBSim's names and in the order of ``flights.truth.LATERAL``."""
-GUST_M_S, GUST_M = 0.4, 30.0
-"""Standard deviation of the lateral gust for each severity, and the length of a gust."""
+GUST_M_S, GUST_M, SPAN_M = 0.4, 30.0, 2.0
+"""Standard deviation of the lateral gust for each severity, the length of a gust, and the span."""
+COURSES = {"velocities/v-north-fps": math.cos, "velocities/v-east-fps": math.sin}
 SEVERITY = "atmosphere/turbulence/milspec/severity"
 
 
@@ -34,15 +38,17 @@ class LinearAircraft:
     def __init__(self, own: Mapping[str, float], plan: FlightPlan) -> None:
         self.servo_lag_s, self._speed = own["servo_lag_s"], own["airspeed_m_s"]
         self.A, self.aileron, self.rudder = _matrices(own)
-        M = np.zeros((10, 10))  # the states, d_a, d_r, psi; then the commands and the gust
+        # The states, d_a, d_r, psi; the commands, the gusts of sideslip, yaw and roll, the sine.
+        M, (p, r) = np.zeros((13, 13)), (2, 3)
         M[:4, :4], M[:4, 4], M[:4, 5] = self.A, self.aileron, -self.rudder
-        M[:4, 9] = self.A[:, 0]
+        M[:4, 9], M[[p, r], 10], M[[p, r], 11] = self.A[:, 0], self.A[[p, r], r], self.A[[p, r], p]
+        M[0, 12] = GRAVITY / self._speed
         M[[4, 5], [4, 5]], M[[4, 5], [7, 8]] = -1.0 / self.servo_lag_s, 1.0 / self.servo_lag_s
         M[6, 3] = 1.0
-        self._M, self._x = M, np.zeros(10)
+        self._M, self._x = M, np.zeros(13)
         self._x[6] = math.radians(plan.heading_deg)
         self.set_dt(STEP_S)
-        speed = self._speed
+        self._behind, speed = 0.0, self._speed
         self._rng: np.random.Generator | None = None
         commands = (f"fcs/{name}-cmd-norm" for name in ("rudder", "aileron", "elevator"))
         still = ("attitude/theta-rad", "velocities/q-rad_sec", "velocities/h-dot-fps", SEVERITY)
@@ -53,20 +59,31 @@ class LinearAircraft:
         }  # fmt: skip
 
     def set_dt(self, step_s: float) -> None:
-        """Set the length of a step, for which commands and gust are held."""
-        self._step = expm(self._M * step_s)
-        self._keep = math.exp(-step_s * self._speed / GUST_M)
-        self._gust_rad = GUST_M_S / self._speed * math.sqrt(1.0 - self._keep**2)
+        """Set the length of a step, for which commands and gusts are held."""
+        self._step, self._step_s = expm(self._M * step_s), step_s
 
     def run(self) -> None:
         """Propagate one step, in turbulence if a severity is set."""
         x, own = self._x, self._own
         x[7], x[8] = own["fcs/aileron-cmd-norm"], -own["fcs/rudder-cmd-norm"]
+        x[12] = math.sin(x[1]) - x[1]
         if own[SEVERITY]:
-            if self._rng is None:
-                self._rng = np.random.default_rng(int(own["atmosphere/randomseed"]))
-            x[9] = self._keep * x[9] + own[SEVERITY] * self._gust_rad * self._rng.normal()
+            self._blow(x, GUST_M_S * own[SEVERITY])
         self._x = self._step @ x
+
+    def _blow(self, x: Floats, sigma_m_s: float) -> None:
+        """Set the gusts of the next step, for a lateral one of this standard deviation."""
+        if self._rng is None:
+            self._rng = np.random.default_rng(int(self._own["atmosphere/randomseed"]))
+        passed_m = self._step_s * self._speed
+        keep, roll_m = math.exp(-passed_m / GUST_M), math.sqrt(GUST_M * SPAN_M) / 2.6
+        sigma = sigma_m_s / self._speed * math.sqrt(1.0 - keep**2)
+        x[9] = keep * x[9] + sigma * self._rng.normal()
+        span_s = 3.0 * SPAN_M / math.pi / self._speed
+        self._behind -= math.expm1(-self._step_s / span_s) * (x[9] - self._behind)
+        x[10] = (x[9] - self._behind) / span_s
+        keep, sigma = math.exp(-passed_m / roll_m), 1.9 / math.sqrt(GUST_M * SPAN_M) * sigma_m_s
+        x[11] = keep * x[11] + sigma * math.sqrt(1.0 - keep**2) * self._rng.normal()
 
     def __getitem__(self, name: str) -> float:
         """Return the present value of a property by its name in JSBSim."""
@@ -74,6 +91,8 @@ class LinearAircraft:
             return float(self._x[STATES.index(name)])
         if name.startswith("attitude/psi"):
             return float(self._x[6] if name.endswith("rad") else math.degrees(self._x[6]))
+        if name in COURSES:
+            return float(COURSES[name](self._x[0] + self._x[6])) * self._own["velocities/vt-fps"]
         return self._own[name]
 
     def __setitem__(self, name: str, value: float) -> None:

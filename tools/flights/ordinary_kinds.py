@@ -8,7 +8,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 
@@ -16,13 +15,13 @@ from flights.drawn import hovering, parked, taxiing, tumbling
 from flights.flight import trimmed
 from flights.fly import Made
 from flights.moved import CONDITIONS, RATES_HZ, SEVERITIES
-from flights.ordinary import LAWS, PHI, STEP_MS, Flown, Ordinary, R, SmallAircraft, fly_ordinary
+from flights.ordinary import LAWS, Ordinary, fly_ordinary
 from flights.plan import KNOT, FlightPlan, Place
-from flights.sealed import plan_at, sealed
+from flights.sealed import plan_at
 from flights.telemetry import Link
 from flights.truth import LATERAL, dutch_roll, lateral
 
-SECONDS, ON_THE_GROUND_S = 900.0, 400.0
+SECONDS, ON_GROUND_S = 900.0, 400.0
 HIGHEST_FT = 4000.0
 """Above it, there is no turbulence of severity 1 or 2 (MIL-F-8785C)."""
 GYROS = (0.001, 0.003, 0.006)
@@ -60,16 +59,14 @@ def jsbsim(
     plan = plan_at(
         (names[at], min(its[0][1], HIGHEST_FT), knots), seconds=SECONDS, manoeuvre="none"
     )
-    step, own = turn + at, sealed(names[at])
-    linear = "servo_lag_s" in own
+    step = turn + at
     return Ordinary(
         _gains(rng, plan),
         _link(rng, RATES_HZ[step % 3], GYROS[(at + 2 * turn) % 3]),
-        own=own if linear else None,
         severity=SEVERITIES[turn % 4],
         law=list(LAWS)[(step + turn // 3) % 3],
         mix=MIXES[(step + turn // 4) % 4],
-        servo_lag_s=0.0 if linear else float(rng.choice(LAGS_S)),
+        servo_lag_s=float(rng.choice(LAGS_S)),
         frozen=bool((at + turn // 2) % 2),
     )
 
@@ -87,13 +84,11 @@ def small(seed: int, number: int, seconds: float = SECONDS) -> Ordinary:
     rng = np.random.default_rng([seed, 1, number])
     share = (number * 0.618034) % 1.0
     wn = SMALL_WN[0] * (SMALL_WN[1] / SMALL_WN[0]) ** share
-    own, plan = _small_aircraft(rng, wn)
-    plan = replace(plan, seconds=seconds)
+    plan = replace(_small_aircraft(rng, wn), seconds=seconds)
     rates = [hz for hz in RATES_HZ if 2.5 * wn < 0.8 * math.pi * hz]
     return Ordinary(
         _gains(rng, plan),
         _link(rng, rates[number % len(rates)], 0.005),
-        own=own,
         severity=SEVERITIES[number % 4],
         law=list(LAWS)[number % 3],
         mix=MIXES[number // 2 % 4],
@@ -101,8 +96,8 @@ def small(seed: int, number: int, seconds: float = SECONDS) -> Ordinary:
     )
 
 
-def _small_aircraft(rng: np.random.Generator, wn: float) -> tuple[dict[str, float], FlightPlan]:
-    """Return the derivatives and the plan of a small aircraft with a Dutch roll at ``wn``."""
+def _small_aircraft(rng: np.random.Generator, wn: float) -> FlightPlan:
+    """Return the plan of a small aircraft with a Dutch roll at about ``wn``."""
     while True:
         zeta, roll_s = (rng.uniform(*ends) for ends in (SMALL_ZETA, SMALL_ROLL_S))
         speed = rng.uniform(16.0, 22.0)
@@ -118,10 +113,9 @@ def _small_aircraft(rng: np.random.Generator, wn: float) -> tuple[dict[str, floa
         hold = 2.5 / roll_s / own["L_delta_a"]
         plan = FlightPlan(
             "small", round(speed / KNOT, 2), 1000.0, manoeuvre="none",
-            roll_gain=hold, roll_rate_gain=0.1 * hold,
+            roll_gain=hold, roll_rate_gain=0.1 * hold, own=tuple(own.items()),
         )  # fmt: skip
-        A = SmallAircraft(own, plan).A
-        poles = np.linalg.eigvals(A)
+        poles = np.linalg.eigvals(trimmed(plan).A)
         pair, real = poles[np.argmax(poles.imag)], poles.real[np.abs(poles.imag) < 1e-6]
         inside = (
             0.97 < abs(pair) / wn < 1.03
@@ -130,7 +124,7 @@ def _small_aircraft(rng: np.random.Generator, wn: float) -> tuple[dict[str, floa
             and real.max() < 0.1
         )
         if inside:
-            return own, plan
+            return plan
 
 
 def hostile(seed: int, number: int, seconds: float = SECONDS) -> Made:
@@ -139,81 +133,53 @@ def hostile(seed: int, number: int, seconds: float = SECONDS) -> Made:
     family = list(FAMILIES)[at]
     rng = np.random.default_rng([seed, 2, number])
     make, which = (small, number) if nth % 3 == 2 else (jsbsim, 10 * number + nth % NOT_DAMPED)
-    flight = make(seed, 1000 + which, seconds)
-    made = FAMILIES[family](rng, nth, flight)
+    if change := FAMILIES[family]:
+        made = fly_ordinary(change(rng, nth, make(seed, 1000 + which, seconds)))
+    else:
+        made = (hovering, taxiing, tumbling, parked)[nth % 4](rng, (min(seconds, ON_GROUND_S),))
     assert made.truth is not None
-    return Made(made.log, made.truth | {"family": family})
+    return Made(made.log, {"dutch_roll_open_loop": None} | made.truth | {"family": family})
+
+
+def _line(axes: str, nth: int, flight: Ordinary) -> Ordinary:
+    """Return a flight with a line at one of LINES, which are multiples of wn."""
+    wn, _ = _bare(flight)
+    line = axes, float(LINES[nth % len(LINES)]) * wn, (0.3, 0.5, 1.0)[nth // 2 % 3]
+    return replace(flight, line=line)
+
+
+def _damped(zeta: float, flight: Ordinary) -> Ordinary:
+    """Return a flight with a damper that adds about this zeta."""
+    wn, effect = _bare(flight)
+    return replace(flight, damper=2.0 * zeta * wn / effect)
 
 
 def _bare(flight: Ordinary) -> tuple[float, float]:
     """Return wn in rad/s and N_delta_r of the bare aircraft at the plan's airspeed."""
-    fdm = SmallAircraft(flight.own, flight.plan) if flight.own else trimmed(flight.plan)
-    A, _, rudder = lateral(fdm)
+    A, _, rudder = lateral(trimmed(flight.plan))
     mode = dutch_roll(A, rudder, LATERAL.index("R"))
     assert mode is not None
     return mode["wn_rad_s"], -float(rudder[LATERAL.index("R")])
 
 
-def _line(axes: str, rng: np.random.Generator, nth: int, flight: Ordinary) -> Made:
-    line = axes, float(LINES[nth % len(LINES)]) * _bare(flight)[0], (0.3, 0.5, 1.0)[nth // 2 % 3]
-    return fly_ordinary(replace(flight, line=line))
+def _stiff(plan: FlightPlan) -> FlightPlan:
+    return replace(plan, roll_gain=2.5 * plan.roll_gain, roll_rate_gain=0.1 * plan.roll_gain)
 
 
-def _limit_cycle(rng: np.random.Generator, nth: int, flight: Ordinary) -> Made:
-    plan = flight.plan
-    stiff = replace(plan, roll_gain=2.5 * plan.roll_gain, roll_rate_gain=0.1 * plan.roll_gain)
-    return fly_ordinary(replace(flight, plan=stiff, law="hold", backlash=0.03))
-
-
-def _damped(rng: np.random.Generator, nth: int, flight: Ordinary) -> Made:
-    wn, effect = _bare(flight)
-    return fly_ordinary(replace(flight, damper=2.0 * rng.uniform(0.1, 0.4) * wn / effect))
-
-
-def _no_turns(rng: np.random.Generator, nth: int, flight: Ordinary) -> Made:
-    return fly_ordinary(replace(flight, turns_s=None))
-
-
-def _on_the_ground(rng: np.random.Generator, nth: int, flight: Ordinary) -> Made:
-    made = (hovering, taxiing, tumbling, parked)[nth % 4](rng, (ON_THE_GROUND_S,))
-    assert made.truth is not None
-    return Made(made.log, made.truth | {"dutch_roll_open_loop": None})
-
-
-def _wrong_aileron(rng: np.random.Generator, nth: int, flight: Ordinary) -> Made:
-    factor = (-1.0, 0.4, -0.6, 0.7)[nth % 4]
-
-    def change(past: Flown) -> None:
-        past.outputs[:, 0] = 1500.0 + np.round(factor * (past.outputs[:, 0] - 1500.0))
-
-    return fly_ordinary(flight, change, aileron_times=factor)
-
-
-def _late_roll(rng: np.random.Generator, nth: int, flight: Ordinary) -> Made:
-    def change(past: Flown) -> None:
-        past.states[:, PHI] = np.roll(past.states[:, PHI], 100 // STEP_MS)
-
-    return fly_ordinary(flight, change, roll_late_s=0.1)
-
-
-def _scaled_r(rng: np.random.Generator, nth: int, flight: Ordinary) -> Made:
-    factor = (1.2, 0.8)[nth % 2]
-
-    def change(past: Flown) -> None:
-        past.states[:, R] *= factor
-        past.noises[:, R] *= factor
-
-    return fly_ordinary(flight, change, r_times=factor)
-
-
-FAMILIES: dict[str, Callable[[np.random.Generator, int, Ordinary], Made]] = {
-    **{f"line in {' and '.join(axes)}": partial(_line, axes) for axes in ("p", "r", "pr")},
-    "limit cycle": _limit_cycle,
-    "yaw damper": _damped,
-    "no turns": _no_turns,
-    "hover, taxi, tumble, parked": _on_the_ground,
-    "aileron of wrong scale": _wrong_aileron,
-    "roll late by .1 s": _late_roll,
-    "r scaled": _scaled_r,
+FAMILIES: dict[str, Callable[[np.random.Generator, int, Ordinary], Ordinary] | None] = {
+    "line in p": lambda rng, nth, flight: _line("p", nth, flight),
+    "line in r": lambda rng, nth, flight: _line("r", nth, flight),
+    "line in p and r": lambda rng, nth, flight: _line("pr", nth, flight),
+    "limit cycle": lambda rng, nth, flight: replace(
+        flight, plan=_stiff(flight.plan), law="hold", backlash=0.03
+    ),
+    "yaw damper": lambda rng, nth, flight: _damped(rng.uniform(0.1, 0.4), flight),
+    "no turns": lambda rng, nth, flight: replace(flight, turns_s=None),
+    "hover, taxi, tumble, parked": None,
+    "aileron of wrong scale": lambda rng, nth, flight: replace(
+        flight, sent_aileron=(-1.0, 0.4, -0.6, 0.7)[nth % 4]
+    ),
+    "roll late by .1 s": lambda rng, nth, flight: replace(flight, late_ms=100),
+    "r scaled": lambda rng, nth, flight: replace(flight, sent_r=(1.2, 0.8)[nth % 2]),
 }
-"""How the logs of each hostile family are made."""
+"""What makes a flight one of a hostile family; None: nothing flies."""

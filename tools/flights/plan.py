@@ -57,7 +57,8 @@ class FlightPlan:
     start. ``roll_gain`` and ``roll_rate_gain`` are the roll hold: aileron units per rad of roll and
     per rad/s. ``amplitude`` is in rudder units about trim; ``step_s`` is the manoeuvre's unit of
     time in s, best 0.3 periods of the Dutch roll. With ``true_feedback`` the autopilot's sensors
-    have no noise. ``parameters`` are sent next to those of the servos.
+    have no noise. ``parameters`` are sent next to those of the servos. ``own`` are names and values
+    of a linear aircraft (flights/linear.py) that has no entry in sealed.toml.
 
     Raises:
         ValueError: the manoeuvre is unknown, or a number is outside its limits.
@@ -77,6 +78,7 @@ class FlightPlan:
     rudder: Servo = field(default_factory=Servo)
     aileron: Servo = field(default_factory=Servo)
     parameters: tuple[tuple[str, float], ...] = ()
+    own: tuple[tuple[str, float], ...] = ()
 
     def __post_init__(self) -> None:
         if self.manoeuvre not in MANOEUVRES:
