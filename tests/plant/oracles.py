@@ -7,8 +7,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
 from yawid.blocks import Floats
-from yawid.plant.lateral import LateralCoefficients
-from yawid.plant.linear import LinearPlant
+from yawid.plant.lateral import LateralCoefficients, LinearPlant
 
 
 def attitude_from(angles: Floats) -> Floats:

@@ -13,17 +13,18 @@ from scipy.signal import lfilter
 
 from yawid.blocks import Floats
 from yawid.errors import ConfigError
-from yawid.plant.flight import SteadyFlight
 from yawid.plant.lateral import (
     INPUTS,
     OUTPUTS,
     LateralCoefficients,
+    LinearPlant,
     lateral_motion,
+    sampled_theta,
 )
-from yawid.plant.linear import LinearPlant, sampled_theta
 from yawid.plant.rigid_body import (
     Motion,
     RigidBody,
+    SteadyFlight,
     rotation,
     translation,
 )
@@ -172,16 +173,10 @@ def test_side_wind_turns_the_nose_into_it():
 
 
 def test_what_makes_no_sense_is_refused():
-    with pytest.raises(ConfigError, match="finite"):
-        replace(REFERENCE, a_z_beta=np.nan)
     with pytest.raises(ConfigError, match=r"w\^2 > 0"):
         YawPlant.from_coefficients(replace(REFERENCE, a_my_beta=-5.0))
     with pytest.raises(ConfigError, match="omega_beta > 0"):
         YawPlant(1.0, 1.0, 0.0, 0.2)
-    with pytest.raises(ConfigError, match="-g/V"):
-        replace(REFERENCE_FLIGHT, speed=60.0)
-    with pytest.raises(ConfigError, match="speed must be > 0"):
-        replace(REFERENCE_FLIGHT, speed=-1.0)
     with pytest.raises(ConfigError, match="2 columns"):
         lateral_motion(REFERENCE).simulate(np.zeros((5, 2)), 0.1)
     with pytest.raises(ConfigError, match="nk = 1"):

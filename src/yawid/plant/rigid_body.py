@@ -7,8 +7,9 @@ Printed slips: eq. 19 permutes the indices (its first line is the x equation, it
 equation), and its moment line means J_z omega_z'; the code has the rows of eq. 17 and 18.
 """
 
+import math
 from collections.abc import Callable
-from dataclasses import astuple, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -17,25 +18,23 @@ from scipy.spatial.transform import Rotation
 
 from yawid.blocks import Floats
 from yawid.errors import ConfigError
+from yawid.plant.lateral import LateralCoefficients
 from yawid.quantities.airspeed import GRAVITY
 
 
 @dataclass(frozen=True, slots=True)
 class RigidBody:
-    """Mass in kg and moments of inertia about the body axes in kg m^2.
-
-    Raises:
-        ConfigError: one of them is not > 0.
-    """
+    """Mass in kg and moments of inertia about the body axes in kg m^2."""
 
     mass: float
     J_x: float
     J_y: float
     J_z: float
 
-    def __post_init__(self) -> None:
-        if not all(value > 0.0 for value in astuple(self)):
-            raise ConfigError(f"mass and moments of inertia must be > 0, got {self}")
+    @property
+    def J(self) -> Floats:
+        """The moments of inertia (3,)."""
+        return np.array([self.J_x, self.J_y, self.J_z])
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,30 +56,18 @@ class Motion:
         return np.asarray(Rotation.from_quat(self.attitude).as_euler("YZX"))
 
 
-Loads = Callable[[float, Motion], tuple[Floats, Floats]]
-"""A function of time in s and motion: forces (3,) in N and moments (3,) in N m in body axes."""
+Loads = Callable[[Motion], tuple[Floats, Floats]]
+"""A function of the motion: forces (3,) in N and moments (3,) in N m in body axes."""
 
 
 def translation(body: RigidBody, W: Floats, omega: Floats, forces: Floats) -> Floats:
     """Return W' (3,) in m/s^2 of eq. 17: m (W' + omega x W) = F, from W, omega and F (3,)."""
-    wx, wy, wz = W
-    ox, oy, oz = omega
-    turning = np.array([oy * wz - oz * wy, oz * wx - ox * wz, ox * wy - oy * wx])
-    return np.asarray(forces / body.mass - turning)
+    return np.asarray(forces / body.mass - np.cross(omega, W))
 
 
 def rotation(body: RigidBody, omega: Floats, moments: Floats) -> Floats:
     """Return omega' (3,) in rad/s^2 of eq. 18: J omega' + omega x J omega = M, M (3,) in N m."""
-    ox, oy, oz = omega
-    J = np.array([body.J_x, body.J_y, body.J_z])
-    gyroscopic = np.array(
-        [
-            (body.J_z - body.J_y) * oy * oz,
-            (body.J_x - body.J_z) * ox * oz,
-            (body.J_y - body.J_x) * ox * oy,
-        ]
-    )
-    return np.asarray((moments - gyroscopic) / J)
+    return np.asarray((moments - np.cross(omega, body.J * omega)) / body.J)
 
 
 def weight(body: RigidBody, attitude: Floats) -> Floats:
@@ -98,9 +85,9 @@ def fly(body: RigidBody, start: Motion, loads: Loads, t: Floats) -> Motion:
         ConfigError: the integration fails.
     """
 
-    def rates(now: float, x: Floats) -> Floats:
+    def rates(_: float, x: Floats) -> Floats:
         motion = _motion(x)
-        forces, moments = loads(now, motion)
+        forces, moments = loads(motion)
         W, omega = motion.velocity, motion.angular_rate
         return np.concatenate(
             [
@@ -129,3 +116,66 @@ def _quaternion_rate(q: Floats, omega: Floats) -> Floats:
     vector, scalar = q[:3], q[3]
     rate = scalar * omega + np.cross(vector, omega)
     return 0.5 * np.append(rate, -vector @ omega)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SteadyFlight:
+    """Steady wings-level flight at a trim speed in m/s: loads linearised at trim are eq. 21.
+
+    At trim W = (V, 0, 0), thrust equals drag and lift equals weight. Loads due to an angle grow
+    with the dynamic pressure, loads due to a rate with the airspeed; gravity acts along the true
+    vertical, which demands a_z_gamma = -g/V of the coefficients.
+
+    ``a_x_speed`` (1/s) is the drag due to speed and ``a_y_alpha`` (1/s) the lift due to the angle
+    of attack; ``a_mz_alpha`` (1/s^2) and ``a_mz_omega_z`` (1/s) are the restoring and the damping
+    moment in pitch.
+    """
+
+    body: RigidBody
+    speed: float
+    coefficients: LateralCoefficients
+    a_x_speed: float = 0.05
+    a_y_alpha: float = 2.0
+    a_mz_alpha: float = 8.0
+    a_mz_omega_z: float = 4.0
+
+    def trim(self) -> Motion:
+        """Return the steady motion at trim."""
+        zero = np.zeros(3)
+        attitude = np.array([0.0, 0.0, 0.0, 1.0])
+        return Motion(np.array([self.speed, 0.0, 0.0]), zero, attitude, zero)
+
+    def loads(self, motion: Motion, controls: Floats) -> tuple[Floats, Floats]:
+        """Return forces (3,) in N and moments (3,) in N m for controls (3,) in rad.
+
+        The controls are -delta_b, -delta_h and beta_b.
+
+        Raises:
+            ConfigError: the aircraft does not fly forward, where these loads are not valid.
+        """
+        if not motion.velocity[0] > 0.0:
+            raise ConfigError("the aircraft no longer flies forward: take a smaller amplitude")
+        c, body, (ox, oy, oz) = self.coefficients, self.body, motion.angular_rate
+        aileron, rudder, wind = controls
+        air_speed = float(np.linalg.norm(motion.velocity))
+        alpha = math.atan2(-motion.velocity[1], motion.velocity[0])
+        beta = math.asin(motion.velocity[2] / air_speed) + wind
+        rate = air_speed / self.speed
+        pressure = rate**2
+        forces = body.mass * np.array(
+            [
+                -self.a_x_speed * (air_speed - self.speed),
+                pressure * (GRAVITY + self.speed * self.a_y_alpha * alpha),
+                pressure * self.speed * (c.a_z_beta_b * wind - c.a_z_beta * beta),
+            ]
+        ) + weight(body, motion.attitude)
+        rolling = rate * (c.a_mx_omega_x * ox + c.a_mx_omega_y * oy)
+        yawing = rate * (c.a_my_omega_x * ox + c.a_my_omega_y * oy)
+        moments = body.J * np.array(
+            [
+                pressure * (c.a_mx_delta_b * aileron - c.a_mx_beta * beta) - rolling,
+                pressure * (c.a_my_delta_h * rudder - c.a_my_beta * beta) - yawing,
+                -pressure * self.a_mz_alpha * alpha - rate * self.a_mz_omega_z * oz,
+            ]
+        )
+        return forces, moments

@@ -1,4 +1,23 @@
-"""The response of the reference plants to a chosen input, in the project's signs."""
+"""The response of the reference plants to a chosen input, in the project's signs.
+
+This is the only place where the paper's axes and signs are converted to the project's.
+``plant/`` uses the paper's axes: x forward, y up, z to the right, and on the ground north, up,
+east. The rest of the project uses MAVLink's: forward, right, down (north, east, down). Both are
+right-handed; a rotation of 90 deg about x converts one to the other.
+
+======================  ======================  =============================
+quantity                paper                   project
+======================  ======================  =============================
+bank, roll rate         gamma, omega_x          roll, p (same sign)
+pitch, pitch rate       theta, omega_z          pitch, q (same sign)
+yaw, yaw rate           psi, omega_y            -yaw, -r (the paper's nose goes left)
+sideslip                beta                    beta (same: air from the right)
+rudder                  -delta_H turns left     rudder > 0 turns the nose right: delta_H
+aileron                 -delta_b rolls right    aileron > 0 rolls right: -delta_b
+======================  ======================  =============================
+
+So yaw rate over rudder is psi'/(-delta_H) of the paper's eq. 23, with its sign.
+"""
 
 import math
 from collections.abc import Callable
@@ -11,11 +30,9 @@ import numpy as np
 
 from yawid.blocks import Floats
 from yawid.errors import ConfigError
-from yawid.plant.axes import rudder_from_paper, yaw_from_paper
 from yawid.plant.excitation import Excitation
-from yawid.plant.flight import SteadyFlight
 from yawid.plant.lateral import INPUTS, LateralCoefficients, lateral_motion
-from yawid.plant.rigid_body import Motion, RigidBody, fly
+from yawid.plant.rigid_body import Motion, RigidBody, SteadyFlight, fly
 from yawid.plant.yaw import YawPlant
 from yawid.quantities.airspeed import GRAVITY
 
@@ -86,16 +103,13 @@ def simulate_plant(
     if not 0.0 <= noise_std < math.inf:
         raise ConfigError(f"noise_std must be >= 0, got {noise_std!r}")
     count = round(duration_s / sample_time_s)
-    u = excitation.samples(count, sample_time_s)
-    minus_delta_h = rudder_from_paper(u)
-    psi, psi_rate, gamma, *others = _RUNS[name](flight, minus_delta_h, sample_time_s)
-    rng = np.random.default_rng(seed)
-    y = yaw_from_paper(psi_rate) + noise_std * rng.standard_normal(count)
-    t = np.asarray(np.arange(count) * sample_time_s, dtype=np.float64)
+    u, rng = excitation.samples(count, sample_time_s), np.random.default_rng(seed)
+    psi, psi_rate, gamma, *others = _RUNS[name](flight, -u, sample_time_s)
+    t, y = np.arange(count) * sample_time_s, -psi_rate + noise_std * rng.standard_normal(count)
     if others:
         others[0] = others[0] + noise_std * rng.standard_normal(count)
         gamma = gamma + ANGLE_NOISE_S * noise_std * rng.standard_normal(count)
-    return Simulation(t, u, y, yaw_from_paper(psi), gamma, *others)
+    return Simulation(np.asarray(t, np.float64), u, y, -psi, gamma, *others)
 
 
 Run = Callable[[SteadyFlight, Floats, float], tuple[Floats, ...]]
@@ -123,18 +137,12 @@ def _run_rigid_body(flight: SteadyFlight, u: Floats, ts: float) -> tuple[Floats,
     edges = sorted({0, *(np.flatnonzero(np.diff(u)) + 1), len(u) - 1})
     motion, angles, rates = flight.trim(), np.zeros((len(u), 3)), np.zeros(len(u))
     for start, stop in pairwise(edges):
-        t, held = np.arange(start, stop + 1) * ts, partial(_held_loads, flight, u[start])
-        flown = fly(flight.body, motion, held, t)
+        loads = partial(flight.loads, controls=np.array([0.0, u[start], 0.0]))
+        flown = fly(flight.body, motion, loads, np.arange(start, stop + 1) * ts)
         angles[start : stop + 1] = flown.angles
         rates[start : stop + 1] = flown.angular_rate[:, 1]
         motion = Motion(*(each[-1] for each in astuple(flown)))
     return np.unwrap(angles[:, 0]), rates, angles[:, 2]
-
-
-def _held_loads(
-    flight: SteadyFlight, minus_delta_h: float, _: float, motion: Motion
-) -> tuple[Floats, Floats]:
-    return flight.loads(motion, np.array([0.0, minus_delta_h, 0.0]))
 
 
 _RUNS: dict[str, Run] = {"yaw": _run_yaw, "lateral": _run_lateral, "rigid-body": _run_rigid_body}

@@ -15,8 +15,7 @@ from typing import Literal
 
 from yawid.blocks import Floats
 from yawid.errors import ConfigError
-from yawid.plant.lateral import LateralCoefficients
-from yawid.plant.linear import LinearPlant, sampled_theta
+from yawid.plant.lateral import LateralCoefficients, LinearPlant, sampled_theta
 
 Output = Literal["yaw-rate", "yaw"]
 
