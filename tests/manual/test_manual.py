@@ -222,7 +222,7 @@ LIMITS = {
     ),
     "poor_fit": (judge.LEAST_PCT,),
     "turn_dominated": (judge.TURNS,),
-    "manoeuvres_disagree": (100 * flight.DISAGREE_WN, flight.DISAGREE_SIGMAS),
+    "manoeuvres_disagree": (100 * flight.DISAGREE_WN, flight.SIGMAS),
     "rudder_assumed": (100 * surface_reader.TOLERANCE, 100 * surface_reader.LEAST_SHARE),
     "poorly_known": (100 * judge.ROUGH_WN, 100 * judge.UNCERTAIN_WN),
     "saturated": (100 * judge.SATURATED,),
@@ -231,7 +231,7 @@ LIMITS = {
         conditions.FACTOR, conditions.SIGMAS, conditions.SLIP, 100 * conditions.SLIP_SIGMA,
         conditions.TAIL_WIND,
     ),
-    "wrong_sign": (judge.CLEAR_SIGMAS,),
+    "wrong_sign": (judge.SIGMAS,),
     "closed_loop": (judge.SOME_FED_BACK,),
 }  # fmt: skip
 """The numbers that each reason is judged by."""
@@ -278,7 +278,7 @@ def test_the_limits_of_a_manoeuvres_answer_are_those_of_the_code():
         *(*KNOWN, judge.LEAST_PCT),
     } <= numbers_of("What is judged")
     assert {
-        *(100 * flight.TAU_WN_SHARE, flight.TAU_ZETA, flight.DISAGREE_SIGMAS),
+        *(100 * flight.TAU_WN_SHARE, flight.TAU_ZETA, flight.SIGMAS),
         100 * flight.DISAGREE_WN,
     } <= numbers_of("The flight")
 

@@ -7,7 +7,7 @@ import pytest
 from manoeuvre.exact import Floats, states
 from manoeuvre.streams import stream
 
-from yawid.physics.responses import LEAST_BLOCKS, Blocks, Record, as_fitted, block_size
+from yawid.physics.responses import LEAST_BLOCKS, Blocks, Record, block_size, inputs_and_rate
 
 TS_S = 0.05
 POLES = np.array([-0.3 + 2.0j, -1.5 + 0.0j])
@@ -78,11 +78,25 @@ def test_blocks_are_a_share_of_the_period_whatever_the_rate():
 def test_the_turn_is_taken_off_where_asked() -> None:
     turning = stream(np.zeros(50), y=np.ones(50), turn=np.linspace(0.0, 0.3, 50))
     for removed, expected in ((True, 1.0 - turning.turn_rate), (False, turning.y)):
-        found = as_fitted(turning, measured=False, turn_removed=removed)
-        np.testing.assert_array_equal(found.y, expected)
-        np.testing.assert_array_equal(found.rudder_moves, turning.rudder_moves)
+        y = inputs_and_rate(turning, ["rudder"], measured=False, turn_removed=removed)[2]
+        np.testing.assert_array_equal(y, expected)
 
 
 def test_a_measured_rudder_moves_within_every_sample() -> None:
-    moves = as_fitted(stream(np.zeros(50)), measured=True, turn_removed=False).rudder_moves
-    assert (moves == 1.0).all()
+    steps = stream(np.repeat([0.0, 0.2, -0.2, 0.0], 10))
+    for measured, near in ((False, 0), (True, 6)):  # both samples at each of three steps
+        u, held, _ = inputs_and_rate(steps, ["rudder"], measured=measured, turn_removed=False)
+        assert np.count_nonzero(u != held) == near
+
+
+def test_a_row_without_one_of_its_signals_is_a_gap_in_all() -> None:
+    lacks = np.arange(50) // 10
+    samples = stream(
+        np.where(lacks == 0, np.nan, 0.1), aileron=np.where(lacks == 1, np.nan, 0.2),
+        y=np.ones(50), turn=np.where(lacks == 2, np.nan, 0.0),
+    )  # fmt: skip
+    roll = np.where(lacks == 3, np.nan, 0.0)
+    found = inputs_and_rate(samples, ["rudder", "aileron"], roll, measured=False, turn_removed=True)
+    for each in found:
+        assert np.isnan(each[:40]).all()
+        assert np.isfinite(each[40:]).all()

@@ -27,16 +27,14 @@ from yawid.answers.run_summary import (
 )
 from yawid.blocks import EstimateBlock, Floats, SampleBlock, finite
 from yawid.config.run import BOTH
-from yawid.estimation.fit import fit_percent
 from yawid.estimation.polynomials import parameter_names
 from yawid.manoeuvre.answer import Answer, Known, answer_of
 from yawid.manoeuvre.conditions import conditions
-from yawid.manoeuvre.fit import Fit, best_alone, fits_of
-from yawid.manoeuvre.judge import Evidence, ManoeuvreSetting, is_turning, reasons
-from yawid.manoeuvre.likelihood import simulated
-from yawid.manoeuvre.signals import Fitted, fitted
+from yawid.manoeuvre.fit import Fit, fits_of
+from yawid.manoeuvre.judge import Evidence, ManoeuvreSetting, reasons
+from yawid.manoeuvre.signals import fitted, is_turning
 from yawid.physics.modes import modes
-from yawid.physics.responses import Record, as_fitted
+from yawid.physics.responses import Record
 from yawid.quantities.vehicles import AIRFRAME, WITH_ROLL_LOOP
 
 
@@ -52,19 +50,20 @@ def answer(
     """
     config, (found, untrue) = setting.config, conditions(samples, n, setting.modes_of)
     turn = config.turn == "keep" and not config.binds("turn") and is_turning(samples)
-    measured = config.rudder_is == "measured"
-    samples = as_fitted(samples, measured=measured, turn_removed=turn)
     leaves = found.loop != WITH_ROLL_LOOP and not config.binds("inputs")
-    seen = fitted(samples, None if leaves else config.inputs)
-    fit = best_alone(seen.fits)
-    explained_pct = fit_percent(*simulated(fit)) if fit else math.nan
+    seen = fitted(
+        samples,
+        None if leaves else config.inputs,
+        measured=config.rudder_is == "measured",
+        turn_removed=turn,
+    )
     has_loop = found.loop != AIRFRAME and seen.inputs != BOTH
-    found_by_fit = answer_of(seen.fits, has_roll_loop=has_loop) if fit else None
-    evidence = Evidence(samples, setting, turn, fit, explained_pct, found_by_fit)
+    by_fit = answer_of(seen.fits, has_roll_loop=has_loop)
+    evidence = Evidence(samples, setting, turn, seen, by_fit)
     verdict = Verdict.of([*reasons(evidence), *([] if untrue is None else [untrue])], CT)
     estimates = {name: _of_stream(name, each, setting) for name, each in (running or {}).items()}
-    if fit is not None:
-        estimates = {CT: _summary(seen, evidence, found)} | estimates
+    if seen.fits:
+        estimates = {CT: _summary(evidence, found)} | estimates
     return Manoeuvre(
         **msgspec.structs.asdict(found),
         inputs=list(seen.inputs),
@@ -93,14 +92,13 @@ def _of_stream(method: str, last: EstimateBlock, setting: ManoeuvreSetting) -> M
 def seen_in(sample_time_s: float, rudder: Floats, yaw_rate: Floats) -> Floats:
     """Return wn in rad/s and zeta (2,) that the fit sees in a yaw rate (n,); NaN without."""
     record = Record.of(sample_time_s, rudder[:, None], yaw_rate)
-    fits = fits_of(record)
-    found = answer_of(fits) if fits else None
+    found = answer_of(fits_of(record))
     return np.full(2, np.nan) if found is None else np.array([found.wn_rad_s[0], found.zeta[0]])
 
 
-def _summary(seen: Fitted, of: Evidence, found: Conditions) -> MethodSummary:
+def _summary(of: Evidence, found: Conditions) -> MethodSummary:
     """Return the answer as ``--json`` prints it, of the evidence of a manoeuvre that has a fit."""
-    fit, answer = of.fit, of.answer
+    fit, answer, seen = of.fit, of.answer, of.seen
     assert fit is not None
     samples = int(np.diff(fit.blocks.record.runs).sum())
     bare = MethodSummary(

@@ -28,6 +28,7 @@ from yawid.lateral.fit_airframe import ANSWERED, fit_airframe, mean
 from yawid.lateral.gates import GATES, WN_KNOWN
 from yawid.lateral.motion import Motion
 from yawid.manoeuvre.answered import seen_in
+from yawid.manoeuvre.conditions import SIGMAS
 from yawid.manoeuvre.feedback import rate_feedback
 from yawid.manoeuvre.flight import DISAGREE_WN, LEAST_AGREEING, agreement, disagreement, left_out
 from yawid.manoeuvre.projection import ROLL
@@ -39,9 +40,7 @@ DISAGREE: Final = "manoeuvres_disagree"
 WRONG_SIGN: Final = "wrong_sign"
 CHECK_AILERON: Final = "Check the aileron's servo, and SERVOn_REVERSED of the output that moves it."
 LAG_DIFFERS: Final = "lag_differs"
-LAG_APART: Final = 3.0
-"""Sigmas between the servo lag given and the one that the flight shows: chance goes beyond in
-.3 %. Without it a lag that was .1 s wrong was believed, with wn up to 4 sigma off."""
+"""Without it a lag that was .1 s wrong was believed, with wn up to 4 sigma off."""
 OF_ALL: Final = frozenset((
     "lag_unknown", "several_minima", "wn_uncertain", "aileron_uncertain", "rudder_without_effect",
     "not_settled",
@@ -219,7 +218,7 @@ def _with_lag(found: Bare, airframes: Sequence[Airframe]) -> Bare:
     """Return an answer, with a warning where the airframes show another servo lag than given."""
     lags, stds = np.array([(a.free_lag_s.value, a.free_lag_s.std) for a in airframes]).T
     own, given = mean(lags, stds, "servo_lag_s"), airframes[0].given_lag_s
-    if not abs(own.value - given.value) > LAG_APART * math.hypot(own.std, given.std):
+    if not abs(own.value - given.value) > SIGMAS * math.hypot(own.std, given.std):
         return found
     text = (
         f"the servo lag given is {given.value:.3g} s, and without it the fit finds "

@@ -53,8 +53,11 @@ enough."""
 FACTOR: Final = 1.2
 """The factor beyond which an airspeed is implausible. Fourteen recorded flights had 1.00 to 1.11 in
 each turn, and 1.00 to 1.04 in the median of a flight."""
-LEAST_SCATTER, SIGMAS = 0.05, 3.0
-"""The least relative scatter of one turn's factor, and the sigmas by which a factor must differ."""
+SIGMAS: Final = 3.0
+"""The sigmas beyond which a difference is no chance, which goes there in .3 %: of an airspeed, of a
+manoeuvre from the others, of a servo lag from the one given, of a rudder that is reversed."""
+LEAST_SCATTER: Final = 0.05
+"""The least relative scatter of one turn's factor: two stretches may have the same by chance."""
 HIGH: Final = 1.3
 """True over equivalent airspeed at 5000 m, which is allowed where the altitude is unknown."""
 BANKED, BANK_STEADY = np.deg2rad((15.0, 60.0)), np.deg2rad(5.0)

@@ -44,8 +44,8 @@ is no fit of fewer samples than the third. By counting."""
 GRID_W, GRID_Z = 36, (0.08, 0.25, 0.7)
 """The grid's frequencies, and its damping ratios: twice as many led to no other end in 242 drawn
 flights, simulated aircraft and releases."""
-MOST_STARTS, NEAR_BEST = 3, 2.0
-"""Minima of the grid that are followed, and the most that their squares may exceed the best's."""
+MOST_STARTS: Final = 3
+"""Minima of the grid that are followed."""
 FINE_S: Final = 0.05
 """The grid's blocks in s."""
 LEAST_W, MOST_W, OF_RATE = 0.25, 30.0, 0.6
@@ -210,8 +210,7 @@ def grid(blocks: Blocks) -> list[Floats]:
     around = np.pad(loss, 1, constant_values=np.inf)
     near = np.lib.stride_tricks.sliding_window_view(around, (3, 3)).min(axis=(2, 3))
     at = sorted((float(loss[i, j]), i, j) for i, j in np.argwhere(loss <= near).tolist())
-    found = [(x, np.log([ws[i], z[j]])) for x, i, j in at[:MOST_STARTS]]
-    return [theta for x, theta in found if x <= NEAR_BEST * found[0][0]]
+    return [np.log([ws[i], z[j]]) for _, i, j in at[:MOST_STARTS]]
 
 
 def _eliminated(power: Floats, first: int) -> Floats:

@@ -27,15 +27,13 @@ from yawid.answers.run_summary import (
     Value,
 )
 from yawid.blocks import Bools, Floats
-from yawid.manoeuvre.conditions import Finding
+from yawid.manoeuvre.conditions import SIGMAS, Finding
 from yawid.manoeuvre.judge import rough_reasons
 from yawid.quantities.vehicles import AIRFRAME
 
 FEW = 4
 """Up to this number, manoeuvres do not show how much they scatter: there tau has a floor. With more
 of them the floor sinks, as the uncertainty of a scatter does."""
-DISAGREE_SIGMAS = 3.0
-"""The sigmas of the difference by which a manoeuvre must differ to disagree with the others."""
 DISAGREE_WN = 0.1
 """The part of wn by which a manoeuvre must differ to disagree with the others."""
 LEAST_STD = 1e-6
@@ -227,7 +225,7 @@ def agreement(x: Floats, std: Floats, floor: float, near: float) -> tuple[Bools,
     middle = order[int(np.searchsorted(summed, 0.5 * summed[-1]))]
     apart = np.abs(x - x[middle])
     sigma = np.hypot(total, total[middle])
-    agree = (apart <= near * x[middle]) | (apart <= DISAGREE_SIGMAS * sigma)
+    agree = (apart <= near * x[middle]) | (apart <= SIGMAS * sigma)
     return agree, float(weights[agree].sum() / weights.sum())
 
 

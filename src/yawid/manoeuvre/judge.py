@@ -16,6 +16,7 @@ another flight's rudder, reversed, 0.4 s late. Tables report other ones.
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Final
 
 import numpy as np
@@ -23,19 +24,23 @@ import numpy as np
 from yawid.answers.reasons import Reason
 from yawid.blocks import AIRSPEED_SHARE, Floats, SampleBlock
 from yawid.config.run import RunConfig
+from yawid.estimation.fit import fit_percent
 from yawid.manoeuvre.answer import Answer
+from yawid.manoeuvre.conditions import SIGMAS
 from yawid.manoeuvre.feedback import rate_feedback
 from yawid.manoeuvre.find import OTHER_SPEED, speed_factor
-from yawid.manoeuvre.fit import Fit
-from yawid.manoeuvre.likelihood import free_decay, freed, shifted
+from yawid.manoeuvre.fit import Fit, best_alone
+from yawid.manoeuvre.likelihood import free_decay, freed, shifted, simulated
+from yawid.manoeuvre.signals import TURNS, Fitted, is_turning
 from yawid.results.excitation import LEAST_STROKE, own_part
 from yawid.results.judge_samples import COLLINEAR, closeness, message_rate_reasons
 
 UNCERTAIN_WN: Final = 0.1
+"""The total sigma of wn, as a part of it, from which nothing follows from it."""
 UNCERTAIN_ZETA, LEAST_UNCERTAIN_ZETA, ZETA_SHARE = 0.1, 0.04, 0.4
-"""The total sigma of wn, as a part of it, and of zeta, as itself, from which nothing follows from
-them; of a light mode it may be that share of zeta. With 0.1 alone a T38 in severity 3 had .14 ± .07
-for .36; with a share of 0.25 seven right flights of the seed 8201 in gusts had no answer."""
+"""The total sigma of zeta from which nothing follows from it; of a light mode it may be that share
+of zeta. With 0.1 alone a T38 in severity 3 had .14 ± .07 for .36; with a share of 0.25 seven right
+flights of the seed 8201 in gusts had no answer."""
 ROUGH_WN: Final = 0.05
 """The total sigma of wn, as a part of it, from which it is a rough value: a warning."""
 LEAST_FREE: Final = 30.0
@@ -54,9 +59,6 @@ so much of it. With 2 the errors of wn in gusts were 3.6 % instead of 3.0 (RMS),
 """
 LEAST_SWINGS: Final = 2
 """The least strokes of the rudder, there and back. Of one way alone its gain is the bias."""
-TURNS: Final = 0.6
-"""The correlation of yaw rate and turn rate above which the bank, not the rudder, makes the yaw
-rate."""
 LEAST_RATIO, LOW_RATIO = 4.0, 10.0
 """Samples in a period of the mode below which there is no answer, and below which zeta is
 uncertain: a step of the command is known to a sample only."""
@@ -65,8 +67,6 @@ SATURATED: Final = 0.05
 SOME_FED_BACK, MOST_FED_BACK = 0.5, 1.0
 """The part of the rudder near the mode that feeds back the yaw rate, for a warning and for none. On
 flights of an ArduPlane answers were right up to 0.9, and 9 to 12 % too high from 1.3 on."""
-CLEAR_SIGMAS: Final = 3.0
-"""The sigmas of the yaw acceleration from which a reversed rudder is no chance."""
 CLEAR_PAIR: Final = 25.0
 """The chi-square of the pair's two residues from the rudder. Without it 34 of 500 simulated rolls
 on a runway, a lag and bumps, had a line of the bumps as a usable Dutch roll."""
@@ -86,20 +86,25 @@ class ManoeuvreSetting:
     modes_of: tuple[int, int]
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Evidence:
-    """What a manoeuvre is judged by; ``fit`` and ``answer`` are None where nothing was found.
-
-    ``fit`` is that of yaw rate alone with the least BIC, which explains ``explained_pct`` % of the
-    yaw rate when simulated.
-    """
+    """What a manoeuvre is judged by; ``answer`` is None where nothing was found."""
 
     samples: SampleBlock
     setting: ManoeuvreSetting
     turn_removed: bool
-    fit: Fit | None
-    explained_pct: float
+    seen: Fitted
     answer: Answer | None
+
+    @cached_property
+    def fit(self) -> Fit | None:
+        """The fit of yaw rate alone with the least BIC."""
+        return best_alone(self.seen.fits)
+
+    @cached_property
+    def explained_pct(self) -> float:
+        """How much of the yaw rate it explains when it is simulated, in percent."""
+        return math.nan if self.fit is None else fit_percent(*simulated(self.fit))
 
     @property
     def rudder(self) -> Floats:
@@ -130,7 +135,7 @@ def reasons(of: Evidence) -> Iterator[Reason]:
             "whether the rudder moves the oscillation found is not known: its residues from the "
             f"rudder have a chi-square of {effect:.0f}, at least {CLEAR_PAIR:g} is needed",
         )
-    elif rudder.yaw_acceleration.value < -CLEAR_SIGMAS * rudder.yaw_acceleration.std:
+    elif rudder.yaw_acceleration.value < -SIGMAS * rudder.yaw_acceleration.std:
         yield Reason(
             "wrong_sign",
             "positive rudder turns the nose left: the servo is reversed, or --rudder-sign is wrong",
@@ -310,7 +315,8 @@ def _fed_back(of: Evidence, wn_rad_s: float) -> Iterator[Reason]:
     """Judge how much of the rudder near the mode feeds back the yaw rate."""
     samples, config = of.samples, of.setting.config
     rudder = of.rudder * config.half_travel
-    y = np.where(np.isfinite(rudder), samples.y, np.nan)
+    y = samples.y - samples.turn_rate if of.turn_removed else samples.y
+    y = np.where(np.isfinite(rudder), y, np.nan)
     found = rate_feedback(rudder, y, samples.aileron, wn_rad_s, samples.sample_time_s)
     if found is None or found.share <= SOME_FED_BACK:
         return
@@ -326,15 +332,6 @@ def _fed_back(of: Evidence, wn_rad_s: float) -> Iterator[Reason]:
         )
     else:
         yield Reason("closed_loop", f"{said}; beyond {MOST_FED_BACK:g} times it biases the answer")
-
-
-def is_turning(samples: SampleBlock) -> bool:
-    """Return whether the bank makes most of the yaw rate."""
-    rows = np.isfinite(samples.y) & np.isfinite(samples.turn_rate)
-    y, turn = samples.y[rows], samples.turn_rate[rows]
-    if len(y) < 3 or not (np.ptp(y) > 0.0 and np.ptp(turn) > 0.0):
-        return False
-    return float(np.corrcoef(y, turn)[0, 1]) > TURNS
 
 
 def swings(x: Floats, least: float) -> int:

@@ -17,7 +17,7 @@ import numpy as np
 from yawid.blocks import SampleBlock
 from yawid.config.run import BOTH
 from yawid.manoeuvre.fit import Fit, best_alone, fits_of
-from yawid.physics.responses import Record, inputs_of
+from yawid.physics.responses import Record, inputs_and_rate
 from yawid.results.excitation import LEAST_STROKE
 
 MOST_STILL: Final = 0.95
@@ -27,6 +27,9 @@ of two standard deviations, the median error of wn was .15 % in calm air, withou
 MOST_REACTION: Final = 0.5
 """The most of an aileron's variance that the motion may explain. Chosen on 90 flights; its own part
 must cover LEAST_STROKE in all, as a rudder's."""
+TURNS: Final = 0.6
+"""The correlation of yaw rate and turn rate above which the bank, not the rudder, makes the yaw
+rate."""
 WORTH_BIC: Final = 20.0
 """What the aileron must take off the least BIC to be an input: without it, an aileron that hardly
 moved made wn 10 % wrong in gusts. Chosen on 24 drawn flights whose aileron is moved, too."""
@@ -40,18 +43,25 @@ class Fitted(NamedTuple):
     roll_left_out: str
 
 
-def fitted(samples: SampleBlock, inputs: tuple[str, ...] | None = None) -> Fitted:
+def fitted(
+    samples: SampleBlock,
+    inputs: tuple[str, ...] | None = None,
+    *,
+    measured: bool = False,
+    turn_removed: bool = False,
+) -> Fitted:
     """Return the fits of a manoeuvre's samples, with these ``inputs``, or with those they show.
 
     With the aileron as an input their poles are those of the bare airframe, else those of the
     aircraft as flown.
     """
     fault = roll_fault(samples)
+    how = {"with_roll": not fault, "measured": measured, "turn_removed": turn_removed}
     may_have = aileron_moves(samples) if inputs is None else inputs == BOTH
-    both = fits_of(record_of(samples, BOTH, with_roll=not fault)) if may_have else []
+    both = fits_of(record_of(samples, BOTH, **how)) if may_have else []
     if inputs == BOTH:
         return Fitted(both, BOTH, fault)
-    alone = fits_of(record_of(samples, with_roll=not fault), both[0].blocks.q if both else None)
+    alone = fits_of(record_of(samples, ("rudder",), **how), both[0].blocks.q if both else None)
     best, with_aileron = (
         math.inf if (fit := best_alone(fits)) is None else fit.bic for fits in (alone, both)
     )
@@ -61,14 +71,30 @@ def fitted(samples: SampleBlock, inputs: tuple[str, ...] | None = None) -> Fitte
 
 
 def record_of(
-    samples: SampleBlock, inputs: tuple[str, ...] = ("rudder",), *, with_roll: bool = True
+    samples: SampleBlock,
+    inputs: tuple[str, ...] = ("rudder",),
+    *,
+    with_roll: bool = True,
+    measured: bool = False,
+    turn_removed: bool = False,
 ) -> Record:
     """Return the record of a manoeuvre's samples; a sample that lacks one of its signals is a gap.
 
     The rudder is the first input, the aileron the second one, and roll the second output.
     """
-    outputs = [samples.y, samples.roll] if with_roll else [samples.y]
-    return Record.of(samples.sample_time_s, inputs_of(samples, inputs, outputs)[1], *outputs)
+    roll = [samples.roll] if with_roll else []
+    how = {"measured": measured, "turn_removed": turn_removed}
+    _, held, y = inputs_and_rate(samples, inputs, *roll, **how)
+    return Record.of(samples.sample_time_s, held, y, *roll)
+
+
+def is_turning(samples: SampleBlock) -> bool:
+    """Return whether the bank makes most of the yaw rate."""
+    rows = np.isfinite(samples.y) & np.isfinite(samples.turn_rate)
+    y, turn = samples.y[rows], samples.turn_rate[rows]
+    if len(y) < 3 or not (np.ptp(y) > 0.0 and np.ptp(turn) > 0.0):
+        return False
+    return float(np.corrcoef(y, turn)[0, 1]) > TURNS
 
 
 def roll_fault(samples: SampleBlock) -> str:

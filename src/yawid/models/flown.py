@@ -15,7 +15,7 @@ from yawid.answers.run_summary import Manoeuvre
 from yawid.blocks import Bools, Floats, SampleBlock, runs_of
 from yawid.config.run import RunConfig
 from yawid.physics.modes import Complexes
-from yawid.physics.responses import Blocks, Record, as_fitted, inputs_of
+from yawid.physics.responses import Blocks, Record, inputs_and_rate
 
 _AWAY_NS: Final = 2_000_000_000
 
@@ -118,16 +118,14 @@ class Rows:
         if not self._parts:
             return None
         samples, found = SampleBlock.joined(self._parts), self.found
-        samples = as_fitted(
+        u, held, y = inputs_and_rate(
             samples,
+            found.inputs,
             measured=config.rudder_is == "measured",
             turn_removed=found.turn_removed and config.turn == "keep",
         )
-        u, held = inputs_of(samples, found.inputs, [samples.y])
-        return Flown(
-            found, samples.sample_time_s, samples.boot_us / 1e6, u, held,
-            np.where(np.isfinite(held[:, 0]), samples.y, np.nan), samples.turn_rate,
-        )  # fmt: skip
+        t, turn_rate = samples.boot_us / 1e6, samples.turn_rate
+        return Flown(found, samples.sample_time_s, t, u, held, y, turn_rate)
 
 
 def flown_in(rows: Sequence[Rows], config: RunConfig) -> list[Flown]:

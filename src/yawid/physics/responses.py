@@ -19,7 +19,7 @@ a run, and each run has an initial state of its own: the free response is a L^K.
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -63,27 +63,24 @@ class Record:
         return float(np.diff(self.runs).sum()) * self.sample_time_s
 
 
-def as_fitted(samples: SampleBlock, *, measured: bool, turn_removed: bool) -> SampleBlock:
-    """Return samples as a fit takes them: what is ``measured`` moves within every sample.
+def inputs_and_rate(
+    samples: SampleBlock,
+    inputs: Sequence[str],
+    *others: Floats,
+    measured: bool,
+    turn_removed: bool,
+) -> tuple[Floats, Floats, Floats]:
+    """Return the inputs (n, inputs) as a fit takes them, the same as held, and the yaw rate (n,).
 
-    With ``turn_removed`` the yaw rate is less the turn that the bank makes.
+    They are the rudder and, with two ``inputs``, the aileron; what is ``measured`` moves within
+    every sample. With ``turn_removed`` the yaw rate is less the turn that the bank makes. A row
+    that lacks one of them or of the ``others`` (n,) is a gap: there all three are NaN.
     """
-    moves = np.ones(len(samples)) if measured else samples.rudder_moves
     y = samples.y - samples.turn_rate if turn_removed else samples.y
-    return replace(samples, rudder_moves=moves, y=y)
-
-
-def inputs_of(
-    samples: SampleBlock, inputs: Sequence[str], outputs: Sequence[Floats]
-) -> tuple[Floats, Floats]:
-    """Return the rudder, and with two ``inputs`` the aileron (n, inputs), and both as held.
-
-    A row that lacks one of them or of the ``outputs`` (n,) each is a gap: there they are NaN.
-    """
     u = np.column_stack([samples.u[:, 0], samples.aileron])[:, : len(inputs)]
-    good = np.isfinite(np.column_stack([u, *outputs])).all(axis=1)
-    u = np.where(good[:, None], u, np.nan)
-    return u, as_held(u, samples.rudder_moves == 1.0)
+    good = np.isfinite(np.column_stack([u, y, *others])).all(axis=1)
+    u, y = np.where(good[:, None], u, np.nan), np.where(good, y, np.nan)
+    return u, as_held(u, (samples.rudder_moves == 1.0) | measured), y
 
 
 class Response(NamedTuple):
