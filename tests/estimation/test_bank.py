@@ -28,8 +28,9 @@ def test_a_ring_holds_the_newest_rows_however_they_came(limit: int, cuts: list[i
         at += count
     assert len(record) == min(total, limit)
     if cuts:
-        for kept, column in zip(record.joined(), (rows, pairs), strict=True):
-            np.testing.assert_array_equal(kept, column[max(0, total - limit) :])
+        for newest in (limit, 3):
+            for kept, column in zip(record.joined(newest), (rows, pairs), strict=True):
+                np.testing.assert_array_equal(kept, column[max(0, total - min(limit, newest)) :])
 
 
 CONFIG = RunConfig(orders=(2, 2, 2, 1), forgetting=0.98)

@@ -45,9 +45,12 @@ class Ring:
             ring[rows] = column[-self.limit :]
         self.seen += count
 
-    def joined(self) -> tuple[Floats, ...]:
-        """Return the columns (n, ...), the oldest row first; no columns before the first row."""
-        rows = np.arange(self.seen - len(self), self.seen) % self.limit
+    def joined(self, newest: int) -> tuple[Floats, ...]:
+        """Return so many rows (n, ...) of each column, or all, the oldest first.
+
+        There are no columns before the first row.
+        """
+        rows = np.arange(self.seen - min(len(self), newest), self.seen) % self.limit
         return tuple(ring[rows] for ring in self._rings)
 
 
@@ -121,12 +124,12 @@ class Bank:
         self._record.add(samples.u, samples.y, *context, *predictions)
         return self.last
 
-    def history(self) -> SampleHistory:
+    def history(self, newest: int = HISTORY) -> SampleHistory:
         """Return the samples of the epoch on which the model is scored, and each prediction of y.
 
-        They are the newest 2^19 at most, and no more than three memories where the model forgets.
+        They are the ``newest`` at most, and no more than three memories where the model forgets.
         """
-        columns = self._record.joined()
+        columns = self._record.joined(newest)
         own = len(columns) - len(self.methods)
         u, y, roll, turn, airspeed, aileron, mode = columns[:own]
         y_hat = dict(zip(self.methods, columns[own:], strict=True))

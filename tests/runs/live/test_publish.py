@@ -24,7 +24,6 @@ from yawid.channels.stage import WANTED
 from yawid.cli.main import main
 from yawid.config.run import RunConfig
 from yawid.errors import ConfigError
-from yawid.manoeuvre.find import UnderWay
 from yawid.pipeline import Pipeline
 from yawid.results.summary import of_stream
 from yawid.runs.live import LiveOptions
@@ -257,16 +256,35 @@ def test_before_the_rudder_has_moved_by_itself_there_is_no_number():
 
 
 def test_once_the_movement_is_forgotten_the_streams_number_is_not_known_any_more():
-    short = replace(CONFIG, forgetting=None, memory=5.0)
-    pipeline, decoder = flown(short, 16.0)
-    answer = RunningAnswer()
-    answer._excited_at = pipeline.samples - 4.0 / pipeline.bank.sample_time_s
-    pipeline.progress = lambda: (UnderWay(None, 0.0), 0)  # the manoeuvre has ended, unanswered
-    recent = answer.look(pipeline, decoder.link).running
-    answer._excited_at = pipeline.samples - 6.0 / pipeline.bank.sample_time_s
+    """The rudder has moved within the last 5 s until 15.6 s, and a memory later that is forgotten.
 
-    assert recent is not None
-    assert answer.look(pipeline, decoder.link).running is None
+    Without a search for manoeuvres the number is shown by the same rule.
+    """
+    off = replace(CONFIG, forgetting=None, memory=5.0, manoeuvres="off")
+    pipeline, decoder = flown(off, 19.6)
+    recent = RunningAnswer().look(pipeline, decoder.link)
+    pipeline, decoder = flown(off, 21.6)
+    roll = of_stream(pipeline.bank)["els"].dutch_roll
+
+    assert said(recent).startswith("running, not judged: wn ")
+    assert roll.wn_std < 0.1 * roll.wn_rad_s  # P alone would show it
+    assert said(RunningAnswer().look(pipeline, decoder.link)) == "running: not known yet"
+
+
+def test_looks_in_between_see_the_movement_that_one_look_at_the_end_sees():
+    pipeline, decoder = flown(replace(CONFIG, manoeuvres="off"), 0.1)
+    answer, last = RunningAnswer(), 0.1
+    for until_s in (4.0, 8.9, 9.3, 11.0, 16.0):
+        first, end = (round(len(SENT) * each / 24.0) for each in (last, until_s))
+        sent = enumerate(SENT[first:end], first)
+        stamped = [pack(">Q", 1_700_000_000_000_000 + 6_000 * i) + f for i, f in sent]
+        pipeline.feed(decoder.feed(b"".join(stamped)))
+        found, last = answer.look(pipeline, decoder.link), until_s
+        assert (found.running is not None) == (until_s > 10.0), until_s
+
+    once = RunningAnswer()
+    assert once.look(pipeline, decoder.link) == found
+    assert once._excited_at == answer._excited_at
 
 
 def test_what_a_log_lacks_is_the_verdict_before_a_manoeuvre():

@@ -6,11 +6,15 @@ Status line, live screen and publisher all ask here, so that they say the same.
 import math
 from typing import NamedTuple
 
+import numpy as np
+
 from yawid.answers.reasons import Verdict
 from yawid.answers.run_summary import DutchRoll, Flight
 from yawid.blocks import Status
+from yawid.estimation.bank import Bank
 from yawid.pipeline import Pipeline
 from yawid.quantities.link import LinkStats
+from yawid.results.excitation import CHUNK_S, excitation
 from yawid.results.summary import dutch_roll_of_stream, log_reasons
 from yawid.sinks.words import dutch_roll
 
@@ -58,7 +62,7 @@ class RunningAnswer:
     """The answer of one session; it keeps when the rudder's own part last moved far enough."""
 
     def __init__(self) -> None:
-        self._excited_at, self._found = -math.inf, 0
+        self._excited_at, self._looked_at = -math.inf, 0
 
     def look(self, pipeline: Pipeline, link: LinkStats) -> Answer:
         """Return the answer; to be called about once each second."""
@@ -77,13 +81,11 @@ class RunningAnswer:
         The rudder's own part must also have moved far enough within the estimator's memory: later P
         says little of what noise has made of theta since.
         """
-        progress, unanswered = pipeline.progress()
-        found = len(pipeline.manoeuvres or ()) + unanswered
-        if progress.is_excited or found > self._found:
-            self._excited_at = pipeline.samples
-        self._found = found
         bank, method = pipeline.bank, pipeline.config.method
-        if bank is None or not bank.last or int(bank.last[method].status[-1]) not in SOUND:
+        if bank is None or not bank.last:
+            return None
+        self._move(bank, pipeline.samples)
+        if int(bank.last[method].status[-1]) not in SOUND:
             return None
         forgotten = 1.0 - bank.config.forgetting_factor(bank.sample_time_s)
         if (pipeline.samples - self._excited_at) * forgotten > 1.0:
@@ -92,3 +94,15 @@ class RunningAnswer:
         if roll is None or roll.wn_std is None or roll.wn_std >= KNOWN_WN * roll.wn_rad_s:
             return None
         return roll
+
+    def _move(self, bank: Bank, samples: int) -> None:
+        """Look at the rudder of the samples since the last look, with those before for its mix."""
+        new = samples - self._looked_at + round(CHUNK_S / bank.sample_time_s)
+        seen = bank.history(new)
+        own = excitation(
+            seen.u[:, 0], seen.aileron, seen.mode, bank.config.half_travel, bank.sample_time_s
+        )
+        excited = np.flatnonzero(own.excited)
+        if len(excited):
+            self._excited_at = samples - len(own.own) + int(excited[-1])
+        self._looked_at = samples
