@@ -35,7 +35,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "sinks/mcap": {"config", "estimation", "sinks"},
     "sinks/rerun": {"physics", "sinks"},
     "sinks/terminal": {"results", "sinks"},
-    "report": {"damper", "models", "physics", "sinks", "sinks/mcap"},
+    "report": {"damper", "manoeuvre", "models", "physics", "sinks", "sinks/mcap"},
     "pipeline": {"config", "channels", "estimation", "physics", "manoeuvre", "results", "sinks"},
     "runs": {"config", "channels", "offline", "pipeline", "plant", "results"}
     | {"sources", RECORDS, *SINKS},

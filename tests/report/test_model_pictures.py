@@ -243,4 +243,7 @@ def test_a_manoeuvre_is_drawn_by_the_very_model_that_answered_it(tmp_path: Path)
     assert pct == pytest.approx(found.answer.fit.simulation_pct, abs=1.0)  # type: ignore[union-attr]  # it has one
     text = Report(run).html()
     assert f'<figure id="manoeuvre{found.n}">' in text
-    assert all(f'<figure id="{key}">' in text for key in ("bode", "poles", "step", "residuals"))
+    assert all(
+        f'<figure id="{key}">' in text
+        for key in ("likelihood", "bode", "poles", "step", "residuals")
+    )

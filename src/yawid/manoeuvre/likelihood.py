@@ -5,10 +5,16 @@ An aileron that is an input, too, stays what it is: only the rudder is taken awa
 With the poles fixed all of these are linear. For N blocks and the sum of squares S of the whitened
 residual, twice the logarithm of the likelihood is -N log(S / N) up to a constant, so that the ratio
 of two is N / 2 log(S_0 / S_1) nats.
+
+Over wn and zeta the likelihood is a surface. At each of its points the other poles are those of the
+least squares, to the second order: they start at their mean for this wn and zeta, and e loses what
+a step of theirs takes off it. The contour k^2 / 2 nats below the top reaches k sigma of noise of wn
+and of zeta.
 """
 
 import math
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,6 +24,8 @@ from yawid.manoeuvre.projection import Problem, ar_of, whitened
 from yawid.physics.responses import Blocks
 
 _STEPS = 3
+CONTOUR_SIGMAS, SURFACE_POINTS = 4.0, 11
+"""How far the surface of the likelihood reaches, and its points, over wn and over zeta."""
 
 
 def free_decay(fit: Fit) -> float:
@@ -82,3 +90,32 @@ def simulated(fit: Fit) -> tuple[Floats, Floats]:
     X = fit.of_yaw().columns(fit.blocks.responses(fit.structure.poles(fit.theta)))
     y = fit.blocks.y[:, 0]
     return y, X @ np.linalg.lstsq(X, y, rcond=1e-10)[0]
+
+
+class Surface(NamedTuple):
+    """By how many ``nats`` (m, n) a fit is better than with zeta (m,) and ``wn_rad_s`` (n,)."""
+
+    wn_rad_s: Floats
+    zeta: Floats
+    nats: Floats
+
+
+def surface(fit: Fit) -> Surface:
+    """Return the likelihood of a fit of yaw rate over wn and zeta, its own being in the middle."""
+    problem = fit.of_yaw()
+    best = problem.at(fit.theta)
+    least, rows = float(best.e @ best.e), len(best.e)
+    C = np.linalg.pinv(best.J.T @ best.J)
+    along = C[2:, :2] @ np.linalg.inv(C[:2, :2])
+    reach = CONTOUR_SIGMAS * np.sqrt(np.diag(C)[:2] * least / rows)
+    steps = reach[:, None] * np.linspace(-1.0, 1.0, SURFACE_POINTS)
+    steps[1] = np.minimum(steps[1], -0.01 - fit.theta[1])
+    nats = np.empty((SURFACE_POINTS, SURFACE_POINTS))
+    for i, j in np.ndindex(nats.shape):
+        pair = np.array([steps[0, j], steps[1, i]])
+        point = problem.at(fit.theta + np.concatenate([pair, along @ pair]))
+        others = point.J[:, 2:]
+        left = point.e - others @ np.linalg.lstsq(others, point.e, rcond=None)[0]
+        nats[i, j] = 0.5 * rows * math.log(float(left @ left) / least)
+    wn, zeta = np.exp(fit.log_pair[:, None] + steps)
+    return Surface(wn, zeta, nats)

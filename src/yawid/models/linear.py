@@ -125,12 +125,14 @@ class Form:
 class Measured:
     """A manoeuvre as measured and as modelled, (n,) each, u (n, inputs); NaN in a gap.
 
-    ``t`` is in s since boot, ``y`` and ``simulated`` are in rad/s. ``longest`` has the rows of the
-    longest stretch without a gap.
+    ``t`` is in s since boot, ``u`` the mean of each input over its sample, ``held`` (n, inputs)
+    what acts like it when it is held; ``y`` and ``simulated`` are in rad/s. ``longest`` has the
+    rows of the longest stretch without a gap.
     """
 
     t: Floats
     u: Floats
+    held: Floats
     y: Floats
     simulated: Floats
     longest: slice
@@ -139,7 +141,7 @@ class Measured:
     def of(cls, flown: Flown, model: Answered) -> "Measured":
         """Return a manoeuvre's samples with those of its model."""
         simulated = flown.simulated(*model.halves())
-        return cls(flown.t, flown.u, flown.y, simulated, flown.longest_stretch)
+        return cls(flown.t, flown.u, flown.held, flown.y, simulated, flown.longest_stretch)
 
     def coherence(self, w: Floats, sample_time_s: float) -> Floats:
         """Return the squared coherence (k,) of y and simulated at ``w`` (k,); NaN if too short."""

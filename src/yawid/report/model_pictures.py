@@ -54,7 +54,7 @@ def poles_picture(drawn: Drawn, bare: DutchRoll | None = None) -> Picture:
             ray = np.array([0.0, 2.0 * size]) * pole_of(1.0, np.array(zeta))
             ax.plot(ray.real, ray.imag, color="#cccccc", linewidth=0.6)
         for pole, covariance in _with_sigma(drawn.answered):
-            _ellipse(ax, pole, covariance, size)
+            ellipse(ax, pole, covariance, 0.01 * size)
         ax.plot(poles.real, poles.imag, "x", color=MODEL, markersize=8, markeredgewidth=2,
                 label="pole")  # fmt: skip
         above = zeros[zeros.imag >= 0.0]
@@ -94,13 +94,12 @@ def _with_sigma(model: Answered) -> Iterator[tuple[complex, Floats]]:
         yield pole, parts @ model.covariance[at, at] @ parts.T
 
 
-def _ellipse(ax: Axes, pole: complex, covariance: Floats, size: float) -> None:
+def ellipse(ax: Axes, at: complex, covariance: Floats, least: float = 0.0) -> None:
+    """Shade 2 sigma around x + jy whose covariance is (2, 2), ``least`` wide at the least."""
     variance, axes = np.linalg.eigh(covariance)
-    width, height = np.maximum(4.0 * np.sqrt(np.maximum(variance[::-1], 0.0)), 0.01 * size)
+    width, height = np.maximum(4.0 * np.sqrt(np.maximum(variance[::-1], 0.0)), least)
     angle = math.degrees(math.atan2(axes[1, 1], axes[0, 1]))
-    ax.add_patch(
-        Ellipse((pole.real, pole.imag), width, height, angle=angle, color=MODEL, alpha=0.25)
-    )
+    ax.add_patch(Ellipse((at.real, at.imag), width, height, angle=angle, color=MODEL, alpha=0.25))
 
 
 def bode_picture(drawn: Drawn, grid: Grid) -> Picture:

@@ -12,6 +12,7 @@ from yawid.report.bare import bare_section
 from yawid.report.data import Drawn, gather
 from yawid.report.html import first_screen, note, numbers, page, pictures, tables
 from yawid.report.lateral_picture import lateral_picture
+from yawid.report.likelihood_picture import likelihood_picture
 from yawid.report.manoeuvres import flight_numbers, flight_section
 from yawid.report.model_pictures import bode_picture, poles_picture, residuals_picture, step_picture
 from yawid.report.picture import Picture
@@ -156,7 +157,9 @@ class Report:
         first, grid, bare = self._first, self._run.grid, self._summary.bare
         if first is None or grid is None:
             return []
+        known = likelihood_picture(first)
         return [
+            *([] if known is None else [known]),
             bode_picture(first, grid),
             poles_picture(first, None if bare is None else bare.dutch_roll),
             step_picture(first, grid),
