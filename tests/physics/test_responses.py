@@ -2,12 +2,23 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from manoeuvre.exact import Floats, states
+from manoeuvre.exact import Floats, doublets, states
 from manoeuvre.streams import stream
 
-from yawid.physics.responses import LEAST_BLOCKS, Blocks, Record, block_size, inputs_and_rate
+from yawid.manoeuvre.answer import answer_of
+from yawid.manoeuvre.signals import fitted
+from yawid.physics.responses import (
+    LEAST_BLOCKS,
+    Blocks,
+    Record,
+    averaged,
+    block_size,
+    inputs_and_rate,
+)
 
 TS_S = 0.05
 POLES = np.array([-0.3 + 2.0j, -1.5 + 0.0j])
@@ -100,3 +111,20 @@ def test_a_row_without_one_of_its_signals_is_a_gap_in_all() -> None:
     for each in found:
         assert np.isnan(each[:40]).all()
         assert np.isfinite(each[40:]).all()
+
+
+@pytest.mark.parametrize("step_s", [0.025, 0.05, 0.1])
+def test_a_mean_yaw_rate_has_the_poles_and_the_gain_of_the_yaw_rate_itself(step_s: float) -> None:
+    """The steps of an exact heading: its yaw rate has a pair of 2 rad/s, and roll its residues"""
+    rudder = doublets(2.0, step_s, periods=8.0)
+    A = [[0.0, 1.0, 0.0], [-4.0, -0.4, 0.0], [1.2, 0.96, 0.0]]
+    x = states(A, [[0.0], [1.0], [0.0]], rudder[:, None], step_s)
+    y = np.append(0.0, np.diff(x[:, 2]) / step_s)
+    flown = replace(stream(rudder, y=y, roll=x[:, 0]), sample_time_s=step_s)
+    seen = fitted(averaged(flown, measured=False))
+    found = answer_of(seen.fits)
+    assert seen.roll_left_out == ""
+    assert found is not None
+    assert found.wn_rad_s.value == pytest.approx(2.0, rel=1e-3)
+    assert found.zeta.value == pytest.approx(0.1, abs=1e-3)
+    assert found.eq_23.yaw_acceleration.value == pytest.approx(0.96, rel=2e-3)

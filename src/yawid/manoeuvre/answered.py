@@ -34,7 +34,7 @@ from yawid.manoeuvre.fit import Fit, fits_of
 from yawid.manoeuvre.judge import Evidence, ManoeuvreSetting, reasons
 from yawid.manoeuvre.signals import fitted, is_turning
 from yawid.physics.modes import modes
-from yawid.physics.responses import Record
+from yawid.physics.responses import Record, averaged
 from yawid.quantities.vehicles import AIRFRAME, WITH_ROLL_LOOP
 
 
@@ -50,6 +50,8 @@ def answer(
     """
     config, (found, untrue) = setting.config, conditions(samples, n, setting.modes_of)
     turn = config.turn == "keep" and not config.binds("turn") and is_turning(samples)
+    if config.output == "yaw":
+        samples = averaged(samples, measured=config.rudder_is == "measured")
     leaves = found.loop != WITH_ROLL_LOOP and not config.binds("inputs")
     seen = fitted(
         samples,

@@ -15,7 +15,7 @@ from yawid.answers.run_summary import Manoeuvre
 from yawid.blocks import Bools, Floats, SampleBlock, runs_of
 from yawid.config.run import RunConfig
 from yawid.physics.modes import Complexes
-from yawid.physics.responses import Blocks, Record, inputs_and_rate
+from yawid.physics.responses import Blocks, Record, averaged, inputs_and_rate
 
 _AWAY_NS: Final = 2_000_000_000
 
@@ -118,6 +118,8 @@ class Rows:
         if not self._parts:
             return None
         samples, found = SampleBlock.joined(self._parts), self.found
+        if config.output == "yaw":
+            samples = averaged(samples, measured=config.rudder_is == "measured")
         u, held, y = inputs_and_rate(
             samples,
             found.inputs,

@@ -19,7 +19,7 @@ a run, and each run has an initial state of its own: the free response is a L^K.
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -81,6 +81,22 @@ def inputs_and_rate(
     good = np.isfinite(np.column_stack([u, y, *others])).all(axis=1)
     u, y = np.where(good[:, None], u, np.nan), np.where(good, y, np.nan)
     return u, as_held(u, (samples.rudder_moves == 1.0) | measured), y
+
+
+def averaged(samples: SampleBlock, *, measured: bool) -> SampleBlock:
+    """Return samples whose y is a mean since the sample before, with all else averaged alike.
+
+    Such a y is the response to means of the inputs, which go on a line from one sample to the next:
+    they move within every sample. The first sample after a gap has none.
+    """
+    moves = (samples.rudder_moves == 1.0) | measured
+    u = as_held(np.column_stack([samples.u, samples.aileron]), moves)
+    every = np.column_stack([u, samples.roll])
+    every[1:] = 0.5 * (every[1:] + every[:-1])
+    every[0] = np.nan
+    u, aileron, roll = every[:, :-2], every[:, -2], every[:, -1]
+    y = np.where(np.isfinite(u[:, 0]), samples.y, np.nan)
+    return replace(samples, rudder_moves=np.ones(len(u)), y=y, u=u, aileron=aileron, roll=roll)
 
 
 class Response(NamedTuple):
