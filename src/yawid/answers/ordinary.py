@@ -1,0 +1,62 @@
+"""The answer of an ordinary flight, in which nobody moved the rudder on purpose.
+
+It is of the aircraft without its autopilot, and of its modes and its roll channel only: such a
+flight does not show the rudder's effect.
+"""
+
+from yawid.answers.part import Count, Number, Part
+from yawid.answers.reasons import Verdict
+from yawid.answers.run_summary import DutchRoll, TimeConstant, Value
+
+
+class RollLaw(Part, frozen=True, kw_only=True):
+    """The roll hold found: aileron = -k_roll roll - k_p p + what is asked for; ``r2`` of it."""
+
+    k_roll: Number
+    k_p: Number
+    r2: Number
+
+
+class OrdinarySpectrum(Part, frozen=True, kw_only=True):
+    """Spectral densities of p, r and roll, measured and of the fit, at frequencies in rad/s.
+
+    They are in (rad/s)^2 or rad^2 per Hz, on both sides; ``count`` is how many independent
+    frequencies each mean has.
+    """
+
+    w_rad_s: list[Number]
+    count: list[Number]
+    measured: dict[str, list[Number]]
+    modelled: dict[str, list[Number]]
+
+
+class OrdinaryAnswer(Part, frozen=True, kw_only=True):
+    """What an ordinary flight shows of the bare airframe at one airspeed, and its verdict.
+
+    ``poles`` are [real, imaginary] in rad/s. ``derivatives`` are L_p, L_delta_a, L_beta and N_beta
+    of eq. 20-21; those of the aileron have in them the rudder that an autopilot mixes to it.
+    ``flown`` is the same mode under the roll law found, a by-product with its own sigma and
+    verdict. ``seconds`` are the time used, ``seen_s`` all of it; ``share`` is the part of the
+    roll rate's power near the mode that what is asked of the aileron makes.
+    """
+
+    dutch_roll: DutchRoll | None = None
+    poles: list[list[Number]] | None = None
+    roll_mode: TimeConstant | None = None
+    derivatives: dict[str, Value] | None = None
+    flown: DutchRoll | None = None
+    flown_verdict: Verdict | None = None
+    law: RollLaw | None = None
+    airspeed_m_s: Number | None = None
+    seconds: Number = 0.0
+    seen_s: Number = 0.0
+    turns: Count = 0
+    windows: Count = 0
+    share: Number | None = None
+    band_rad_s: list[Number] | None = None
+    spectrum: OrdinarySpectrum | None = None
+    verdict: Verdict
+
+    def __bool__(self) -> bool:
+        """Return whether it is usable."""
+        return self.verdict.usable

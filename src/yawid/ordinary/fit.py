@@ -1,0 +1,229 @@
+"""The likelihood of spectra (Whittle), and the parameters of which it is largest.
+
+    L(x) = sum over b of n_b log det S_b + tr(S_b^-1 E_b) + prior,    E_b = M_b Z_b M_b^H
+    M = Y - G U        what u = U z leaves of y = Y z
+
+It is minus the logarithm of the likelihood that p, r and roll have given the aileron's own part a
+(what feedback leaves of the aileron), so that bands may be left out without bias. Its slope, and
+the information by which the steps are scored (Fisher), are
+
+    L_i  = tr(S^-1 S_i (n - S^-1 E)) + 2 Re tr(S^-1 M_i Z M^H)
+    F_ij = n tr(S^-1 S_i S^-1 S_j) + 2 Re tr(S^-1 M_i Z M_j^H)
+
+Spectra do not show the sign of a real part: an aircraft that flew is stable, and x stays there.
+Without that zeta was -.155 for .201 in one of 20 flights.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from yawid.blocks import Floats
+from yawid.lateral.model import AILERON as BY_AILERON
+from yawid.lateral.model import Guess, airframe
+from yawid.ordinary.model import FREE, FREE_AT, FROZEN, OUTPUTS, STRUCTURE, Model, full, prior_of
+from yawid.ordinary.spectra import INDEPENDENT, ROLL, Band, Complex, R
+from yawid.ordinary.spectra import P as ROLL_RATE
+from yawid.quantities.airspeed import GRAVITY
+
+LEAST_GAIN = 1e-2
+"""The gain of the likelihood's logarithm below which a fit has settled."""
+MOST_STEP = 2.0
+"""The largest step, in scales of the parameters: beyond it the first steps leave all aircraft."""
+LEAST_LAG_S, MOST_GROWTH = 0.002, 0.3
+STEPS_OF_TURNS = 12
+SMOOTHED = 4
+"""The bins on each side over which the spectrum of what is left is averaged."""
+
+
+@dataclass(frozen=True, slots=True)
+class Fitted:
+    """Parameters x (n,) by FREE, L, the covariance (n, n), and the bands, model and guess."""
+
+    x: Floats
+    loss: float
+    covariance: Floats
+    band: Band
+    model: Model
+    guess: Guess
+
+
+def left_over(band: Band, model: Model, G: Complex) -> tuple[Complex, Complex]:
+    """Return M (b, 3, 6) and E (b, 3, 3)."""
+    M = OUTPUTS - G @ model.inputs()
+    return M, M @ band.Z @ M.conj().swapaxes(-1, -2)
+
+
+def loss_of(x: Floats, band: Band, model: Model, prior: tuple[Floats, Floats]) -> float:
+    """Return L of parameters x (n,)."""
+    found = model.predict(x, slopes=False)
+    _, E = left_over(band, model, found.G)
+    sign, log = np.linalg.slogdet(found.S)
+    if not (np.isfinite(log).all() and (sign.real > 0.0).all()):
+        return math.inf
+    fit = band.n * log + np.einsum("bij,bji->b", np.linalg.inv(found.S), E).real
+    return float(fit.sum() + 0.5 * np.sum(((x - prior[0]) / prior[1]) ** 2))
+
+
+def slope_of(
+    x: Floats, band: Band, model: Model, prior: tuple[Floats, Floats]
+) -> tuple[Floats, Floats]:
+    """Return the slope (n,) of L by x, and the information (n, n)."""
+    found = model.predict(x)
+    M, E = left_over(band, model, found.G)
+    dM, inverse = -found.dG @ model.inputs(), np.linalg.inv(found.S)
+    T = inverse @ found.dS
+    slope = np.einsum("vbii,b->v", T, band.n) - np.einsum("vbij,bji->v", T, inverse @ E)
+    slope += 2.0 * np.einsum("vbij,bji->v", dM, band.Z @ M.conj().swapaxes(-1, -2) @ inverse)
+    n = len(x)
+    one = (band.n[:, None, None] * T).reshape(n, -1)
+    F = (one @ T.swapaxes(-1, -2).reshape(n, -1).T).real
+    bent = (inverse @ dM @ band.Z).reshape(n, -1)
+    F += 2.0 * (bent @ dM.conj().reshape(n, -1).T).real
+    return slope.real + (x - prior[0]) / prior[1] ** 2, F + np.diag(prior[1] ** -2.0)
+
+
+def fit(x: Floats, band: Band, model: Model, guess: Guess, steps: int = 60) -> Fitted:
+    """Return the best parameters from x (n,) on, at the end of ``steps`` at most.
+
+    Raises:
+        numpy.linalg.LinAlgError: the model is not finite.
+    """
+    prior, scales = prior_of(guess)
+    damping, loss = 1e-2, loss_of(x, band, model, prior)
+    for _ in range(steps):
+        slope, information = slope_of(x, band, model, prior)
+        for _ in range(10):
+            damped = information + damping * np.diag(np.diag(information))
+            step = -np.linalg.solve(damped, slope)
+            tried = x + step * min(1.0, MOST_STEP / float(np.max(np.abs(step) / scales)))
+            for name in ("delay", "servo_lag"):
+                tried[FREE_AT[name]] = max(tried[FREE_AT[name]], 0.0)
+            after = loss_of(tried, band, model, prior) if is_stable(tried, model) else math.inf
+            if after < loss:
+                break
+            damping = max(5.0 * damping, 1e-4)
+        else:
+            break
+        gain, x, loss, damping = loss - after, tried, after, max(damping / 6.0, 1e-9)
+        if gain < LEAST_GAIN:
+            break
+    covariance = np.asarray(np.linalg.inv(information), np.float64)
+    return Fitted(x, loss, covariance, band, model, guess)
+
+
+def is_stable(x: Floats, model: Model) -> bool:
+    """Return whether the aircraft under its roll law is stable, but for a slow spiral.
+
+    The delay is Pade's of first order.
+    """
+    A, B = airframe(full(x[None]), model.airspeed_m_s)
+    k = np.array([0.0, model.law.rate_gain, 0.0, model.law.roll_gain])
+    lag, delay = (max(float(x[FREE_AT[name]]), LEAST_LAG_S) for name in ("servo_lag", "delay"))
+    whole = np.zeros((6, 6))
+    whole[:4, :4], whole[:4, 4] = A[0, :4, :4], B[0, :4, BY_AILERON]
+    whole[4, :4], whole[4, 4], whole[4, 5] = k / lag, -1.0 / lag, -2.0 / lag
+    whole[5, :4], whole[5, 5] = 2.0 / delay * k, -2.0 / delay
+    if not np.isfinite(whole).all() or x[FREE_AT["L_p"]] >= 0.0:
+        return False
+    poles = np.linalg.eigvals(whole)
+    return not ((poles[poles.imag > 0.05].real > 0.0).any() or (poles.real > MOST_GROWTH).any())
+
+
+def start_at(
+    wn: float, wide: Band, model: Model, pitch: float, noise: Floats
+) -> tuple[Floats, Guess]:
+    """Return parameters (n,) of a plausible aircraft of this wn in rad/s, and what they guess.
+
+    Its rolling moment is by equation error, with the sideslip that p, r and roll imply. ``noise``
+    (3,) has the logarithms of the noise of p, r and roll.
+    """
+    w, n, Z = wide.w, wide.n, wide.Z
+    s, lag = 1j * w, 1.0 / (1j * w + 0.12 * wn)
+    T = np.zeros((len(w), 4, 6), complex)
+    T[:, 0, ROLL_RATE], T[:, 0, R] = pitch * lag, -lag
+    T[:, 0, ROLL] = GRAVITY / model.airspeed_m_s * lag
+    T[:, 1, ROLL_RATE] = T[:, 2, R] = 1.0
+    T[:, 3] = model.inputs()[0]
+    XX = (T @ Z @ T.conj().swapaxes(-1, -2)).real.sum(0)
+    Xp = (T @ Z[:, :, :1] * s.conj()[:, None, None])[..., 0].real.sum(0)
+    by = np.linalg.solve(XX + np.diag(1e-6 * np.diag(XX) + 1e-12), Xp)
+    at = max(int(np.argmin(np.abs(w - wn))) - 1, 0)
+    near = float(np.mean(Z[at : at + 3, R, R].real / n[at : at + 3])) + 1e-14
+    start = dict.fromkeys(FREE, 0.0) | {
+        "log_Y_beta": math.log(0.12 * wn), "L_beta": -1.5 * wn**2,
+        "L_p": -max(-float(by[1] + by[3] * model.law.rate_gain), 1.5 * wn), "L_r": 0.2 * wn,
+        "L_delta_a": max(float(by[3]), 0.3), "N_beta": wn**2, "N_p": -0.05 * wn, "N_r": -0.25 * wn,
+        "alpha": pitch, "delay": 0.01, "servo_lag": 0.04, "frozen": FROZEN[0],
+        "log_gust": 0.5 * math.log(near * 0.16 * wn**2 / (0.3 * wn)),
+        "log_gust_rate": math.log(0.15 * wn),
+        "log_roll_gust": 0.5 * math.log(float(np.median(Z[:, 0, 0].real / n)) + 1e-14),
+        "log_roll_gust_rate": math.log(1.5 * wn), "log_yaw_gust": 0.5 * math.log(near) - 1.0,
+        "log_sigma_p": noise[0], "log_sigma_r": noise[1], "log_sigma_roll": noise[2],
+        "N_delta_r": 0.0,
+    }  # fmt: skip
+    x = np.array([start[name] for name in FREE])
+    if not is_stable(x, model):
+        x[FREE_AT["N_r"]], x[FREE_AT["L_r"]], x[FREE_AT["N_p"]] = -0.8 * wn, 0.0, 0.0
+    return x, Guess(start, wn, pitch)
+
+
+def of_turns(found: Fitted) -> tuple[Floats, Floats]:
+    """Return x (n,) and its covariance by what follows the turns alone, and not the gusts.
+
+    What is left over is taken as noise of whatever spectrum it has, the mean over neighbouring
+    bins, and only its part along the inputs u is fitted. So an oscillation that is not the
+    aircraft's is noise to it. Only the parameters of STRUCTURE change.
+    """
+    band, model, U = found.band, found.model, found.model.inputs()
+    prior, scales = prior_of(found.guess)
+    few, n = slice(0, len(STRUCTURE)), len(STRUCTURE)
+    ZU = band.Z @ U.conj().T
+    power = U @ ZU
+    power += 1e-6 * np.einsum("bii->bi", power)[:, :, None] * np.eye(3) + 1e-30 * np.eye(3)
+    inverse = np.asarray(np.linalg.inv(power), complex)
+    right = np.linalg.cholesky(inverse)
+    across = OUTPUTS @ ZU
+    left = _whitening(band, model.predict(found.x, slopes=False).G, model, across, inverse)
+
+    def error(x: Floats, G: Complex) -> Floats:
+        fit = (left @ (across - G @ power) @ right).ravel()
+        known = ((x - prior[0]) / prior[1])[few] / math.sqrt(2.0)
+        return np.concatenate([fit.real, fit.imag, known])
+
+    x, damping = found.x.copy(), 1e-3
+    for _ in range(STEPS_OF_TURNS):
+        at = model.predict(x)
+        J = -(left @ at.dG[few] @ power @ right).reshape(n, -1)
+        J = np.hstack([J.real, J.imag, np.diag(1.0 / prior[1][few]) / math.sqrt(2.0)])
+        left_now = error(x, at.G)
+        F = J @ J.T
+        for _ in range(8):
+            step: Floats = -np.linalg.solve(F + damping * np.diag(np.diag(F)), J @ left_now)
+            tried = x.copy()
+            tried[few] += step * min(1.0, MOST_STEP / float(np.max(np.abs(step) / scales[few])))
+            after = error(tried, model.predict(tried, slopes=False).G)
+            if after @ after < left_now @ left_now:
+                x, damping = tried, damping / 6.0
+                break
+            damping = max(5.0 * damping, 1e-4)
+        else:
+            break
+    covariance = np.zeros((len(x), len(x)))
+    covariance[few, few] = 0.5 * np.linalg.inv(F)
+    return x, covariance
+
+
+def _whitening(band: Band, G: Complex, model: Model, across: Complex, inverse: Complex) -> Complex:
+    """Return L^-1 (b, 3, 3), where L L^H is the spectrum of what is left without the inputs."""
+    U = model.inputs()
+    _, E = left_over(band, model, G)
+    along = across - G @ (U @ band.Z @ U.conj().T)
+    E = E - along @ inverse @ along.conj().swapaxes(-1, -2)
+    width = np.ones(2 * SMOOTHED + 1)
+    mean = np.stack([np.convolve(e, width, "same") for e in E.reshape(len(E), 9).T], 1)
+    count = np.convolve(np.maximum(band.n - 3.0 * INDEPENDENT, 0.3), width, "same")
+    S = mean.reshape(-1, 3, 3) / count[:, None, None]
+    S += 1e-6 * np.einsum("bii->bi", S)[:, :, None] * np.eye(3)
+    return np.asarray(np.linalg.inv(np.linalg.cholesky(S)), complex)

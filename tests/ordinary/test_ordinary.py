@@ -1,0 +1,154 @@
+"""The answer of an ordinary flight, against linear aircraft that are simulated exactly."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from ordinary_plant import AIRSPEED_M_S, DERIVATIVES, LAW, blocks, flown, truth
+
+from yawid.answers.ordinary import OrdinaryAnswer
+from yawid.blocks import MotionBlock
+from yawid.lateral.model import Guess, Law
+from yawid.ordinary import Ordinary, answer_of
+from yawid.ordinary.fit import fit, is_stable, left_over, loss_of, slope_of
+from yawid.ordinary.model import FREE, FREE_AT, Model, prior_of
+from yawid.ordinary.spectra import Band, Sums, band
+
+GUST = 0.01
+X = np.array([
+    *(np.log(-DERIVATIVES["Y_beta"]) if name == "log_Y_beta" else DERIVATIVES[name] for name in (
+        "log_Y_beta", "L_beta", "L_p", "L_r", "L_delta_a", "N_beta", "N_p", "N_r", "N_delta_a",
+    )),
+    0.0, 0.0, 0.0, 0.0, *np.log([GUST, GUST, 1e-8, 0.0004, 0.00012, 0.0004, 0.4, 4.0]),
+])  # fmt: skip
+"""What ``flown`` is made of, by FREE: noise of .002 at 25 Hz has a density of .0004^2."""
+
+
+def streamed(flight: np.ndarray, pieces: int = 1) -> Ordinary:
+    """Return a flight taken in as so many blocks."""
+    motion, samples = blocks(flight)
+    stream = Ordinary()
+    for rows in np.array_split(np.arange(len(samples)), pieces):
+        cut = slice(int(rows[0]), int(rows[-1]) + 1)
+        parts = motion.attitude.select(cut), motion.commands.select(cut), motion.acceleration
+        stream.move(MotionBlock(*parts))
+        stream.feed(samples.select(cut))
+    stream.finish()
+    return stream
+
+
+def answered(seed: int, **how: Any) -> OrdinaryAnswer:
+    return answer_of(streamed(flown(seed, **how)))
+
+
+def model_at(sums: Sums, low: float, high: float) -> tuple[Band, Model]:
+    found = band(sums, low, high)
+    return found, Model(found.w, AIRSPEED_M_S, Law(*LAW))
+
+
+def all_of(stream: Ordinary) -> Sums:
+    first, *rest = [each for half in stream.halves() for each in half]
+    return sum(rest, first)
+
+
+def known_before() -> tuple[np.ndarray, np.ndarray]:
+    start = dict(zip(FREE, X, strict=True)) | {"N_delta_r": 0.0}
+    return prior_of(Guess(start, 2.0, 0.0))[0]
+
+
+@pytest.mark.parametrize("frozen", [0.0, 1.0])
+def test_the_spectra_of_a_linear_aircraft_are_those_of_the_model(frozen: float) -> None:
+    sums = all_of(streamed(flown(1, seconds=900.0, gust=GUST, frozen=frozen, turns=False)))
+    data, model = model_at(sums, 0.6, 7.0)
+    x = X.copy()
+    x[FREE_AT["frozen"]] = frozen
+
+    predicted = model.predict(x, slopes=False)
+    _, E = left_over(data, model, predicted.G)
+    white = np.einsum("bij,bji->b", np.linalg.inv(predicted.S), E).real
+
+    for part in np.array_split(np.arange(len(data.w)), 4):
+        count = 3.0 * data.n[part].sum()
+        assert white[part].sum() / count == pytest.approx(1.0, abs=4.0 / np.sqrt(count))
+
+
+def test_the_slope_is_that_of_the_likelihood() -> None:
+    data, model = model_at(all_of(streamed(flown(2, seconds=300.0))), 0.6, 7.0)
+    prior, x = known_before(), X + 0.1 * np.cos(np.arange(len(X)))
+
+    slope, _ = slope_of(x, data, model, prior)
+
+    for i, step in enumerate(1e-4 * np.eye(len(x))):
+        up, down = (loss_of(x + sign * step, data, model, prior) for sign in (1.0, -1.0))
+        assert slope[i] == pytest.approx((up - down) / 2e-4, rel=1e-4, abs=1e-3), FREE[i]
+
+
+def test_any_cut_of_the_stream_gives_the_same_to_the_bit() -> None:
+    flight = flown(3, seconds=400.0)
+    whole = all_of(streamed(flight))
+
+    for pieces in (7, 400, len(flight) // 3):
+        cut = all_of(streamed(flight, pieces))
+        assert np.array_equal(cut.Z, whole.Z)
+        assert np.array_equal(cut.law, whole.law)
+        assert (cut.seconds, cut.turns, cut.speed) == (whole.seconds, whole.turns, whole.speed)
+
+
+@pytest.mark.parametrize(("seed", "gust"), [(4, 0.0), (6, 0.02)])
+def test_the_mode_of_a_linear_aircraft_is_found_in_calm_air_and_in_gusts(
+    seed: int, gust: float
+) -> None:
+    found = answered(seed, gust=gust)
+
+    wn, zeta = truth()
+    assert found, found.verdict.reasons
+    assert found.dutch_roll is not None
+    assert abs(found.dutch_roll.wn_rad_s - wn) < 2.0 * found.dutch_roll.wn_std
+    assert abs(found.dutch_roll.zeta - zeta) < 2.0 * found.dutch_roll.zeta_std
+    assert found.dutch_roll.wn_std >= 0.025 * found.dutch_roll.wn_rad_s
+    assert found.law.k_roll == pytest.approx(LAW[0], rel=0.1)
+    for name, each in found.derivatives.items():
+        assert abs(each.value - DERIVATIVES[name]) < 3.0 * each.std, name
+
+
+def test_an_unstable_aircraft_is_never_reached_although_the_spectra_are_the_same() -> None:
+    data, model = model_at(all_of(streamed(flown(7, seconds=400.0))), 0.6, 7.0)
+    mirrored = X.copy()
+    mirrored[FREE_AT["N_r"]] = 2.0
+    start = dict(zip(FREE, X, strict=True)) | {"N_delta_r": 0.0}
+
+    found = fit(X, data, model, Guess(start, 2.0, 0.0))
+
+    assert not is_stable(mirrored, model)
+    assert is_stable(found.x, model)
+
+
+def test_a_flight_without_turns_is_refused_as_feedback_alone() -> None:
+    found = answered(8, turns=False, gust=0.02)
+
+    assert "only_feedback" in [reason.id for reason in found.verdict.reasons]
+
+
+def test_a_short_flight_says_how_many_seconds_are_needed_and_there() -> None:
+    found = answered(9, seconds=200.0)
+
+    assert [reason.id for reason in found.verdict.reasons] == ["too_short"]
+    assert "290 s" in found.verdict.reasons[0].text
+    assert "180 s of 200 s" in found.verdict.reasons[0].text
+    assert found.verdict.reasons[0].remedy
+
+
+def test_a_yaw_damper_is_refused_before_any_fit() -> None:
+    found = answered(10, damper=0.5)
+
+    assert [reason.id for reason in found.verdict.reasons] == ["rudder_moves"]
+    assert found.dutch_roll is None
+
+
+def test_what_is_said_travels_as_json() -> None:
+    found = answered(11, seconds=400.0).to_json()
+
+    assert {"dutch_roll", "law", "seconds", "spectrum", "verdict"} <= found.keys()
+    assert len(found["spectrum"]["w_rad_s"]) == len(found["spectrum"]["measured"]["r"])
