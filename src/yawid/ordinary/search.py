@@ -21,7 +21,7 @@ STEPS, BEST, JOINED = 12, 3, 3
 APART = 0.02
 """Two starts that come to the same wn, to this part, are one."""
 LEAST_OF_LAW = 0.05
-"""A law that explains less of the aileron is none: a pilot, or commands of other times."""
+"""There is no law where it explains less of the aileron: a pilot, or commands of other times."""
 USABLE = 0.8
 """The part of the Nyquist frequency below which spectra are used."""
 
