@@ -22,8 +22,8 @@ import numpy as np
 from yawid.blocks import Floats
 from yawid.lateral.model import AILERON as BY_AILERON
 from yawid.lateral.model import Guess, airframe
-from yawid.ordinary.model import FREE, FREE_AT, FROZEN, OUTPUTS, STRUCTURE, Model, full, prior_of
-from yawid.ordinary.spectra import INDEPENDENT, ROLL, Band, Complex, R
+from yawid.ordinary.model import FREE, FREE_AT, FROZEN, OUTPUTS, Model, full, prior_of
+from yawid.ordinary.spectra import ROLL, Band, Complex, R
 from yawid.ordinary.spectra import P as ROLL_RATE
 from yawid.quantities.airspeed import GRAVITY
 
@@ -32,9 +32,6 @@ LEAST_GAIN = 1e-2
 MOST_STEP = 2.0
 """The largest step, in scales of the parameters: beyond it the first steps leave all aircraft."""
 LEAST_LAG_S, MOST_GROWTH = 0.002, 0.3
-STEPS_OF_TURNS = 12
-SMOOTHED = 4
-"""The bins on each side over which the spectrum of what is left is averaged."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -167,63 +164,3 @@ def start_at(
     if not is_stable(x, model):
         x[FREE_AT["N_r"]], x[FREE_AT["L_r"]], x[FREE_AT["N_p"]] = -0.8 * wn, 0.0, 0.0
     return x, Guess(start, wn, pitch)
-
-
-def of_turns(found: Fitted) -> tuple[Floats, Floats]:
-    """Return x (n,) and its covariance by what follows the turns alone, and not the gusts.
-
-    What is left over is taken as noise of whatever spectrum it has, the mean over neighbouring
-    bins, and only its part along the inputs u is fitted. So an oscillation that is not the
-    aircraft's is noise to it. Only the parameters of STRUCTURE change.
-    """
-    band, model, U = found.band, found.model, found.model.inputs()
-    prior, scales = prior_of(found.guess)
-    few, n = slice(0, len(STRUCTURE)), len(STRUCTURE)
-    ZU = band.Z @ U.conj().T
-    power = U @ ZU
-    power += 1e-6 * np.einsum("bii->bi", power)[:, :, None] * np.eye(3) + 1e-30 * np.eye(3)
-    inverse = np.asarray(np.linalg.inv(power), complex)
-    right = np.linalg.cholesky(inverse)
-    across = OUTPUTS @ ZU
-    left = _whitening(band, model.predict(found.x, slopes=False).G, model, across, inverse)
-
-    def error(x: Floats, G: Complex) -> Floats:
-        fit = (left @ (across - G @ power) @ right).ravel()
-        known = ((x - prior[0]) / prior[1])[few] / math.sqrt(2.0)
-        return np.concatenate([fit.real, fit.imag, known])
-
-    x, damping = found.x.copy(), 1e-3
-    for _ in range(STEPS_OF_TURNS):
-        at = model.predict(x)
-        J = -(left @ at.dG[few] @ power @ right).reshape(n, -1)
-        J = np.hstack([J.real, J.imag, np.diag(1.0 / prior[1][few]) / math.sqrt(2.0)])
-        left_now = error(x, at.G)
-        F = J @ J.T
-        for _ in range(8):
-            step: Floats = -np.linalg.solve(F + damping * np.diag(np.diag(F)), J @ left_now)
-            tried = x.copy()
-            tried[few] += step * min(1.0, MOST_STEP / float(np.max(np.abs(step) / scales[few])))
-            after = error(tried, model.predict(tried, slopes=False).G)
-            if after @ after < left_now @ left_now:
-                x, damping = tried, damping / 6.0
-                break
-            damping = max(5.0 * damping, 1e-4)
-        else:
-            break
-    covariance = np.zeros((len(x), len(x)))
-    covariance[few, few] = 0.5 * np.linalg.inv(F)
-    return x, covariance
-
-
-def _whitening(band: Band, G: Complex, model: Model, across: Complex, inverse: Complex) -> Complex:
-    """Return L^-1 (b, 3, 3), where L L^H is the spectrum of what is left without the inputs."""
-    U = model.inputs()
-    _, E = left_over(band, model, G)
-    along = across - G @ (U @ band.Z @ U.conj().T)
-    E = E - along @ inverse @ along.conj().swapaxes(-1, -2)
-    width = np.ones(2 * SMOOTHED + 1)
-    mean = np.stack([np.convolve(e, width, "same") for e in E.reshape(len(E), 9).T], 1)
-    count = np.convolve(np.maximum(band.n - 3.0 * INDEPENDENT, 0.3), width, "same")
-    S = mean.reshape(-1, 3, 3) / count[:, None, None]
-    S += 1e-6 * np.einsum("bii->bi", S)[:, :, None] * np.eye(3)
-    return np.asarray(np.linalg.inv(np.linalg.cholesky(S)), complex)

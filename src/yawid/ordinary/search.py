@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from yawid.blocks import Floats
-from yawid.lateral.model import Guess, Law, modes
+from yawid.lateral.model import Law, modes
 from yawid.ordinary.fit import Fitted, fit, start_at
 from yawid.ordinary.law import law_of
 from yawid.ordinary.model import Model, full
@@ -15,87 +15,64 @@ BAND = 0.3, 3.5
 """The band of a fit in wn: below it turns are not linear, above it other modes begin."""
 STARTS = 0.6, 0.9, 1.3, 1.9, 2.7, 3.8, 5.5, 8.0, 11.5
 """The starts' wn in rad/s."""
-WIDE = 0.25, 18.0
-STEPS, BEST, JOINED = 12, 3, 3
-"""The steps of each start, on spectra of every three bins as one, and the starts that go on."""
+WIDE, STEPS, BEST, JOINED = (0.25, 18.0), 12, 3, 3
+"""The band of all starts in rad/s, their steps, those that go on, and the bins taken as one."""
 APART = 0.02
 """Two starts that come to the same wn, to this part, are one."""
 LEAST_OF_LAW = 0.05
 """There is no law where it explains less of the aileron: a pilot, or commands of other times."""
 USABLE = 0.8
 """The part of the Nyquist frequency below which spectra are used."""
+FEWEST = 10
+"""The fewest bins of a fit."""
 
 
 class Search:
     """The fits of sums: ``law`` with its R squared, ``limit`` the highest frequency in rad/s."""
 
     def __init__(self, sums: Sums) -> None:
-        self.sums = sums
-        self.airspeed_m_s, self.pitch = sums.speed / sums.seconds, sums.pitch / sums.seconds
-        self.limit = USABLE * math.pi / sums.step_s
+        self._sums, self.limit = sums, USABLE * math.pi / sums.step_s
+        self.airspeed_m_s, self._pitch = sums.speed / sums.seconds, sums.pitch / sums.seconds
         law, self.explained = law_of(sums.law)
         self.law = law if self.explained > LEAST_OF_LAW else Law()
         self._wide = band(sums, WIDE[0], min(WIDE[1], self.limit), JOINED)
         high = self._wide.w > 0.6 * self._wide.w[-1]
         power = np.einsum("bii->bi", self._wide.Z[high]).real[:, :3] / self._wide.n[high, None]
-        self.noise: Floats = 0.5 * np.log(np.maximum(np.median(power, axis=0), 1e-14))
+        self._noise: Floats = 0.5 * np.log(np.maximum(np.median(power, axis=0), 1e-14))
 
     def fits(self) -> list[Fitted]:
         """Return the ends of the best starts on one band, the best of them first."""
-        coarse = [x for wn in STARTS if wn < 0.75 * self.limit and (x := self._from(wn))]
-        picked: list[Fitted] = []
-        for each in sorted(coarse, key=lambda x: x.loss):
-            if len(picked) < BEST and all(
-                abs(math.log(wn_of(each) / wn_of(x))) > APART for x in picked
-            ):
-                picked.append(each)
-        ends = [end for each in picked if (end := self._settled(each)) is not None]
-        if not ends:
-            return []
-        middle = float(np.median([wn_of(each) for each in ends]))
-        found = [x for each in ends if (x := self.again(each, middle)) is not None]
-        return sorted(found, key=lambda x: x.loss)
+        starts = (self._fit(None, self._wide, wn, STEPS) for wn in STARTS if wn < 0.75 * self.limit)
+        ends: list[Fitted] = []
+        picked: list[float] = []
+        for each in sorted((x for x in starts if x is not None), key=lambda x: x.loss):
+            wn = wn_of(each)
+            if len(picked) == BEST or any(abs(math.log(wn / x)) < APART for x in picked):
+                continue
+            picked.append(wn)
+            found = self.again(each, wn)
+            found = None if found is None else self.again(found, wn_of(found))
+            ends += [] if found is None else [found]
+        middle = float(np.median([wn_of(each) for each in ends])) if ends else math.nan
+        found_all = (self.again(each, middle) for each in ends)
+        return sorted((x for x in found_all if x is not None), key=lambda x: x.loss)
 
-    def again(
-        self, start: Fitted, wn: float, sums: Sums | None = None, parts: tuple[float, float] = BAND
-    ) -> Fitted | None:
+    def again(self, start: Fitted, wn: float, parts: tuple[float, float] = BAND) -> Fitted | None:
         """Return the fit from another's end, in a band around wn in rad/s; None without a mode."""
-        low, high = parts[0] * wn, min(parts[1] * wn, self.limit)
-        data = band(sums or self.sums, low, high)
-        return self._fit(start.x, data, wn, start, 40)
+        data = band(self._sums, parts[0] * wn, min(parts[1] * wn, self.limit))
+        return self._fit(start.x, data, wn)
 
-    def _from(self, wn: float) -> Fitted | None:
-        model = Model(self._wide.w, self.airspeed_m_s, self.law)
-        x, guess = start_at(wn, self._wide, model, self.pitch, self.noise)
-        found = self._try(x, self._wide, model, guess, STEPS)
-        return found if found is not None and math.isfinite(wn_of(found)) else None
-
-    def _settled(self, start: Fitted) -> Fitted | None:
-        """Return the fit whose band has the wn that it finds."""
-        for _ in range(2):
-            before = wn_of(start)
-            found = self.again(start, before)
-            if found is None:
-                return None
-            start = found
-            if abs(math.log(wn_of(start) / before)) < 0.03:
-                break
-        return start
-
-    def _fit(self, x: Floats, data: Band, wn: float, like: Fitted, steps: int) -> Fitted | None:
-        if len(data.w) < 10:
+    def _fit(self, x: Floats | None, data: Band, wn: float, steps: int = 40) -> Fitted | None:
+        if len(data.w) < FEWEST:
             return None
+        wide = Model(self._wide.w, self.airspeed_m_s, self.law)
+        start, guess = start_at(wn, self._wide, wide, self._pitch, self._noise)
         model = Model(data.w, self.airspeed_m_s, self.law)
-        _, guess = start_at(wn, self._wide, model, self.pitch, self.noise)
-        found = self._try(x, data, model, guess, steps)
-        return found if found is not None and math.isfinite(wn_of(found)) else None
-
-    def _try(self, x: Floats, data: Band, model: Model, guess: Guess, steps: int) -> Fitted | None:
         try:
-            found = fit(x, data, model, guess, steps)
+            found = fit(start if x is None else x, data, model, guess, steps)
         except np.linalg.LinAlgError:
             return None
-        return found if math.isfinite(found.loss) else None
+        return found if math.isfinite(found.loss) and math.isfinite(wn_of(found)) else None
 
 
 def wn_of(found: Fitted) -> float:
