@@ -86,7 +86,8 @@ def flown(
 
 def _asked(rng: np.random.Generator, n: int, step_s: float) -> Floats:
     """Return the bank asked for in rad (n,), on ramps."""
-    wanted = np.repeat(rng.choice([-0.2, 0.0, 0.2], size=n), round(15.0 / step_s))[:n]
+    lengths = np.round(rng.uniform(8.0, 30.0, size=n // 100) / step_s).astype(int)
+    wanted = np.repeat(rng.uniform(-0.25, 0.25, size=n // 100), lengths)[:n]
     most = 0.3 * step_s
     asked = np.zeros(n)
     for k in range(1, n):

@@ -93,7 +93,7 @@ def fit(x: Floats, band: Band, model: Model, guess: Guess, steps: int = 60) -> F
         slope, information = slope_of(x, band, model, prior)
         for _ in range(10):
             damped = information + damping * np.diag(np.diag(information))
-            step = -np.linalg.solve(damped, slope)
+            step = np.asarray(-np.linalg.solve(damped, slope), np.float64)
             tried = x + step * min(1.0, MOST_STEP / float(np.max(np.abs(step) / scales)))
             for name in ("delay", "servo_lag"):
                 tried[FREE_AT[name]] = max(tried[FREE_AT[name]], 0.0)

@@ -3,7 +3,7 @@
 The flight is judged in pieces of 20 s of the vehicle's clock. A piece is ordinary where
 
 - the aircraft flies: nearly every sample is used, and none is further than .5 s from the next;
-- its airspeed is known, and within 6 % of that of the pieces before it;
+- its airspeed is known, and within 6 % of that of the piece before it;
 - the rudder rests, or what the aileron does not explain of it is small.
 
 Six such pieces in a row are a window of 120 s, and the last three of them begin the next one. The
@@ -20,7 +20,7 @@ from itertools import pairwise
 import numpy as np
 
 from yawid.blocks import MotionBlock, SampleBlock
-from yawid.manoeuvre.motion_store import MotionStore, true_airspeed
+from yawid.manoeuvre.motion_store import MotionStore
 from yawid.ordinary.spectra import Sums, window_sums
 from yawid.results.excitation import own_part
 
@@ -49,7 +49,8 @@ class Ordinary:
     """An ordinary flight: ``move`` motion and ``feed`` samples, then ``finish``.
 
     ``travel_unit`` is half the rudder's travel in the unit of ``u``. ``by_speed`` has the sums by
-    airspeed, what is older by ``memory_s`` with a weight of 1/e; ``lost_s`` has the time in s that was left out by its cause, and ``seen_s`` all of it.
+    airspeed, in which what is older by ``memory_s`` has a weight of 1/e; ``lost_s`` has the time in
+    s that was left out by its cause, and ``seen_s`` all of it.
     """
 
     def __init__(self, travel_unit: float = 1.0, memory_s: float = math.inf) -> None:
@@ -113,11 +114,11 @@ class Ordinary:
         if not self._row:
             return True
         gap_us = int(piece.boot_us[0]) - int(self._row[-1].boot_us[-1])
-        before = true_airspeed(SampleBlock.joined(self._row))
+        speed, before = (float(np.nanmean(x.airspeed)) for x in (piece, self._row[-1]))
         return (
             0 < gap_us <= LONGEST_GAP_US
             and piece.epoch[0] == self._row[-1].epoch[-1]
-            and abs(true_airspeed(piece) - before) <= SAME_SPEED * before
+            and abs(speed - before) <= SAME_SPEED * before
         )
 
     def _why_not(self, piece: SampleBlock) -> str | None:
@@ -126,7 +127,7 @@ class Ordinary:
         expected = PIECE_S / piece.sample_time_s
         if len(used) < LEAST_USED * expected or (np.diff(used.boot_us) > LONGEST_GAP_US).any():
             return "not in flight, or with gaps"
-        if not math.isfinite(true_airspeed(piece)):
+        if not np.isfinite(used.airspeed).all():
             return "without an airspeed"
         rows = SampleBlock.joined([*self._row[-1:], piece])
         u, mode = rows.u[:, 0] / self._unit, np.zeros(len(rows))
