@@ -13,7 +13,6 @@ from hypothesis import strategies as st
 
 from yawid.channels.stage import WANTED, Channels
 from yawid.config.run import RunConfig
-from yawid.sources.logs.bare_frames import Stamper
 from yawid.sources.mavlink.decoder import Decoder
 
 FEW = settings(
@@ -60,15 +59,6 @@ def test_any_bytes_are_decoded_and_every_byte_is_counted(data: bytes, size: int)
     channels.finish()
     assert decoder.link.skipped_bytes + 16 * decoder.link.frames <= len(data)
     assert decoder.link.skipped_bytes >= 0
-
-
-@settings(FEW, max_examples=60)
-@given(data=st.binary(max_size=4000) | flights().map(FuzzFlight.tlog))
-def test_any_bytes_are_stamped_and_none_is_lost(data: bytes) -> None:
-    stamper = Stamper()
-    stamped = stamper.feed(data) + stamper.finish()
-    assert (len(stamped) - len(data)) % 8 == 0
-    assert 0 <= len(stamped) - len(data) <= len(data)
 
 
 def test_many_runs_hold_no_more_memory_than_a_few(folder: Path) -> None:

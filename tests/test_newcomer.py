@@ -76,10 +76,10 @@ class HexLog:
         "sources/formats.py": (
             (
                 "def _record(path: Path",
-                "def _hex(path: Path, wanted: Iterable[str], options: "
-                '"ReadOptions") -> "Reader":\n'
+                "def _hex(path: Path, decoder: "
+                '"Callable[[], Decoder]") -> "Reader":\n'
                 "    from yawid.sources.logs.hex_log import HexLog\n\n"
-                "    return HexLog(path, options.decoder(wanted))\n\n\n"
+                "    return HexLog(path, decoder())\n\n\n"
                 "def _record(path: Path",
             ),
             (

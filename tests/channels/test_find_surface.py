@@ -4,7 +4,7 @@ import struct
 
 import numpy as np
 import pytest
-from flightlog import FlightLog, samples_of
+from flightlog import FlightLog, samples_of, summary_of
 from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
@@ -95,6 +95,20 @@ def test_without_any_function_the_stock_channel_is_an_assumption():
     assert surface.how == "assumed"
     assert surface.parts == (SurfacePart(4, (1100.0, 1500.0, 1900.0)),)
     np.testing.assert_allclose(found.u[:, 0], 0.5, rtol=1e-12)
+
+
+def test_an_arduplane_before_3_8_has_no_stock_channel_and_is_named():
+    """Its RC4_REV is the sense of its rudder, and of no newer one: a sign must not be assumed."""
+    parameters = {"RC4_MIN": 1000, "RC4_TRIM": 1520, "RC4_MAX": 1950, "RC4_REV": -1}
+    log = log_with_parameters(parameters, [1500, 0, 0, 1700])
+
+    (reason,) = (
+        each for each in summary_of(log)["verdict"]["reasons"] if each["id"] == "no_rudder"
+    )
+
+    assert "before 3.8" in reason["text"]
+    named = samples_of(log, RunConfig(rudder="servo:4"))
+    np.testing.assert_allclose(named.u[:, 0], 0.5, rtol=1e-12)
 
 
 def test_functions_that_name_no_rudder_leave_no_rudder():

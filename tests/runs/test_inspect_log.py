@@ -18,7 +18,6 @@ from inspecting import assert_is_read_in_ten_seconds, inspected
 from places import C172P, ROOT
 from places import SHARED_FLIGHTS as FLIGHTS
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
-from sources.logs.test_bare_frames import bare
 from sources.mavlink.test_signed_sessions import PASSPHRASE, signed, signer
 
 from yawid.channels.series import Series
@@ -238,17 +237,6 @@ def test_inspect_says_the_options_asked_for_and_the_card_has_the_answer_of_that_
     assert report.card.answer == again.flight.dutch_roll
 
 
-def test_frames_without_stamps_are_inspected_where_the_format_is_given(tmp_path: Path, capsys):
-    (tmp_path / "noname").write_bytes(bare(C172P.read_bytes()))
-
-    assert main(["inspect", str(tmp_path / "noname"), "--json"]) == 6
-    assert "--format raw" in capsys.readouterr().err
-    _, report = inspected(tmp_path / "noname", tmp_path, capsys, "--format", "raw")
-    _, with_stamps = inspected(C172P, tmp_path, capsys)
-    assert report["phases"] == with_stamps["phases"]
-    assert report["verdict"] == with_stamps["verdict"]
-
-
 def test_with_a_key_only_the_signed_vehicle_is_inspected(tmp_path: Path, capsys):
     key, log, link = tmp_path / "key", FlightLog(), signer()
     key.write_text(PASSPHRASE, encoding="utf-8")
@@ -268,14 +256,3 @@ def test_with_a_key_only_the_signed_vehicle_is_inspected(tmp_path: Path, capsys)
     assert report["link"]["unsigned_rejected"] == len(records)
     assert report["rates"]["yaw"]["messages"] == 200
     assert PASSPHRASE not in json.dumps(report)
-
-
-def test_orders_reads_frames_without_stamps_too(tmp_path: Path, capsys):
-    (tmp_path / "noname").write_bytes(bare(C172P.read_bytes()))
-
-    assert main(["orders", str(tmp_path / "noname"), "--json"]) == 6
-    capsys.readouterr()
-    assert main(["orders", str(tmp_path / "noname"), "--json", "--format", "raw"]) == 0
-    of_frames = json.loads(capsys.readouterr().out)
-    assert main(["orders", str(C172P), "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["recommended"] == of_frames["recommended"]

@@ -190,7 +190,6 @@ _VALUES: dict[str, tuple[str, ...]] = {
     "--from": ("0", "12", "1e9", "-1e9"),
     "--to": ("0", "14", "1e9"),
     "--sysid": ("1", "2", "255", "256"),
-    "--format": ("auto", "tlog", "raw"),
     "--signing-key-file": ("KEY", "LOG", "/nowhere/key"),
     "--config": ("TOML", "LOG", "/nowhere/x.toml"),
 }  # fmt: skip
@@ -218,7 +217,7 @@ def command_lines(draw: st.DrawFn) -> list[str]:
         return draw(
             st.lists(st.text(max_size=8) | st.sampled_from(["--help", "schema"]), max_size=3)
         )
-    given = [option for option in draw(options()) if _fits(command, option)]
+    given = draw(options())
     if command == "live":
         place = st.sampled_from(["udpin:127.0.0.1:0", "udpin:127.0.0.1:14998", "udp:", "é:1"])
         return ["live", draw(place), "--seconds=0.05", "--out=OUT", *given]
@@ -229,8 +228,3 @@ def command_lines(draw: st.DrawFn) -> list[str]:
     )
     ends = ["--out=OUT", "--force"] if command == "replay" else []
     return [command, *logs, "--json", *ends, *given]
-
-
-def _fits(command: str, option: str) -> bool:
-    name = option.split("=")[0]
-    return name != "--format" or command != "live"

@@ -10,9 +10,9 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 from finished_runs import replayed
+from flights.surgery import join, split
 from mcap.reader import make_reader
 from places import C172P
-from sources.logs.test_bare_frames import bare
 
 import yawid
 import yawid.sinks.mcap.reader
@@ -129,9 +129,11 @@ def test_what_cannot_be_written_is_one_line_and_leaves_nothing(
 
 
 def test_the_time_of_a_log_without_a_date_is_unknown_and_not_1970(tmp_path: Path) -> None:
-    (tmp_path / "flight.rlog").write_bytes(bare(C172P.read_bytes()))
+    records = split(C172P.read_bytes())
+    undated = join((stamp - records[0][0], frame) for stamp, frame in records)
+    (tmp_path / "flight.tlog").write_bytes(undated)
     options = ("--rate", 10, "--also", "none", "--manoeuvres", "off")
-    mcap = replayed(tmp_path / "flight.rlog", tmp_path / "out", *options)
+    mcap = replayed(tmp_path / "flight.tlog", tmp_path / "out", *options)
     assert main(["export", str(mcap)]) == main(["export", str(mcap), "-o", f"{mcap}.csv"]) == 0
 
     table = pq.read_table(mcap.with_suffix(".parquet"))

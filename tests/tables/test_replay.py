@@ -84,7 +84,7 @@ def test_each_option_is_a_keyword_with_a_type() -> None:
     keywords = inspect.signature(yawid.replay).parameters
     options = {field.name for field in fields(RunConfig)} - KEPT_ONLY
 
-    assert options | {"log", "config", "format", "signing_key_file"} == keywords.keys()
+    assert options | {"log", "config", "signing_key_file"} == keywords.keys()
     for name in options:
         assert keywords[name].kind is inspect.Parameter.KEYWORD_ONLY
         assert keywords[name].annotation not in (Any, inspect.Parameter.empty), name

@@ -52,7 +52,7 @@ def test_a_replay_in_python_is_the_run_that_the_command_line_writes_to_the_bit_a
     monkeypatch.chdir(tmp_path)
 
     options = tmp_path / "options.toml"
-    options.write_text('rate = 5\nout = "elsewhere"\nformat = "tlog"\n', encoding="utf-8")
+    options.write_text('rate = 5\nout = "elsewhere"\n', encoding="utf-8")
 
     direct = yawid.replay(C172P, rate=10, config=options)
 
@@ -114,7 +114,6 @@ def test_rows_are_chosen_and_a_name_that_is_not_there_is_told(run: Run) -> None:
     ("options", "said"),
     [
         ({"rate": "10"}, "yawid.replay: rate must be a number"),
-        ({"format": "bin"}, "format must be one of"),
     ],
 )
 def test_an_option_that_is_not_one_is_refused(options: dict[str, Any], said: str) -> None:

@@ -1,15 +1,13 @@
 """The search for the outputs that move the rudder and the aileron, by the vehicle's parameters.
 
-ArduPilot names them by SERVOn_FUNCTION (numbers of SRV_Channel.h), ArduPlane before 3.8 by the
-stick of the same number, PX4 by PWM_MAIN_FUNCn, which names a servo, and CA_SV_CSi_TYPE, which
-names the control surface that the servo moves.
+ArduPilot names them by SERVOn_FUNCTION (numbers of SRV_Channel.h), PX4 by PWM_MAIN_FUNCn, which
+names a servo, and CA_SV_CSi_TYPE, which names the control surface that the servo moves.
 """
 
 import itertools
-from dataclasses import dataclass
 
 from yawid.answers.reasons import Reason
-from yawid.channels.parameters import AP_AILERON, AP_RUDDER, ParameterTable
+from yawid.channels.parameters import ParameterTable
 from yawid.channels.stick_fallback import stick, stick_part
 from yawid.channels.surface import STICKS, Surface, SurfacePart
 from yawid.channels.vehicle import Vehicle, has_wings
@@ -17,7 +15,7 @@ from yawid.quantities.vehicles import ARDUPILOT, FIXED_WING, WITHOUT_RUDDER
 
 AP_VTAIL, AP_ELEVON, AP_FLAPERON = (79, 80), (77, 78), (24, 25)
 """The SERVOn_FUNCTION of left and right."""
-AP_SINGLE = {"rudder": AP_RUDDER, "aileron": AP_AILERON}
+AP_SINGLE = {"rudder": 21, "aileron": 4}
 AP_PAIRS = {"rudder": (AP_VTAIL,), "aileron": (AP_ELEVON, AP_FLAPERON)}
 """The pairs of outputs into which the surface may be mixed."""
 STOCK_SERVO = {"rudder": 4, "aileron": 1}
@@ -54,12 +52,11 @@ def find_surface(
     if vehicle.type in WITHOUT_RUDDER and _reported(what, vehicle, table, received) is None:
         return None
     kind, _, number = selector.partition(":")
-    outputs = _Outputs.of(vehicle, table)
     if kind == "servo":
-        return Surface("SERVO_OUTPUT_RAW", "option", (outputs.servo(int(number)),))
+        return Surface("SERVO_OUTPUT_RAW", "option", (_servo(table, int(number)),))
     if kind == "vtail":
         left, right = (int(n) for n in number.split(","))
-        return Surface("SERVO_OUTPUT_RAW", "option", outputs.vtail(left, right))
+        return Surface("SERVO_OUTPUT_RAW", "option", _vtail(table, left, right))
     if kind == "control":
         return Surface("ACTUATOR_CONTROL_TARGET", "option", (SurfacePart(int(number), None),))
     if kind == "rc":
@@ -102,7 +99,7 @@ def _reported(
 def _names_any(vehicle: Vehicle, table: ParameterTable) -> bool:
     """Return whether the parameters name any surface at all."""
     if vehicle.autopilot == ARDUPILOT:
-        return bool(_Outputs.of(vehicle, table).functions)
+        return bool(table.functions())
     return bool(_px4_types(table))
 
 
@@ -112,84 +109,68 @@ def _px4_types(table: ParameterTable) -> dict[int, int]:
     return {i: int(table.get(name, 0.0)) for i, name in names.items() if name in table.values}
 
 
-@dataclass(frozen=True, slots=True)
-class _Outputs:
-    """ArduPilot's outputs, by the parameter names of its version.
+def _servo(table: ParameterTable, number: int, weight: float = 1.0) -> SurfacePart:
+    travel, reverse, _ = table.travel(f"SERVO{number}")
+    return SurfacePart(number, travel, reverse, weight)
 
-    ArduPlane before 3.8 has RCn_MIN, _TRIM, _MAX and _REV in place of SERVOn_.
+
+def _vtail(table: ParameterTable, left: int, right: int) -> tuple[SurfacePart, ...]:
+    """Return both outputs of a V-tail, weighted to give the rudder.
+
+    This inverts left = (elevator + rudder) * gain, right = (elevator - rudder) * gain.
     """
+    weight = 0.5 / _mixing(table)
+    return _servo(table, left, weight), _servo(table, right, -weight)
 
-    table: ParameterTable
-    is_old: bool
 
-    @staticmethod
-    def of(vehicle: Vehicle, table: ParameterTable) -> "_Outputs":
-        is_plane = vehicle.autopilot == ARDUPILOT and vehicle.type == FIXED_WING
-        return _Outputs(table, is_plane and table.is_old_plane)
+def _mixing(table: ParameterTable) -> float:
+    """Return the mixer's factor for rudder or aileron: MIXING_GAIN, raised by an offset > 0."""
+    gain, offset = table.get("MIXING_GAIN", 0.5), table.get("MIXING_OFFSET", 0.0)
+    mixing = gain * (1.0 + max(offset, 0.0) / 100.0)
+    return mixing if 0.0 < mixing < 100.0 else 0.5
 
-    @property
-    def functions(self) -> dict[int, int]:
-        return self.table.old_functions() if self.is_old else self.table.functions()
 
-    @property
-    def prefix(self) -> str:
-        return "RC" if self.is_old else "SERVO"
-
-    def servo(self, number: int, weight: float = 1.0) -> SurfacePart:
-        travel, reverse, _ = self.table.travel(f"{self.prefix}{number}")
-        return SurfacePart(number, travel, reverse, weight)
-
-    def vtail(self, left: int, right: int) -> tuple[SurfacePart, ...]:
-        """Return both outputs of a V-tail, weighted to give the rudder.
-
-        This inverts left = (elevator + rudder) * gain, right = (elevator - rudder) * gain.
-        """
-        weight = 0.5 / self.mixing
-        return self.servo(left, weight), self.servo(right, -weight)
-
-    @property
-    def mixing(self) -> float:
-        """The mixer's factor for rudder or aileron: MIXING_GAIN, increased by an offset > 0."""
-        gain, offset = self.table.get("MIXING_GAIN", 0.5), self.table.get("MIXING_OFFSET", 0.0)
-        mixing = gain * (1.0 + max(offset, 0.0) / 100.0)
-        return mixing if 0.0 < mixing < 100.0 else 0.5
+def _is_before_3_8(what: str, vehicle: Vehicle, table: ParameterTable) -> bool:
+    """Return whether an ArduPlane is so old that RCn_REV has the sense of its outputs."""
+    return vehicle.autopilot == ARDUPILOT and f"RC{STOCK_SERVO[what]}_REV" in table.values
 
 
 def _ardupilot(what: str, vehicle: Vehicle, table: ParameterTable) -> Surface | None:
-    outputs = _Outputs.of(vehicle, table)
-    functions = outputs.functions
+    functions = table.functions()
     assumed = None
-    if vehicle.type == FIXED_WING:
-        assumed = Surface("SERVO_OUTPUT_RAW", "assumed", (outputs.servo(STOCK_SERVO[what]),))
+    if vehicle.type == FIXED_WING and not _is_before_3_8(what, vehicle, table):
+        assumed = Surface("SERVO_OUTPUT_RAW", "assumed", (_servo(table, STOCK_SERVO[what]),))
     if not functions:
         return assumed
     servo_of: dict[int, int] = {}
     for servo, function in functions.items():
         servo_of.setdefault(function, servo)
     twins = [n for n, function in functions.items() if function == AP_SINGLE[what]][1:]
-    parts = _ap_parts(what, servo_of, outputs)
+    parts = _ap_parts(what, servo_of, table)
     if not parts:
         # They come in order: one of a later servo says that that of the stock servo was lost.
         is_lost = STOCK_SERVO[what] not in functions and max(functions) > STOCK_SERVO[what]
-        return assumed if table.missing and is_lost and not outputs.is_old else None
-    reported = all(table.travel(f"{outputs.prefix}{part.number}")[2] for part in parts)
+        return assumed if table.missing and is_lost else None
+    reported = all(table.travel(f"SERVO{part.number}")[2] for part in parts)
     how = "parameter" if reported else "parameter, travel assumed"
-    alike = tuple(outputs.servo(number) for number in twins)
+    alike = tuple(_servo(table, number) for number in twins)
     return Surface("SERVO_OUTPUT_RAW", how, parts, twins=alike)
 
 
-def _ap_parts(what: str, servo_of: dict[int, int], outputs: _Outputs) -> tuple[SurfacePart, ...]:
+def _ap_parts(
+    what: str, servo_of: dict[int, int], table: ParameterTable
+) -> tuple[SurfacePart, ...]:
     """Return the output of the single surface, else the pair of outputs that it is mixed into."""
     single = AP_SINGLE[what]
     if single in servo_of:
-        return (outputs.servo(servo_of[single]),)
+        return (_servo(table, servo_of[single]),)
     for pair in AP_PAIRS[what]:
         if servo_of.keys() >= {*pair}:
             left, right = (servo_of[function] for function in pair)
             if pair == AP_VTAIL:
-                return outputs.vtail(left, right)
-            weight = 0.5 if pair == AP_FLAPERON else -0.5 / outputs.mixing
-            return outputs.servo(left, weight), outputs.servo(right, abs(weight))
+                return _vtail(table, left, right)
+            weight = 0.5 if pair == AP_FLAPERON else -0.5 / _mixing(table)
+            return _servo(table, left, weight), _servo(table, right, abs(weight))
     return ()
 
 
@@ -230,18 +211,10 @@ def _px4_output(
 
 def no_surface(what: str, vehicle: Vehicle, table: ParameterTable) -> Reason:
     """Return the reason that there is no surface, with what was found instead."""
-    outputs = _Outputs.of(vehicle, table)
-    functions = {n: f for n, f in outputs.functions.items() if f}
-    if outputs.is_old and what == "rudder":
-        return Reason(
-            "no_rudder",
-            "VTAIL_OUTPUT mixes rudder and elevator, but the log does not say which way",
-            "Name the outputs by --rudder vtail:L,R, or by --rudder servo:N one that is only the "
-            "rudder.",
-        )
+    functions = {n: f for n, f in table.functions().items() if f}
     torn = f"; {table.missing} parameters are missing: download them again" if table.missing else ""
     if functions:
-        found = ", ".join(f"{outputs.prefix}{n}={f}" for n, f in functions.items())
+        found = ", ".join(f"SERVO{n}={f}" for n, f in functions.items())
         text = f"none of the servo functions is a {what}; those found are {found}{torn}"
         return Reason("no_rudder", text, OTHER_LOG if vehicle.type in WITHOUT_RUDDER else NAME_IT)
     if vehicle.type in WITHOUT_RUDDER:
@@ -250,6 +223,14 @@ def no_surface(what: str, vehicle: Vehicle, table: ParameterTable) -> Reason:
             f"the vehicle is a {vehicle.type_name} on {vehicle.autopilot_name}, which has no "
             f"{what}, whatever channel is named",
             OTHER_LOG,
+        )
+    if _is_before_3_8(what, vehicle, table):
+        return Reason(
+            "no_rudder",
+            "the vehicle is an ArduPlane before 3.8, whose outputs have the travel and the sense "
+            "of RCn_, which are not read",
+            "Name the output by --rudder servo:N: its sense and travel are then assumed (not "
+            "reversed, 1100 to 1900 us), on which the sign and size of the gain depend.",
         )
     return Reason(
         "no_rudder",

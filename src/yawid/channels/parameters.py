@@ -18,16 +18,11 @@ PX4_TRAVEL_US: Travel = (1000.0, 1500.0, 2000.0)
 """PX4's defaults of PWM_MAIN_MINn and PWM_MAIN_MAXn, and their middle."""
 _RELEVANT = re.compile(
     r"SERVO[1-9]\d?_(FUNCTION|MIN|TRIM|MAX|REVERSED)"
-    r"|RC[1-9]\d?_(FUNCTION|MIN|TRIM|MAX|REV|REVERSED)"
-    r"|RC_?MAP_(YAW|ROLL)|VTAIL_OUTPUT|ELEVON_(OUTPUT|MIXING)|MIXING_(GAIN|OFFSET)|(PWM_MAIN|PWM_AUX|HIL_ACT)_(FUNC|MIN|MAX|CENT|REV)\d*|CA_SV_CS\d+_TYPE"
+    r"|RC[1-9]\d?_(MIN|TRIM|MAX|REV|REVERSED)"
+    r"|RC_?MAP_(YAW|ROLL)|MIXING_(GAIN|OFFSET)|(PWM_MAIN|PWM_AUX|HIL_ACT)_(FUNC|MIN|MAX|CENT|REV)\d*|CA_SV_CS\d+_TYPE"
     r"|Q_(M_PWM_(MIN|MAX)|THR_(MIN|MAX)_PWM|TILT_MASK|TAILSIT_MOTMX)"
 )
 _FUNCTION = re.compile(r"SERVO([1-9]\d?)_FUNCTION")
-_OLD_FUNCTION = re.compile(r"RC([1-9]\d?)_FUNCTION")
-_SERVO = re.compile(r"SERVO[1-9]\d?_.*")
-_OLD_REVERSE = re.compile(r"RC[1-9]\d?_REV")
-AP_RUDDER, AP_AILERON = 21, 4
-"""SERVOn_FUNCTION of a rudder and an aileron."""
 YAW_LOOP = {ARDUPILOT: ("YAW2SRV_DAMP", "YAW_RATE_ENABLE"), PX4: ("FW_YR_P",)}
 """Parameters, by autopilot, that are not 0 where it feeds the yaw rate back to the rudder."""
 _GAINS = {name for names in YAW_LOOP.values() for name in names}
@@ -60,7 +55,6 @@ class ParameterTable:
         self._gains: list[GainSeen] = []
         self._untimed: list[tuple[int, str, float]] = []
         self._functions: dict[int, int] | None = None
-        self._is_old: bool | None = None
 
     def changes(self, block: MessageBlock) -> Iterator[int]:
         """Take PARAM_VALUE rows in, one by one; yield the places where a surface may change."""
@@ -75,7 +69,7 @@ class ParameterTable:
             if name in _GAINS and changed and math.isfinite(value):
                 self._untimed.append((order, name, value))
             if (changed and _RELEVANT.fullmatch(name)) or had_all == bool(self.missing):
-                self._functions = self._is_old = None
+                self._functions = None
                 yield order
 
     @property
@@ -110,45 +104,16 @@ class ParameterTable:
         """Return servo number -> function for every SERVOn_FUNCTION received."""
         # Every block of messages asks for them, and a thousand parameters hardly ever change.
         if self._functions is None:
-            self._functions = self._by_number(_FUNCTION)
+            found = ((_FUNCTION.fullmatch(name), v) for name, v in self.values.items())
+            named = ((int(m[1]), int(v)) for m, v in found if m and math.isfinite(v))
+            self._functions = dict(sorted(named))
         return self._functions
-
-    def _by_number(self, pattern: re.Pattern[str]) -> dict[int, int]:
-        """Return the values of parameters by the number in their names, sorted by it."""
-        matches = ((pattern.fullmatch(name), value) for name, value in self.values.items())
-        return dict(sorted((int(m[1]), int(v)) for m, v in matches if m and math.isfinite(v)))
-
-    @property
-    def is_old_plane(self) -> bool:
-        """Whether they are an ArduPlane's before 3.8, in which RCn_ describes the outputs too.
-
-        Newer ones have RCn_REVERSED for the sticks and SERVOn_ for the outputs.
-        """
-        if self._is_old is None:
-            is_old = any(_OLD_REVERSE.fullmatch(name) for name in self.values)
-            self._is_old = is_old and not any(_SERVO.fullmatch(name) for name in self.values)
-        return self._is_old
-
-    def old_functions(self) -> dict[int, int]:
-        """Return output number -> function of an ArduPlane before 3.8.
-
-        The outputs with the numbers of the roll and yaw sticks are aileron and rudder, unless it
-        mixes them; other outputs have RCn_FUNCTION.
-        """
-        mixes_tail = self.get("VTAIL_OUTPUT", 0.0) != 0.0
-        mixes_wing = self.get("ELEVON_OUTPUT", 0.0) != 0.0 or self.get("ELEVON_MIXING", 0.0) != 0.0
-        found = self._by_number(_OLD_FUNCTION)
-        if not mixes_wing:
-            found[int(self.get("RCMAP_ROLL", 1.0))] = AP_AILERON
-        if not mixes_tail:
-            found[int(self.get("RCMAP_YAW", 4.0))] = AP_RUDDER
-        return dict(sorted(found.items()))
 
     def travel(self, prefix: str, stock: Travel = STOCK_TRAVEL_US) -> tuple[Travel, bool, bool]:
         """Return (min, trim, max) in us, reversed, and whether all three were reported in order.
 
         What was not reported is taken from ``stock``, and all three if they are not in order. PX4
-        and old ArduPilots write a reversed stick as RCn_REV = -1.
+        writes a reversed stick as RCn_REV = -1.
         """
         names = [f"{prefix}_{end}" for end in ("MIN", "TRIM", "MAX")]
         low, trim, high = (self.get(n, s) for n, s in zip(names, stock, strict=True))

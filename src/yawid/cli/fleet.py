@@ -122,7 +122,6 @@ def _asked(arguments: argparse.Namespace) -> "FleetRun":
         out=arguments.out,
         spec=Spec(
             settings_of(arguments),
-            options.form,
             key_file,
             arguments.modes,
             arguments.vehicle,

@@ -211,9 +211,7 @@ def add_estimator_options(
 
 
 def add_log_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options for a log's format, and for the names and units of a record's columns."""
-    text = "raw: MAVLink frames without time stamps (default: auto)"
-    parser.add_argument("--format", default="auto", metavar="auto|tlog|raw", help=text)
+    """Add the options for the names and units of a record's columns."""
     add_options(parser.add_argument_group("the columns of CSV and Parquet"), RECORD)
 
 
@@ -262,7 +260,7 @@ def outputs_of(arguments: argparse.Namespace, name: str) -> "Outputs":
 
 
 def read_options_of(arguments: argparse.Namespace) -> "ReadOptions":
-    """Return how a log is read: its format, and the key by which frames must be signed."""
+    """Return how a log is read: with the key by which frames must be signed, if any."""
     from yawid.sources.open_log import ReadOptions
 
-    return ReadOptions.asked(getattr(arguments, "format", "auto"), arguments.signing_key_file)
+    return ReadOptions.asked(arguments.signing_key_file)

@@ -65,14 +65,14 @@ def rows_of(path: Path, spec: Spec) -> Rows:
 
 
 def read_options_of(spec: Spec) -> ReadOptions:
-    """Return how the log's bytes are read: their format and the signing key.
+    """Return how the log's bytes are read: with the signing key, if any.
 
     Raises:
         _OtherKeyError: the key cannot be read here, or differs from the one the fleet started with.
     """
     path = None if spec.key_file is None else Path(spec.key_file)
     try:
-        options = ReadOptions.asked(spec.form, path)
+        options = ReadOptions.asked(path)
     except ConfigError as error:
         raise _OtherKeyError(str(error)) from error
     if options.key is not None and options.key.mark != spec.key_mark:

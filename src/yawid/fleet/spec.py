@@ -5,7 +5,7 @@ import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path, PurePath
-from typing import Any, Literal
+from typing import Any
 
 from yawid.config.run import RunConfig
 from yawid.errors import ConfigError
@@ -27,7 +27,6 @@ class Spec:
     """
 
     settings: Mapping[str, Any] = field(default_factory=dict)
-    form: Literal["auto", "tlog", "raw"] = "auto"
     key_file: str | None = None
     modes: bool = False
     vehicle: str | None = None
@@ -47,7 +46,7 @@ class Spec:
         if self.key_file is not None:
             from yawid.sources.open_log import ReadOptions
 
-            key = ReadOptions.asked(self.form, Path(self.key_file)).key
+            key = ReadOptions.asked(Path(self.key_file)).key
             object.__setattr__(self, "key_mark", key and key.mark)
 
     def name_of(self, path: str) -> str | None:
@@ -61,7 +60,7 @@ class Spec:
     def config_hash(self) -> str:
         """A hash that is equal for equal settings, whether given or left at their defaults."""
         config = RunConfig(**self.settings)
-        whole = [asdict(config), self.form, self.key_mark, self.modes]
+        whole = [asdict(config), self.key_mark, self.modes]
         whole += filter(None, [self.vehicle, self.vehicle_from])
         text = json.dumps(whole, sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()[:16]

@@ -143,8 +143,6 @@ def command_line(log: Place, config: RunConfig, read_options: ReadOptions) -> st
     every manoeuvre.
     """
     words = ["yawid", "replay", str(log), *_words(config)]
-    if read_options.form != "auto":
-        words += ["--format", read_options.form]
     if read_options.key_file is not None:
         words += ["--signing-key-file", str(read_options.key_file)]
     return shlex.join(words)

@@ -107,8 +107,7 @@ class RecordedLog(Log):
     @property
     def reading(self) -> dict[str, str]:
         """How the log is read, where that is not the usual way."""
-        said = {} if self.options.form == "auto" else {"format": self.options.form}
-        return said | ({} if self.options.key is None else {"frames": "signed ones only"})
+        return {} if self.options.key is None else {"frames": "signed ones only"}
 
     def log_sha256(self) -> str:
         """Return the hash of the log before it is read."""

@@ -5,7 +5,7 @@ that its reader can say what is wrong with it. Any unknown file is taken for a t
 reader then says what is wrong.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from yawid.sources.logs.dataflash import DataflashReader
     from yawid.sources.logs.tlog import TlogReader
     from yawid.sources.logs.ulog import UlogReader
-    from yawid.sources.open_log import ReadOptions
+    from yawid.sources.mavlink.decoder import Decoder
     from yawid.sources.records.record import Record
 
     Reader = TlogReader | DataflashReader | UlogReader | Record
@@ -23,8 +23,8 @@ HEAD: Final = 1 << 14
 """The number of first bytes that identify a kind of file."""
 
 
-Opener = Callable[[Path, Iterable[str], "ReadOptions"], "Reader"]
-"""A function of a path, the wanted messages and the options of reading that returns a reader."""
+Opener = Callable[[Path, "Callable[[], Decoder]"], "Reader"]
+"""A function of a path, and of one that makes the decoder of its bytes, that returns a reader."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,25 +55,25 @@ class Format:
         return self.said if self.needs is None else f"{self.said} (extra {self.needs[1]})"
 
 
-def _tlog(path: Path, wanted: Iterable[str], options: "ReadOptions") -> "Reader":
+def _tlog(path: Path, decoder: "Callable[[], Decoder]") -> "Reader":
     from yawid.sources.logs.tlog import TlogReader
 
-    return TlogReader(path, options.decoder(wanted), options.form)
+    return TlogReader(path, decoder())
 
 
-def _dataflash(path: Path, wanted: Iterable[str], options: "ReadOptions") -> "Reader":
+def _dataflash(path: Path, _: "Callable[[], Decoder]") -> "Reader":
     from yawid.sources.logs.dataflash import DataflashReader
 
     return DataflashReader(path)
 
 
-def _ulog(path: Path, wanted: Iterable[str], options: "ReadOptions") -> "Reader":
+def _ulog(path: Path, _: "Callable[[], Decoder]") -> "Reader":
     from yawid.sources.logs.ulog import UlogReader
 
     return UlogReader(path)
 
 
-def _record(path: Path, wanted: Iterable[str], options: "ReadOptions") -> "Reader":
+def _record(path: Path, _: "Callable[[], Decoder]") -> "Reader":
     from yawid.sources.records.record import Record
 
     return Record(path)
@@ -108,8 +108,7 @@ def format_of(path: Path) -> Format:
     for each in FORMATS:
         if each.magic and head.startswith(each.magic):
             return each
-    # The stamps of a tlog begin with 0, a bare frame of MAVLink 2 begins with 0xFD.
-    if not path.is_file() or head[:1] in (b"\0", b"\xfd"):
+    if not path.is_file() or head[:1] == b"\0":  # as the stamps of a tlog begin
         return TLOG
     if path.suffix.lower() in [each.suffix for each in FORMATS if each.has_columns]:
         return CSV

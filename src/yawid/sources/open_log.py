@@ -4,15 +4,15 @@ import hashlib
 import pickle
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from tempfile import SpooledTemporaryFile
 from typing import TYPE_CHECKING, Protocol
 
 from yawid.blocks import FrameBlock, MotionBlock, RecordBlock, SampleBlock
-from yawid.errors import ConfigError, SourceError
+from yawid.errors import SourceError
 from yawid.quantities.link import LinkStats
-from yawid.sources.formats import TLOG, format_of
-from yawid.sources.logs.tlog import FORMS, Form
+from yawid.sources.formats import format_of
 from yawid.sources.mavlink.decoder import Decoder
 from yawid.sources.mavlink.signing import Signing, SigningKey
 from yawid.system.stores import Place
@@ -26,28 +26,23 @@ IN_MEMORY = 64 << 20
 
 @dataclass(frozen=True, slots=True)
 class ReadOptions:
-    """The form of a log, and the key that frames must be signed with (None accepts any frame).
+    """The key that frames must be signed with (None accepts any frame), and the file it is from.
 
-    ``key_file`` is the file that the key came from, to be named in a command line.
-
-    The key is kept out of ``RunConfig``, because configurations are written into files.
+    The key is kept out of ``RunConfig``, because configurations are written into files; the file is
+    kept to be named in a command line.
     """
 
-    form: Form = "auto"
     key: SigningKey | None = None
     key_file: Path | None = None
 
     @classmethod
-    def asked(cls, form: str, key_file: Path | None) -> "ReadOptions":
-        """Return the options asked for: the form, and the key in a file.
+    def asked(cls, key_file: Path | None) -> "ReadOptions":
+        """Return the options with the key in a file.
 
         Raises:
-            ConfigError: there is no such form, or the key cannot be read.
+            ConfigError: the key cannot be read.
         """
-        found = next((each for each in FORMS if each == form), None)
-        if found is None:
-            raise ConfigError(f"--format must be one of {', '.join(FORMS)}, got {form!r}")
-        return cls(found, None if key_file is None else SigningKey.from_file(key_file), key_file)
+        return cls(None if key_file is None else SigningKey.from_file(key_file), key_file)
 
     def decoder(self, wanted: Iterable[str]) -> Decoder:
         """Return a decoder of the ``wanted`` messages for one stream."""
@@ -95,14 +90,12 @@ class Log:
         again: bool = False,
     ) -> None:
         self.options = options or ReadOptions()
-        is_given, kind = self.options.form != "auto", format_of(path)
-        self.format = kind = TLOG if is_given and not kind.magic else kind
-        opener = kind.opener
-        if opener is None or (is_given and kind is not TLOG):
+        self.format = format_of(path)
+        if self.format.opener is None:
             raise SourceError(
-                f"{path} is {kind.called}, not a telemetry log: give the .tlog of the flight"
+                f"{path} is {self.format.called}, not a telemetry log: give the .tlog of the flight"
             )
-        self._reader = opener(path, wanted, self.options)
+        self._reader = self.format.opener(path, partial(self.options.decoder, wanted))
         self.path: Place = path  # or where the file was brought from
         self.size = path.stat().st_size
         self._digest = hashlib.sha256()

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 OF_FILES: Final = ("out", "force", "json", "rerun")
 """Options of the output files that a TOML file may hold for the command line: ignored here."""
-_NOT_SETTINGS: Final = ("log", "config", "format", "signing_key_file")
+_NOT_SETTINGS: Final = ("log", "config", "signing_key_file")
 Surface = Literal["rudder", "aileron"]
 
 
@@ -64,7 +64,6 @@ def replay(
     boot: int | None = None,
     sysid: int | None = None,
     config: str | PathLike[str] | None = None,
-    format: Literal["auto", "tlog", "raw"] | None = None,
     signing_key_file: str | PathLike[str] | None = None,
 ) -> Run:
     """Replay a log or a run's MCAP and return the run that ``yawid replay`` would write to files.
@@ -74,8 +73,8 @@ def replay(
     table of another run. The keywords are the options of the command line, None where not given:
     the stretch is ``from_s`` and ``to_s`` in s since boot, ``rate`` is in Hz, ``band`` in Hz,
     ``memory``, ``servo_lag`` and ``servo_tau`` in s, and ``columns`` may be a dict of the table's
-    names to those of the record. ``config`` names a TOML file, ``format="raw"`` is for frames
-    without stamps, ``signing_key_file`` names the file with the key of signed frames.
+    names to those of the record. ``config`` names a TOML file, ``signing_key_file``
+    the file with the key of signed frames.
 
     Raises:
         ConfigError: a value is outside its limits, or does not fit the log.
@@ -86,9 +85,9 @@ def replay(
     if isinstance(columns, Mapping):
         settings["columns"] = tuple(f"{name}={column}" for name, column in columns.items())
     if isinstance(log, str | PathLike):
-        return _of_file(place_of(fspath(log)), settings, config, format, signing_key_file)
+        return _of_file(place_of(fspath(log)), settings, config, signing_key_file)
     with _as_file(log) as path:
-        return _of_file(path, settings, config, format, signing_key_file).named(type(log).__name__)
+        return _of_file(path, settings, config, signing_key_file).named(type(log).__name__)
 
 
 def run_of(log: Path, **settings: Any) -> Run:
@@ -101,14 +100,13 @@ def run_of(log: Path, **settings: Any) -> Run:
 
     if format_of(log) is RUN:
         return load(log)
-    return _of_file(log, settings, None, None, None)
+    return _of_file(log, settings, None, None)
 
 
 def _of_file(
     log: Place,
     given: dict[str, Any],
     toml: str | PathLike[str] | None,
-    form: str | None,
     key_file: str | PathLike[str] | None,
 ) -> Run:
     from yawid.config.run import check_settings, overruled, read_toml
@@ -121,9 +119,8 @@ def _of_file(
     loaded = {name.replace("-", "_"): loaded[name] for name in loaded}
     for name in OF_FILES:
         loaded.pop(name, None)
-    own_form, own_key = (loaded.pop(name, None) for name in ("format", "signing_key_file"))
-    key = key_file or own_key
-    read_options = ReadOptions.asked(form or own_form or "auto", None if key is None else Path(key))
+    key = key_file or loaded.pop("signing_key_file", None)
+    read_options = ReadOptions.asked(None if key is None else Path(key))
     settings = check_settings(loaded, str(toml))
     settings = overruled(settings, check_settings(given, "yawid.replay"))
     kept = Kept()

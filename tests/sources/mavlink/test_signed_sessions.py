@@ -7,7 +7,6 @@ import json
 import os
 import signal
 import socket
-import struct
 import subprocess
 import sys
 import threading
@@ -17,7 +16,7 @@ from typing import Any
 import numpy as np
 import pytest
 from checks.children import child
-from flightlog import START_US, fly
+from flightlog import fly
 from flights.surgery import join, split
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
@@ -251,30 +250,3 @@ def test_a_live_session_with_a_key_replays_to_the_same_bits(
     assert summary["link"]["frames"] == 520
     assert summary["estimates"] == again["estimates"]
     assert KEY not in log.read_bytes()
-
-
-def test_a_log_without_stamps_gives_the_estimates_of_the_tlog(
-    records: list[bytes], tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    (tmp_path / "log.tlog").write_bytes(b"".join(records))
-    for name in ("log.rlog", "log.bin"):
-        (tmp_path / name).write_bytes(b"".join(rec[8:] for rec in records))
-    out = ["--out", str(tmp_path / "out"), "--json", "--force"]
-
-    codes, summaries = [], []
-    for arguments in (["log.tlog"], ["log.rlog"], ["log.bin", "--format", "raw"]):
-        codes.append(main(["replay", str(tmp_path / arguments[0]), *arguments[1:], *out]))
-        summaries.append(summary_of(capsys.readouterr().out))
-    refused = main(["replay", str(tmp_path / "log.bin"), *out])
-    said = capsys.readouterr().err
-
-    assert codes[0] == codes[1] == codes[2]
-    for summary in summaries[1:]:
-        assert summary["estimates"] == summaries[0]["estimates"]
-        assert summary["link"] == summaries[0]["link"]
-        assert abs(summary["duration_s"] - summaries[0]["duration_s"]) < 0.1
-    assert summaries[1]["sha256"] == hashlib.sha256(b"".join(r[8:] for r in records)).hexdigest()
-    assert refused == 6
-    assert "--format raw" in said
-    assert main(["replay", str(tmp_path / "log.tlog"), "--format", "csv", *out]) == 2
-    assert struct.unpack(">Q", records[0][:8])[0] >= START_US

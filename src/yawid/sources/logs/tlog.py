@@ -1,29 +1,21 @@
-"""The reader of telemetry logs: in chunks, with a hash; other files are refused in one line.
-
-A log without stamps (.rlog, .raw) is read as the tlog that ``bare_frames`` makes from it.
-"""
+"""The reader of telemetry logs: in chunks, with a hash; other files are refused in one line."""
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Literal, Protocol
+from typing import Protocol
 
 import numpy as np
 
 from yawid.blocks import FrameBlock
 from yawid.errors import SourceError
 from yawid.quantities.link import LinkStats
-from yawid.sources.logs.bare_frames import Stamper
 from yawid.sources.logs.foreign import ARCHIVE, foreign
 from yawid.sources.mavlink.decoder import Decoder
 from yawid.sources.mavlink.definitions import definitions
 from yawid.sources.mavlink.framing import SLACK, STAMP_SIZE, find_frames, frame_size
 
-Form = Literal["auto", "tlog", "raw"]
-FORMS: tuple[Form, ...] = ("auto", "tlog", "raw")
-
 CHUNK = 1 << 20  # half as much would save 2 MB, twice as much would cost 20
 _HEAD = 1 << 20  # a log has an intact record in its first MiB
-_BARE_SUFFIXES = (".rlog", ".raw")
 
 
 class Digest(Protocol):
@@ -42,11 +34,10 @@ class TlogReader:
 
     vehicle_id = None
 
-    def __init__(self, path: Path, decoder: Decoder, form: Form = "auto") -> None:
-        check_readable(path, form)
+    def __init__(self, path: Path, decoder: Decoder) -> None:
+        check_readable(path)
         self._path = path
         self._decoder = decoder
-        self._form = form
 
     @property
     def link(self) -> LinkStats:
@@ -55,28 +46,23 @@ class TlogReader:
 
     def read(self, digest: Digest) -> Iterator[tuple[int, FrameBlock | None]]:
         """Yield (bytes read, the messages they complete), and update ``digest`` with the bytes."""
-        for chunk in read_tlog(self._path, digest=digest, form=self._form):
+        for chunk in read_tlog(self._path, digest=digest):
             yield len(chunk), self._decoder.feed(chunk)
         yield 0, self._decoder.finish()
 
 
-def check_readable(path: Path, form: Form = "auto") -> None:
+def check_readable(path: Path) -> None:
     """Read the head of a log; return if it is a telemetry log.
 
     Raises:
         SourceError: there is no such file, it cannot be read, or its first MiB holds no intact
-        record of the form asked for.
+        record.
     """
-    next(read_tlog(path, form=form))
+    next(read_tlog(path))
 
 
-def read_tlog(
-    path: Path, chunk: int = CHUNK, digest: Digest | None = None, form: Form = "auto"
-) -> Iterator[bytes]:
-    """Yield a log as tlog bytes, ``chunk`` bytes of the file at a time; hash the file's bytes.
-
-    With ``auto`` a file is a tlog if it holds an intact record; else it holds bare frames if its
-    suffix is .rlog or .raw and there is an intact frame.
+def read_tlog(path: Path, chunk: int = CHUNK, digest: Digest | None = None) -> Iterator[bytes]:
+    """Yield the bytes of a log, ``chunk`` at a time; hash them.
 
     Raises:
         SourceError: as :func:`check_readable`, with the first piece; or reading fails later on.
@@ -87,16 +73,16 @@ def read_tlog(
     try:
         with path.open("rb") as file:
             head = file.read(_HEAD)
-            stamper = Stamper() if _is_bare(path, head, form) else None
+            if head.startswith(ARCHIVE) or not _has_record(head):
+                # A stored archive is not packed: the frames of all its logs would be one flight.
+                raise SourceError(f"{path} {_what_it_is(path, head)}")
             data = head[:chunk]
             file.seek(len(data))
             while data:
                 if digest is not None:
                     digest.update(data)
-                yield data if stamper is None else stamper.feed(data)
+                yield data
                 data = file.read(chunk)
-            if stamper is not None:
-                yield stamper.finish()
     except FileNotFoundError as error:
         raise SourceError(f"{path} does not exist: check the name of the log") from error
     except PermissionError as error:
@@ -114,24 +100,6 @@ def record_at(tlog: bytes, at: int) -> bytes:
     size = frame_size(tlog[frame : frame + 3])
     assert size is not None
     return tlog[at : frame + size]
-
-
-def _is_bare(path: Path, head: bytes, form: Form) -> bool:
-    """Return whether the file that begins with ``head`` holds frames without stamps.
-
-    Raises:
-        SourceError: it holds no intact frame of the form asked for.
-    """
-    is_bare = form == "raw" or (form == "auto" and path.suffix.lower() in _BARE_SUFFIXES)
-    if head.startswith(
-        ARCHIVE
-    ):  # stored, not packed: the frames of all its logs would be one flight
-        raise SourceError(f"{path} {foreign(path, head)}")
-    if form != "raw" and _has_record(head):
-        return False
-    if is_bare and _has_bare_frames(head):
-        return True
-    raise SourceError(f"{path} {_what_it_is(path, head)}")
 
 
 def _has_record(head: bytes) -> bool:
@@ -155,7 +123,7 @@ def _what_it_is(path: Path, head: bytes) -> str:
     if _has_bare_frames(head):
         return (
             "holds MAVLink frames without time stamps (.rlog, .raw): give the .tlog recorded with "
-            "it, or --format raw"
+            "it"
         )
     return "holds no intact MAVLink record in its first MiB: give a telemetry log (.tlog)"
 
