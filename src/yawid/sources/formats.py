@@ -112,7 +112,7 @@ def format_of(path: Path) -> Format:
         return TLOG
     if path.suffix.lower() in [each.suffix for each in FORMATS if each.has_columns]:
         return CSV
-    from yawid.sources.records.csv_table import looks_like_csv  # a log needs nothing of it
+    from yawid.sources.records.csv_header import looks_like_csv  # a log needs nothing of it
 
     return CSV if looks_like_csv(head) else TLOG
 

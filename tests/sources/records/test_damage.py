@@ -72,7 +72,7 @@ def test_a_date_of_another_age_is_refused_with_its_row(
     columns = {"rudder_deg": np.sin(t), "r_deg_s": np.cos(t)} | {"t": t} | {column: typed}
     pq.write_table(pa.table(columns), tmp_path / "a.parquet")
 
-    with pytest.raises(SourceError, match=f"column {column}, row 8: {year}-01-01"):
+    with pytest.raises(SourceError, match=rf"row 8, column \d \({column}\): {year}-01-01"):
         Record(tmp_path / "a.parquet").settle(Asked(rudder_sign="nose-right"))
 
 

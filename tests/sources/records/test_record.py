@@ -52,8 +52,9 @@ UNDERSTOOD = {
     + "0,1,10\n0.02,-2,\n0.02,,20.5\n0.04,3,-30\n0.06,4,\n0.06,,5\n",
     "NaN in place of nothing": HEAD + "0,1,10\n0.01,NaN,nan\n" + BODY[7:],
     "capitals and quotes": '"t","Rudder [deg]","r [DEG/S]"\n' + BODY,
-    "exponents of Fortran": "t rudder_deg r_deg_s\n"
-    "0.0D0 1 10\n2.0D-2 -2 20.5\n4D-2 3 -3D1\n6d-2 4 5\n",
+    "a separator at the end of each line": "t,rudder_deg,r_deg_s,\n" + BODY.replace("\n", ",\n"),
+    "comments and empty lines between its rows": HEAD + BODY.replace("0.04", "# gust\n\n0.04"),
+    "single blanks": "t rudder_deg r_deg_s\n" + BODY.replace(",", " "),
     "Unix time": HEAD
     + "".join(f"{UNIX + float(r[0]):.2f},{r[1]},{r[2]}\n" for r in csv.reader(BODY.split())),
     "dates": HEAD + DATES,
@@ -279,13 +280,31 @@ REFUSED: dict[str, tuple[str, Asked, type[YawidError], str]] = {
         HEAD + "12:00:01.5,1,10\n12:00:02,1,10\n12:00:03,1,10\n",
         RIGHT,
         SourceError,
-        "line 2: '12:00:01.5' is not a time",
+        r"line 2, column 1 \(t\): '12:00:01.5' is not a time",
     ),
     "points and commas": (
         "t;rudder_deg;r_deg_s\n0,5;1;1\n0,6;1.5;1\n0,7;1,5;1\n",
         RIGHT,
         SourceError,
-        "'1.5', and '1,5' in line 4: one decimal sign",
+        r"line 3, column 2 \(rudder_deg\): '1.5' is not a number: the decimal sign is ','",
+    ),
+    "exponents of Fortran": (
+        HEAD + BODY.replace("0.02", "2D-2"),
+        RIGHT,
+        SourceError,
+        r"line 3, column 1 \(t\): '2D-2' is not a number: .*an exponent has an E",
+    ),
+    "columns of one width": (
+        HEAD.replace(",", "   ") + BODY.replace(",", "   "),
+        RIGHT,
+        SourceError,
+        "line 2: 7 cells, the header has 3: .*one separator, such as a comma",
+    ),
+    "dates of two zones and of none": (
+        HEAD + DATES.replace("Z", "+02:00", 1).replace("Z", "", 1),
+        RIGHT,
+        SourceError,
+        r"column 1 \(t\): .*all its times need one spelling, such as 2024-05-01T12:00:00.5Z",
     ),
     "a reason nobody gives": (
         "t,rudder_deg,r_deg_s,held\n" + BODY.replace("\n", ",tired\n"),

@@ -19,8 +19,9 @@ from yawid.quantities.airspeed import (
 from yawid.quantities.table import BY_GROUND
 from yawid.quantities.units import KIND_WORDS
 from yawid.sources.records.column_values import place_of
-from yawid.sources.records.find_columns import Found, Table
+from yawid.sources.records.find_columns import Found
 from yawid.sources.records.rows import newest, same
+from yawid.sources.records.tables import Table
 
 _WORD: Final = re.compile(r"[a-z]+")
 _NAMES: Final = KIND_WORDS | {"true": Kind.TRUE}

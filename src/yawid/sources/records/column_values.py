@@ -9,7 +9,7 @@ from yawid.blocks import Floats, Held, Ints, RecordBlock
 from yawid.errors import ConfigError, SourceError
 from yawid.quantities.table import CHANNELS
 from yawid.quantities.units import HALF_TRAVEL, UNITS, Unit, unit_of
-from yawid.sources.records.find_columns import Asked, Found, Table
+from yawid.sources.records.find_columns import Asked, Found
 from yawid.sources.records.headers import ANGLES, KINDS, is_column
 from yawid.sources.records.lacking import RUDDER_UNIT, SIGN, LackingError
 from yawid.sources.records.lacking import UNITS as ANGLE_UNITS
@@ -20,7 +20,8 @@ from yawid.sources.records.rows import (
     largest_stroke,
     usual_interval_us,
 )
-from yawid.sources.records.times import NO_DATE, NO_TIME, dates_ns_of, is_unix
+from yawid.sources.records.tables import Table
+from yawid.sources.records.times import NO_DATE, is_unix
 
 MOST: Final = {
     **dict.fromkeys(("q", "turn_rate"), 3.0),
@@ -236,22 +237,6 @@ def held_of(table: Table, found: Found) -> Ints:
     return np.array([bits[text] for text in texts], np.int64)
 
 
-def dates_of(table: Table, found: Found) -> Ints | None:
-    """Return a column of dates in ns of Unix time (n,), None where it holds none.
-
-    Raises:
-        SourceError: it has texts that are no dates.
-    """
-    dates, texts = table.dates_ns(found.place), table.texts(found.place)
-    if dates is not None or texts is None:
-        return dates
-    try:
-        return dates_ns_of(texts)
-    except ValueError as error:
-        line, text = table.line(texts.index(str(error))), repr(str(error))
-        raise SourceError(f"{place_of(table, found)}, {line}: {text} {NO_TIME}") from error
-
-
 def times_of(table: Table, found: dict[str, Found]) -> tuple[Ints, Ints | None]:
     """Return t in us (n,) since the record's beginning, and Unix time in ns, None if unknown.
 
@@ -260,7 +245,7 @@ def times_of(table: Table, found: dict[str, Found]) -> tuple[Ints, Ints | None]:
         SourceError: a row has no time, or the times do not advance.
     """
     t = found["t"]
-    where, unix_ns = place_of(table, t), dates_of(table, t)
+    where, unix_ns = place_of(table, t), table.dates_ns(t.place)
     if unix_ns is None:
         t_s = table.numbers(t.place)
         t_s = t_s if t.unit is None else t_s * t.unit.factor
@@ -285,7 +270,7 @@ def times_of(table: Table, found: dict[str, Found]) -> tuple[Ints, Ints | None]:
     if is_slow:
         raise ConfigError(f"{where}: its median step is {step_s:g} s{_say_unit(t)}")
     if unix_ns is None and "time" in found and found["time"].place != t.place:
-        unix_ns = dates_of(table, found["time"])
+        unix_ns = table.dates_ns(found["time"].place)
     return t_us, unix_ns
 
 

@@ -1,18 +1,18 @@
 """The search for the table's columns in a file, and for their units where these are given."""
 
 import re
-from collections.abc import Iterable
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Final, Protocol
+from typing import TYPE_CHECKING, Final
 
-from yawid.blocks import Floats, Ints
 from yawid.errors import ChannelError, ConfigError, SourceError
 from yawid.quantities.table import CHANNELS, TEXTS
 from yawid.quantities.units import HALF_TRAVEL, UNITS, Unit, unit_of
 from yawid.sources.records.headers import ANGLES, Header, by_suffix, fits, header_of, is_column
 from yawid.sources.records.lacking import RUDDER_UNIT, SIGN, line_of
 from yawid.sources.records.lacking import UNITS as UNITS_OPTION
+
+if TYPE_CHECKING:
+    from yawid.sources.records.tables import Table  # pyarrow is for those who read one
 
 LIKELY: Final = {
     "t": "time timestamp sec",
@@ -48,34 +48,6 @@ class Asked:
     lateral: bool = False
 
 
-class Table(Protocol):
-    """A file's columns; ``facts`` holds the file's metadata.
-
-    ``rows`` is the number of rows; before ``load`` it may be too large.
-    """
-
-    path: Path
-    names: list[str]
-    units: list[str]
-    facts: dict[str, str]
-    rows: int
-
-    def load(self, columns: Iterable[int]) -> None:
-        """Read columns by their places, so that they can be returned."""
-
-    def texts(self, column: int) -> list[str] | None:
-        """Return a column's texts (n,), missing ones empty; None where it has no texts."""
-
-    def numbers(self, column: int) -> Floats:
-        """Return a column's numbers (n,), NaN where one is missing."""
-
-    def dates_ns(self, column: int) -> Ints | None:
-        """Return a column's dates in ns of Unix time (n,), None where it has no dates."""
-
-    def line(self, row: int) -> str:
-        """Return the place of a row in words."""
-
-
 @dataclass(frozen=True, slots=True)
 class Found:
     """A file's column that is one of the table's, and its unit, None where it is not given."""
@@ -91,7 +63,7 @@ class Found:
         return f"{self.header.name} [{self.spelt}]" if self.spelt else self.header.name
 
 
-def find_columns(table: Table, asked: Asked) -> dict[str, Found]:
+def find_columns(table: "Table", asked: Asked) -> dict[str, Found]:
     """Return a file's columns by the table's names: those of options, else by their own names.
 
     Raises:
@@ -116,17 +88,15 @@ def find_columns(table: Table, asked: Asked) -> dict[str, Found]:
                 f"{header.name}; name one by --columns {own}=COLUMN"
             )
         found[own] = _with_unit(table, own, place, header, None, asked)
-    if "t" not in found and "time" in found:
-        place = found["time"].place
-        if table.dates_ns(place) is not None or table.texts(place) is not None:
-            found["t"] = found["time"]
+    if "t" not in found and "time" in found and table.dates_ns(found["time"].place) is not None:
+        found["t"] = found["time"]
     missing = [name for name in ("t", "rudder", "r", *asked.needs) if name not in found]
     if missing:
         raise ChannelError(_missing(table, missing, headers, found, asked))
     return found
 
 
-def _mapped(table: Table, headers: list[Header], said: str) -> tuple[str, int, str | None]:
+def _mapped(table: "Table", headers: list[Header], said: str) -> tuple[str, int, str | None]:
     """Return name, place and unit from an option ``NAME=COLUMN`` or ``NAME=COLUMN[unit]``."""
     name, _, wanted = (part.strip() for part in said.partition("="))
     if name not in CHANNELS or not wanted:
@@ -147,13 +117,13 @@ def _mapped(table: Table, headers: list[Header], said: str) -> tuple[str, int, s
     return name, places[0], spelt
 
 
-def _called(table: Table, headers: list[Header], name: str) -> list[int]:
+def _called(table: "Table", headers: list[Header], name: str) -> list[int]:
     both = zip(table.names, headers, strict=True)
     return [i for i, (whole, header) in enumerate(both) if name in (whole, header.name)]
 
 
 def _with_unit(
-    table: Table, name: str, place: int, header: Header, spelt: str | None, asked: Asked
+    table: "Table", name: str, place: int, header: Header, spelt: str | None, asked: Asked
 ) -> Found:
     """Return a column with its unit: that of an option, the header, its name, or ``--units``."""
     units = asked.units
@@ -177,7 +147,7 @@ def _with_unit(
 
 
 def _missing(
-    table: Table, missing: list[str], headers: list[Header], found: dict[str, Found], asked: Asked
+    table: "Table", missing: list[str], headers: list[Header], found: dict[str, Found], asked: Asked
 ) -> str:
     """Return in words which columns are missing, which others may be meant, and what to type."""
     taken = {found[said.partition("=")[0].strip()].place for said in asked.columns}

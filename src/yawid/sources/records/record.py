@@ -33,12 +33,11 @@ from yawid.sources.records.column_values import (
     rudder_of,
     times_of,
 )
-from yawid.sources.records.csv_table import CsvTable
-from yawid.sources.records.find_columns import LATERAL, Asked, Found, Table, find_columns
+from yawid.sources.records.find_columns import LATERAL, Asked, Found, find_columns
 from yawid.sources.records.lacking import LackingError, gathered, raise_all
 from yawid.sources.records.modes import modes_of
-from yawid.sources.records.parquet_table import MAGIC, ParquetTable
 from yawid.sources.records.rows import Rows, same
+from yawid.sources.records.tables import MAGIC, CsvTable, ParquetTable, Table
 from yawid.sources.records.times import offsets_us
 
 SHORTEST: Final = 3
