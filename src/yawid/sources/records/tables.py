@@ -80,7 +80,7 @@ class Table(ABC):
         """Return a column's numbers (n,), NaN where one is missing, durations in s.
 
         Raises:
-            SourceError: it has no numbers, or a cell is none.
+            SourceError: it has no numbers, or a text among them.
         """
         text, values, scale = self._text(column), self._columns.pop(column), 1.0
         if isinstance(values, np.ndarray):
@@ -251,7 +251,7 @@ class CsvTable(Table):
         super().__init__(path, self._header.names, self._header.units, {}, rows)
 
     def load(self, columns: Iterable[int]) -> None:
-        """Read columns as numbers, or as texts where their first cells are none.
+        """Read columns as numbers, or as texts where one of their first cells is a text.
 
         Raises:
             SourceError: a line has not as many cells as the header.
