@@ -84,7 +84,8 @@ class Table(ABC):
         """
         text, values, scale = self._text(column), self._columns.pop(column), 1.0
         if isinstance(values, np.ndarray):
-            return values
+            found: Floats = values
+            return found
         values = values if text is None else self._parsed(column, text)
         if pa.types.is_duration(values.type):
             values, scale = values.cast(pa.duration("ns")).cast(pa.int64()), 1e9
