@@ -55,7 +55,7 @@ def test_any_bytes_are_decoded_and_every_byte_is_counted(data: bytes, size: int)
     blocks = [decoder.feed(data[at : at + size]) for at in range(0, len(data), size)]
     for block in (*blocks, decoder.finish()):
         if block is not None:
-            channels.feed(block)
+            channels.feed_frames(block)
     channels.finish()
     assert decoder.link.skipped_bytes + 16 * decoder.link.frames <= len(data)
     assert decoder.link.skipped_bytes >= 0

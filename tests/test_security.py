@@ -248,7 +248,7 @@ def test_a_clock_that_starts_anew_with_every_message_takes_little_memory_and_tim
     frames = decoder.feed(join(records))
     assert frames is not None
 
-    channels.feed(frames)
+    channels.feed_frames(frames)
 
     assert channels.startup is not None
     assert MOST_SEGMENTS <= len(channels.startup.pieces) <= 3 * MOST_SEGMENTS

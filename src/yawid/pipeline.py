@@ -147,9 +147,9 @@ class Pipeline:
             for samples in self._asked_for(block).epochs():
                 self.estimate(samples)
         elif isinstance(block, RecordBlock):
-            self._estimate_all(self.channels.feed_record(block))
+            self._estimate_all(self.channels.feed_rows(block))
         elif block is not None:
-            self._estimate_all(self.channels.feed(block))
+            self._estimate_all(self.channels.feed_frames(block))
 
     def _estimate_all(self, found: list[SampleBlock]) -> None:
         """Estimate the samples that the channels have just completed, after their motion."""

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from scipy.signal import butter, sosfilt
 
 from yawid.blocks import Held, SampleBlock
-from yawid.channels.conditioning import Decimator, finer_by
+from yawid.channels.conditioning import GridFilter, butterworth, finer_by
 from yawid.config.run import RunConfig
 
 BAND = RunConfig(rate=10.0, band=(0.02, 2.5))
@@ -92,6 +92,11 @@ def test_the_samples_are_those_of_the_grid_without_a_band_held_for_the_same_reas
     )
 
 
+def thinning() -> GridFilter:
+    """Return the filter that makes one sample of 0.1 s of five, with a corner of 3 Hz."""
+    return GridFilter(butterworth(3.0, "low", 50.0), 5, 0.1)
+
+
 def fine_block(n: int, sample_time_s: float, first: int = 0) -> SampleBlock:
     rng = np.random.default_rng(3)
     k = first + np.arange(n)
@@ -106,7 +111,7 @@ def fine_block(n: int, sample_time_s: float, first: int = 0) -> SampleBlock:
 def test_u_is_the_mean_and_y_the_value_at_the_instant_of_what_the_low_pass_leaves():
     fine = fine_block(400, 0.02, first=7)
 
-    found = Decimator(0.1, 5, 3.0).feed(fine)
+    found = thinning().feed_samples(fine)
 
     sections = butter(2, 3.0, fs=50.0, output="sos")
     start = [np.ones(1000) * signal[0] for signal in (fine.u[:, 0], fine.y)]
@@ -130,19 +135,19 @@ def numbered(k: list[int], held_at: int, why: Held, epoch: int = 0) -> SampleBlo
 def test_a_segment_that_begins_anew_within_a_sample_spoils_no_complete_one():
     fine = numbered([*range(10, 15), 14, *range(15, 20)], held_at=5, why=Held.REBOOT)
 
-    found = Decimator(0.1, 5, 3.0).feed(fine)
+    found = thinning().feed_samples(fine)
 
     assert found.k.tolist() == [2, 2, 3]
     assert found.held.tolist() == [0, Held.REBOOT, 0]
 
 
 def test_no_sample_is_made_of_two_meanings_of_the_rudder():
-    decimator = Decimator(0.1, 5, 3.0)
+    decimator = thinning()
     before = numbered([10, 11, 12], held_at=0, why=Held.NONE)
     after = numbered([13, 14, *range(15, 20)], held_at=0, why=Held.RUDDER_CHANGED, epoch=1)
 
-    assert decimator.feed(before) is None
-    found = decimator.feed(after)
+    assert decimator.feed_samples(before) is None
+    found = decimator.feed_samples(after)
 
     assert found.k.tolist() == [2, 3]
     assert found.held.tolist() == [Held.RUDDER_CHANGED, 0]

@@ -52,7 +52,7 @@ def samples_of(path: Path, **settings: object) -> tuple[SampleBlock, Channels]:
         assert source.record is not None
         assert source.record._rows is not None
         rows = RecordBlock.joined(list(source.record._rows.pieces()))
-    return SampleBlock.joined(channels.feed_record(rows) + channels.finish()), channels
+    return SampleBlock.joined(channels.feed_rows(rows) + channels.finish()), channels
 
 
 def wn_of(samples: SampleBlock, nb: int = 3) -> float:

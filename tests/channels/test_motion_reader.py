@@ -61,7 +61,7 @@ def motion_of(data: bytes, config: RunConfig = LATERAL, cuts: Sequence[int] = ()
     found = []
     for frames in (*map(decoder.feed, pieces), decoder.finish()):
         if frames is not None:
-            channels.feed(frames)
+            channels.feed_frames(frames)
         found.append(channels.motion())
     channels.finish()
     return MotionBlock.joined([each for each in (*found, channels.motion()) if each is not None])
@@ -116,7 +116,7 @@ def test_without_the_option_there_is_no_motion_and_samples_are_the_same():
     decoder, channels = Decoder(WANTED), Channels(RunConfig())
     for frames in (decoder.feed(data), decoder.finish()):
         if frames is not None:
-            channels.feed(frames)
+            channels.feed_frames(frames)
     assert channels.motion() is None
     assert len(off.blocks) == len(on.blocks)
     for a, b in zip(off.blocks, on.blocks, strict=True):

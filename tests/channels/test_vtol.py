@@ -162,7 +162,7 @@ def test_a_real_tilt_rotor_is_learned_from_on_its_wings_alone():
     channels = Channels(RunConfig(rudder="servo:1"))
     blocks = []
     for _, frames in open_log(FLIGHTS / "vtol_quadplane.tlog").read():
-        blocks += [] if frames is None else channels.feed(frames)
+        blocks += [] if frames is None else channels.feed_frames(frames)
     found = Samples(channels, blocks + channels.finish())
     hovering = np.isin(found.mode, ARDUPLANE_HOVER)
 

@@ -75,7 +75,7 @@ ROWS = st.lists(
 
 def channels_fed(blocks: list[RecordBlock]) -> list[SampleBlock]:
     channels = Channels(RunConfig())
-    return [each for block in blocks for each in channels.feed_record(block)] + channels.finish()
+    return [each for block in blocks for each in channels.feed_rows(block)] + channels.finish()
 
 
 @settings(max_examples=25, deadline=None)

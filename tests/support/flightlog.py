@@ -100,10 +100,10 @@ def samples_of(data: bytes, config: RunConfig | None = None, cuts: Sequence[int]
     for low, high in itertools.pairwise(edges):
         frames = decoder.feed(data[low:high])
         if frames is not None:
-            blocks += channels.feed(frames)
+            blocks += channels.feed_frames(frames)
     frames = decoder.finish()
     if frames is not None:
-        blocks += channels.feed(frames)
+        blocks += channels.feed_frames(frames)
     blocks += channels.finish()
     return Samples(channels, blocks)
 

@@ -180,7 +180,7 @@ _VALUES: dict[str, tuple[str, ...]] = {
     "--forgetting": ("1", "0.99", "0.5", "1e-9"),
     "--rate": ("20", "10", "5", "0.1", "1000", "19.9999"),
     "--inputs": ("rudder", "rudder,aileron", "aileron"),
-    "--output": ("yaw-rate", "heading-rate", "yaw"),
+    "--output": ("yaw-rate", "yaw"),
     "--band": ("0.3,3", "0.01,9.9", "3,0.3", "1,1e9"),
     "--turn": ("keep", "remove"),
     "--rudder": ("auto", "servo:4", "servo:99", "vtail:1,4", "vtail:4,4", "control:2", "rc:4"),

@@ -76,9 +76,9 @@ def samples(u: Floats, y: Floats, raw_hz: float, rate_hz: float, way: str) -> Sa
     count = finer_by(sample_time_s, 1e6 / raw_hz) if way == "band" else 1
     aligner = Aligner(sample_time_s / count, (10e6 / rate_hz, 10e6 / rate_hz))
     band = None if way == "none" else (BAND[0] * rate_hz, BAND[1] * rate_hz)
-    block = aligner.feed(Piece(True, Held.NONE, 0, yaw, surface, Readings(none, none)))
+    block = aligner.feed_piece(Piece(True, Held.NONE, 0, yaw, surface, Readings(none, none)))
     assert block is not None
-    found = Conditioner(RunConfig(band=band), sample_time_s, count).feed(block)
+    found = Conditioner(RunConfig(band=band), sample_time_s, count).feed_samples(block)
     assert found is not None
     return found
 

@@ -64,7 +64,7 @@ class Aligner:
     _last_unix_ns: int = 0
     _last_mode: float = math.nan
 
-    def feed(self, piece: Piece) -> SampleBlock | None:
+    def feed_piece(self, piece: Piece) -> SampleBlock | None:
         """Take one piece of a segment in; return the samples that it completes, or None."""
         if piece.opens:
             self._open(piece)

@@ -29,34 +29,15 @@ _OFF = 65535.0
 
 
 @dataclass(slots=True)
-class Output:
-    """The range of the raw values of one output (numbered from 1) in ``rows`` of a message."""
-
-    rows: int = 0
-    low: float = math.inf
-    high: float = -math.inf
-
-    def observe(self, values: Floats) -> None:
-        """Take in its raw values (n,), n >= 1."""
-        self.rows += len(values)
-        self.low = min(self.low, float(values.min()))
-        self.high = max(self.high, float(values.max()))
-
-    @property
-    def moved(self) -> bool:
-        """Whether the output has moved."""
-        return self.high - self.low > MOVED * max(abs(self.low), abs(self.high))
-
-
-@dataclass(slots=True)
 class Command:
     """The facts from the messages; ``texts`` yields the reasons against the log.
 
-    ``config`` says which boot and which stretch are sampled.
+    ``config`` says which boot and which stretch are sampled. ``outputs`` has of each output, by its
+    message and its number from 1, how many raw values were reported and their range.
     """
 
     config: RunConfig
-    outputs: dict[tuple[str, int], Output] = field(default_factory=dict)
+    outputs: dict[tuple[str, int], tuple[int, float, float]] = field(default_factory=dict)
     moved: bool = False
     armed: bool = False
     disarmed: bool = False
@@ -98,14 +79,13 @@ class Command:
             self._observe_outputs(block.select(self._sampled.at(block.order)[:, 0] == 1.0))
 
     def _observe_outputs(self, block: MessageBlock) -> None:
-        if self.moved:
-            return
-        for number, values in raw_outputs(block):
+        for number, values in raw_outputs(block) if not self.moved else ():
             reported = values[np.isfinite(values) & (values != 0.0) & (values < _OFF)]
             if len(reported):
-                output = self.outputs.setdefault((block.name, number), Output())
-                output.observe(reported)
-                self.moved |= output.moved
+                rows, low, high = self.outputs.get((block.name, number), (0, math.inf, -math.inf))
+                low, high = min(low, float(reported.min())), max(high, float(reported.max()))
+                self.outputs[block.name, number] = rows + len(reported), low, high
+                self.moved |= high - low > MOVED * max(abs(low), abs(high))
 
     def reasons(self, vehicle: Vehicle | None, why_believed: Callable[[], str]) -> Iterator[Reason]:
         """Yield the reasons of a rudder without command.
@@ -114,7 +94,7 @@ class Command:
         it: a pilot's receiver may have moved the servos by the same sticks.
         """
         never_armed = self.disarmed and not self.armed
-        still = {key: output for key, output in self.outputs.items() if output.rows >= LEAST_ROWS}
+        still = {key: low for key, (rows, low, _) in self.outputs.items() if rows >= LEAST_ROWS}
         said = []
         if never_armed and self.on_board:
             name = "the autopilot" if vehicle is None else vehicle.autopilot_name
@@ -136,13 +116,13 @@ class Command:
             )
 
 
-def _still(outputs: Mapping[tuple[str, int], Output]) -> str:
+def _still(outputs: Mapping[tuple[str, int], float]) -> str:
     """Return in words which outputs (by message and number) stood still, and at what value."""
     said = []
     for message in sorted({message for message, _ in outputs}):
-        own = {number: output for (name, number), output in outputs.items() if name == message}
+        own = {number: low for (name, number), low in outputs.items() if name == message}
         numbers = ", ".join(map(str, sorted(own)))
-        values = sorted({f"{output.low:g}" for output in own.values()})
+        values = sorted({f"{low:g}" for low in own.values()})
         at = f" at {values[0]}" if len(values) == 1 else ""
         said.append(f"{message} outputs {numbers} stood still{at}")
     return " and ".join(said)

@@ -7,11 +7,10 @@ names a servo, and CA_SV_CSi_TYPE, which names the control surface that the serv
 import itertools
 
 from yawid.answers.reasons import Reason
-from yawid.channels.parameters import ParameterTable
-from yawid.channels.stick_fallback import stick, stick_part
+from yawid.channels.parameters import PX4_TRAVEL_US, STOCK_TRAVEL_US, ParameterTable
 from yawid.channels.surface import STICKS, Surface, SurfacePart
 from yawid.channels.vehicle import Vehicle, has_wings
-from yawid.quantities.vehicles import ARDUPILOT, FIXED_WING, WITHOUT_RUDDER
+from yawid.quantities.vehicles import ARDUPILOT, FIXED_WING, PX4, WITHOUT_RUDDER
 
 AP_VTAIL, AP_ELEVON, AP_FLAPERON = (79, 80), (77, 78), (24, 25)
 """The SERVOn_FUNCTION of left and right."""
@@ -45,9 +44,8 @@ def find_surface(
     those reported names it, the list is incomplete, and that of the stock channel was lost. On
     another autopilot that
     has named no output, it is ACTUATOR_CONTROL_TARGET if that is ``received`` and the vehicle has
-    wings. For a fixed-wing that sends no output at all, the pilot's stick is the substitute, unless
-    its parameters name other surfaces and not this one. A vehicle whose type has no rudder gets
-    none by an option either, unless its parameters name one.
+    wings. A vehicle whose type has no rudder gets none by an option either, unless its parameters
+    name one.
     """
     if vehicle.type in WITHOUT_RUDDER and _reported(what, vehicle, table, received) is None:
         return None
@@ -61,11 +59,10 @@ def find_surface(
         return Surface("ACTUATOR_CONTROL_TARGET", "option", (SurfacePart(int(number), None),))
     if kind == "rc":
         message = next((name for name in STICKS if name in received), STICKS[0])
-        return Surface(message, "option", (stick_part(int(number), vehicle.autopilot, table)[0],))
-    named = _named(what, vehicle, table, received)
-    if vehicle.type == FIXED_WING and (named is not None or not _names_any(vehicle, table)):
-        return stick(what, vehicle.autopilot, table, received) or named
-    return named
+        stock = PX4_TRAVEL_US if vehicle.autopilot == PX4 else STOCK_TRAVEL_US
+        travel, reverse, _ = table.travel(f"RC{number}", stock)
+        return Surface(message, "option", (SurfacePart(int(number), travel, reverse),))
+    return _named(what, vehicle, table, received)
 
 
 def _named(
@@ -94,13 +91,6 @@ def _reported(
     if vehicle.autopilot == ARDUPILOT:
         return _ardupilot(what, vehicle, table)
     return _px4(what, table, received)
-
-
-def _names_any(vehicle: Vehicle, table: ParameterTable) -> bool:
-    """Return whether the parameters name any surface at all."""
-    if vehicle.autopilot == ARDUPILOT:
-        return bool(table.functions())
-    return bool(_px4_types(table))
 
 
 def _px4_types(table: ParameterTable) -> dict[int, int]:
@@ -142,17 +132,14 @@ def _ardupilot(what: str, vehicle: Vehicle, table: ParameterTable) -> Surface | 
         assumed = Surface("SERVO_OUTPUT_RAW", "assumed", (_servo(table, STOCK_SERVO[what]),))
     if not functions:
         return assumed
-    servo_of: dict[int, int] = {}
-    for servo, function in functions.items():
-        servo_of.setdefault(function, servo)
-    twins = [n for n, function in functions.items() if function == AP_SINGLE[what]][1:]
-    parts = _ap_parts(what, servo_of, table)
+    parts = _ap_parts(what, {f: servo for servo, f in reversed(functions.items())}, table)
     if not parts:
         # They come in order: one of a later servo says that that of the stock servo was lost.
         is_lost = STOCK_SERVO[what] not in functions and max(functions) > STOCK_SERVO[what]
         return assumed if table.missing and is_lost else None
     reported = all(table.travel(f"SERVO{part.number}")[2] for part in parts)
     how = "parameter" if reported else "parameter, travel assumed"
+    twins = [n for n, function in functions.items() if function == AP_SINGLE[what]][1:]
     alike = tuple(_servo(table, number) for number in twins)
     return Surface("SERVO_OUTPUT_RAW", how, parts, twins=alike)
 

@@ -7,7 +7,7 @@ hovers or flies on its wings.
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -50,77 +50,25 @@ OUTPUTS_PER_PORT = 16
 """The number of outputs in one SERVO_OUTPUT_RAW."""
 
 
-@dataclass(frozen=True, slots=True)
-class LiftMotor:
-    """The output (from 1) of a lift motor, which is driven where that exceeds ``driven_us``."""
+def lift_motors(vehicle: Vehicle, table: ParameterTable) -> dict[int, float]:
+    """Return the outputs (from 1) of motors that ArduPlane uses for lift alone.
 
-    number: int
-    driven_us: float
-
-
-def lift_motors(vehicle: Vehicle, table: ParameterTable) -> tuple[LiftMotor, ...]:
-    """Return the motors that ArduPlane uses for lift alone; other vehicles do not name theirs."""
+    Each has the value in us above which it is driven; other vehicles do not name theirs. The
+    range is that of Q_M_PWM_MIN, _MAX; before 4.0 of Q_THR_MIN_PWM, _MAX_PWM.
+    """
     if vehicle.autopilot != ARDUPILOT or not has_wings(vehicle):
-        return ()
+        return {}
     forward = int(table.get("Q_TILT_MASK", 0.0)) | int(table.get("Q_TAILSIT_MOTMX", 0.0))
-    found = []
-    for number, function in table.functions().items():
-        if function in AP_MOTORS and not forward >> (function - AP_MOTORS.start) & 1:
-            low, high = _range_us(number, table)
-            found.append(LiftMotor(number, low + DRIVEN * (high - low)))
-    return tuple(found)
-
-
-def _range_us(number: int, table: ParameterTable) -> tuple[float, float]:
-    """Return the motor's range in us: Q_M_PWM_MIN, _MAX; before 4.0 Q_THR_MIN_PWM, _MAX_PWM."""
     low, high = (
         table.get(f"Q_M_PWM_{end}", 0.0) or table.get(f"Q_THR_{end}_PWM", 0.0) or stock
         for end, stock in zip(("MIN", "MAX"), MOTOR_TRAVEL_US, strict=True)
     )
-    return (low, high) if 0.0 < low < high else MOTOR_TRAVEL_US
-
-
-@dataclass(slots=True)
-class Wings:
-    """The knowledge whether the vehicle flies on its wings alone, at any place of the stream."""
-
-    lift: tuple[LiftMotor, ...] = ()
-    _driven: tuple[Latest, Latest] = field(default_factory=lambda: (Latest(1), Latest(1)))
-
-    def observe(self, messages: Mapping[str, MessageBlock]) -> None:
-        """Take in a block's messages about motors."""
-        servos = messages.get("SERVO_OUTPUT_RAW")
-        if not self.lift or servos is None:
-            return
-        for port, driven in enumerate(self._driven):
-            own = servos.select(servos.fields["port"] == port)
-            driven.add(own.order, self._is_driven(own, port))
-
-    def _is_driven(self, block: MessageBlock, port: int) -> Floats:
-        """Return 1 where any lift motor of this port is driven, (n, 1)."""
-        is_driven = np.zeros((len(block), 1))
-        for motor in self.lift:
-            if (motor.number - 1) // OUTPUTS_PER_PORT == port:
-                pwm = raw_output(block, motor.number)
-                is_driven[(pwm > motor.driven_us) & (pwm < 65535.0)] = 1.0
-        return is_driven
-
-    def held(self, order: Ints, mode: Floats, state: Floats, vehicle: Vehicle | None) -> Ints:
-        """Return the bits HOVER and LIFT_MOTORS of :class:`Held` at places ``order`` (n,).
-
-        ``mode`` (n,) is the flight mode, ``state`` (n,) the MAV_VTOL_STATE, NaN before it is known.
-        """
-        hovers = (state > 0.0) & (state < WINGS)
-        if vehicle is not None and has_wings(vehicle):
-            if vehicle.autopilot == ARDUPILOT:
-                hovers |= (mode >= ARDUPLANE_HOVER.start) & (mode < ARDUPLANE_HOVER.stop)
-            elif vehicle.type in VTOL_TYPES:
-                # Its rudder only acts in forward flight, which it must report.
-                hovers |= state != WINGS
-        driven = [port.at(order)[:, 0] == 1.0 for port in self._driven]
-        lifts = np.any(driven, axis=0) & bool(self.lift)
-        found: Ints = int(Held.HOVER) * hovers + int(Held.LIFT_MOTORS) * lifts
-        return found
+    low, high = (low, high) if 0.0 < low < high else MOTOR_TRAVEL_US
+    return {
+        number: low + DRIVEN * (high - low)
+        for number, function in table.functions().items()
+        if function in AP_MOTORS and not forward >> (function - AP_MOTORS.start) & 1
+    }
 
 
 @dataclass(slots=True)
@@ -192,20 +140,19 @@ class TakeOff:
         return np.where((on_ground == 0.0) & ~flies[1:], 1.0, on_ground)
 
 
-@dataclass(slots=True)
 class FlightState:
     """The newest VFR_HUD, HEARTBEAT and EXTENDED_SYS_STATE of the ``vehicle``.
 
-    With ``all_flown`` nothing is on the ground.
+    With ``all_flown`` nothing is on the ground. ``lift`` has the motors of :func:`lift_motors`.
     """
 
-    all_flown: bool = False
-    vehicle: Vehicle | None = None
-    _slow: SlowFlight = field(default_factory=SlowFlight)
-    wings: Wings = field(default_factory=Wings)
-    _hud: Latest = field(default_factory=lambda: Latest(5))
-    _state: Latest = field(default_factory=lambda: Latest(2))
-    _system: Latest = field(default_factory=lambda: Latest(2))
+    def __init__(self, all_flown: bool = False) -> None:
+        self.all_flown = all_flown
+        self.vehicle: Vehicle | None = None
+        self.lift: dict[int, float] = {}
+        self._slow = SlowFlight()
+        self._driven = Latest(1), Latest(1)
+        self._hud, self._state, self._system = Latest(5), Latest(2), Latest(2)
 
     def observe(self, messages: Mapping[str, MessageBlock]) -> None:
         """Take in the context messages of a block."""
@@ -216,7 +163,17 @@ class FlightState:
         )
         states = _columns("landed_state", "vtol_state")
         self._system.observe(messages.get("EXTENDED_SYS_STATE"), states)
-        self.wings.observe(messages)
+        servos = messages.get("SERVO_OUTPUT_RAW")
+        if not self.lift or servos is None:
+            return
+        for port, driven in enumerate(self._driven):
+            own = servos.select(servos.fields["port"] == port)
+            is_driven = np.zeros((len(own), 1))
+            for number, driven_us in self.lift.items():
+                if (number - 1) // OUTPUTS_PER_PORT == port:
+                    pwm = raw_output(own, number)
+                    is_driven[(pwm > driven_us) & (pwm < 65535.0)] = 1.0
+            driven.add(own.order, is_driven)
 
     def at(self, order: Ints) -> dict[str, Array]:
         """Return what is known at each place (n,), by the names of channels, NaN where unknown.
@@ -238,8 +195,25 @@ class FlightState:
             "ground_speed": over_ground(hud[:, 1]),
             "airspeed_kind": hud[:, 3],
             "rudder_moves": np.full(len(order), np.nan),
-            "barred": self.wings.held(order, mode, vtol, self.vehicle),
+            "barred": self._barred(order, mode, vtol),
         }
+
+    def _barred(self, order: Ints, mode: Floats, vtol: Floats) -> Ints:
+        """Return the bits HOVER and LIFT_MOTORS of :class:`Held` at places ``order`` (n,).
+
+        ``mode`` (n,) is the flight mode, ``vtol`` (n,) the MAV_VTOL_STATE, NaN before it is known.
+        """
+        hovers, vehicle = (vtol > 0.0) & (vtol < WINGS), self.vehicle
+        if vehicle is not None and has_wings(vehicle):
+            if vehicle.autopilot == ARDUPILOT:
+                hovers |= (mode >= ARDUPLANE_HOVER.start) & (mode < ARDUPLANE_HOVER.stop)
+            elif vehicle.type in VTOL_TYPES:
+                # Its rudder only acts in forward flight, which it must report.
+                hovers |= vtol != WINGS
+        driven = [port.at(order)[:, 0] == 1.0 for port in self._driven]
+        lifts = np.any(driven, axis=0) & bool(self.lift)
+        found: Ints = int(Held.HOVER) * hovers + int(Held.LIFT_MOTORS) * lifts
+        return found
 
     def _hud_columns(self, fields: Array) -> Floats:
         """Return airspeed, ground speed, altitude, kind of airspeed, 1 for slow flight, (n, 5).
@@ -248,12 +222,12 @@ class FlightState:
         """
         names = "airspeed", "groundspeed", "alt"
         air, ground, altitude = _columns(*names)(fields).T
-        flies = self._slow.shows(altitude, air, ground).astype(float)
-        if "airspeed_kind" in (fields.dtype.names or ()):
-            return np.column_stack([_columns(*names, "airspeed_kind")(fields), flies])
         autopilot = 0 if self.vehicle is None else self.vehicle.autopilot
-        kind = AIRSPEED_GIVEN.get(("VFR_HUD", autopilot), AIRSPEED_GIVEN["VFR_HUD", "airspeed"])
-        return np.column_stack([air, ground, altitude, np.full(len(fields), float(kind)), flies])
+        own = AIRSPEED_GIVEN.get(("VFR_HUD", autopilot), AIRSPEED_GIVEN["VFR_HUD", "airspeed"])
+        has_kind = "airspeed_kind" in (fields.dtype.names or ())
+        kind = fields["airspeed_kind"] if has_kind else np.full(len(fields), float(own))
+        flies = self._slow.shows(altitude, air, ground)
+        return np.column_stack([air, ground, altitude, kind, flies]).astype(float)
 
     def _on_ground(self, hud: Floats, armed: Floats, landed: Floats) -> Floats:
         """Return 1 on the ground, 0 in the air and NaN where neither is reported, (n,).

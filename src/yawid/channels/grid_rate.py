@@ -40,7 +40,7 @@ class StartUp:
     _first: int = 0
     _opened: list[int] = field(default_factory=list)
 
-    def feed(self, piece: Piece) -> bool:
+    def feed_piece(self, piece: Piece) -> bool:
         """Take a piece in; return whether the message rates are known now."""
         if piece.opens:
             self._opened.append(len(self.pieces))

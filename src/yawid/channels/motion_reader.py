@@ -76,7 +76,7 @@ class MotionReader:
         if len(self._waiting) > 2 * MOST_WAITING:
             self._waiting = self._waiting.select(slice(-MOST_WAITING, None))
 
-    def feed(self, piece: Piece, width: int) -> Piece:
+    def feed_piece(self, piece: Piece, width: int) -> Piece:
         """Take a piece in; return it with the first ``width`` columns of its yaw rows alone."""
         bare = replace(piece.yaw, values=np.ascontiguousarray(piece.yaw.values[:, :width]))
         motion = replace(piece.yaw, values=piece.yaw.values[:, width:])

@@ -16,8 +16,14 @@ from yawid.channels.parameters import STOCK_TRAVEL_US, ParameterTable
 from yawid.channels.stage import FAST_RAD_S, Channels
 from yawid.channels.surface import STICKS, Surface
 from yawid.channels.surface_reader import LEAST_SHARE, TOLERANCE, Twins
-from yawid.channels.yaw_reader import COARSE, SOURCES
+from yawid.channels.yaw_reader import SOURCES
 
+NAME_THE_STICK = (
+    "Record the servo outputs; or, where the sticks moved the servos (MANUAL), name the yaw stick: "
+    "--rudder rc:N (RCMAP_YAW, mostly 4)."
+)
+"""What to do where the pilot's sticks are in the log and no output is. A stick is the rudder in
+MANUAL alone, which nothing in such a log shows: taken by itself it would be a wrong answer."""
 LEAST_FAST_S = 1.0
 """For so long in all a yaw rate may be too fast to be true: a damaged message, or a crash."""
 
@@ -97,7 +103,9 @@ def _missing(channels: Channels) -> Iterator[Reason]:
         named = " or ".join(channels.config.inputs)
         yield no_surface(named, vehicle, channels.parameters)
     elif channels.surface_rows == 0 and channels.yaw.rows > 0:
-        yield Reason("no_rudder", f"no message carries {surfaces[0].source}")
+        only_sticks = channels.received and channels.received <= {*STICKS}
+        remedy = NAME_THE_STICK if only_sticks else None
+        yield Reason("no_rudder", f"no message carries {surfaces[0].source}", remedy)
     if channels.yaw.rows == 0:
         yield Reason("no_yaw", f"the vehicle sent none of the messages {', '.join(SOURCES)}")
 
@@ -105,10 +113,6 @@ def _missing(channels: Channels) -> Iterator[Reason]:
 def _assumed(channels: Channels) -> Iterator[Reason]:
     """Yield what is assumed of the channels, with all texts of one reason in one."""
     texts: dict[str, list[str]] = {}
-    if channels.yaw.source in COARSE:
-        texts["channel_stand_in"] = [
-            f"the yaw rate is computed from {channels.yaw.label}, which is coarse and slow"
-        ]
     if channels.units_assumed:
         text = f"the unit of {', '.join(channels.units_assumed)} is not given: rad and rad/s are"
         texts["unit_assumed"] = [f"{text} assumed"]

@@ -53,7 +53,7 @@ class Segmenter:
     epoch: int = 0
     _why: Held = Held.NONE
 
-    def feed(self, yaw: Series, surface: Series) -> Iterator[Piece]:
+    def feed_series(self, yaw: Series, surface: Series) -> Iterator[Piece]:
         """Yield the pieces of this stretch of the stream, in order."""
         kind, both = np.repeat([0, 1], [len(yaw), len(surface)]), (yaw, surface)
         bare = [Series(s.order, s.received_us, s.t_us, s.values[:, :0]) for s in both]
@@ -105,32 +105,17 @@ class Segmenter:
         own = self.newest[kind]
         step = 0 if own is None else t - own
         leap = step - (received_us - self.received_us[kind])
-        if step <= -REBOOT_US:
-            self.reboots += 1
-        elif step < 0:
-            self.clock_steps += 1
-        elif step > 0 and leap > LEAP_US:
-            self.clock_steps += 1
-            self.leap_us = max(self.leap_us, leap)
-        else:
-            self.silences += 1
-        self._restart(Held.REBOOT if step < 0 else Held.GAP)
+        has_leapt = step > 0 and leap > LEAP_US
+        self.leap_us = max(self.leap_us, leap) if has_leapt else self.leap_us
+        self.reboots += step <= -REBOOT_US
+        self.clock_steps += -REBOOT_US < step < 0 or has_leapt
+        self.silences += step >= 0 and not has_leapt
+        self.begin_segment(Held.REBOOT if step < 0 else Held.GAP)
 
-    def new_meaning(self) -> None:
-        """Start a new segment because a unit of deflection has another meaning from now on."""
-        self.epoch += 1
-        self._restart(Held.RUDDER_CHANGED)
-
-    def begin_segment(self, why: Held) -> None:
-        """Start a new segment for a reason that a record gives."""
-        if why & Held.RUDDER_CHANGED:
-            self.new_meaning()
-        else:
-            self._restart(why)
-
-    def _restart(self, why: Held) -> None:
-        self._why = why
-        self.newest = [None, None]
+    def begin_segment(self, why: Held = Held.RUDDER_CHANGED) -> None:
+        """Start a new segment; where the rudder changes, its unit has another meaning there."""
+        self.epoch += bool(why & Held.RUDDER_CHANGED)
+        self._why, self.newest = why, [None, None]
         self.began_us = self.offset_us = None
 
     def _offsets(self, rows: Series) -> Readings:
@@ -151,10 +136,8 @@ class Segmenter:
 def _newest_before(t: Ints, mine: Bools, carried: int | None) -> Ints:
     """Return the newest time of one channel strictly before each row; int64's minimum if none."""
     never = np.iinfo(np.int64).min
-    seen = np.where(mine, t, never)
-    first = never if carried is None else carried
-    shifted = np.concatenate([[first], seen[:-1]])
-    newest: Ints = np.maximum.accumulate(shifted)
+    seen = np.append(never if carried is None else carried, np.where(mine, t, never))
+    newest: Ints = np.maximum.accumulate(seen)[:-1]
     return newest
 
 
@@ -210,9 +193,8 @@ class Boots:
 
     def warning(self, config: RunConfig) -> str | None:
         """Return a warning if --from and --to cut several boots alike, else None."""
-        if config.boot is not None or len(self.spans_us) < 2:
-            return None
-        if config.from_s is None and config.to_s is None:
+        is_cut = config.from_s is not None or config.to_s is not None
+        if config.boot is not None or len(self.spans_us) < 2 or not is_cut:
             return None
         return (
             f"the log holds {len(self.spans_us)} boots, and --from and --to apply to each of them: "

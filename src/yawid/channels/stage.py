@@ -14,21 +14,25 @@ from yawid.channels.align import Aligner
 from yawid.channels.command import Command
 from yawid.channels.conditioning import Conditioner, finer_by
 from yawid.channels.find_surface import find_surface
-from yawid.channels.flight_state import FlightState, LiftMotor, lift_motors
+from yawid.channels.flight_state import FlightState, lift_motors
 from yawid.channels.grid_rate import Flow, StartUp, bridged_gaps_us, sample_rate
 from yawid.channels.motion_reader import MotionReader
 from yawid.channels.parameters import ParameterTable
 from yawid.channels.segments import Boots, Segmenter
 from yawid.channels.series import Piece, Series
-from yawid.channels.stick_fallback import ReceivedMessages
 from yawid.channels.surface import OUTPUTS, STICKS, Surface
 from yawid.channels.surface_reader import SurfaceReader, record_surfaces, record_values
 from yawid.channels.vehicle import VehicleLock
-from yawid.channels.yaw_reader import ROW, SOURCES, UNTIMED, YawReader
+from yawid.channels.yaw_reader import ROW, SOURCES, YawReader
 from yawid.config.run import RunConfig
 from yawid.errors import ConfigError
 
-WANTED = OUTPUTS | {*STICKS} | SOURCES.keys() | {"HEARTBEAT", "PARAM_VALUE", "EXTENDED_SYS_STATE"}
+WANTED = (
+    OUTPUTS
+    | {*STICKS}
+    | SOURCES.keys()
+    | {"HEARTBEAT", "PARAM_VALUE", "EXTENDED_SYS_STATE", "VFR_HUD"}
+)
 """The messages this stage reads."""
 FAST_RAD_S = 6.0
 """A yaw rate beyond this (344 deg/s) is counted: no aircraft holds it, but a gyro in deg/s that is
@@ -38,7 +42,7 @@ END = np.iinfo(np.int64).max
 
 
 class Channels:
-    """The way from a vehicle's messages to samples: ``feed`` block after block, then ``finish``.
+    """The way from messages (``feed_frames``) or records (``feed_rows``) to samples.
 
     ``watch`` is called with the rows of yaw and surfaces in the order received, and changes
     nothing. ``used`` counts the samples that update the estimators, ``held`` says why others did
@@ -64,14 +68,12 @@ class Channels:
         self.used, self.held, self.fast = 0, Held.NONE, 0
         self.flows = Flow(), Flow()
         self._used: tuple[Surface, ...] = ()
-        self._received = ReceivedMessages()
+        self.received: frozenset[str] = frozenset()
         self._state_of_flight = FlightState(config.airborne == "all")
         self.command = Command(config)
         self.boots = Boots()
         self._motion = MotionReader(config) if config.lateral == "auto" else None
-        self.yaw = YawReader(
-            config.output == "heading-rate", config.airborne == "all", config.lateral == "auto"
-        )
+        self.yaw = YawReader(config.airborne == "all", config.lateral == "auto")
         self._surface = SurfaceReader(len(config.inputs))
         self.twins = self._surface.twins
         self.is_record = False
@@ -89,7 +91,7 @@ class Channels:
 
     # A float of the log may hold any bits: an absurd value becomes NaN, and its sample is held.
     @np.errstate(over="ignore", invalid="ignore")
-    def feed(self, frames: FrameBlock) -> list[SampleBlock]:
+    def feed_frames(self, frames: FrameBlock) -> list[SampleBlock]:
         """Take a block of messages in; return the samples that it completes, in order."""
         messages, parameters = self.lock.filter(frames)
         if self.lock.vehicle is None:
@@ -97,14 +99,11 @@ class Channels:
         self._state_of_flight.vehicle = self.lock.vehicle
         samples = []
         for stretch, surfaces in self._stretches(messages, parameters):
-            if self.yaw.source in (None, UNTIMED):
-                self._surface.observe_own_clock(stretch, surfaces)
-                self.yaw.wait(self._surface.own_clock)
             samples += self._read(stretch, surfaces)
         return samples
 
     @np.errstate(over="ignore", invalid="ignore")
-    def feed_record(self, block: RecordBlock) -> list[SampleBlock]:
+    def feed_rows(self, block: RecordBlock) -> list[SampleBlock]:
         """Take rows of a record in; return the samples that they complete, in order."""
         self.is_record, self._modes_of = True, block.modes_of
         self.units_assumed, self.measured = block.assumed, block.measured
@@ -143,14 +142,14 @@ class Channels:
         self, messages: Mapping[str, MessageBlock], parameters: list[MessageBlock]
     ) -> Iterator[tuple[Mapping[str, MessageBlock], tuple[Surface, ...]]]:
         """Yield the stretches of the block between changes of the surfaces, with their surfaces."""
-        wings = self._state_of_flight.wings
-        self.surfaces, self.aileron, wings.lift = self._find_all()
+        flight = self._state_of_flight
+        self.surfaces, self.aileron, flight.lift = self._find_all()
         low = -1
         for order in self._places_of_change(messages, parameters):
             found = self._find_all()
-            if found != (self.surfaces, self.aileron, wings.lift):
+            if found != (self.surfaces, self.aileron, flight.lift):
                 yield _between(messages, low, order), self.surfaces
-                low, (self.surfaces, self.aileron, wings.lift) = order, found
+                low, (self.surfaces, self.aileron, flight.lift) = order, found
         yield _between(messages, low, None), self.surfaces
 
     def _places_of_change(
@@ -160,17 +159,18 @@ class Channels:
 
         The places come in the stream's own order: no decision depends on what comes after it.
         """
-        low = -1
-        for high, name in [*self._received.events(messages), (END, None)]:
+        low, new = -1, ((OUTPUTS | {*STICKS}) & messages.keys()) - self.received
+        places = sorted((int(messages[name].order[0]), name) for name in new)
+        for high, name in [*places, (END, None)]:
             for block in parameters:
                 rows = (block.order >= low) & (block.order < high)
                 yield from self.parameters.changes(block.select(rows))
             if name is not None:
-                self._received.count(name)
+                self.received |= {name}
                 yield high
             low = high
 
-    def _find_all(self) -> tuple[tuple[Surface, ...], Surface | None, tuple[LiftMotor, ...]]:
+    def _find_all(self) -> tuple[tuple[Surface, ...], Surface | None, dict[int, float]]:
         """Return the inputs' surfaces, the aileron and the lift motors by what is known now."""
         assert self.lock.vehicle is not None
         lift = lift_motors(self.lock.vehicle, self.parameters)
@@ -191,7 +191,7 @@ class Channels:
         vehicle = self.lock.vehicle
         assert vehicle is not None
         selector = getattr(self.config, name)
-        surface = find_surface(name, selector, vehicle, self.parameters, self._received.names)
+        surface = find_surface(name, selector, vehicle, self.parameters, self.received)
         sign = -1.0 if self.config.rudder_sign == "nose-left" else 1.0
         scale = sign * self.config.half_travel if name == "rudder" else 1.0
         return None if surface is None else replace(surface, scale=scale)
@@ -206,8 +206,8 @@ class Channels:
         name, order = better
         samples = self._read_rows(_between(messages, -1, order), surfaces)
         if self.yaw.rows:
-            self.segmenter.new_meaning()
-        self.yaw.switch_to(name)
+            self.segmenter.begin_segment()
+        self.yaw.source = name
         return samples + self._read(_between(messages, order, None), surfaces)
 
     def _read_rows(
@@ -216,17 +216,16 @@ class Channels:
         self._state_of_flight.observe(messages)
         if self._motion is not None:
             self._motion.observe(messages)
-        untimed = self.yaw.source == UNTIMED
-        yaw = self.yaw.read(messages, self._state_of_flight, self._surface.own_clock)
-        self._surface.observe_clock(None if untimed else messages.get(self.yaw.source or ""))
-        surface = self._surface.read(messages, surfaces, self.aileron, own_clock=untimed)
+        yaw = self.yaw.read(messages, self._state_of_flight)
+        self._surface.observe_clock(messages.get(self.yaw.source or ""))
+        surface = self._surface.read(messages, surfaces, self.aileron)
         self.surface_rows += len(surface)
         samples: list[SampleBlock] = []
         if len(surface) and self._used and not all(map(Surface.same_meaning, self._used, surfaces)):
             # Rows before the first row of the new meaning still have the old one.
             early = yaw.order < surface.order[0]
             samples += self._segments(yaw.select(early), surface.select(slice(0, 0)))
-            self.segmenter.new_meaning()
+            self.segmenter.begin_segment()
             yaw = yaw.select(~early)
         if len(surface):
             self._used = surfaces
@@ -240,7 +239,7 @@ class Channels:
         if self.watch is not None:
             self.watch(yaw, surface)
         samples = []
-        for piece in self.segmenter.feed(yaw, surface):
+        for piece in self.segmenter.feed_series(yaw, surface):
             self.command.observe_yaw(piece)
             self.parameters.observe_time(piece.boot, piece.yaw)
             self.boots.observe(piece.boot, piece.yaw)
@@ -249,12 +248,12 @@ class Channels:
 
     def _align(self, piece: Piece) -> list[SampleBlock]:
         if self.startup is not None:
-            return self._begin(self.startup) if self.startup.feed(piece) else []
+            return self._begin(self.startup) if self.startup.feed_piece(piece) else []
         assert self.aligner is not None
         if self._motion is not None:
-            piece = self._motion.feed(piece, len(ROW))
-        block = self.aligner.feed(piece)
-        conditioned = None if block is None else self.conditioner.feed(block)
+            piece = self._motion.feed_piece(piece, len(ROW))
+        block = self.aligner.feed_piece(piece)
+        conditioned = None if block is None else self.conditioner.feed_samples(block)
         return [] if conditioned is None else self._chosen(conditioned, piece.boot)
 
     def _begin(self, startup: StartUp) -> list[SampleBlock]:

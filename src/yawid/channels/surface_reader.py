@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from yawid.blocks import FIRST_DATE_US, Floats, Ints, MessageBlock, RecordBlock
-from yawid.channels.clock import NEWEST, OwnClock, boot_us, unwrap_uint32_us
+from yawid.channels.clock import NEWEST, boot_us, unwrap_uint32_us
 from yawid.channels.series import Latest, Readings, Series
 from yawid.channels.surface import Surface, SurfacePart
 from yawid.config.run import RunConfig
@@ -68,7 +68,6 @@ class SurfaceReader:
 
     columns: int
     twins: Twins = field(default_factory=Twins)
-    own_clock: OwnClock = field(default_factory=OwnClock)
     _aileron: Latest = field(default_factory=lambda: Latest(1))
     _unix_offset: int = 0
     _boot: Readings = field(default_factory=Readings.none)
@@ -78,13 +77,6 @@ class SurfaceReader:
         if clock is not None:
             fresh = Readings(clock.order, boot_us(clock.fields))
             self._boot = Readings.joined([self._boot.select(NEWEST), fresh])
-
-    def observe_own_clock(
-        self, messages: Mapping[str, MessageBlock], surfaces: tuple[Surface, ...]
-    ) -> None:
-        """Keep the servo message's own times, for a yaw source without times."""
-        block = messages.get(surfaces[0].message) if surfaces else None
-        self.own_clock.observe(None if block is None else block.select(surfaces[0].rows(block)))
 
     def read(
         self,
@@ -102,7 +94,7 @@ class SurfaceReader:
             block = block.select(aileron.rows(block))
             self._aileron.add(block.order, aileron.deflection(block)[:, None])
         none = Series.empty(self.columns + 1)
-        order = (self.own_clock.readings if own_clock else self._boot).order
+        order = self._boot.order
         if not surfaces or surfaces[0].message not in messages or len(order) == 0:
             return none
         block = messages[surfaces[0].message]
@@ -115,8 +107,7 @@ class SurfaceReader:
             :, 0
         ]  # of the same message: of this very row
         values = np.stack([*(s.deflection(block) for s in surfaces), own_aileron], axis=1)
-        times = self.own_clock.readings.at(block.order) if own_clock else self._times(block)
-        return Series(block.order, block.received_us, times, values)
+        return Series(block.order, block.received_us, self._times(block), values)
 
     def _times(self, block: MessageBlock) -> Ints:
         if block.name == "SERVO_OUTPUT_RAW":

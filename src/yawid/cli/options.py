@@ -128,7 +128,7 @@ MODEL: tuple[Option, ...] = (
      "fit the bare airframe to all of the lateral motion (default: off)"),
     ("--servo-lag", float, "SECONDS", "lag of both servos, for --lateral auto (default: unknown)"),
     ("--inputs", str, "rudder[,aileron]", "inputs of the model (default: rudder)"),
-    ("--output", str, "yaw-rate|heading-rate|yaw", "the model's output (default: yaw-rate)"),
+    ("--output", str, "yaw-rate|yaw", "the model's output (default: yaw-rate)"),
     ("--rate", float, "HZ",
      "rate of the grid (default: 20, or the slower channel's if that is lower)"),
     ("--band", str, "LO,HI", "band-pass rudder and yaw rate alike, in Hz (default: off)"),

@@ -95,7 +95,7 @@ class RunConfig:
     rate: Annotated[float, Meta(ge=0.1, le=1e3, description="lie in 0.1 to 1000 Hz")] | None = None
     band: tuple[float, float] | None = None
     inputs: tuple[str, ...] = ("rudder",)
-    output: Annotated[str, one_of("yaw-rate", "heading-rate", "yaw")] = "yaw-rate"
+    output: Annotated[str, one_of("yaw-rate", "yaw")] = "yaw-rate"
     turn: Annotated[str, one_of("keep", "remove")] = "keep"
     rudder: Rudder = "auto"
     aileron: Aileron = "auto"

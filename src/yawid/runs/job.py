@@ -76,7 +76,6 @@ class RecordedLog(Log):
                 )
         needs = [*config.inputs[1:]]
         needs += ["yaw"] if config.output == "yaw" else []
-        needs += ["roll", "pitch", "q"] if config.output == "heading-rate" else []
         sign = config.rudder_sign if config.binds("rudder_sign") else None
         said = config.columns, config.units, config.rudder_unit, sign, config.rudder_max_deg
         from yawid.sources.records.find_columns import Asked  # only records need it

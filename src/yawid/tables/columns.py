@@ -35,7 +35,6 @@ from yawid.tables.table import Column
 
 OUTPUTS: Final = {
     "yaw-rate": ("r", "yaw rate"),
-    "heading-rate": ("heading_rate", "rate of the heading, by Euler's formula"),
     "yaw": ("mean_heading_rate", "change of yaw over the interval before, by its length"),
 }
 """The name and the meaning of the model's output, by ``--output``; only the yaw rate is ``r``."""

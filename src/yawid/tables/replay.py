@@ -48,7 +48,7 @@ def replay(
     columns: Mapping[str, str] | Sequence[str] | str | None = None,
     units: Literal["rad", "deg"] | None = None,
     inputs: Surface | Sequence[Surface] | None = None,
-    output: Literal["yaw-rate", "heading-rate", "yaw"] | None = None,
+    output: Literal["yaw-rate", "yaw"] | None = None,
     turn: Literal["keep", "remove"] | None = None,
     band: tuple[float, float] | None = None,
     manoeuvres: Literal["auto", "off"] | None = None,

@@ -38,7 +38,7 @@ def samples_from(reader: Any, config: RunConfig | None = None) -> Samples:
     """Return the samples of the log that a reader reads."""
     channels, blocks = Channels(config or RunConfig()), []
     for _, frames in reader.read(hashlib.sha256()):
-        blocks += [] if frames is None else channels.feed(frames)
+        blocks += [] if frames is None else channels.feed_frames(frames)
     return Samples(channels, blocks + channels.finish())
 
 
@@ -47,7 +47,7 @@ def lateral_accelerations(reader: Any) -> tuple[list[int], list[float]]:
     channels, found = Channels(RunConfig(lateral="auto")), []
     for _, frames in reader.read(hashlib.sha256()):
         if frames is not None:
-            channels.feed(frames)
+            channels.feed_frames(frames)
         found.append(channels.motion())
     channels.finish()
     found.append(channels.motion())

@@ -369,5 +369,5 @@ def test_damaged_bytes_are_understood_or_refused_and_nothing_else(
         assert record._rows is not None
         channels = Channels(RunConfig())
         for rows in record._rows.pieces():
-            channels.feed_record(rows)
+            channels.feed_rows(rows)
         channels.finish()

@@ -12,7 +12,7 @@ import tomli_w
 
 from yawid.channels.clock import boot_us
 from yawid.channels.stage import WANTED
-from yawid.channels.yaw_reader import SOURCES, UNTIMED
+from yawid.channels.yaw_reader import SOURCES
 from yawid.config.run import COMMAND_LINE, RunConfig, check_settings
 from yawid.errors import ConfigError, SinkError, SourceError
 from yawid.runs.regress.case import Case
@@ -118,7 +118,7 @@ def _trimmed(data: bytes, config: RunConfig) -> bytes:
     for _, found in TlogBytes([data], WANTED).read():
         for name, block in () if found is None else found.messages.items():
             times = np.full(len(block), np.nan)
-            if name in SOURCES and name != UNTIMED:
+            if name in SOURCES:
                 times = boot_us(block.fields) / 1e6
             heard.append(np.column_stack([block.order, times, np.full(len(block), name in FACTS)]))
     rows = np.concatenate([np.zeros((0, 3)), *heard])
