@@ -1,28 +1,18 @@
 """The running answer back to the ground station: its frames, their destination, and their limits.
 
 The answer is sent in the vehicle's name (its system id) by a component of its own, in rounds of a
-HEARTBEAT and NAMED_VALUE_FLOATs, with STATUSTEXTs between them.
-
-Who sees it depends on where it arrives:
-
-- At an ``--out`` of MAVProxy, it goes on to the vehicle, which logs it; MAVProxy itself shows
-  nothing of it. A router passes it to everybody.
-- MAVProxy's graph only knows the messages of its first link: there the answer must arrive at the
-  UDP port of that link, next to the vehicle's own frames.
-- On a link of its own, it is only in MAVProxy's ``status`` and ``watch``. Commands of ground
-  stations behind MAVProxy then go to the link on which the newest HEARTBEAT of that system arrived;
-  ``set mavfwd_link 1`` keeps them on the first one.
-
-MAVProxy shows texts of a component other than the autopilot after ``set target_component 0``.
+HEARTBEAT and at most five NAMED_VALUE_FLOATs, with STATUSTEXTs between them. The manual says who
+sees it.
 """
 
 import errno
 import math
 from collections import deque
-from collections.abc import Mapping, Sequence
-from contextlib import ExitStack
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack, suppress
+from functools import partial
 from itertools import product
-from typing import Protocol
+from typing import Final
 
 from yawid.errors import ConfigError, SourceError
 from yawid.sources.link.endpoints import Endpoint, parse_endpoint
@@ -31,67 +21,36 @@ from yawid.sources.link.tap import Tap
 from yawid.sources.link.udp import open_socket
 from yawid.sources.mavlink.signing import SigningKey
 
-WINDOW_S = 10.0
-MOST_BYTES, MOST_SIGNED_BYTES = 2500, 3500
-"""The most bytes sent in any ten seconds, without and with signatures."""
-TEXT_BYTES, TEXT_SIGNED_BYTES = 600, 660
-"""The part of them that texts may take; rounds, 12 at most in ten seconds, have the rest."""
+WINDOW_S: Final = 10.0
+MOST_ROUNDS, MOST_TEXTS = 11, 8
+"""The most rounds (171 bytes, 249 signed) and texts (66, 79) in ten seconds, both ends included: a
+radio of 57 600 baud keeps 95 % of its bytes for the vehicle's own messages."""
 MOST_WAITING = 6
 """The most texts of a system that wait."""
 LONGEST_TEXT = 50
 """The longest STATUSTEXT that is sent in a single message."""
-TAP = "tap"
 NOTICE, INFO = 5, 6
 """Levels of MAV_SEVERITY that ground stations list, but neither speak nor show in red."""
 _LARGEST = 3e38  # what fits into a float of four bytes
 _MOST_READ, _LONGEST_DATAGRAM = 64, 1 << 16
 _HERE = frozenset({"127.0.0.1", "localhost", "::1"})
 _ANY = frozenset({"0.0.0.0", "::"})
+Way = Callable[[bytes, int], None]
+"""Sends a frame in the name of a system without waiting; an OSError means that it is not taken."""
 
 
 class Limiter:
-    """The limit of ``most`` bytes in any ``WINDOW_S`` seconds, both ends included."""
+    """The limit of ``most`` events in any ``WINDOW_S`` seconds, both ends included."""
 
     def __init__(self, most: int) -> None:
-        self._most = most
-        self._sent: deque[tuple[float, int]] = deque()
-        self._bytes = 0
+        self._times: deque[float] = deque([-math.inf] * most, maxlen=most)
 
-    def admits(self, size: int, now_s: float) -> bool:
-        """Return whether ``size`` bytes may be sent now."""
-        while self._sent and now_s - self._sent[0][0] > WINDOW_S:
-            self._bytes -= self._sent.popleft()[1]
-        return self._bytes + size <= self._most
-
-    def count(self, size: int, now_s: float) -> None:
-        """Count bytes that are sent now."""
-        self._sent.append((now_s, size))
-        self._bytes += size
-
-
-class Way(Protocol):
-    """A destination of frames; sending never waits."""
-
-    def send(self, frame: bytes, sysid: int) -> None:
-        """Send a frame in the name of a system; an OSError means that it is not accepted."""
-
-    def close(self) -> None:
-        """Close what was opened."""
-
-
-class BackOverTap:
-    """The way back to the source of the vehicle's own frames, over the tap's socket or line."""
-
-    def __init__(self, tap: Tap) -> None:
-        self._tap = tap
-
-    def send(self, frame: bytes, sysid: int) -> None:
-        """Send a frame: see :class:`Way`."""
-        if not self._tap.transmit(frame, sysid):
-            raise OSError(errno.ENOTCONN, f"{self._tap.endpoint} does not take it")
-
-    def close(self) -> None:
-        """Do nothing: the tap is closed by its owner."""
+    def admits(self, now_s: float) -> bool:
+        """Return whether an event may be now, and count it if so."""
+        if now_s - self._times[0] <= WINDOW_S:
+            return False
+        self._times.append(now_s)
+        return True
 
 
 class OverUdp:
@@ -102,56 +61,48 @@ class OverUdp:
     """
 
     def __init__(self, endpoint: Endpoint) -> None:
-        self._socket = open_socket(endpoint)
-        self._socket.setblocking(False)
-        self._answers = endpoint.kind == "udpin"
+        self.socket = open_socket(endpoint)
+        self.socket.setblocking(False)
         self._peer: tuple[str, int] | None = None
+        self._is_connected = endpoint.kind == "udpout"
 
-    def send(self, frame: bytes, sysid: int) -> None:
-        """Send a frame: see :class:`Way`."""
-        refusal = self._read()
-        if not self._answers:
-            self._socket.send(frame)
+    def __call__(self, frame: bytes, sysid: int) -> None:
+        """Send a frame: see ``Way``; a refusal is about an earlier frame, and this one is sent."""
+        refusal = None
+        with suppress(BlockingIOError):
+            for _ in range(_MOST_READ):
+                try:
+                    _, self._peer = self.socket.recvfrom(_LONGEST_DATAGRAM)
+                except ConnectionError as error:
+                    refusal = error
+        if self._is_connected:
+            self.socket.send(frame)
         elif self._peer is not None:
-            self._socket.sendto(frame, self._peer)
-        if refusal is not None:  # it is about an earlier frame; this one was sent
+            self.socket.sendto(frame, self._peer)
+        if refusal is not None:
             raise refusal
 
-    def close(self) -> None:
-        """Close the socket."""
-        self._socket.close()
 
-    def _read(self) -> OSError | None:
-        """Read what a ground station sends, for its address; return its refusal, if any."""
-        refusal = None
-        for _ in range(_MOST_READ):
-            try:
-                _, self._peer = self._socket.recvfrom(_LONGEST_DATAGRAM)
-            except BlockingIOError:
-                break
-            except OSError as error:
-                refusal = error
-        return refusal
+def over_tap(tap: Tap, frame: bytes, sysid: int) -> None:
+    """Send a frame back to the source of the vehicle's own frames: see ``Way``."""
+    if not tap.transmit(frame, sysid):
+        raise OSError(errno.ENOTCONN, f"{tap.endpoint} does not take it")
 
 
 class Publisher:
-    """The sender of rounds and texts over ways by name, each within the limits of bytes.
+    """The sender of rounds and texts over ways by name, within the limits.
 
     The same frames go over every way. ``news`` has lines about them that have not been reported
     yet.
     """
 
     def __init__(self, ways: Mapping[str, Way], compid: int, key: SigningKey | None = None) -> None:
-        self.names = ", ".join(ways)
-        self.compid = compid
+        self.names, self.compid = ", ".join(ways), compid
         self.news: deque[str] = deque()
-        self._ways = dict(ways)
         self.sender_of = senders(compid, key)
-        signed = key is not None
-        self._all = Limiter(MOST_SIGNED_BYTES if signed else MOST_BYTES)
-        self._of_texts = Limiter(TEXT_SIGNED_BYTES if signed else TEXT_BYTES)
+        self._ways = dict(ways)
+        self._rounds, self._spoken = Limiter(MOST_ROUNDS), Limiter(MOST_TEXTS)
         self._texts: dict[tuple[int, str], tuple[int, str]] = {}
-        self._said = 0
         self._failed: set[str] = set()
 
     def send_round(
@@ -162,20 +113,13 @@ class Publisher:
         Names have ten characters at most. A value that is not finite is left out: it would stop
         MAVProxy's graph as long as it is shown.
         """
-        sender = self.sender_of(sysid)
-        make = sender.messages
-        messages = [sender.heartbeat()]
-        for name, value in values.items():
-            if math.isfinite(value) and abs(value) < _LARGEST:
-                text = name.encode("ascii")
-                messages.append(make.named_value_float_encode(boot_ms & 0xFFFFFFFF, text, value))
-        frames = [sender.frame(message) for message in messages]
-        size = sum(map(len, frames))
-        if not self._all.admits(size, now_s):
-            make.seq = (make.seq - len(frames)) % 256  # they must not count as lost
+        if not self._rounds.admits(now_s):
             return False
-        self._all.count(size, now_s)
-        self._send(frames, sysid)
+        sender = self.sender_of(sysid)
+        make, t_ms = sender.messages.named_value_float_encode, boot_ms & 0xFFFFFFFF
+        known = {n: value for n, value in values.items() if abs(value) < _LARGEST}
+        messages = (make(t_ms, n.encode("ascii"), value) for n, value in known.items())
+        self._send([sender.frame(each) for each in (sender.heartbeat(), *messages)], sysid)
         return True
 
     def say(self, sysid: int, severity: int, text: str, about: str = "") -> None:
@@ -184,40 +128,31 @@ class Publisher:
         It replaces a waiting text with the same ``about``. Of the texts without ``about``, the
         newest ``MOST_WAITING`` of each system wait.
         """
-        if not about:
-            waiting = [key for key in self._texts if key[0] == sysid and key[1].isdecimal()]
-            if len(waiting) >= MOST_WAITING:
-                del self._texts[waiting[0]]
-            self._said += 1
-        self._texts[sysid, about or str(self._said)] = severity, text[:LONGEST_TEXT]
+        waiting = [key for key in self._texts if key[0] == sysid and key[1].startswith("text ")]
+        if not about and len(waiting) >= MOST_WAITING:
+            del self._texts[waiting[0]]
+        self._texts[sysid, about or f"text {text}"] = severity, text[:LONGEST_TEXT]
 
     def send_texts(self, now_s: float) -> None:
         """Send the texts that the limits allow, the one that has waited longest first."""
-        while self._texts:
+        while self._texts and self._spoken.admits(now_s):
             (sysid, about), (severity, text) = next(iter(self._texts.items()))
-            sender = self.sender_of(sysid)
-            frame = sender.frame(
-                sender.messages.statustext_encode(severity, text.encode("ascii", "replace"))
-            )
-            size = len(frame)
-            if not (self._of_texts.admits(size, now_s) and self._all.admits(size, now_s)):
-                sender.messages.seq = (sender.messages.seq - 1) % 256
-                return
             del self._texts[sysid, about]
-            self._of_texts.count(size, now_s)
-            self._all.count(size, now_s)
+            sender, said = self.sender_of(sysid), text.encode("ascii", "replace")
+            frame = sender.frame(sender.messages.statustext_encode(severity, said))
             self._send([frame], sysid)
 
     def close(self) -> None:
-        """Close what was opened."""
+        """Close what was opened; the tap is closed by its owner."""
         for way in self._ways.values():
-            way.close()
+            if isinstance(way, OverUdp):
+                way.socket.close()
 
     def _send(self, frames: list[bytes], sysid: int) -> None:
         """Send frames, each in a datagram of its own; a way's refusal is reported one time."""
         for name, frame in product(self._ways, frames):
             try:
-                self._ways[name].send(frame, sysid)
+                self._ways[name](frame, sysid)
             except OSError as error:
                 if name not in self._failed:
                     self._failed.add(name)
@@ -234,32 +169,24 @@ def parse_publish(text: str, tapped: Endpoint) -> Endpoint | None:
         ConfigError: it is no place to publish to; the message gives the right spellings.
     """
     what = "udpout:HOST:PORT (a ground station listens there), udpin:HOST:PORT (it sends there)"
-    try:
-        endpoint = None if text == TAP else parse_endpoint(text)
-    except ConfigError as error:
-        raise ConfigError(f"--publish {text} must be {what} or tap (the tap's own link)") from error
-    is_own_link = endpoint == tapped and tapped.kind != "udpin"
-    if endpoint is None or is_own_link:
+    endpoint = None
+    with suppress(ConfigError):
+        endpoint = tapped if text == "tap" else parse_endpoint(text)
+    if endpoint == tapped and (text == "tap" or tapped.kind != "udpin"):
         if tapped.kind == "mcast":
             raise ConfigError(f"--publish {text}: a group cannot be answered: write {what}")
         return None
-    if endpoint.kind not in ("udpout", "udpin"):
+    if endpoint is None or endpoint.kind not in ("udpout", "udpin"):
         raise ConfigError(f"--publish {text} must be {what} or tap (the tap's own link)")
-    if _is_at_tap(endpoint, tapped):
+    is_udp = tapped.kind not in ("tcp", "serial")
+    hosts = {*_HERE, tapped.host} | (_ANY if tapped.kind != "udpout" else set())
+    takes_all = endpoint.kind == "udpin" and tapped.host in _ANY
+    if is_udp and endpoint.port == tapped.port and (endpoint.host in hosts or takes_all):
+        # One of the two would receive what is meant for the other.
         raise ConfigError(
             f"--publish {text}: the tap itself listens there: write --publish tap or another port"
         )
     return endpoint
-
-
-def _is_at_tap(endpoint: Endpoint, tapped: Endpoint) -> bool:
-    """Return whether one of the two would receive what is meant for the other."""
-    if tapped.kind in ("tcp", "serial") or endpoint.port != tapped.port:
-        return False
-    if endpoint.host in {*_HERE, tapped.host}:
-        return True
-    listens = tapped.kind != "udpout"
-    return listens and (endpoint.host in _ANY or (endpoint.kind == "udpin" and tapped.host in _ANY))
 
 
 def parse_all(texts: Sequence[str], tapped: Endpoint) -> dict[str, Endpoint | None]:
@@ -291,9 +218,10 @@ def open_publisher(
     with ExitStack() as opened:
         for name, place in parse_all(texts, tap.endpoint).items():
             try:
-                ways[name] = BackOverTap(tap) if place is None else OverUdp(place)
+                ways[name] = partial(over_tap, tap) if place is None else OverUdp(place)
             except SourceError as error:
                 raise SourceError(f"--publish {name}: {error}") from error
-            opened.callback(ways[name].close)
+            if isinstance(way := ways[name], OverUdp):
+                opened.callback(way.socket.close)
         opened.pop_all()
     return Publisher(ways, compid, key)

@@ -7,6 +7,7 @@ message whose rate falls behind is requested again. A sender of HEARTBEATs as th
 one is an onboard controller.
 """
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final
@@ -16,24 +17,16 @@ from yawid.sources.link.outgoing import COMPID, Outgoing, senders
 from yawid.sources.link.tap import Tap
 from yawid.sources.open_log import ReadOptions
 
-ASKED_HZ = 50.0
-AGAIN_S = 10.0
-"""The least time between two requests of a message, in s."""
-WINDOW_S = 5.0
-"""The time in s over which messages are counted."""
-ANSWER_S = 1.0
-"""The time in s that a request waits for the last one's answer: answers do not name the message."""
+AGAIN_S, WINDOW_S, ANSWER_S = 10.0, 5.0, 1.0
+"""The least time between two requests of a message; the time over which messages are counted; and
+how long a request waits for the last one's answer, as answers do not name the message."""
 GRANTED = 0.9
 """A rate has fallen behind below this share of the rate asked for, or of the best one seen if that
 is lower: the rate asked for may be impossible."""
-MESSAGES = {"ATTITUDE": 30, "SERVO_OUTPUT_RAW": 36}
 _SET_MESSAGE_INTERVAL = 511
 SYSID: Final = 250
 """The system id used until a vehicle is known: no vehicle's usual one, nor a ground station's."""
-_RESULTS = {
-    0: "accepted", 1: "temporarily rejected", 2: "denied", 3: "unsupported", 4: "failed",
-    5: "in progress",
-}  # fmt: skip
+_RESULTS = ("accepted", "temporarily rejected", "denied", "unsupported", "failed", "in progress")
 
 
 @dataclass(slots=True)
@@ -41,15 +34,16 @@ class Wish:
     """One message: its request, the answer and the rate; times are in s of the receive clock."""
 
     message_id: int
-    asked_s: float | None = None
+    asked_s: float = -math.inf
     answer: str | None = None
     achieved_hz: float | None = None
     best_hz: float = 0.0
+    is_refused: bool = False
     count: int = 0
 
 
 class RateRequests:
-    """The requests to one vehicle for ``hz`` of each of ``MESSAGES``, and the check of the rates.
+    """The requests to one vehicle for ``hz`` of two messages, and the check of their rates.
 
     Feed it the session's records; :meth:`tick` sends requests, for each message at most every
     ``AGAIN_S``, and returns lines to report: refusals, and the rates achieved where they change.
@@ -62,23 +56,19 @@ class RateRequests:
     def __init__(
         self,
         tap: Tap,
-        hz: float = ASKED_HZ,
+        hz: float = 50.0,
         read_options: ReadOptions | None = None,
         sysid: int = SYSID,
         sender_of: Callable[[int], Outgoing] | None = None,
     ) -> None:
         read_options = read_options or ReadOptions()
         self.hz = hz
-        self.wishes = {name: Wish(number) for name, number in MESSAGES.items()}
-        self._tap = tap
-        self._decoder = read_options.decoder({*MESSAGES, "COMMAND_ACK"})
-        self._sysid = sysid
+        self.wishes = {"ATTITUDE": Wish(30), "SERVO_OUTPUT_RAW": Wish(36)}
+        self._tap, self._sysid, self._news = tap, sysid, list[str]()
+        self._decoder = read_options.decoder({*self.wishes, "COMMAND_ACK"})
         self._sender_of = sender_of or senders(COMPID, read_options.key)
-        self._news: list[str] = []
-        self._window_s: float | None = None
-        self._beat_s = float("-inf")
+        self._window_s, self._beat_s = math.inf, -math.inf
         self._asked_last: Wish | None = None
-        self._refused: set[int] = set()
 
     def feed(self, records: bytes, vehicle: tuple[int, int] | None) -> None:
         """Take records in; only those of ``vehicle`` (sysid, compid) count."""
@@ -102,76 +92,64 @@ class RateRequests:
         if vehicle is not None:
             self._measure(now_s)
             for wish in self.wishes.values():
-                if self._is_due(wish, now_s):
+                if self._is_due(
+                    wish, now_s
+                ):  # after a request no other is: it waits for the answer
                     self._ask(wish, vehicle, now_s)
         news, self._news = self._news, []
         return news
 
     def summary(self) -> dict[str, dict[str, float | str]]:
         """Return the rate asked for, the answer and the rate achieved, by message."""
-        found = {}
-        for name, wish in self.wishes.items():
-            entry: dict[str, float | str] = {"asked_hz": self.hz}
-            if wish.answer is not None:
-                entry["answer"] = wish.answer
-            if wish.achieved_hz is not None:
-                entry["achieved_hz"] = wish.achieved_hz
-            found[name] = entry
-        return found
+        known = {
+            name: {"asked_hz": self.hz, "answer": wish.answer, "achieved_hz": wish.achieved_hz}
+            for name, wish in self.wishes.items()
+        }
+        return {
+            name: {what: value for what, value in each.items() if value is not None}
+            for name, each in known.items()
+        }
 
     def _is_due(self, wish: Wish, now_s: float) -> bool:
         last = self._asked_last
-        if last is not None and last.answer is None and now_s - (last.asked_s or 0.0) < ANSWER_S:
+        waits = last is not None and last.answer is None and now_s - last.asked_s < ANSWER_S
+        if waits or now_s - wish.asked_s < AGAIN_S:
             return False
-        if wish.asked_s is None:
-            return True
-        if now_s - wish.asked_s < AGAIN_S:
-            return False
-        behind = wish.achieved_hz is not None and wish.achieved_hz < GRANTED * min(
-            self.hz, wish.best_hz or self.hz
-        )
-        return wish.answer is None or behind
+        wanted_hz = GRANTED * min(self.hz, wish.best_hz or self.hz)
+        return wish.answer is None or (wish.achieved_hz or wanted_hz) < wanted_hz
 
     def _ask(self, wish: Wish, vehicle: tuple[int, int], now_s: float) -> None:
-        interval_us = 1e6 / self.hz
         sender = self._sender_of(vehicle[0])
         command = sender.messages.command_long_encode(
-            *vehicle, _SET_MESSAGE_INTERVAL, 0, wish.message_id, interval_us, 0, 0, 0, 0, 0
+            *vehicle, _SET_MESSAGE_INTERVAL, 0, wish.message_id, 1e6 / self.hz, 0, 0, 0, 0, 0
         )
         if self._tap.transmit(sender.frame(command), vehicle[0]):
             wish.asked_s, wish.answer, self._asked_last = now_s, None, wish
 
     def _read_answers(self, block: MessageBlock) -> None:
-        for command, result in zip(block.fields["command"], block.fields["result"], strict=True):
+        rows = zip(block.fields["command"].tolist(), block.fields["result"].tolist(), strict=True)
+        for command, result in rows:
             wish = self._asked_last
-            if int(command) != _SET_MESSAGE_INTERVAL or wish is None:
+            if command != _SET_MESSAGE_INTERVAL or wish is None:
                 continue
-            wish.answer = _RESULTS.get(int(result), f"result {int(result)}")
-            if int(result) not in (0, 5) and wish.message_id not in self._refused:
-                self._refused.add(wish.message_id)
+            wish.answer = dict(enumerate(_RESULTS)).get(result, f"result {result}")
+            if result not in (0, 5) and not wish.is_refused:
+                wish.is_refused = True
                 self._news.append(
                     f"message {wish.message_id} at {self.hz:g} Hz: {wish.answer} by the vehicle "
                     "(ArduPilot grants at most 0.8 of SCHED_LOOP_RATE)"
                 )
 
     def _measure(self, now_s: float) -> None:
-        if self._window_s is None:
-            self._start_window(now_s)
+        elapsed_s, changed = now_s - self._window_s, False
+        if 0.0 <= elapsed_s < WINDOW_S:
             return
-        elapsed_s = now_s - self._window_s
-        if elapsed_s < WINDOW_S:
-            return
-        changed = False
+        self._window_s = now_s
         for wish in self.wishes.values():
-            rate, before = wish.count / elapsed_s, wish.achieved_hz
-            changed |= before is None or abs(rate - before) > 0.1 * max(rate, before, 1.0)
-            wish.achieved_hz, wish.best_hz = rate, max(wish.best_hz, rate)
-        self._start_window(now_s)
+            rate, before, wish.count = wish.count / elapsed_s, wish.achieved_hz, 0
+            if elapsed_s > 0.0:
+                changed |= before is None or abs(rate - before) > 0.1 * max(rate, before, 1.0)
+                wish.achieved_hz, wish.best_hz = rate, max(wish.best_hz, rate)
         if changed:
             rates = ", ".join(f"{n} {w.achieved_hz:.1f}" for n, w in self.wishes.items())
             self._news.append(f"rates: {rates} Hz of the {self.hz:g} asked for")
-
-    def _start_window(self, now_s: float) -> None:
-        self._window_s = now_s
-        for wish in self.wishes.values():
-            wish.count = 0
