@@ -9,7 +9,6 @@ import numpy as np
 from yawid.blocks import Array, Bytes, FrameBlock, Ints, MessageBlock
 from yawid.quantities.link import LinkStats
 from yawid.sources.mavlink.definitions import definitions, dtype_of
-from yawid.sources.mavlink.fast_path import STAMP, PlainReader, PlainRecord, plain_messages
 from yawid.sources.mavlink.framing import SLACK, STAMP_SIZE, Frames, find_frames
 from yawid.sources.mavlink.resync import Chain, StampFilter, Stretch, stamps_of
 from yawid.sources.mavlink.sequence import Records
@@ -17,8 +16,6 @@ from yawid.sources.mavlink.signing import Signing
 from yawid.sources.mavlink.tally import Tally
 
 _SLICE = 1 << 20  # bytes decoded at once: hostile ones need thirty times as much memory
-FEW = 1 << 13
-"""The most bytes (some two hundred frames) that are first tried frame by frame."""
 _SEQUENCE_AT = np.array([0] * 6 + [2] + [0] * 3 + [4])  # by size of the header
 _NO_FRAMES = Frames(*(np.empty(0, np.int64) for _ in range(5)))
 
@@ -44,7 +41,6 @@ class Decoder:
         self._filter = StampFilter()
         self._tally = Tally(self._known, signing)
         self._kinds = {self._known.names[n]: (n, dtype) for n, dtype in dtypes.items()}
-        self._plain = PlainReader(self._known)
         self._tail = b""
         self._decided = 0
         self._held = b""
@@ -60,26 +56,11 @@ class Decoder:
 
     def feed(self, data: bytes) -> FrameBlock | None:
         """Return the wanted messages that ``data`` completes, or None if there are none."""
-        if 0 < len(data) <= FEW and (records := self._plain_records(data)):
-            messages = plain_messages(data, self._decided, records, self._kinds)
-            self._decided += len(data)
-            return FrameBlock(messages) if messages else None
         if len(data) >= _SLICE:
             _keep_freed_memory()
         view = memoryview(data)
         slices = (view[at : at + _SLICE] for at in range(0, len(view), _SLICE))
         return _merge([self._decode(piece, final=False) for piece in slices])
-
-    def _plain_records(self, data: bytes) -> list[PlainRecord] | None:
-        """Count and return the records if ``data`` is nothing but plain records, else None."""
-        last_us = self._filter.last_us
-        if self._tail or self._held or last_us is None or not self._chain.is_in_step:
-            return None
-        records = self._plain.read(data, last_us)
-        if records is None or not self._tally.add_plain(data, records):
-            return None
-        self._filter.last_us = self._chain.last_us = records[-1][STAMP]
-        return records
 
     def finish(self) -> FrameBlock | None:
         """Return the messages decided by the end of the stream; nothing may be fed after it."""
@@ -185,6 +166,8 @@ def _payloads(data: Bytes, at: Ints, length: Ints, dtype: np.dtype[Any]) -> Arra
 
 
 def _merge(blocks: list[FrameBlock | None]) -> FrameBlock | None:
+    if len(blocks) == 1:
+        return blocks[0]
     parts: dict[str, list[MessageBlock]] = {}
     for block in blocks:
         for name, message in (block.messages if block else {}).items():

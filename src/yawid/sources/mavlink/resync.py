@@ -101,7 +101,7 @@ class Chain:
     ``bad_crc`` and ``unknown`` count the records passed over as a whole, by the sender in their
     headers (256 * sysid + compid); ``passed_bytes`` is their size. ``unstamped`` counts the intact
     frames that have no stamp. ``is_in_step`` says whether a record ends right before the next byte;
-    ``last_us`` is its stamp, which another reader of records in step also sets.
+    ``last_us`` is its stamp.
     """
 
     def __init__(self, known: Definitions) -> None:
@@ -188,7 +188,7 @@ class StampFilter:
     not stays pending. If a later record agrees with it, both are believed (the clock was set); if a
     later one agrees with the last record believed, it is dropped (the stamp was damaged). Nothing
     is lost if the very first stamp is the damaged one. ``last_us`` is the stamp of the last record
-    believed, None before the first; another reader of records that fit also sets it.
+    believed, None before the first.
     """
 
     def __init__(self) -> None:

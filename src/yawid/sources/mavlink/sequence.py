@@ -69,38 +69,6 @@ class SenderCount:
         self._remember(data, own, place, goes_on=goes_on)
         return None if is_new is None or is_new.all() else is_new
 
-    def goes_on(self, sequence: list[int]) -> bool:
-        """Return whether frames with these numbers are each later than all before them."""
-        last, place = self._last, self._place
-        if last is None:
-            return False
-        is_first = True
-        for number in sequence:
-            step = (number - last) % _CYCLE
-            if not 0 < step < _LONGEST or (is_first and place + step <= self._highest):
-                return False
-            last, is_first = number, False
-        return True
-
-    def add_plain(self, sequence: list[int], stamps: list[int], frames: list[bytes]) -> None:
-        """Count frames for which :meth:`goes_on` holds, like :meth:`add`."""
-        assert self._last is not None
-        for number, stamp, frame in zip(sequence, stamps, frames, strict=True):
-            assert self._last_kept is not None
-            step = (number - self._last_kept) % _CYCLE
-            if 0 < step <= _LONGEST:
-                self.lost += step - 1
-                self._steady_frames += step
-                self._steady_us += stamp - self._last_kept_us
-            elif _LONGEST < step < _CYCLE - _LATE:
-                self._jump(step - 1, stamp - self._last_kept_us)
-            self._last_kept_us = stamp
-            self._place += (number - self._last) % _CYCLE
-            self._last = self._last_kept = number
-            self._recent[number] = self._place, stamp, frame
-        self._highest = self._place
-        self.frames += len(sequence)
-
     def lost_in_jumps(self) -> int:
         """Return how many frames were left out by steps of more than 128 whose time fits a loss.
 

@@ -1,6 +1,6 @@
 """The counts of what a link carried, by sender."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from types import MappingProxyType
 
 import numpy as np
@@ -9,7 +9,6 @@ from yawid.blocks import Bytes, Ints
 from yawid.quantities.link import Check, LinkStats, SenderStats
 from yawid.quantities.vehicles import GROUND_STATION
 from yawid.sources.mavlink.definitions import HEARTBEAT, Definitions
-from yawid.sources.mavlink.fast_path import PlainRecord
 from yawid.sources.mavlink.framing import CRC_SIZE, SIGNATURE_SIZE, STAMP_SIZE
 from yawid.sources.mavlink.sequence import Records, SenderCount
 from yawid.sources.mavlink.signing import Signing
@@ -46,38 +45,6 @@ class Tally:
         if new is None:
             return rows
         return new if rows is None else rows[new]
-
-    def add_plain(self, data: bytes, records: Sequence[PlainRecord]) -> bool:
-        """Count the records if none came late, twice or from a new sender, else count nothing.
-
-        Return whether they were counted; then all of them are to be used.
-        """
-        if self._signing is not None:
-            return False
-        by_sender: dict[int, tuple[list[int], list[int], list[bytes]]] = {}
-        signed, ground = 0, set()
-        for begin, payload, end, length, row, stamp, sequence, key in records:
-            own = by_sender.get(key)
-            if own is None:
-                own = by_sender[key] = [], [], []
-            own[0].append(sequence)
-            own[1].append(stamp)
-            own[2].append(data[begin:end])
-            signed += end - payload - length > CRC_SIZE
-            is_typed = row == self._heartbeat and length > _TYPE_OFFSET
-            if is_typed and data[payload + _TYPE_OFFSET] == GROUND_STATION:
-                ground.add(key)
-        for key, own in by_sender.items():
-            sender = self._senders.get(key)
-            if sender is None or not sender.goes_on(own[0]):
-                return False
-        for key, own in by_sender.items():
-            self._senders[key].add_plain(*own)
-        self._signed += signed
-        self._ground |= ground
-        self.record_bytes += len(data)
-        self._last = stamp
-        return True
 
     def _count_bytes(self, records: Records) -> None:
         frames = records.frames
