@@ -173,3 +173,9 @@ def test_what_is_said_travels_as_json() -> None:
 
     assert {"dutch_roll", "law", "seconds", "spectrum", "verdict"} <= found.keys()
     assert len(found["spectrum"]["w_rad_s"]) == len(found["spectrum"]["measured"]["r"])
+
+
+def test_a_damper_in_calm_air_is_refused_although_the_turns_explain_the_yaw_rate() -> None:
+    found = answered(14, damper=0.5, gust=0.0)
+
+    assert [reason.id for reason in found.verdict.reasons] == ["rudder_moves"]

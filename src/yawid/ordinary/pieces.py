@@ -4,7 +4,7 @@ The flight is judged in pieces of 20 s of the vehicle's clock. A piece is ordina
 
 - the aircraft flies: nearly every sample is used, and none is further than .5 s from the next;
 - its airspeed is known, and within 6 % of that of the piece before it;
-- the rudder rests, or what the aileron does not explain of it is small.
+- the rudder rests, or is the aileron times a factor, but for a small part.
 
 Six such pieces in a row are a window of 120 s, and the last three of them begin the next one. The
 rest of a row is a window, too, if it has 40 s. Where a stream was cut into blocks changes nothing.
@@ -22,7 +22,6 @@ import numpy as np
 from yawid.blocks import MotionBlock, SampleBlock
 from yawid.manoeuvre.motion_store import MotionStore
 from yawid.ordinary.spectra import Sums, window_sums
-from yawid.results.excitation import own_part
 
 PIECE_S = 20.0
 """The length of a piece in s: what one movement of the rudder costs an ordinary flight."""
@@ -39,7 +38,8 @@ LONGEST_GAP_US, LEAST_USED = 500_000, 0.97
 AT_REST = 2e-3
 """The standard deviation of a rudder at rest, in half travels: that of whole us of PWM is .0006."""
 OWN_PART = 0.05
-"""The part of the rudder's variance that the aileron may leave: a damper's is .6 and more."""
+"""The part of the rudder's variance that the aileron may leave at the same instant: a damper's is .6
+and more. With lags, the aileron of a calm flight explains a damper, too, as it explains r."""
 BANKED, MEAN_S = 0.14, 2.0
 """The bank in rad of a turn, as a mean over so many s: gusts have less."""
 _PIECE_US = round(1e6 * PIECE_S)
@@ -130,13 +130,14 @@ class Ordinary:
         if not np.isfinite(used.airspeed).all():
             return "without an airspeed"
         rows = SampleBlock.joined([*self._row[-1:], piece])
-        u, mode = rows.u[:, 0] / self._unit, np.zeros(len(rows))
-        own = own_part(u, rows.aileron, mode, piece.sample_time_s)
-        known = np.isfinite(own)
+        u, aileron = rows.u[:, 0] / self._unit, rows.aileron
+        known = np.isfinite(u) & np.isfinite(aileron)
         if not known.any():
             return "without an aileron"
-        moves = max(AT_REST, math.sqrt(OWN_PART) * float(u[known].std()))
-        return "with a rudder that moves by itself" if own[known].std() > moves else None
+        u, aileron = u[known] - u[known].mean(), aileron[known] - aileron[known].mean()
+        own = u - aileron * (u @ aileron) / max(float(aileron @ aileron), 1e-12)
+        moves = max(AT_REST, math.sqrt(OWN_PART) * float(u.std()))
+        return "with a rudder that moves by itself" if own.std() > moves else None
 
     def _end_row(self) -> None:
         if self._new and len(self._row) >= LEAST_PIECES:
