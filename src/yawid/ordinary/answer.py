@@ -121,8 +121,8 @@ def _of_fits(facts: OrdinaryAnswer, search: Search, fits: list[Fitted]) -> Ordin
          f"{SHARE:.0%} are needed", _TURN),
         (needed_hz > nyquist_hz, "rate_too_low", f"the attitude comes at {nyquist_hz:.2g} Hz, for "
          f"a mode of {wn:.2g} rad/s {needed_hz:.2g} Hz are needed", "Record ATTITUDE faster."),
-        (mode[1] > MOST_DAMPED, "too_damped", f"zeta is {mode[1]:.2f}: beyond {MOST_DAMPED:g} "
-         "neither gusts nor turns show the mode", _DOUBLETS),
+        (not 0.0 < mode[1] <= MOST_DAMPED, "too_damped", f"zeta is {mode[1]:.2f}: outside 0 to "
+         f"{MOST_DAMPED:g} neither gusts nor turns show the mode", _DOUBLETS),
         (line > LINES, "line", f"an oscillation near the mode stands out by {line:.1f} sigma, "
          f"{LINES:g} are the most: a vibration, or a limit cycle of the roll hold", _DOUBLETS),
         (not mode[3] >= LEAST_FLOWN, "limit_cycle", f"as flown zeta is {mode[3]:.2f}, "

@@ -38,8 +38,8 @@ LONGEST_GAP_US, LEAST_USED = 500_000, 0.97
 AT_REST = 2e-3
 """The standard deviation of a rudder at rest, in half travels: that of whole us of PWM is .0006."""
 OWN_PART = 0.05
-"""The part of the rudder's variance that the aileron may leave at the same instant: a damper's is .6
-and more. With lags, the aileron of a calm flight explains a damper, too, as it explains r."""
+"""The part of the rudder's variance that the aileron may leave at the same instant: a damper's is
+.6 and more. With lags, the aileron of a calm flight explains a damper too, as it explains r."""
 BANKED, MEAN_S = 0.14, 2.0
 """The bank in rad of a turn, as a mean over so many s: gusts have less."""
 _PIECE_US = round(1e6 * PIECE_S)
