@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from contextlib import closing
 from itertools import pairwise
 from pathlib import Path
 
@@ -45,13 +44,13 @@ def written(path: Path, rudder_unit: str, unit: float = 1.0) -> Path:
 
 
 def samples_of(path: Path, **settings: object) -> tuple[SampleBlock, Channels]:
-    with closing(open_log(path)) as source:
-        channels = Channels(
-            source.settled({"rudder_sign": "nose-right", "given": ("rudder_sign",), **settings})
-        )
-        assert source.record is not None
-        assert source.record._rows is not None
-        rows = RecordBlock.joined(list(source.record._rows.pieces()))
+    source = open_log(path)
+    channels = Channels(
+        source.settled({"rudder_sign": "nose-right", "given": ("rudder_sign",), **settings})
+    )
+    assert source.record is not None
+    assert source.record._rows is not None
+    rows = RecordBlock.joined(list(source.record._rows.pieces()))
     return SampleBlock.joined(channels.feed_rows(rows) + channels.finish()), channels
 
 

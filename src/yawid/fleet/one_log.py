@@ -6,7 +6,6 @@ Every error becomes an outcome with a text; none is raised.
 import errno
 import traceback
 from collections.abc import Iterable, Iterator
-from contextlib import ExitStack, closing
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -99,29 +98,22 @@ def _where(error: Exception) -> str:
 def _rows_of(path: Path, spec: Spec) -> Rows:
     """Return the rows of a log. An MCAP gets the hash of the log that it was made from."""
     options = read_options_of(spec)
-    with ExitStack() as stack:
+    source = open_log(path, options)
+    settings = dict(spec.settings)
+    if not source.format.has_columns:  # a folder may hold records and logs
+        settings = {name: each for name, each in settings.items() if name not in OF_RECORDS}
+    config = source.settled(settings)
+    first = _flown(source, config, spec)
 
-        def opened(*, again: bool) -> Recording:
-            return stack.enter_context(closing(open_log(path, options, again=again)))
+    def another(config: RunConfig) -> _Flown | None:
+        again = open_log(path, options)
+        again.settled(settings)
+        try:
+            return _flown(again, config, spec)
+        except ConfigError:  # the settings exclude this boot
+            return None
 
-        source = opened(again=False)
-        settings = dict(spec.settings)
-        if not source.format.has_columns:  # a folder may hold records and logs
-            settings = {name: each for name, each in settings.items() if name not in OF_RECORDS}
-        config = source.settled(settings)
-        first = _flown(source, config, spec)
-        again = list[Recording]()
-
-        def another(config: RunConfig) -> _Flown | None:
-            if not again:
-                again.append(opened(again=True))
-                again[0].settled(settings)
-            try:
-                return _flown(again[0], config, spec)
-            except ConfigError:  # the settings exclude this boot
-                return None
-
-        flights = list(_each(first, config, another))
+    flights = list(_each(first, config, another))
     summary, first_us = first.summary, source.link.first_us
     made_from = None if summary.source is None else summary.source.sha256
     log = {

@@ -2,7 +2,6 @@
 
 import sys
 from collections.abc import Mapping
-from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -37,10 +36,8 @@ def orders_report(
         samples_of_manoeuvres,
     )
 
-    with (
-        closing(open_log(log, read_options)) as source,
-        progress(sys.stderr, log.name, source.size) as bar,
-    ):
+    source = open_log(log, read_options)
+    with progress(sys.stderr, log.name, source.size) as bar:
         config, kept = source.settled(settings), KeptSamples()
         job = run(source, replace(config, orders=RunConfig().orders), [kept], advance=bar)
         summary = job.conclude()

@@ -134,9 +134,6 @@ class FinishedRun:
         of_the_log = [reason for reason in said if reason.origin in origins]
         return judged(summary, pipeline, of_the_log, run.rates_hz(pipeline.config.inputs[0]))
 
-    def close(self) -> None:
-        """Do nothing: the file is opened and closed at each reading."""
-
 
 def changed(run: McapRun, settings: Mapping[str, Any]) -> RunConfig:
     """Return the configuration of a run with other settings.

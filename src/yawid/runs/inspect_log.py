@@ -7,7 +7,6 @@ outputs, whose verdict it has.
 import shlex
 import sys
 from collections.abc import Container, Iterator, Mapping
-from contextlib import closing
 from dataclasses import asdict, fields, replace
 from pathlib import Path
 from typing import Any
@@ -62,10 +61,10 @@ def inspect(
         SourceError: the log cannot be read.
         ConfigError: what is asked for does not fit the log.
     """
-    with closing(RecordedLog(log, read_options)) as source:
-        config = source.settled(settings)
-        with progress(sys.stderr, log.name, source.size) as bar:
-            return _inspected(source, config, bar, with_card=with_card)
+    source = RecordedLog(log, read_options)
+    config = source.settled(settings)
+    with progress(sys.stderr, log.name, source.size) as bar:
+        return _inspected(source, config, bar, with_card=with_card)
 
 
 def _inspected(source: RecordedLog, config: RunConfig, bar: Bar, *, with_card: bool) -> Inspection:

@@ -1,8 +1,8 @@
 """How a run is composed: a source (a log or a finished run), a pipeline, sinks, a summary.
 
-with closing(open_log(path)) as source:
-    config = source.settled(settings)
-    summary = run(source, config, sinks).conclude()
+source = open_log(path)
+config = source.settled(settings)
+summary = run(source, config, sinks).conclude()
 """
 
 import hashlib
@@ -45,10 +45,8 @@ class RecordedLog(Log):
     of_file: tuple[ChannelFound | None, list[BootSpan] | None] = (None, None)
     log_lines: "tuple[LogLine, ...]" = ()
 
-    def __init__(
-        self, path: Path, options: ReadOptions | None = None, *, again: bool = False
-    ) -> None:
-        super().__init__(path, WANTED, options, again=again)
+    def __init__(self, path: Path, options: ReadOptions | None = None) -> None:
+        super().__init__(path, WANTED, options)
         self._file = path
 
     def settled(self, settings: Mapping[str, Any]) -> RunConfig:
@@ -122,16 +120,14 @@ Recording: TypeAlias = "RecordedLog | FinishedRun"
 """What can be replayed. Both kinds settle a configuration, yield blocks and conclude."""
 
 
-def open_log(path: Path, options: ReadOptions | None = None, *, again: bool = False) -> Recording:
+def open_log(path: Path, options: ReadOptions | None = None) -> Recording:
     """Open a log or a finished run, recognised by its first bytes.
-
-    ``again``: the source will be read more than once.
 
     Raises:
         SourceError: there is no such file, it cannot be read, or it is not a log.
     """
     if format_of(path) is not RUN:
-        return RecordedLog(path, options, again=again)
+        return RecordedLog(path, options)
     from yawid.runs.finished_run import FinishedRun  # logs do not need it
 
     return FinishedRun(path)

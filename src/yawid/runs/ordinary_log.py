@@ -1,7 +1,6 @@
 """The answer of an ordinary flight from a log or a finished run, by the product's own reading."""
 
 from collections.abc import Mapping
-from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -36,9 +35,9 @@ def ordinary_of_log(path: Path, **settings: Any) -> OrdinaryAnswer:
         SourceError: the log cannot be read.
         ConfigError: a setting does not fit the log.
     """
-    with closing(open_log(path)) as source:
-        config = source.settled({"manoeuvres": "off", "lateral": "auto", **settings})
-        sink = OrdinarySink(config.half_travel)
-        run(source, config, [sink])
+    source = open_log(path)
+    config = source.settled({"manoeuvres": "off", "lateral": "auto", **settings})
+    sink = OrdinarySink(config.half_travel)
+    run(source, config, [sink])
     sink.flight.finish()
     return answer_of(sink.flight)

@@ -54,7 +54,6 @@ def replay(
         with stop.raising():
             local = stack.enter_context(brought(log))
             source = open_log(local, read_options)
-        stack.callback(source.close)
         source.path = log
         with stop.raising():
             config = source.settled(settings)

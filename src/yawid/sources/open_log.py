@@ -1,12 +1,10 @@
 """The one way to read every kind of log that ``formats.py`` lists, in blocks of messages."""
 
 import hashlib
-import pickle
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from tempfile import SpooledTemporaryFile
 from typing import TYPE_CHECKING, Protocol
 
 from yawid.blocks import FrameBlock, MotionBlock, RecordBlock, SampleBlock
@@ -19,9 +17,6 @@ from yawid.system.stores import Place
 
 if TYPE_CHECKING:
     from yawid.sources.records.record import Record
-
-IN_MEMORY = 64 << 20
-"""The bytes of decoded messages kept in memory; beyond them a temporary file is used."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,20 +69,14 @@ class Source(Protocol):
 class Log:
     """A log opened for reading: the ``wanted`` messages, their counts and the file's hash.
 
-    It is decoded once. With ``again`` its messages are kept for a second reading until ``close``,
-    in a temporary file if they are larger than ``IN_MEMORY``.
+    It is read once.
 
     Raises:
         SourceError: there is no such file, it cannot be read, or it is no log.
     """
 
     def __init__(
-        self,
-        path: Path,
-        wanted: Iterable[str],
-        options: ReadOptions | None = None,
-        *,
-        again: bool = False,
+        self, path: Path, wanted: Iterable[str], options: ReadOptions | None = None
     ) -> None:
         self.options = options or ReadOptions()
         self.format = format_of(path)
@@ -99,13 +88,6 @@ class Log:
         self.path: Place = path  # or where the file was brought from
         self.size = path.stat().st_size
         self._digest = hashlib.sha256()
-        self._kept = SpooledTemporaryFile(IN_MEMORY) if again else None  # noqa: SIM115 until the end
-        self._is_decoded = False
-
-    def close(self) -> None:
-        """Remove the messages that were kept, if any."""
-        if self._kept is not None:
-            self._kept.close()
 
     @property
     def link(self) -> LinkStats:
@@ -134,19 +116,7 @@ class Log:
 
     def read(self) -> Iterator[tuple[int, FrameBlock | RecordBlock | None]]:
         """Yield (bytes read, their messages): see :class:`Source`."""
-        if self._is_decoded:
-            assert self._kept is not None, "a log is decoded once"
-            self._kept.seek(0)
-            while (piece := pickle.load(self._kept)) is not None:
-                yield piece
-            return
-        for piece in self._reader.read(self._digest):
-            if self._kept is not None:
-                pickle.dump(piece, self._kept, pickle.HIGHEST_PROTOCOL)
-            yield piece
-        self._is_decoded = True
-        if self._kept is not None:
-            pickle.dump(None, self._kept)
+        return self._reader.read(self._digest)
 
 
 class TlogBytes:

@@ -15,7 +15,7 @@ from sources.tlog_records import BY_NAME, message, pack, random_records, sender
 
 from yawid.errors import SourceError
 from yawid.sources.link.endpoints import Endpoint
-from yawid.sources.link.recvmmsg import ManyAtOnce, OneByOne, _address, _Senders
+from yawid.sources.link.recvmmsg import ManyAtOnce, OneByOne, _address, address_of
 from yawid.sources.link.tcp_serial import StreamTap
 from yawid.sources.link.udp import UdpTap
 
@@ -99,7 +99,7 @@ def test_a_sender_on_a_link_of_its_own_is_named_with_the_link() -> None:
     raw = socket.inet_pton(socket.AF_INET6, "fe80::1")
     name = struct.pack("=H", socket.AF_INET6) + struct.pack(">HI", 14550, 0) + raw
     name += struct.pack("=I", 2) + bytes(4)
-    assert _Senders()[name] == _address("fe80::1", 14550, 0, 2) == ("fe80::1%2", 14550)
+    assert address_of(name) == _address("fe80::1", 14550, 0, 2) == ("fe80::1%2", 14550)
 
 
 def test_a_tcp_connection_is_recorded_and_can_be_answered() -> None:

@@ -3,7 +3,6 @@
 import json
 import tomllib
 from collections.abc import Mapping, Sequence
-from contextlib import closing
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -95,9 +94,9 @@ class Case:
             ConfigError: the options do not fit the log.
         """
         rows = TableSink()
-        with closing(open_log(self.log)) as source:
-            config = source.settled(asdict(self.config))
-            summary = run(source, config, [rows]).conclude()
+        source = open_log(self.log)
+        config = source.settled(asdict(self.config))
+        summary = run(source, config, [rows]).conclude()
         rows.finish(summary, {})
         kept = _compared(summary.to_json())
         return Replayed(rows.columns, rows.rows, json.loads(json.dumps(kept)))
@@ -112,8 +111,8 @@ class Case:
             SourceError: the log cannot be read.
             ConfigError: the options do not fit the log.
         """
-        with closing(open_log(self.log)) as source:
-            summary = run(source, source.settled(asdict(self.flight))).conclude()
+        source = open_log(self.log)
+        summary = run(source, source.settled(asdict(self.flight))).conclude()
         whole = {"exit_code": summary.exit_code} | summary.to_json()
         kept = {key: whole[key] for key in ANSWERS if key in whole}
         return dict(json.loads(json.dumps(kept), object_hook=_compared))

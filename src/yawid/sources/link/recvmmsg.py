@@ -13,6 +13,7 @@ import mmap
 import os
 import socket
 import sys
+from functools import lru_cache
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -66,25 +67,22 @@ class OneByOne:
 
     def wait(self) -> Arrivals:
         """Return the next datagram, and others that are there; none after the time-out."""
-        # An error means silence, or that the other end of udpout is not there yet.
-        with contextlib.suppress(BlockingIOError, TimeoutError, ConnectionError):
-            data, sender = self._socket.recvfrom(_LONGEST)
-            return _without_time([(data, _address(*sender))])
-        return NOTHING
+        return self._receive(1, 0)
 
     def get(self) -> Arrivals:
         """Return the datagrams that are there, ``MOST`` at most."""
-        received: list[tuple[bytes, Address]] = []
-        with contextlib.suppress(BlockingIOError, ConnectionError):
-            while len(received) < MOST:
-                data, sender = self._socket.recvfrom(_LONGEST, _DONT_WAIT)
-                received.append((data, _address(*sender)))
-        return _without_time(received)
+        return self._receive(MOST, _DONT_WAIT)
 
-
-def _without_time(received: list[tuple[bytes, Address]]) -> Arrivals:
-    times, datagrams = [0] * len(received), [data for data, _ in received]
-    return Arrivals(times, datagrams, [sender for _, sender in received])
+    def _receive(self, most: int, flags: int) -> Arrivals:
+        found = Arrivals([], [], [])
+        # An error means silence, or that the other end of udpout is not there yet.
+        with contextlib.suppress(BlockingIOError, TimeoutError, ConnectionError):
+            while len(found.datagrams) < most:
+                data, sender = self._socket.recvfrom(_LONGEST, flags)
+                found.system_us.append(0)
+                found.datagrams.append(data)
+                found.senders.append(_address(*sender))
+        return found
 
 
 def _address(host: str, port: int, _flow: int = 0, scope: int = 0) -> Address:
@@ -115,24 +113,14 @@ class _Arrival(ctypes.Structure):  # struct cmsghdr and the struct timeval it he
     )  # fmt: skip
 
 
-class _Senders(dict[int | bytes, Address]):
-    """The addresses by name, as the kernel writes it.
-
-    A name is the first eight bytes of a struct sockaddr_in as a number, or all bytes of a
-    sockaddr_in6.
-    """
-
-    def __missing__(self, name: int | bytes) -> Address:
-        if len(self) >= _MOST_SENDERS:
-            self.clear()
-        raw = name if isinstance(name, bytes) else name.to_bytes(8, sys.byteorder)
-        port = int.from_bytes(raw[2:4], "big")
-        if isinstance(name, bytes):
-            scope = int.from_bytes(raw[24:28], sys.byteorder)
-            self[name] = _address(socket.inet_ntop(socket.AF_INET6, raw[8:24]), port, 0, scope)
-        else:
-            self[name] = socket.inet_ntoa(raw[4:]), port
-        return self[name]
+@lru_cache(_MOST_SENDERS)
+def address_of(name: bytes) -> Address:
+    """Return the address from a struct sockaddr_in or sockaddr_in6."""
+    port = int.from_bytes(name[2:4], "big")
+    if int.from_bytes(name[:2], sys.byteorder) == socket.AF_INET:
+        return socket.inet_ntoa(name[4:8]), port
+    scope = int.from_bytes(name[24:28], sys.byteorder)
+    return _address(socket.inet_ntop(socket.AF_INET6, name[8:24]), port, 0, scope)
 
 
 class ManyAtOnce:
@@ -154,7 +142,7 @@ class ManyAtOnce:
         # NumPy would take huge pages, all of which are used at once.
         memory = mmap.mmap(-1, MOST * _LONGEST, mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS)
         data = np.frombuffer(memory, np.uint8).reshape(MOST, _LONGEST)
-        names = np.zeros((MOST, _NAME_SIZE // 8), np.uint64)
+        names = np.zeros((MOST, _NAME_SIZE), np.uint8)
         reported, pieces = np.zeros(MOST, np.dtype(_Arrival)), np.zeros(MOST, np.dtype(_Span))
         pieces["base"], pieces["size"] = _places(data), _LONGEST
         messages = np.zeros(MOST, np.dtype(_Message))
@@ -167,12 +155,10 @@ class ManyAtOnce:
         # These are views of what the kernel fills in. Python reads them instead of NumPy, which is
         # faster for a few dozen rows just after waking up.
         self._view, self._sizes = data.data.cast("B"), messages["size"]
-        is_ipv6 = udp.family == socket.AF_INET6
-        self._names = names.view(f"V{_NAME_SIZE}")[:, 0] if is_ipv6 else names[:, 0]
+        self._names = names.view(f"V{_NAME_SIZE}")[:, 0]
         self._seconds, self._us = reported["seconds"], reported["us"]
         self._control_sizes = headers["control_size"]
         self._starts = [_LONGEST * i for i in range(MOST)]
-        self._senders = _Senders()
         self._ask(0, _DONT_WAIT)  # a test of the call: it takes no datagram
 
     def wait(self) -> Arrivals:
@@ -192,7 +178,7 @@ class ManyAtOnce:
         return Arrivals(
             [second and 1_000_000 * second + us for second, us in times],
             [view[start : start + size].tobytes() for start, size in places],
-            list(map(self._senders.__getitem__, self._names[:count].tolist())),
+            list(map(address_of, self._names[:count].tolist())),
         )
 
     def _ask(self, most: int, flags: int) -> int:

@@ -37,7 +37,6 @@ DTYPES = {
         + [(name, "<f8") for name in ("rollspeed", "pitchspeed", "yawspeed")]
     ),
     "ACCELERATION": np.dtype([_TIME, ("yacc", "<f8")]),
-    "GLOBAL_POSITION_INT": np.dtype([_TIME, ("hdg", "<f8")]),
     "SERVO_OUTPUT_RAW": np.dtype(
         [_TIME, ("port", "u1")] + [(f"servo{i}_raw", "<f4") for i in range(1, 17)]
     ),

@@ -13,8 +13,8 @@
 
 ATTITUDE has a row for each row of RATE or IMU, with their body rates and with the angles of ATT,
 which are interpolated between two of its rows. ArduPlane writes RATE only in VTOL modes. IMU is the
-first gyro as calibrated; unlike RATE it still has its slow drift. If both are missing, the heading
-of ATT is used, which is coarse, as GLOBAL_POSITION_INT.
+first gyro as calibrated; unlike RATE it still has its slow drift. Without both there is no yaw
+rate.
 """
 
 from collections.abc import Iterator
@@ -133,8 +133,6 @@ class DataflashReader:
             yield self._outputs("RC_CHANNELS", "chan", "RCIN", offsets)
         if len(offsets := self._between(self._rates, low, high)):
             yield self._attitude(offsets, low, high)
-        elif not self._rates and self._index.has("ATT", "Yaw"):
-            yield self._heading(self._between("ATT", low, high))
         if self._index.has("IMU", "AccY"):
             yield self._acceleration(self._between("IMU", low, high))
 
@@ -185,11 +183,6 @@ class DataflashReader:
         rows = index.rows("ATT", offsets)
         roll, pitch, yaw = (index.si("ATT", rows, name) for name in ("Roll", "Pitch", "Yaw"))
         return angles_at(t_us, index.times("ATT", offsets), roll, pitch, yaw)
-
-    def _heading(self, offsets: Ints) -> MessageBlock:
-        rows = self._index.rows("ATT", offsets)
-        degrees = np.rad2deg(self._index.si("ATT", rows, "Yaw")) % 360.0
-        return self._timed("GLOBAL_POSITION_INT", "ATT", offsets, hdg=100.0 * degrees)
 
     def _rate_source(self) -> str:
         """Return RATE, or IMU where that covers more of the flight, or "" without either."""

@@ -22,7 +22,7 @@ sensor_combined. A standard log has actuator_outputs at 10 Hz and vehicle_torque
 import contextlib
 import io
 import itertools
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -215,26 +215,35 @@ class UlogReader:
     def _hud(self) -> PlacedFields:
         """Return a VFR_HUD at each time at which a column of it is reported, the others held."""
         air, kind = self._airspeed()
+        heights = ("vehicle_global_position", "alt"), ("vehicle_air_data", "baro_alt_meter")
+        height, _ = next(self._known(*heights), (_NOTHING, ""))
         ground = self._over_ground()
-        height = self._first_known(
-            ("vehicle_global_position", ("alt",)), ("vehicle_air_data", ("baro_alt_meter",))
-        )
         places, fields = merged("VFR_HUD", np.nan, airspeed=air, groundspeed=ground, alt=height)
         fields["airspeed_kind"] = kind
         return places, fields
 
+    def _having(self, *wanted: Sequence[str]) -> Iterator[tuple[UlogTopic, Sequence[str]]]:
+        """Yield those of the topics that have the columns named after them."""
+        for name, *columns in wanted:
+            topic = self._topics.get((name, 0), {})
+            if {*columns} <= topic.keys():
+                yield topic, columns
+
+    def _known(self, *wanted: Sequence[str]) -> Iterator[tuple[tuple[Ints, Floats], str]]:
+        """Yield times, values and name of those columns that have any number."""
+        for topic, (column,) in self._having(*wanted):
+            if np.isfinite(topic[column]).any():
+                yield (published(topic), topic[column].astype(float)), column
+
     def _airspeed(self) -> tuple[tuple[Ints, Floats], float]:
         """Return the best airspeed that has any number, and the kind of airspeed it is."""
         topics = "airspeed_validated", "airspeed"
-        best_first = itertools.product(topics, _AIRSPEED), itertools.product(topics, (_TRUE,))
-        for name, column in itertools.chain(*best_first):
-            topic = self._topics.get((name, 0), {})
-            if column not in topic or not np.isfinite(known(topic[column])).any():
-                continue
-            t_us, speed = published(topic), topic[column].astype(float)
-            if column == _TRUE:
-                speed = equivalent_of_true(speed, self._density_ratio(t_us))
-            return (t_us, speed), AIRSPEED_GIVEN["ULog", column]
+        wanted = [*itertools.product(topics, _AIRSPEED), *itertools.product(topics, (_TRUE,))]
+        for (t_us, speed), column in self._known(*wanted):
+            if np.isfinite(known(speed)).any():
+                if column == _TRUE:
+                    speed = equivalent_of_true(speed, self._density_ratio(t_us))
+                return (t_us, speed), AIRSPEED_GIVEN["ULog", column]
         return _NOTHING, np.nan
 
     def _density_ratio(self, t_us: Ints) -> Floats:
@@ -250,57 +259,38 @@ class UlogReader:
         )
         return density_ratio(height, rho)
 
-    def _first_known(self, *wanted: tuple[str, tuple[str, ...]]) -> tuple[Ints, Floats]:
-        """Return the first of these topics and columns that has any number."""
-        for name, columns in wanted:
-            topic = self._topics.get((name, 0), {})
-            column = next((column for column in columns if column in topic), None)
-            if column is not None and np.isfinite(topic[column]).any():
-                return published(topic), topic[column].astype(float)
-        return _NOTHING
-
     def _over_ground(self) -> tuple[Ints, Floats]:
         """Return the ground speed in m/s: that of PX4's position estimate, else that of GPS."""
-        position = self._topics.get(("vehicle_local_position", 0), {})
-        if {"vx", "vy"} <= position.keys():
+        for position, _ in self._having(("vehicle_local_position", "vx", "vy")):
             t_us = published(position)
-            known = position.get("v_xy_valid", np.ones(len(t_us))) != 0
-            if known.any():
-                return t_us, np.where(known, np.hypot(position["vx"], position["vy"]), np.nan)
-        for name in _GPS:
-            topic = self._topics.get((name, 0), {})
-            if {"vel_m_s", "fix_type"} <= topic.keys():
-                fixed = topic["fix_type"] >= _FIX_3D
-                return published(topic), np.where(fixed, topic["vel_m_s"], np.nan).astype(float)
+            is_known = position.get("v_xy_valid", np.ones(len(t_us))) != 0
+            if is_known.any():
+                return t_us, np.where(is_known, np.hypot(position["vx"], position["vy"]), np.nan)
+        for topic, _ in self._having(*((name, "vel_m_s", "fix_type") for name in _GPS)):
+            fixed = topic["fix_type"] >= _FIX_3D
+            return published(topic), np.where(fixed, topic["vel_m_s"], np.nan).astype(float)
         return _NOTHING
 
     def _attitude(self) -> PlacedFields:
         attitude = self._topics.get(("vehicle_attitude", 0), _NO_ROWS)
         names = ("rollspeed", "pitchspeed", "yawspeed")
-        for name, columns in (
-            ("vehicle_angular_velocity", [f"xyz[{i}]" for i in range(3)]),
-            ("vehicle_attitude", names),
-            ("sensor_combined", [f"gyro_rad[{i}]" for i in range(3)]),
+        for topic, columns in self._having(
+            ("vehicle_angular_velocity", *(f"xyz[{i}]" for i in range(3))),
+            ("vehicle_attitude", *names),
+            ("sensor_combined", *(f"gyro_rad[{i}]" for i in range(3))),
         ):
-            topic = self._topics.get((name, 0), {})
-            if set(columns) <= topic.keys():
-                t_us = sampled(topic)
-                w, x, y, z = array(attitude, "q", 4).T
-                angles = angles_at(t_us, sampled(attitude), *euler(w, x, y, z))
-                known = dict(zip(("roll", "pitch", "yaw"), angles, strict=True))
-                known |= {rate: topic[c] for rate, c in zip(names, columns, strict=True)}
-                return published(topic), table("ATTITUDE", len(t_us), time_usec=t_us, **known)
+            angles = angles_at(
+                sampled(topic), sampled(attitude), *euler(*array(attitude, "q", 4).T)
+            )
+            known = dict(zip(("roll", "pitch", "yaw"), angles, strict=True))
+            known |= {rate: topic[c] for rate, c in zip(names, columns, strict=True)}
+            return _sampled("ATTITUDE", topic, **known)
         return _NONE, table("ATTITUDE", 0)
 
     def _acceleration(self) -> PlacedFields:
-        for name, column in (
-            ("vehicle_acceleration", "xyz[1]"), ("sensor_combined", "accelerometer_m_s2[1]"),
-        ):  # fmt: skip
-            topic = self._topics.get((name, 0), {})
-            if column in topic:
-                t_us, lateral = sampled(topic), topic[column]
-                rows = table("ACCELERATION", len(t_us), time_usec=t_us, yacc=lateral)
-                return published(topic), rows
+        wanted = ("vehicle_acceleration", "xyz[1]"), ("sensor_combined", "accelerometer_m_s2[1]")
+        for topic, (column,) in self._having(*wanted):
+            return _sampled("ACCELERATION", topic, yacc=topic[column])
         return _NONE, table("ACCELERATION", 0)
 
     def _servos(self) -> PlacedFields:
@@ -330,19 +320,22 @@ class UlogReader:
         return _NONE, table("ACTUATOR_CONTROL_TARGET", 0)
 
     def _unix_minus_boot_us(self) -> int:
-        for name in _GPS:
-            topic = self._topics.get((name, 0), {})
-            if "time_utc_usec" in topic:
-                utc = topic["time_utc_usec"].astype(np.int64)
-                known = utc > FIRST_DATE_US
-                if known.any():
-                    return int(np.median((utc - published(topic))[known]))
+        for topic, _ in self._having(*((name, "time_utc_usec") for name in _GPS)):
+            utc = topic["time_utc_usec"].astype(np.int64)
+            is_known = utc > FIRST_DATE_US
+            if is_known.any():
+                return int(np.median((utc - published(topic))[is_known]))
         return 0
 
 
 def _timed(name: str, topic: UlogTopic, **columns: Any) -> PlacedFields:
     t_us = published(topic)
     return t_us, table(name, len(t_us), time_usec=t_us, **columns)
+
+
+def _sampled(name: str, topic: UlogTopic, **columns: Any) -> PlacedFields:
+    t_us = sampled(topic)
+    return published(topic), table(name, len(t_us), time_usec=t_us, **columns)
 
 
 def parsed(path: Path, topics: Iterable[str]) -> Any:
