@@ -228,8 +228,8 @@ LIMITS = {
     "saturated": (100 * judge.SATURATED,),
     "airspeed_changed": (100 * AIRSPEED_SHARE,),
     "airspeed_implausible": (
-        conditions.FACTOR, conditions.SIGMAS, conditions.SLIP, 100 * conditions.SLIP_SIGMA,
-        conditions.TAIL_WIND,
+        conditions.SIGMAS, 100 * conditions.SENSOR_SIGMA, 100 * conditions.SCATTER,
+        conditions.SLIP, 100 * conditions.SLIP_SIGMA, conditions.WIND_SHARE, conditions.WIND_M_S,
     ),
     "wrong_sign": (judge.SIGMAS,),
     "closed_loop": (judge.SOME_FED_BACK,),

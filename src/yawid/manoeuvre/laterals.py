@@ -10,6 +10,7 @@ from typing import Any
 from yawid.answers.reasons import Reason
 from yawid.answers.run_summary import Bare, Flight, Manoeuvre
 from yawid.blocks import SampleBlock
+from yawid.lateral.motion_store import MotionStore
 from yawid.manoeuvre.bare_answer import (
     Fitted,
     against_flown,
@@ -19,7 +20,6 @@ from yawid.manoeuvre.bare_answer import (
     yaw_damped,
 )
 from yawid.manoeuvre.conditions import conditions
-from yawid.manoeuvre.motion_store import MotionStore
 from yawid.quantities.vehicles import AIRFRAME
 
 MOST_KEPT = 24

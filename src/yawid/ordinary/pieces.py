@@ -20,7 +20,7 @@ from itertools import pairwise
 import numpy as np
 
 from yawid.blocks import MotionBlock, SampleBlock
-from yawid.manoeuvre.motion_store import MotionStore
+from yawid.lateral.motion_store import MotionStore
 from yawid.ordinary.spectra import Sums, window_sums
 
 PIECE_S = 20.0

@@ -12,7 +12,7 @@ from manoeuvre.streams import stream
 
 from yawid.blocks import MotionBlock, StampedRows
 from yawid.lateral.motion import COMMAND_STEP_S, Motion
-from yawid.manoeuvre.motion_store import MotionStore, angle_of_climb, motion_of
+from yawid.lateral.motion_store import MotionStore, angle_of_climb, motion_of
 from yawid.quantities.airspeed import Kind
 
 W = 2.0
