@@ -31,7 +31,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "damper": {"config", "models", "physics"},
     "results": {"config", "estimation", "physics"},
     "manoeuvre": {"config", "estimation", "lateral", "physics", "results"},
-    "ordinary": {"lateral", "manoeuvre"},
+    "ordinary": {"lateral"},
     "sinks": {"estimation"},
     "sinks/mcap": {"config", "estimation", "sinks"},
     "sinks/rerun": {"physics", "sinks"},
@@ -53,9 +53,9 @@ MAY_IMPORT: dict[str, set[str]] = {
     "__main__": {"cli"},
 }
 """Room -> the other rooms of which it may import something. Rooms within estimation are its own."""
-MOST_FLOORS, MOST_ARROWS = 10, 121  # 115 where manoeuvre/ has taken the place of manoeuvres/
+MOST_FLOORS, MOST_ARROWS = 10, 120  # 115 where manoeuvre/ has taken the place of manoeuvres/
 MOST_LINES, MOST_IN_FUNCTION = 450, 60
-MOST_FILES = {"answers": 14, "channels": 18, "cli": 15, "manoeuvre": 15}
+MOST_FILES = {"answers": 14, "channels": 18, "cli": 15, "lateral": 14, "manoeuvre": 15}
 """A room holds about ten files; channels and cli, a file for each kind of command, have more, and
 manoeuvre while it is being built."""
 ONLY_IN = {

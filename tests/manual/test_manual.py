@@ -200,7 +200,7 @@ def test_the_settings_file_has_every_option_with_its_default():
 
 KNOWN = (
     100 * judge.UNCERTAIN_WN, judge.UNCERTAIN_ZETA, judge.LEAST_UNCERTAIN_ZETA,
-    100 * judge.ZETA_SHARE, judge.LEAST_PERIODS, judge.LEAST_PERIODS_SURE, 100 * judge.SURE_WN,
+    100 * judge.ZETA_SHARE, judge.PERIODS,
 )  # fmt: skip
 """How well the mode of a manoeuvre must be known."""
 LIMITS = {
@@ -214,7 +214,7 @@ LIMITS = {
     "mixed_rudder": (100 * excitation.LEAST_STROKE, excitation.REACH_S),
     "collinear_inputs": (judge_samples.COLLINEAR, judge_samples.LAGS_COMPARED),
     "mode_not_driven": (
-        judge.LEAST_FREE, judge.LEAST_SHIFTED, *judge.NEAR_PERIODS, judge.FAR_PERIODS, judge.FAR,
+        judge.LEAST_DRIVEN, *judge.NEAR_PERIODS, judge.FAR_PERIODS, judge.FAR,
         judge.CLEAR_PAIR,
     ),
     "not_converged": (
@@ -274,7 +274,7 @@ def test_the_limits_of_a_manoeuvres_answer_are_those_of_the_code():
     } <= numbers_of("wn, zeta and their sigma")
     assert {answer.LOWEST, answer.HIGHEST} <= numbers_of("K, T, and what a doublet shows")
     assert {
-        *(judge.LEAST_FREE, judge.LEAST_SHIFTED, *judge.NEAR_PERIODS, judge.FAR, judge.FAR_PERIODS),
+        *(judge.LEAST_DRIVEN, *judge.NEAR_PERIODS, judge.FAR, judge.FAR_PERIODS),
         *(*KNOWN, judge.LEAST_PCT),
     } <= numbers_of("What is judged")
     assert {

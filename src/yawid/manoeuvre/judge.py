@@ -4,7 +4,7 @@ What is asked is one thing: did this rudder make this yaw motion, and is its mod
 
     driven   2 log(L / L_0) of the model against free decay of the same poles, and against the same
              rudder moved in time: by 0.2 to 1.5 periods, and round the record by more than 3
-    known    the total sigma of wn and zeta, at least three periods, the simulated fit
+    known    the total sigma of wn and zeta, at least 2.5 periods, the simulated fit
     flown    the rudder's own part moved both ways, at one airspeed, not by the yaw rate itself
 
 Free decay alone has the right wn and zeta whatever the rudder did, so that without the first row
@@ -28,7 +28,7 @@ from yawid.estimation.fit import fit_percent
 from yawid.manoeuvre.answer import Answer
 from yawid.manoeuvre.conditions import SIGMAS
 from yawid.manoeuvre.feedback import rate_feedback
-from yawid.manoeuvre.find import OTHER_SPEED, speed_factor
+from yawid.manoeuvre.find import OTHER_SPEED, PERIODS, speed_factor
 from yawid.manoeuvre.fit import Fit, best_alone
 from yawid.manoeuvre.likelihood import free_decay, freed, shifted, simulated
 from yawid.manoeuvre.signals import TURNS, Fitted, is_turning
@@ -43,20 +43,14 @@ of zeta. With 0.1 alone a T38 in severity 3 had .14 ± .07 for .36; with a share
 flights of the seed 8201 in gusts had no answer."""
 ROUGH_WN: Final = 0.05
 """The total sigma of wn, as a part of it, from which it is a rough value: a warning."""
-LEAST_FREE: Final = 30.0
-"""The least ratio against free decay. Of misled copies that pass the test of shifts by chance none
-had more than 25."""
-LEAST_SHIFTED: Final = 40.0
-"""The least ratio against the rudder moved in time. At 20, of a rudder that is 0.4 s late one copy
-in 88 had a usable answer, 10 % off."""
+LEAST_DRIVEN: Final = 40.0
+"""The least ratio against free decay, and against the rudder moved in time. At 20, of a rudder that
+is 0.4 s late one copy in 88 had a usable answer, 10 % off. Of misled copies that pass the test of
+shifts by chance none had more than 25 against free decay."""
 SHIFTS, NEAR_PERIODS, FAR_PERIODS, FAR = 12, (0.2, 1.5), 3.0, 99
 """How many shifts there are, and of how many periods: a zero and a lag imitate less than 0.2."""
 LEAST_PCT: Final = 40.0
 """The least simulated fit in percent. Of a T38 in heavy gusts it was 30, and zeta 0.2 too low."""
-LEAST_PERIODS, LEAST_PERIODS_SURE, SURE_WN = 3.0, 2.5, 0.03
-"""The least length in periods of the mode, and where wn is surely known: its total sigma is below
-so much of it. With 2 the errors of wn in gusts were 3.6 % instead of 3.0 (RMS), and 18 % at most.
-"""
 LEAST_SWINGS: Final = 2
 """The least strokes of the rudder, there and back. Of one way alone its gain is the bias."""
 LEAST_RATIO, LOW_RATIO = 4.0, 10.0
@@ -251,12 +245,11 @@ def _known(answer: Answer, fit: Fit, explained_pct: float) -> Iterator[Reason]:
     else:
         yield from rough_reasons(wn, wn_std)
     seconds = fit.blocks.record.seconds
-    needed = LEAST_PERIODS_SURE if wn_std < SURE_WN * wn else LEAST_PERIODS
-    if (periods := seconds * wn / (2.0 * math.pi)) < needed:
+    if (periods := seconds * wn / (2.0 * math.pi)) < PERIODS:
         yield Reason(
             "not_converged",
             f"the {seconds:.1f} s hold only {periods:.1f} periods of the Dutch roll found: at "
-            f"least {needed:g} are needed",
+            f"least {PERIODS:g} are needed",
             "Choose a longer stretch, or fly longer manoeuvres.",
         )
     if explained_pct < LEAST_PCT:
@@ -288,19 +281,19 @@ def _driven(fit: Fit) -> Iterator[Reason]:
     near, late = min([*pairs, *((2.0 * freed(fit, late), late) for _, late in sorted(pairs)[:2])])
     apart = math.ceil(FAR_PERIODS * period)
     others = np.unique(np.linspace(apart, rows - apart, FAR).astype(int))
-    if (free := 2.0 * free_decay(fit)) < LEAST_FREE:
+    if (free := 2.0 * free_decay(fit)) < LEAST_DRIVEN:
         yield Reason(
             "mode_not_driven",
             "the rudder explains the yaw rate hardly better than free decay alone: likelihood "
-            f"ratio {max(free, 0.0):.0f}, at least {LEAST_FREE:g} needed",
+            f"ratio {max(free, 0.0):.0f}, at least {LEAST_DRIVEN:g} needed",
         )
-    elif near < LEAST_SHIFTED:
+    elif near < LEAST_DRIVEN:
         when = "later" if late > 0 else "earlier"
         yield Reason(
             "mode_not_driven",
             f"the same rudder {abs(late * record.sample_time_s):.2g} s {when} explains the yaw "
             f"rate nearly as well: likelihood ratio {max(near, 0.0):.0f}, at least "
-            f"{LEAST_SHIFTED:g} needed",
+            f"{LEAST_DRIVEN:g} needed",
             "Check the rudder's channel (--rudder) and that its times are those of the yaw rate.",
         )
     elif rows > 2 * apart and shifted(fit, others).min() < 0.0:
