@@ -13,7 +13,6 @@ _FITS = 2.0  # it fits if it is that of the lost frames within this factor
 _MOST_JUMPS = 1000  # further ones count as restarts
 _LATE = 32  # a step back by up to this much is a frame that came late, by more a restart
 _TWICE_WITHIN_US = 2_000_000  # the longest time between a frame and its duplicate
-_WORD = 8
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,18 +55,22 @@ class SenderCount:
         """Count the frames, n >= 1; return which are no duplicates (n,), None if all are new."""
         steps = _steps(own.sequence, self._last)
         place = self._place + np.cumsum(steps.view(np.int8), dtype=np.int64)
-        goes_on = bool(place[0] > self._highest and (steps[1:].view(np.int8) > 0).all())
-        is_new = None
         self.frames += len(steps)
-        if goes_on:
+        self._last, self._place = int(own.sequence[-1]), int(place[-1])
+        if place[0] > self._highest and (steps[1:].view(np.int8) > 0).all():  # each is a later one
+            last_row = np.full(_CYCLE, -1)
+            last_row[own.sequence] = np.arange(len(steps))
+            self._compare(data, own.select(rows := last_row[last_row >= 0]), place[rows])
+            self._highest = self._place
             self._count_lost(own.sequence, own.stamps, None)
-        else:
-            is_taken, is_twice = self._compare(data, own, place)
-            is_new = ~is_twice
-            self.duplicates += int(is_twice.sum())
-            self._count_lost(own.sequence[is_new], own.stamps[is_new], is_taken[is_new])
-        self._remember(data, own, place, goes_on=goes_on)
-        return None if is_new is None or is_new.all() else is_new
+            return None
+        is_taken, is_twice = self._compare(data, own, place)
+        # Only frames kept count: after a restart, lower places must not be suspect for good.
+        self._highest = max(entry[0] for entry in self._recent if entry is not None)
+        is_new = ~is_twice
+        self.duplicates += int(is_twice.sum())
+        self._count_lost(own.sequence[is_new], own.stamps[is_new], is_taken[is_new])
+        return None if is_new.all() else is_new
 
     def lost_in_jumps(self) -> int:
         """Return how many frames were left out by steps of more than 128 whose time fits a loss.
@@ -106,38 +109,17 @@ class SenderCount:
         self._last_kept, self._last_kept_us = int(sequence[-1]), int(stamps[-1])
 
     def _compare(self, data: bytes, own: Records, place: Ints) -> tuple[Bools, Bools]:
-        """Return which frames (n,) have the place of an earlier one, and which equal that one."""
-        by_number = np.argsort(own.sequence, kind="stable")
-        follows = np.diff(own.sequence[by_number]) == 0
-        earlier, later = by_number[:-1][follows], by_number[1:][follows]
-        is_taken = np.zeros(len(place), np.bool_)
-        is_taken[later] = place[earlier] == place[later]
-        near = is_taken[later]
-        near &= np.abs(own.stamps[earlier] - own.stamps[later]) <= _TWICE_WITHIN_US
-        earlier, later = earlier[near], later[near]
-        is_twice = np.zeros(len(place), np.bool_)
-        is_twice[later] = _same_bytes(data, own.frames, earlier, later)
-        firsts = by_number[np.flatnonzero(np.concatenate(([True], ~follows)))]
-        for row in firsts.tolist():
-            recent = self._recent[own.sequence[row]]
-            if recent is not None and recent[0] == place[row]:
-                is_near = abs(int(own.stamps[row]) - recent[1]) <= _TWICE_WITHIN_US
-                frame = data[own.frames.begin[row] : own.frames.end[row]]
+        """Keep the frames by number; return which (n,) had an earlier one's place, and equal it."""
+        is_taken, is_twice = np.zeros((2, len(place)), np.bool_)
+        ends = own.frames.begin.tolist(), own.frames.end.tolist()
+        rows = zip(own.sequence.tolist(), place.tolist(), own.stamps.tolist(), *ends, strict=True)
+        for row, (number, at, stamp, first, stop) in enumerate(rows):
+            recent, frame = self._recent[number], data[first:stop]
+            self._recent[number] = at, stamp, frame
+            if recent is not None and recent[0] == at:
                 is_taken[row] = True
-                is_twice[row] = is_near and recent[2] == frame
+                is_twice[row] = abs(stamp - recent[1]) <= _TWICE_WITHIN_US and recent[2] == frame
         return is_taken, is_twice
-
-    def _remember(self, data: bytes, own: Records, place: Ints, *, goes_on: bool) -> None:
-        rows = _last_rows(own.sequence)
-        begin, end = own.frames.begin[rows].tolist(), own.frames.end[rows].tolist()
-        when = place[rows].tolist(), own.stamps[rows].tolist()
-        numbers = own.sequence[rows].tolist()
-        for number, at, stamp, first, stop in zip(numbers, *when, begin, end, strict=True):
-            self._recent[number] = at, stamp, data[first:stop]
-        self._last, self._place = int(own.sequence[-1]), int(place[-1])
-        # Only frames kept count: after a restart, lower places must not be suspect for good.
-        kept = (entry[0] for entry in self._recent if entry is not None)
-        self._highest = self._place if goes_on else max(kept)
 
 
 def _steps(sequence: Bytes, before: int | None) -> Bytes:
@@ -146,33 +128,3 @@ def _steps(sequence: Bytes, before: int | None) -> Bytes:
     steps[0] = 1 if before is None else (int(sequence[0]) - before) % _CYCLE
     np.subtract(sequence[1:], sequence[:-1], out=steps[1:])
     return steps
-
-
-def _last_rows(sequence: Bytes) -> Ints:
-    """Return the last row of each sequence number that occurs."""
-    if len(sequence) == 1:
-        return np.zeros(1, np.int64)
-    last_row = np.full(_CYCLE, -1)
-    first = max(len(sequence) - 4 * _CYCLE, 0)
-    last_row[sequence[first:]] = np.arange(first, len(sequence))
-    if first and (last_row < 0).any():
-        last_row[sequence] = np.arange(len(sequence))
-    return last_row[last_row >= 0]
-
-
-def _same_bytes(data: bytes, frames: Frames, earlier: Ints, later: Ints) -> Bools:
-    """Return whether the frames of two lists of rows are the same, byte for byte (n,)."""
-    size = (frames.end - frames.begin)[earlier]
-    same: Bools = size == (frames.end - frames.begin)[later]
-    word_at = np.ndarray((len(data) - _WORD + 1,), np.uint64, data, 0, (1,))
-    rows = np.flatnonzero(same)
-    offset = 0
-    while len(rows):
-        # The last word ends with the frame: no frame is shorter than a word.
-        at = np.minimum(offset, size[rows] - _WORD)
-        first = word_at[frames.begin[earlier[rows]] + at]
-        second = word_at[frames.begin[later[rows]] + at]
-        same[rows] &= first == second
-        offset += _WORD
-        rows = rows[size[rows] > offset]
-    return same
