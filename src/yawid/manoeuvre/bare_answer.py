@@ -57,7 +57,8 @@ FED_BACK: Final = 0.1
 """The most of the rudder near the mode that may feed back the yaw rate: with .21 to .29 flights
 of SITL in turbulence had zeta .46 to .57 for .63. Without a damper none is seen at all."""
 MOST_APART: Final = 1.5
-"""The most by which the airframe may differ from the answer as flown, in sums of both sigmas."""
+"""The most by which the airframe may differ from the answer as flown, in sums of both sigmas: their
+errors are of one record, so that they are not added in squares. Carried over from earlier gates."""
 NOT_DRIVEN: Final = frozenset({"not_excited", "mode_not_driven"})
 """The reasons against an answer as flown that also stop the airframe: at the end of a go-around,
 with the rudder moved by the autopilot to one side, wn was 9 % low with a sigma of 2.5 %."""

@@ -65,9 +65,11 @@ lost a part of their decay. With 0.3 gusts hide crossings: of 192 simulated doub
 LONGEST_S: Final = 120.0
 """The longest manoeuvre in s. Without it a rudder that never rests would be one without an end."""
 LONGEST_GAP_S: Final = 2.0
-"""The longest gap without a usable sample, in s, that a manoeuvre may have."""
+"""The longest gap without a usable sample, in s, that a manoeuvre may have: in a longer one the
+rudder may have moved. Carried over from the earlier finder."""
 LONGEST_STATED_S: Final = 600.0
-"""A stretch given by --from and --to is one manoeuvre if it is not longer than this, in s."""
+"""A stretch given by --from and --to is one manoeuvre if it is not longer than this, in s: without
+it a whole flight that is named would be one. Carried over from the earlier finder."""
 OTHER_SPEED, SPEED_S = 1.3, 2.0
 """The largest factor between first and last airspeed, means over so many s, as a gust is shorter.
 Beyond it, as in a take-off or a landing, an answer would hold for neither of the two."""

@@ -40,7 +40,8 @@ LEAST_STD = 1e-6
 """The least relative sigma: a record without noise has sigma 0, and by the weight of 1e-9 the other
 manoeuvres of a flight would be lost in rounding."""
 LEAST_AGREEING = 2.0 / 3.0
-"""The share of weight that must agree, or else ``manoeuvres_disagree`` is fatal."""
+"""The share of weight that must agree, or else ``manoeuvres_disagree`` is fatal: without it two
+that differ would be one answer. Carried over from earlier pooling."""
 LEFT_OUT: Final = (": it is left out of the answer", ": they are left out of the answer")
 POWERS: Final = {
     "K": 1, "T_theta_s": -1, "a_z_beta": 1, "a_my_omega_y": 1, "a_my_beta": 2, "a_my_delta_h": 2,

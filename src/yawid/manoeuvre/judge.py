@@ -36,13 +36,15 @@ from yawid.results.excitation import LEAST_STROKE, own_part
 from yawid.results.judge_samples import COLLINEAR, closeness, message_rate_reasons
 
 UNCERTAIN_WN: Final = 0.1
-"""The total sigma of wn, as a part of it, from which nothing follows from it."""
+"""The total sigma of wn, as a part of it, from which nothing follows from it. With a limit of 40
+for the ratios it let no answer of 543 misled manoeuvres pass, and a take-off roll was refused."""
 UNCERTAIN_ZETA, LEAST_UNCERTAIN_ZETA, ZETA_SHARE = 0.1, 0.04, 0.4
 """The total sigma of zeta from which nothing follows from it; of a light mode it may be that share
 of zeta. With 0.1 alone a T38 in severity 3 had .14 ± .07 for .36; with a share of 0.25 seven right
 flights of the seed 8201 in gusts had no answer."""
 ROUGH_WN: Final = 0.05
-"""The total sigma of wn, as a part of it, from which it is a rough value: a warning."""
+"""The total sigma of wn, as a part of it, from which it is a rough value: a warning, of 31
+manoeuvres in 288. Carried over from earlier judging."""
 LEAST_DRIVEN: Final = 40.0
 """The least ratio against free decay, and against the rudder moved in time. At 20, of a rudder that
 is 0.4 s late one copy in 88 had a usable answer, 10 % off. Of misled copies that pass the test of
@@ -57,7 +59,8 @@ LEAST_RATIO, LOW_RATIO = 4.0, 10.0
 """Samples in a period of the mode below which there is no answer, and below which zeta is
 uncertain: a step of the command is known to a sample only."""
 SATURATED: Final = 0.05
-"""The part of the time at the stops from which there is a warning."""
+"""The part of the time at the stops from which there is a warning: beyond them the rudder's effect
+is unknown. Carried over from earlier judging; none of 288 drawn and recorded manoeuvres has it."""
 SOME_FED_BACK, MOST_FED_BACK = 0.5, 1.0
 """The part of the rudder near the mode that feeds back the yaw rate, for a warning and for none. On
 flights of an ArduPlane answers were right up to 0.9, and 9 to 12 % too high from 1.3 on."""

@@ -23,7 +23,8 @@ from yawid.manoeuvre.conditions import conditions
 from yawid.quantities.vehicles import AIRFRAME
 
 MOST_KEPT = 24
-"""The most manoeuvres of a flight whose motion is kept for a fit over several of them."""
+"""The most manoeuvres of a flight whose motion is kept for a fit over several of them: a bound of
+memory, without which a flight of hours would have none."""
 
 
 class Laterals:
