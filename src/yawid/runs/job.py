@@ -24,7 +24,7 @@ from yawid.runs.outputs import parameters_of
 from yawid.runs.stop import Interrupted, StopFlag
 from yawid.sinks.base import Sink
 from yawid.sources.formats import RUN, format_of
-from yawid.sources.open_log import Log, ReadOptions, Source
+from yawid.sources.open_log import Log, ReadOptions, TlogBytes
 
 if TYPE_CHECKING:
     from yawid.runs.finished_run import FinishedRun
@@ -174,7 +174,7 @@ def run(
 
 
 def feed_all(
-    source: Source,
+    source: "Recording | TlogBytes",
     pipeline: Pipeline,
     stop: StopFlag | None = None,
     advance: Callable[[int], None] = lambda size: None,

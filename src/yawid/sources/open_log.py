@@ -5,9 +5,9 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
-from yawid.blocks import FrameBlock, MotionBlock, RecordBlock, SampleBlock
+from yawid.blocks import FrameBlock, RecordBlock
 from yawid.errors import SourceError
 from yawid.quantities.link import LinkStats
 from yawid.sources.formats import format_of
@@ -48,22 +48,6 @@ class ReadOptions:
         if self.key is not None or not link.signed:
             return None
         return "signatures were not checked: give --signing-key-file FILE to check them"
-
-
-class Source(Protocol):
-    """A recording opened for reading: the messages of a log, or the samples of a run."""
-
-    @property
-    def size(self) -> int:
-        """The size of the file in bytes."""
-
-    def read(
-        self,
-    ) -> Iterator[tuple[int, FrameBlock | RecordBlock | SampleBlock | MotionBlock | None]]:
-        """Yield (bytes read, their messages, samples or motion) from the start to the end.
-
-        Messages are None where the bytes complete none.
-        """
 
 
 class Log:
@@ -115,7 +99,7 @@ class Log:
         return self._digest.hexdigest()
 
     def read(self) -> Iterator[tuple[int, FrameBlock | RecordBlock | None]]:
-        """Yield (bytes read, their messages): see :class:`Source`."""
+        """Yield (bytes read, their messages), None where they complete none, to the end."""
         return self._reader.read(self._digest)
 
 
@@ -135,7 +119,7 @@ class TlogBytes:
         return self._decoder.link
 
     def read(self) -> Iterator[tuple[int, FrameBlock | None]]:
-        """Yield (bytes read, their messages): see :class:`Source`."""
+        """Yield (bytes read, their messages), None where they complete none, to the end."""
         for piece in self._pieces:
             yield len(piece), self._decoder.feed(piece)
         yield 0, self._decoder.finish()

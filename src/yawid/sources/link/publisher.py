@@ -69,12 +69,13 @@ class OverUdp:
     def __call__(self, frame: bytes, sysid: int) -> None:
         """Send a frame: see ``Way``; a refusal is about an earlier frame, and this one is sent."""
         refusal = None
-        with suppress(BlockingIOError):
-            for _ in range(_MOST_READ):
-                try:
-                    _, self._peer = self.socket.recvfrom(_LONGEST_DATAGRAM)
-                except ConnectionError as error:
-                    refusal = error
+        for _ in range(_MOST_READ):
+            try:
+                _, self._peer = self.socket.recvfrom(_LONGEST_DATAGRAM)
+            except BlockingIOError:
+                break
+            except OSError as error:
+                refusal = error
         if self._is_connected:
             self.socket.send(frame)
         elif self._peer is not None:
