@@ -9,7 +9,7 @@ a socket.
 
 import math
 from collections.abc import Callable, Sequence
-from concurrent.futures import Executor
+from concurrent.futures import Executor, Future
 from dataclasses import replace
 from typing import Final
 
@@ -18,7 +18,8 @@ import numpy as np
 
 from yawid.answers.channel_report import ChannelReport
 from yawid.answers.heard import BootSpan
-from yawid.answers.reasons import Reason
+from yawid.answers.ordinary import OrdinaryAnswer
+from yawid.answers.reasons import Reason, Verdict
 from yawid.answers.run_summary import Bare, ChannelFound, Flight, Manoeuvre
 from yawid.blocks import FrameBlock, Held, ModesBlock, MotionBlock, RecordBlock, SampleBlock
 from yawid.channels.report import report_of
@@ -28,9 +29,12 @@ from yawid.estimation.bank import Bank
 from yawid.estimation.polynomials import parameter_names
 from yawid.manoeuvre.find import UnderWay
 from yawid.manoeuvre.judge import ManoeuvreSetting
+from yawid.manoeuvre.laterals import done_by
 from yawid.manoeuvre.stage import Manoeuvres
+from yawid.ordinary import Ordinary, answer_of
 from yawid.physics.stage import PhysicsStage
 from yawid.results.judge_samples import all_held
+from yawid.results.ordinary_flight import given
 from yawid.results.yaw_loop import gains_in
 from yawid.sinks.base import Grid, Sink
 
@@ -83,6 +87,8 @@ class Pipeline:
         self._manoeuvres: Manoeuvres | None = None
         self._motion: list[MotionBlock] = []
         self._of_file = of_file
+        self._ordinary = Ordinary(config.half_travel) if config.is_ordinary else None
+        self._answering: Future[OrdinaryAnswer] | None = None
 
     def report(self) -> ChannelReport:
         """Return the report of the channels in their present state."""
@@ -91,7 +97,7 @@ class Pipeline:
     @property
     def manoeuvres(self) -> list[Manoeuvre] | None:
         """The manoeuvres answered so far; None where none are searched for."""
-        if self.config.manoeuvres == "off":
+        if not self.config.has_manoeuvres:
             return None
         stage = self._manoeuvres
         if stage is None:
@@ -136,6 +142,15 @@ class Pipeline:
         """Return the bare airframe of the flight, which may take a fit; None without any."""
         return None if self._manoeuvres is None else self._manoeuvres.bare()
 
+    def ordinary(self) -> OrdinaryAnswer | None:
+        """Return the answer of ordinary flight, which may take a fit; None where none is asked."""
+        if self._ordinary is None or self.bank is None:
+            return None
+        if self._answering is None:
+            self._answering = Future()
+            self._answering.set_result(_answered(self._ordinary))
+        return self._answering.result()
+
     def feed(self, block: FrameBlock | RecordBlock | SampleBlock | MotionBlock | None) -> None:
         """Take messages, a record's rows or samples in; estimate all samples they complete.
 
@@ -165,6 +180,8 @@ class Pipeline:
             return
         if self._manoeuvres is not None and self._manoeuvres.laterals is not None:
             self._manoeuvres.laterals.store.feed(motion)
+        if self._ordinary is not None:
+            self._ordinary.move(motion)
         for sink in self.sinks:
             sink.motion(motion)
 
@@ -183,6 +200,10 @@ class Pipeline:
         self._estimate_all(self.channels.finish())
         if self._manoeuvres is not None:
             self._manoeuvres.finish()
+        if self._ordinary is not None:
+            self._ordinary.finish()
+            if self._lateral_worker is not None:
+                self._answering = self._lateral_worker.submit(_answered, self._ordinary)
         return self.collect()
 
     def collect(self, *, until_s: float = -math.inf) -> list[Manoeuvre]:
@@ -201,7 +222,11 @@ class Pipeline:
 
     def leave_out(self, until_s: float) -> list[str]:
         """Give up the answers that are not ready; return in words what is missing."""
-        return [] if self._manoeuvres is None else self._manoeuvres.leave_out(until_s)
+        late = [] if self._manoeuvres is None else self._manoeuvres.leave_out(until_s)
+        if self._answering is not None and not done_by(self._answering, until_s):
+            self._ordinary = self._answering = None
+            late.append("the answer of ordinary flight")
+        return late
 
     @property
     def bare_is_late(self) -> bool:
@@ -237,6 +262,8 @@ class Pipeline:
         self._held |= Held(int(np.bitwise_or.reduce(samples.held)))
         for sink in self.sinks:
             sink.write(samples, estimates, self.modes)
+        if self._ordinary is not None:
+            self._ordinary.feed(samples)
         if self._manoeuvres is not None:
             self._manoeuvres.feed(samples, estimates)
             if self._worker is None:
@@ -252,7 +279,7 @@ class Pipeline:
             servo_tau_s=self.config.servo_tau,
         )
         modes_of = self.channels.modes_of or self._modes_of
-        if self.config.manoeuvres != "off":
+        if self.config.has_manoeuvres:
             rates_hz = self._rates_hz or (1.0 / sample_time_s,) * 2
             if self.channels.intervals_us is not None:
                 yaw_us, rudder_us = self.channels.intervals_us
@@ -276,3 +303,13 @@ class Pipeline:
         for motion in waiting:
             self._move(motion)
         return self.bank
+
+
+def _answered(flight: Ordinary) -> OrdinaryAnswer:
+    """Return the answer of ordinary flight, refused where its fit fails."""
+    try:
+        with np.errstate(all="ignore"):  # a step too far is not taken
+            return given(answer_of(flight))
+    except Exception as error:  # whatever happens here, the manoeuvres' answer must stay
+        failed = Reason("fit_failed", f"the fit failed: {error}", weight="fatal")
+        return OrdinaryAnswer(verdict=Verdict(usable=False, reasons=[failed]))

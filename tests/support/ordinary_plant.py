@@ -7,11 +7,14 @@ from one sample to the next.
 from __future__ import annotations
 
 import math
+import struct
 from typing import Any
 
 import numpy as np
+from flightlog import START_US
 from linear_flights import airframe
 from numpy.typing import NDArray
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from scipy.linalg import expm
 
 from yawid.blocks import MotionBlock, SampleBlock, StampedRows
@@ -23,6 +26,13 @@ DERIVATIVES = {
     "N_beta": 4.0, "N_p": -0.15, "N_r": -0.6, "N_delta_a": 0.1, "N_delta_r": 0.0,
 }  # fmt: skip
 LAW = 1.0, 0.3
+PARAMETERS = {
+    f"SERVO{n}_{name}": value
+    for n, function in ((1, 4.0), (4, 21.0))
+    for name, value in {
+        "FUNCTION": function, "MIN": 1100.0, "TRIM": 1500.0, "MAX": 1900.0, "REVERSED": 0.0
+    }.items()
+}  # fmt: skip
 
 
 def truth(derivatives: dict[str, float] = DERIVATIVES) -> tuple[float, float]:
@@ -115,3 +125,27 @@ def blocks(
         zero + AIRSPEED_M_S, none, none, none, aileron, zero, zero, zero, zero, zero, zero + 1.0,
     )  # fmt: skip
     return motion, samples
+
+
+def as_tlog(flight: Floats) -> bytes:
+    """Return the tlog of a flight, whose servo messages come between the attitudes."""
+    link, data = mavlink.MAVLink(None, srcSystem=1, srcComponent=1), []
+
+    def send(t_s: float, message: Any) -> None:
+        stamp = struct.pack(">Q", START_US + round(1e6 * t_s) + 3000)
+        data.append(stamp + message.pack(link))
+        link.seq = (link.seq + 1) % 256
+
+    for i, (name, value) in enumerate(PARAMETERS.items()):
+        send(29.0, mavlink.MAVLink_param_value_message(name.encode(), value, 9, len(PARAMETERS), i))
+    for k, (t, p, r, roll, aileron, rudder) in enumerate(flight.tolist()):
+        t += 30.0  # a vehicle is on for a while before it flies
+        if k % 25 == 0:
+            send(t, mavlink.MAVLink_heartbeat_message(1, 3, 0x80, 5, 4, 3))  # in FBWA, armed
+        if k % 5 == 0:
+            send(t, mavlink.MAVLink_vfr_hud_message(AIRSPEED_M_S, AIRSPEED_M_S, 0, 50, 0.0, 0.0))
+        send(t, mavlink.MAVLink_attitude_message(round(1000 * t), roll, 0.0, 0.0, p, 0.0, r))
+        pwm = [round(1500.0 + 400.0 * aileron), 1500, 1500, round(1500.0 + 400.0 * rudder)]
+        stamp = round(1e6 * t)
+        send(t + 0.001, mavlink.MAVLink_servo_output_raw_message(stamp, 0, *pwm, 0, 0, 0, 0))
+    return b"".join(data)

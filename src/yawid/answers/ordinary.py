@@ -4,9 +4,20 @@ It is of the aircraft without its autopilot, and of its modes and its roll chann
 flight does not show the rudder's effect.
 """
 
+from typing import Final
+
+from yawid.answers.model_parts import DutchRoll, TimeConstant, Value
 from yawid.answers.part import Count, Number, Part
 from yawid.answers.reasons import Verdict
-from yawid.answers.run_summary import DutchRoll, TimeConstant, Value
+
+ORDINARY: Final = "ordinary"
+"""The method of a verdict that is an ordinary flight's."""
+GATES: Final = (
+    "too_short", "rudder_moves", "only_feedback", "no_mode", "rate_too_low", "too_damped", "line",
+    "limit_cycle", "too_quiet", "two_answers", "band_differs", "uncertain", "no_roll_law",
+    "fit_failed",
+)  # fmt: skip
+"""The ids of the reasons in its own verdict."""
 
 
 class RollLaw(Part, frozen=True, kw_only=True):
@@ -30,6 +41,18 @@ class OrdinarySpectrum(Part, frozen=True, kw_only=True):
     modelled: dict[str, list[Number]]
 
 
+class Agreement(Part, frozen=True, kw_only=True):
+    """How far the manoeuvres' answer is away: of wn and zeta, in sigmas of the difference.
+
+    ``against`` is the manoeuvres' ``bare``, or their ``flight`` with which ``dutch_roll`` or
+    ``flown`` is compared.
+    """
+
+    against: str
+    wn_sigmas: Number
+    zeta_sigmas: Number
+
+
 class OrdinaryAnswer(Part, frozen=True, kw_only=True):
     """What an ordinary flight shows of the bare airframe at one airspeed, and its verdict.
 
@@ -37,7 +60,8 @@ class OrdinaryAnswer(Part, frozen=True, kw_only=True):
     of eq. 20-21; those of the aileron have in them the rudder that an autopilot mixes to it.
     ``flown`` is the same mode under the roll law found, a by-product with its own sigma and
     verdict. ``seconds`` are the time used, ``seen_s`` all of it; ``share`` is the part of the
-    roll rate's power near the mode that what is asked of the aileron makes.
+    roll rate's power near the mode that what is asked of the aileron makes. The airspeed is the
+    true one. A run's summary leaves out the numbers that a gate stops.
     """
 
     dutch_roll: DutchRoll | None = None
@@ -55,6 +79,7 @@ class OrdinaryAnswer(Part, frozen=True, kw_only=True):
     share: Number | None = None
     band_rad_s: list[Number] | None = None
     spectrum: OrdinarySpectrum | None = None
+    agrees: Agreement | None = None
     verdict: Verdict
 
     def __bool__(self) -> bool:

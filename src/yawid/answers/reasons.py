@@ -138,6 +138,10 @@ _TABLE: Final = (
         _FLY,
     ),
     ReasonKind(
+        "ordinary_unknown", 5, "estimate",
+        "Fly twelve minutes at one airspeed, with turns of 20 degrees of bank or more.",
+    ),
+    ReasonKind(
         "rudder_assumed", 0, "log", "Record the parameters too, or name the channel by --rudder.",
         PARAMETERS, PARAMETERS_ON,
     ),
@@ -184,6 +188,10 @@ _TABLE: Final = (
     ReasonKind(
         "bare_unknown", 0, "estimate",
         "Move the rudder and then the aileron, each by itself, in calm air; or give --servo-lag.",
+    ),
+    ReasonKind(
+        "ordinary_disagrees", 0, "estimate",
+        "Take the manoeuvres' answer, and compare the report's spectra with the model.",
     ),
     ReasonKind("rate_changed", 0, "log", "Choose the rate with --rate."),
     ReasonKind(

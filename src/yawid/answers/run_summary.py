@@ -5,18 +5,19 @@ have the order of the keys.
 """
 
 import json
-import math
-from collections.abc import Sequence
 from typing import ClassVar, Final, Self
 
 import msgspec
 
 from yawid.answers.heard import BootSpan, GainSeen, LinkCounts, VehicleSeen
+from yawid.answers.model_parts import DutchRoll as DutchRoll  # all of an answer is found here
 from yawid.answers.model_parts import Fit, Mode
+from yawid.answers.model_parts import TimeConstant as TimeConstant
+from yawid.answers.model_parts import Value as Value
+from yawid.answers.ordinary import OrdinaryAnswer as OrdinaryAnswer
 from yawid.answers.part import Count, Number, Part, Positive
 from yawid.answers.reasons import GONE, Reason, Verdict
 from yawid.answers.session import LiveFacts, Recovered
-from yawid.quantities.flying_qualities import dutch_roll_level
 
 CT: Final = "ct"
 """The method of a manoeuvre's answer: the continuous-time fit."""
@@ -55,59 +56,6 @@ class Orders(Part, frozen=True):
     def __str__(self) -> str:
         """Return them as ``--orders`` takes them."""
         return f"{self.na},{self.nb},{self.nc},{self.nk}"
-
-
-class DutchRoll(Part, frozen=True, kw_only=True):
-    """The answer: natural frequency in rad/s, damping ratio, their sigmas, MIL-F-8785C's level.
-
-    Of a flight ``*_std`` is the sigma of the next manoeuvre, ``*_std_mean`` that of the mean.
-    ``*_std`` is the total sigma; ``*_std_noise`` is the part that noise alone explains. Where that
-    is None, as in files of older versions, ``*_std`` is the sigma of noise; that of a flight then
-    also includes the scatter between manoeuvres.
-    """
-
-    wn_rad_s: Positive
-    wn_std: Number | None = None
-    wn_std_noise: Number | None = None
-    wn_std_mean: Number | None = None
-    zeta: Number
-    zeta_std: Number | None = None
-    zeta_std_noise: Number | None = None
-    zeta_std_mean: Number | None = None
-    level: Count | None = None
-
-    @staticmethod
-    def of(
-        row: Sequence[float],
-        noise: Sequence[float] = (math.nan,) * 2,
-        of_mean: Sequence[float] = (math.nan,) * 2,
-        *,
-        has_level: bool = False,
-    ) -> "DutchRoll | None":
-        """Return it from a row of wn, its sigma, zeta and its sigma, None if wn or zeta is NaN.
-
-        ``noise`` has the two sigmas that noise explains, ``of_mean`` those of a flight's mean.
-        """
-        numbers = (float(x) if math.isfinite(x) else None for x in (*row, *noise, *of_mean))
-        wn, wn_std, zeta, zeta_std, wn_noise, zeta_noise, wn_mean, zeta_mean = numbers
-        if wn is None or zeta is None or not wn > 0.0:
-            return None
-        return DutchRoll(
-            wn_rad_s=wn, wn_std=wn_std, wn_std_noise=wn_noise, wn_std_mean=wn_mean,
-            zeta=zeta, zeta_std=zeta_std, zeta_std_noise=zeta_noise, zeta_std_mean=zeta_mean,
-            level=dutch_roll_level(wn, zeta) if has_level else None,
-        )  # fmt: skip
-
-
-class Value(Part, frozen=True):
-    """A coefficient of eq. 22-23, its total sigma, and the part of it that noise explains.
-
-    Without that part, as in files of older versions, ``std`` is of noise alone.
-    """
-
-    value: Number | None = None
-    std: Number | None = None
-    std_noise: Number | None = None
 
 
 LOWEST, HIGHEST, POINTS = 0.6, 1.6, 21
@@ -167,13 +115,6 @@ class MethodSummary(Part, frozen=True, kw_only=True):
     structures: dict[str, OneStructure] | None = None
     roll_left_out: str | None = None
     fit: Fit
-
-
-class TimeConstant(Part, frozen=True):
-    """The time constant of a real mode in s, negative where it diverges, and its sigma."""
-
-    time_constant_s: Number
-    std: Number | None = None
 
 
 class Bare(Part, frozen=True, kw_only=True):
@@ -373,6 +314,7 @@ class RunSummary(Origin, Judged, frozen=True, kw_only=True):
     ``estimates`` are those of the stream at its end, which have no verdict. ``manoeuvres`` is None
     where none were searched for, ``flight`` where there was none. ``flights`` has an answer for
     each loop with a usable manoeuvre, ``flight`` first; it is None without one, and in older files.
+    ``ordinary`` is next to them all; with ``--ordinary only`` it is all there is, and decides.
     """
 
     estimates: dict[str, MethodSummary] | None = None
@@ -382,6 +324,7 @@ class RunSummary(Origin, Judged, frozen=True, kw_only=True):
     flight: Flight | None = None
     flights: list[Flight] | None = None
     bare: Bare | None = None
+    ordinary: OrdinaryAnswer | None = None
     live: LiveFacts | None = None
     files: dict[str, str] | None = None
     recovered: Recovered | None = None
@@ -413,7 +356,7 @@ class RunSummary(Origin, Judged, frozen=True, kw_only=True):
         found = [each.verdict for each in parts if each.verdict]
         others = {name for each in parts for name in each.estimates or ()} - {CT}
         return (
-            (self.deciding.usable and self.flight is None)
+            (self.deciding.usable and self.flight is None and self.ordinary is None)
             or any(verdict.method in others for verdict in found)
             or any(reason.id in GONE for verdict in found for reason in verdict.reasons)
         )

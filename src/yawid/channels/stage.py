@@ -72,8 +72,8 @@ class Channels:
         self._state_of_flight = FlightState(config.airborne == "all")
         self.command = Command(config)
         self.boots = Boots()
-        self._motion = MotionReader(config) if config.lateral == "auto" else None
-        self.yaw = YawReader(config.airborne == "all", config.lateral == "auto")
+        self._motion = MotionReader(config) if config.keeps_motion else None
+        self.yaw = YawReader(config.airborne == "all", config.keeps_motion)
         self._surface = SurfaceReader(len(config.inputs))
         self.twins = self._surface.twins
         self.is_record = False
@@ -134,7 +134,7 @@ class Channels:
     def motion(self) -> MotionBlock | None:
         """Return the lateral motion since the last call, with all that the samples since need.
 
-        It is None where there is none: before the first samples, and without ``--lateral auto``.
+        It is None where there is none: before the first samples, and without ``keeps_motion``.
         """
         return None if self._motion is None else self._motion.take()
 

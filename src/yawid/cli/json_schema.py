@@ -17,6 +17,7 @@ import msgspec
 from yawid.answers.damper_report import DamperReport
 from yawid.answers.identified_model import ModelFile
 from yawid.answers.inspection import Inspection
+from yawid.answers.ordinary import GATES, ORDINARY
 from yawid.answers.reasons import KINDS
 from yawid.answers.reports import OrdersReport, RegressReport, StepReport
 from yawid.answers.run_summary import RunSummary
@@ -51,7 +52,7 @@ class _Keys:
             "ct": "continuous-time fit"
         }
         self.all["values"] |= {
-            "method": [*METHODS, "ct"], "airspeed_kind": [kind.name.lower() for kind in Kind],
+            "method": [*METHODS, "ct", ORDINARY], "airspeed_kind": [kind.name.lower() for kind in Kind],
         }  # fmt: skip
 
     def find(self, table: str, owner: str, key: str) -> Any:
@@ -87,7 +88,7 @@ class _Keys:
         if (values := self.find("values", owner, key)) is not None:
             schema = {"enum": values}
         elif key == "id":
-            schema = {"enum": [*KINDS, *OF_DAMPER, SEVERAL]}
+            schema = {"enum": [*dict.fromkeys([*KINDS, *OF_DAMPER, SEVERAL, *GATES])]}
         elif key == "physics":
             schema = _physics()
         elif "additionalProperties" in schema:

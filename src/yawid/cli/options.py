@@ -127,6 +127,8 @@ MODEL: tuple[Option, ...] = (
     ("--lateral", str, "auto|off",
      "fit the bare airframe to all of the lateral motion (default: off)"),
     ("--servo-lag", float, "SECONDS", "lag of both servos, for --lateral auto (default: unknown)"),
+    ("--ordinary", str, "auto|only|off",
+     "answer flight without a manoeuvre, too; only: that is the verdict (default: off)"),
     ("--inputs", str, "rudder[,aileron]", "inputs of the model (default: rudder)"),
     ("--output", str, "yaw-rate|yaw", "the model's output (default: yaw-rate)"),
     ("--rate", float, "HZ",

@@ -29,6 +29,8 @@ Rudder = Annotated[str, Meta(pattern=_VTAIL, description=f"be vtail:L,R, {_SAID}
 DEFAULT_RATE_HZ = 20.0
 DEFAULT_MEMORY_S = 60.0
 LEAST_STROKE_DEG = 1.0
+ORDINARY = "off"
+"""What ``ordinary`` is where it is not given."""
 RATE_SLACK = 0.98
 """The part of a rate limit that is enough: message rates jitter, so that 4.95 Hz counts as 5."""
 BINDING = ("orders", "inputs", "turn")
@@ -72,6 +74,8 @@ class RunConfig:
     - ``servo_tau``: the servo's lag in s; None is unknown;
     - ``lateral``: "auto" keeps and fits the whole lateral motion, None is "off"; ``servo_lag``: the
       lag of its servos in s, None is unknown;
+    - ``ordinary``: "auto" answers flight without a manoeuvre, too, "only" makes that the run's
+      verdict and searches for no manoeuvres, None is ``ORDINARY``;
     - ``manoeuvres``: whether they are searched for. Orders, inputs and turn apply to every
       manoeuvre if they differ from their defaults or are named in ``given``.
 
@@ -118,12 +122,28 @@ class RunConfig:
     manoeuvres: Annotated[str, one_of("auto", "off")] = "auto"
     lateral: Annotated[str, one_of("auto", "off")] | None = None
     servo_lag: NotNegative | None = None
+    ordinary: Annotated[str, one_of("auto", "only", "off")] | None = None
     given: tuple[str, ...] = ()
 
     def binds(self, name: str) -> bool:
         """Return whether the user gave this setting, which then applies to every manoeuvre."""
         default = next(field.default for field in fields(self) if field.name == name)
         return name in self.given or getattr(self, name) != default
+
+    @property
+    def is_ordinary(self) -> bool:
+        """Whether flight without a manoeuvre is answered."""
+        return (self.ordinary or ORDINARY) != "off"
+
+    @property
+    def keeps_motion(self) -> bool:
+        """Whether the lateral motion is read and kept."""
+        return self.lateral == "auto" or self.is_ordinary
+
+    @property
+    def has_manoeuvres(self) -> bool:
+        """Whether manoeuvres are searched for."""
+        return self.manoeuvres != "off" and self.ordinary != "only"
 
     @property
     def window_us(self) -> tuple[float, float]:

@@ -69,6 +69,7 @@ def advised(summary: RunSummary) -> RunSummary:
         return replace(bare, verdict=replace(verdict, next=" ".join(steps) or None))
 
     flight, flights, manoeuvres = summary.flight, summary.flights, summary.manoeuvres
+    ordinary = summary.ordinary
     if flight is not None:
         flight = replace(flight, verdict=complete(flight.verdict))
     if flights is not None:
@@ -81,6 +82,8 @@ def advised(summary: RunSummary) -> RunSummary:
     return replace(
         summary, verdict=summary.verdict and complete(summary.verdict), flight=flight,
         flights=flights, manoeuvres=manoeuvres, bare=warned(summary.bare),
+        ordinary=None if ordinary is None
+        else replace(ordinary, verdict=complete(ordinary.verdict)),
     )  # fmt: skip
 
 

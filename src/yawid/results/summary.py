@@ -9,6 +9,7 @@ from msgspec.structs import replace
 from yawid.answers.channel_report import ChannelReport
 from yawid.answers.heard import LinkCounts
 from yawid.answers.model_parts import Fit, Mode
+from yawid.answers.ordinary import ORDINARY, OrdinaryAnswer
 from yawid.answers.reasons import Reason, Verdict
 from yawid.answers.run_summary import (
     Bare,
@@ -35,6 +36,7 @@ from yawid.results.judge_samples import (
     message_rate_reasons,
     why_believed,
 )
+from yawid.results.ordinary_flight import compared, why_unknown
 from yawid.results.yaw_loop import with_yaw_loop
 
 
@@ -60,6 +62,9 @@ class Finished(Protocol):
     def bare(self) -> Bare | None:
         """Return the bare airframe of all its manoeuvres, None where none was looked for."""
 
+    def ordinary(self) -> OrdinaryAnswer | None:
+        """Return the answer of ordinary flight, None where none was asked for."""
+
 
 def summarise(pipeline: Finished, link: LinkStats, log: str, sha256: str) -> RunSummary:
     """Return the summary of a finished pipeline.
@@ -80,6 +85,7 @@ def summarise(pipeline: Finished, link: LinkStats, log: str, sha256: str) -> Run
         estimates=of_stream(bank) if bank is not None and is_estimated else None,
         manoeuvres=pipeline.manoeuvres,
         bare=pipeline.bare(),
+        ordinary=pipeline.ordinary(),
     )
     return judged(summary, pipeline, log_reasons(pipeline, report, link), report.rates_hz)
 
@@ -96,7 +102,9 @@ def judged(
     rudder messages, None where there are none.
     """
     flights = pipeline.flights(of_the_log)
-    verdict = verdict_of(pipeline, of_the_log, rates_hz, flights)
+    verdict = verdict_of(pipeline, of_the_log, rates_hz, flights, summary.ordinary)
+    if pipeline.config.ordinary == "only":
+        summary = replace(summary, estimates=None)
     summary = replace(
         summary,
         verdict=verdict,
@@ -104,7 +112,7 @@ def judged(
         flight=flights[0] if flights else None,
         flights=[flight for flight in flights if flight.used] or None,
     )
-    return advised(with_yaw_loop(summary))
+    return advised(with_yaw_loop(compared(summary)))
 
 
 def verdict_of(
@@ -112,14 +120,18 @@ def verdict_of(
     of_the_log: list[Reason],
     rates_hz: tuple[float, float] | None,
     flights: list[Flight],
+    ordinary: OrdinaryAnswer | None,
 ) -> Verdict | None:
     """Return the one verdict of a run: the flight's, or why the log has no answer.
 
-    None where no manoeuvres were searched for and the log lacks nothing: it is not judged.
+    With ``--ordinary only`` it is that of ordinary flight. None where no manoeuvres were searched
+    for and the log lacks nothing: it is not judged.
     """
     if flights:
         return flights[0].verdict
     rates = () if rates_hz is None else message_rate_reasons(*rates_hz)
+    if pipeline.config.ordinary == "only":
+        return Verdict.of([*of_the_log, *rates, *why_unknown(ordinary)], ORDINARY)
     verdict = Verdict.of([*of_the_log, *rates, *pipeline.why_none()])
     return None if pipeline.manoeuvres is None and verdict.usable else verdict
 

@@ -27,7 +27,7 @@ from yawid.system.stores import Place
 
 CHANGEABLE = (
     "orders", "method", "also", "engine", "memory", "forgetting", "servo_tau", "inputs",
-    "from_s", "to_s", "manoeuvres", "lateral", "servo_lag", "given",
+    "from_s", "to_s", "manoeuvres", "lateral", "servo_lag", "ordinary", "given",
 )  # fmt: skip
 
 
@@ -62,10 +62,11 @@ class FinishedRun:
             ConfigError: a setting asks for other samples than the file holds.
         """
         config = changed(self._run, settings)
-        self._has_motion = config.lateral == "auto" and self._run.has_motion
-        if config.lateral == "auto" and not self._run.has_motion:
+        self._has_motion = config.keeps_motion and self._run.has_motion
+        is_asked = config.lateral == "auto" or config.ordinary not in (None, "off")
+        if is_asked and not self._run.has_motion:
             self._said = [f"{self.path} holds no lateral motion: for that, replay the log itself"]
-        if config.manoeuvres == "off" or not self._run.lacks:
+        if not config.has_manoeuvres or not self._run.lacks:
             return config
         old = f"{self.path} is of an older version"
         if "altitude" not in self._run.lacks:
@@ -130,6 +131,7 @@ class FinishedRun:
             estimates=None if bank is None else of_stream(bank),
             manoeuvres=pipeline.manoeuvres,
             bare=pipeline.bare(),
+            ordinary=pipeline.ordinary(),
         )
         of_the_log = [reason for reason in said if reason.origin in origins]
         return judged(summary, pipeline, of_the_log, run.rates_hz(pipeline.config.inputs[0]))

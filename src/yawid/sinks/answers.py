@@ -11,11 +11,13 @@ from typing import Final
 
 from msgspec.structs import replace
 
+from yawid.answers.ordinary import ORDINARY
 from yawid.answers.reasons import KINDS, Reason
 from yawid.answers.run_summary import DutchRoll, Flight, MethodSummary, RunSummary
 from yawid.quantities.vehicles import AIRFRAME
 from yawid.sinks.words import (
     GREEK,
+    OF_ORDINARY,
     conditions,
     counted,
     duration,
@@ -99,6 +101,8 @@ def headline(summary: RunSummary, stretch: Stretch = (None, None)) -> str:
         f"The yaw answers the rudder with a Dutch roll of {wn:.3g} rad/s "
         f"({wn / (2.0 * math.pi):.2g} Hz) and a damping ratio of {zeta:.2g}: {_damped(zeta)}."
     )
+    if summary.deciding.method == ORDINARY:
+        return f"The Dutch roll is {dutch_roll(mode, GREEK)}, {OF_ORDINARY}."
     if flight is None:
         return said
     facts = (whose(flight), conditions(flight), counted(flight, summary.manoeuvres or ()))
@@ -140,7 +144,12 @@ def _elsewhere(summary: RunSummary) -> str:
 
 
 def _dutch_roll(summary: RunSummary) -> DutchRoll | None:
-    """Return the answer's Dutch roll: the flight's where there is a flight, else the stream's."""
+    """Return the answer's Dutch roll: the flight's where there is a flight, else the stream's.
+
+    Where only ordinary flight was to be answered it is that of it.
+    """
+    if summary.ordinary is not None and summary.deciding.method == ORDINARY:
+        return summary.ordinary.dutch_roll
     return summary.dutch_roll if summary.flight is None else summary.flight.dutch_roll
 
 
@@ -177,7 +186,7 @@ def _known(mode: DutchRoll | None) -> tuple[tuple[str, str], tuple[str, str]]:
 
 
 def _sure(summary: RunSummary) -> Card:
-    answer, mode, notes = summary.answer, summary.dutch_roll, []
+    answer, mode, notes = summary.answer, _dutch_roll(summary), []
     if answer is not None:
         if answer.fit.simulation_pct is not None:
             explained_pct = max(answer.fit.simulation_pct, 0.0)

@@ -9,6 +9,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from typing import Final, NamedTuple
 
 from yawid.answers.heard import VehicleSeen
+from yawid.answers.ordinary import ORDINARY, OrdinaryAnswer
 from yawid.answers.reasons import Verdict
 from yawid.answers.run_summary import (
     CT,
@@ -37,6 +38,9 @@ NEXT: Final = "next:"
 NOT_USED: Final = "usable, not used"
 _AS_GIVEN: Final = ("calibrated", "indicated")
 """Kinds of airspeed that are used as if they were the equivalent airspeed."""
+
+
+OF_ORDINARY: Final = "from ordinary flight: the aircraft without its autopilot, mode only"
 
 
 class Loop(NamedTuple):
@@ -281,7 +285,38 @@ def bare_rows(summary: RunSummary) -> Iterator[Row]:
         yield Row("", text)
 
 
-def bare_warnings(bare: Bare) -> Iterator[str]:
+def ordinary_rows(summary: RunSummary) -> Iterator[Row]:
+    """Yield the rows of ordinary flight, nothing where it was not looked for."""
+    found = summary.ordinary
+    if found is None:
+        return
+    if found.dutch_roll is None:
+        why = "; ".join(reason.text for reason in found.verdict.reasons)
+        yield Row(ORDINARY, f"from ordinary flight the aircraft's mode is not known: {why}")
+        if found.verdict.next is not None:
+            yield Row("", f"{NEXT} {found.verdict.next} (yawid explain ordinary_unknown)")
+        return
+    yield Row(ORDINARY, dutch_roll(found.dutch_roll))
+    turns = f"{found.turns} turn{'s' * (found.turns != 1)}"
+    where = f"at {found.airspeed_m_s:.1f} m/s (true airspeed)"
+    where += f", from {found.seconds / 60.0:.0f} of {found.seen_s / 60.0:.0f} min, {turns}"
+    yield Row("", f"{OF_ORDINARY}; {where}")
+    if (roll := found.roll_mode) is not None:
+        yield Row("", f"roll mode {plus_minus(roll.time_constant_s, roll.std)} s")
+    if (agrees := found.agrees) is not None:
+        whose = "bare airframe" if agrees.against == "bare" else "answer"
+        apart = f"{agrees.wn_sigmas:.1f} and zeta by {agrees.zeta_sigmas:.1f} sigma"
+        yield Row("", f"next to the manoeuvres' {whose}: wn differs by {apart}")
+    for text in bare_warnings(found):
+        yield Row("", text)
+
+
+def answer_rows(summary: RunSummary) -> Iterator[Row]:
+    """Yield the rows of all answers: of manoeuvres, of the bare airframe, of ordinary flight."""
+    yield from (*flight_rows(summary), *bare_rows(summary), *ordinary_rows(summary))
+
+
+def bare_warnings(bare: Bare | OrdinaryAnswer) -> Iterator[str]:
     """Yield each warning of a bare airframe that is known, then what to do about them."""
     for reason in bare.verdict.reasons:
         yield f"warning {reason.name}: {reason.text}"

@@ -5,7 +5,7 @@ from html import escape
 
 from yawid.answers.run_summary import RunSummary
 from yawid.sinks.door import plain
-from yawid.sinks.words import NEXT, bare_rows, dutch_roll, flight_rows, next_step
+from yawid.sinks.words import NEXT, answer_rows, dutch_roll, next_step
 from yawid.system.stores import Place
 from yawid.tables.keywords import in_keywords
 from yawid.tables.table import Table
@@ -53,7 +53,7 @@ def reasons(summary: RunSummary) -> list[str]:
 
 def answer(summary: RunSummary) -> list[str]:
     """Return the lines of the flight's answer, and the stream's where there was no manoeuvre."""
-    lines = [f"{row.name:>6}  {row.text}" for row in (*flight_rows(summary), *bare_rows(summary))]
+    lines = [f"{row.name:>6}  {row.text}" for row in answer_rows(summary)]
     mode = summary.dutch_roll
     if summary.flight is None and mode is not None and summary.answer is not None:
         lines.append(f"stream  {dutch_roll(mode)} at its end, by {summary.answer.method.upper()}")

@@ -54,6 +54,7 @@ def replay(
     manoeuvres: Literal["auto", "off"] | None = None,
     lateral: Literal["auto", "off"] | None = None,
     servo_lag: float | None = None,
+    ordinary: Literal["auto", "only", "off"] | None = None,
     servo_tau: float | None = None,
     method: RecursiveName | None = None,
     also: RecursiveName | Literal["none"] | None = None,

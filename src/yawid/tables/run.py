@@ -12,6 +12,7 @@ import msgspec
 import numpy as np
 
 from yawid.answers.heard import PARAMETERS, parameters_in
+from yawid.answers.ordinary import ORDINARY, OrdinaryAnswer
 from yawid.answers.reasons import Reason, Verdict
 from yawid.answers.run_summary import Bare, Flight, RunSummary
 from yawid.blocks import ModesBlock, MotionBlock, SampleBlock
@@ -82,7 +83,10 @@ class Run:
 
         Its ``verdict`` says why not, or, without a manoeuvre, why there is none.
         """
-        return self.summary.flight or Flight(used=[], disagree=[], verdict=self.summary.deciding)
+        verdict = self.summary.deciding
+        if verdict.method == ORDINARY:  # that says nothing of manoeuvres, which were not looked for
+            verdict = Verdict(usable=False, reasons=[])
+        return self.summary.flight or Flight(used=[], disagree=[], verdict=verdict)
 
     @property
     def flights(self) -> list[Flight]:
@@ -133,6 +137,18 @@ class Run:
         step = None if asked else 'Replay the log with lateral="auto".'
         said = Reason("bare_unknown", text, weight="warning")
         return Bare(used=[], verdict=Verdict(usable=False, reasons=[said], next=step))
+
+    @property
+    def ordinary(self) -> OrdinaryAnswer:
+        """The answer of ordinary flight, of the aircraft without its autopilot and its mode only.
+
+        It is false where it is not known; its ``verdict`` says why not.
+        """
+        if (found := self.summary.ordinary) is not None:
+            return found
+        step = 'Replay the log with ordinary="auto".'
+        said = Reason("ordinary_unknown", "it was not looked for", step)
+        return OrdinaryAnswer(verdict=Verdict(usable=False, reasons=[said], next=step))
 
     @cached_property
     def record(self) -> Table:

@@ -139,7 +139,7 @@ def live(
         outputs.folder.mkdir(parents=True, exist_ok=True)
     read_options = read_options or ReadOptions()
     fits, disk = FitWorker("yawid-manoeuvres", console.say), Worker("yawid-disk")
-    lateral = Worker("yawid-lateral") if config.lateral == "auto" else None
+    lateral = Worker("yawid-lateral") if config.keeps_motion else None
     viewers = Worker("yawid-viewers") if outputs.has_viewer else None
     switch_s = sys.getswitchinterval()
     sys.setswitchinterval(SWITCH_S)

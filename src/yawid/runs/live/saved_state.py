@@ -28,6 +28,7 @@ _REMEDY = "to start again, remove it or give another file to --state"
 # These settings choose the samples, or what is derived from the model; they do not change it.
 _NOT_THE_MODEL = (
     *("sysid", "from_s", "to_s", "boot", "servo_tau", "manoeuvres", "lateral", "servo_lag"),
+    "ordinary",
     *("airborne", "given"),
 )
 _OF_RECORDS = (*OF_RECORDS, "rudder_stroke_rad")

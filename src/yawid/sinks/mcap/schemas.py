@@ -16,10 +16,12 @@ from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from typing import Final
 
+import msgspec
 from google.protobuf import descriptor_pb2, descriptor_pool, message_factory, timestamp_pb2
 from google.protobuf.descriptor import Descriptor, FieldDescriptor
 from google.protobuf.message import DecodeError, Message
 
+from yawid.answers.ordinary import OrdinaryAnswer
 from yawid.answers.run_summary import Bare
 from yawid.blocks import Held, Noted, Status, words
 from yawid.config.names import RECURSIVE
@@ -147,6 +149,8 @@ FLIGHT: Final = "/yawid/flight"
 """The topic of the flight's verdict, which decides where there was a manoeuvre."""
 VERDICT: Final = "/yawid/verdict"
 LATERAL: Final = "/yawid/lateral"
+ORDINARY_TOPIC: Final = "/yawid/ordinary"
+"""The topic of ordinary flight's answer, as JSON with its schema."""
 MOTION: Final = ("/yawid/attitude", "/yawid/commands", "/yawid/acceleration")
 """The topics of the lateral motion, in the order of :class:`yawid.blocks.MotionBlock`."""
 
@@ -257,6 +261,13 @@ def _pool(parameters: tuple[str, ...]) -> descriptor_pool.DescriptorPool:
     for file in ours:
         pool.AddSerializedFile(file.SerializeToString(deterministic=True))
     return pool
+
+
+def ordinary_schema() -> bytes:
+    """Return the JSON schema of ordinary flight's answer."""
+    (root,), parts = msgspec.json.schema_components([OrdinaryAnswer])
+    name = root["$ref"].rpartition("/")[2]
+    return msgspec.json.encode(parts.pop(name) | {"$defs": parts})
 
 
 def descriptor(full_name: str, parameters: tuple[str, ...] = ()) -> Descriptor:

@@ -35,10 +35,12 @@ from yawid.sinks.mcap.schemas import (
     MANOEUVRE,
     MODES,
     MOTION_TABLE,
+    ORDINARY_TOPIC,
     SAMPLE,
     TOPICS,
     VERDICT,
     estimate_topics,
+    ordinary_schema,
     schema_data,
     units,
 )
@@ -289,6 +291,12 @@ class McapSink(Sink):
             if summary.flight is not None:
                 verdict = verdict_message(summary.flight.verdict)
                 self._writer.add_message(self._channel(FLIGHT), last_ns, verdict)
+            if summary.ordinary is not None:
+                schema = "yawid.Ordinary", "jsonschema", ordinary_schema()
+                number = self._writer.register_schema(*schema)
+                channel = self._writer.register_channel(ORDINARY_TOPIC, "json", number, {})
+                data = json.dumps(summary.ordinary.to_json()).encode()
+                self._writer.add_message(channel, last_ns, data)
             self._add_record("source", summary.own_source.to_json())
             objects = summary.to_json()
             for name in ("vehicle", "channels", "link"):

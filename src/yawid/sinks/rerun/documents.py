@@ -16,6 +16,7 @@ from yawid.sinks.words import (
     next_step,
     numbers,
     of_noise,
+    ordinary_rows,
     plus_minus,
     sigma_means,
     whose,
@@ -37,6 +38,8 @@ def verdict_markdown(summary: RunSummary, rudder_unit: str = HALF_TRAVEL) -> str
         lines.append(f"The stream, {summary.answer.method.upper()}: {said}.")
     if bare := [row.text for row in bare_rows(summary)]:
         lines += ["", f"**The bare airframe:** {'; '.join(bare)}.", ""]
+    if ordinary := [row.text for row in ordinary_rows(summary)]:
+        lines += ["", f"**Ordinary flight:** {'; '.join(ordinary)}.", ""]
     lines += [f"- **{reason.id}** ({reason.weight}): {reason.text}" for reason in verdict.reasons]
     if (step := next_step(verdict)) is not None:
         lines += ["", f"**{NEXT}** {step}"]

@@ -19,8 +19,7 @@ from yawid.sinks.terminal.flight_table import manoeuvres_table, table_notes
 from yawid.sinks.words import (
     NEXT,
     Row,
-    bare_rows,
-    flight_rows,
+    answer_rows,
     next_step,
     numbers,
     percent,
@@ -40,7 +39,7 @@ def print_summary(summary: RunSummary, stream: TextIO, *, verbose: bool = False)
     console = page_console(stream)
     console.print(Text(summary.log, style="bold"))
     print_verdict(console, summary.deciding)
-    for row in (*flight_rows(summary), *bare_rows(summary)):
+    for row in answer_rows(summary):
         console.print(Text(hanging(row.name, row.text, console.width), row.style))
     if summary.manoeuvres:
         console.print(manoeuvres_table(summary.manoeuvres, summary.by_loop))
