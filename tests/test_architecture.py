@@ -37,7 +37,8 @@ MAY_IMPORT: dict[str, set[str]] = {
     "sinks/rerun": {"physics", "sinks"},
     "sinks/terminal": {"results", "sinks"},
     "report": {"damper", "manoeuvre", "models", "physics", "sinks", "sinks/mcap"},
-    "pipeline": {"config", "channels", "estimation", "physics", "manoeuvre", "results", "sinks"},
+    "pipeline": {"config", "channels", "estimation", "physics", "manoeuvre", "ordinary", "results"}
+    | {"sinks"},
     "runs": {"config", "channels", "offline", "ordinary", "pipeline", "plant", "results"}
     | {"sources", RECORDS, *SINKS},
     "runs/live": {"config", "estimation", "pipeline", "results", "runs", "sources", WIRE, LINK}
