@@ -52,7 +52,8 @@ class _Keys:
             "ct": "continuous-time fit"
         }
         self.all["values"] |= {
-            "method": [*METHODS, "ct", ORDINARY], "airspeed_kind": [kind.name.lower() for kind in Kind],
+            "method": [*METHODS, "ct", ORDINARY],
+            "airspeed_kind": [kind.name.lower() for kind in Kind],
         }  # fmt: skip
 
     def find(self, table: str, owner: str, key: str) -> Any:
