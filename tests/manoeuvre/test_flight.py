@@ -356,7 +356,7 @@ def test_how_well_wn_is_known_is_said_of_the_flights_own_sigma():
 
 def test_of_several_as_bad_the_longest_manoeuvre_is_the_best():
     short, long = (
-        answered(n, 10.0, reasons=[id_]) for n, id_ in ((1, "turn_dominated"), (2, "poor_fit"))
+        answered(n, 10.0, reasons=[id_]) for n, id_ in ((1, "mode_not_driven"), (2, "poor_fit"))
     )
     long = structs.replace(long, duration_s=80.0)
 

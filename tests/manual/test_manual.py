@@ -221,7 +221,6 @@ LIMITS = {
         *KNOWN, find.OTHER_SPEED,
     ),
     "poor_fit": (judge.LEAST_PCT,),
-    "turn_dominated": (judge.TURNS,),
     "manoeuvres_disagree": (100 * flight.DISAGREE_WN, flight.SIGMAS),
     "rudder_assumed": (100 * surface_reader.TOLERANCE, 100 * surface_reader.LEAST_SHARE),
     "poorly_known": (100 * judge.ROUGH_WN, 100 * judge.UNCERTAIN_WN),

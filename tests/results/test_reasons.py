@@ -15,7 +15,7 @@ CONTRACT = {
     "no_vehicle": 3, "no_rudder": 3, "no_yaw": 3,
     "rate_too_low": 4,
     "not_in_command": 5, "not_excited": 5, "mixed_rudder": 5, "collinear_inputs": 5,
-    "mode_not_driven": 5, "not_converged": 5, "poor_fit": 5, "turn_dominated": 5,
+    "mode_not_driven": 5, "not_converged": 5, "poor_fit": 5,
     "manoeuvres_disagree": 5,
 }  # fmt: skip
 WARNINGS = {

@@ -129,10 +129,6 @@ _TABLE: Final = (
         "Choose a calmer stretch by --from and --to, or fly again in calmer air.", _FLY,
     ),
     ReasonKind(
-        "turn_dominated", 5, "samples",
-        "Choose straight flight by --from and --to, or give --turn remove.", _FLY,
-    ),
-    ReasonKind(
         "manoeuvres_disagree", 5, "estimate",
         "Replay each manoeuvre by itself with --from and --to.",
         _FLY,

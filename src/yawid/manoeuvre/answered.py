@@ -1,7 +1,7 @@
 """One manoeuvre from its samples to its answer: inputs and outputs, the fit, the verdict.
 
 The inputs are the rudder and, where it moves by itself and explains more of the yaw rate, the
-aileron; the outputs are the yaw rate, less the turn rate where the bank would drown the rudder, and
+aileron; the outputs are the yaw rate, less the turn rate where eq. 23 fits it better so, and
 roll. What the user gives (``--inputs``, ``--turn``) binds.
 """
 
@@ -49,14 +49,16 @@ def answer(
     ``running`` holds the recursive estimates of its last sample, which are shown with it.
     """
     config, (found, untrue) = setting.config, conditions(samples, n, setting.modes_of)
-    turn = config.turn == "keep" and not config.binds("turn") and is_turning(samples)
+    measured = config.rudder_is == "measured"
+    turn = config.turn == "keep" and not config.binds("turn")
+    turn = turn and is_turning(samples, measured=measured)
     if config.output == "yaw":
-        samples = averaged(samples, measured=config.rudder_is == "measured")
+        samples = averaged(samples, measured=measured)
     leaves = found.loop != WITH_ROLL_LOOP and not config.binds("inputs")
     seen = fitted(
         samples,
         None if leaves else config.inputs,
-        measured=config.rudder_is == "measured",
+        measured=measured,
         turn_removed=turn,
     )
     has_loop = found.loop != AIRFRAME and seen.inputs != BOTH

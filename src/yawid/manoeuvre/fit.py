@@ -274,6 +274,23 @@ def _covariance(problem: Problem, point: Point, first: int) -> Floats:
     return found
 
 
+def first_of(record: Record, q: int | None = None) -> Fit | None:
+    """Return the fit "2" of yaw rate alone, None where there is too little to fit.
+
+    See :func:`fits_of`.
+    """
+    rows = int(np.diff(record.runs).sum())
+    coarse = Blocks(record, max(1, round(FINE_S / record.sample_time_s), rows // MOST_ROWS))
+    if len(coarse) < FEWEST_ROWS or not (coarse.y[:, 0].any() and coarse.u[0].any()):
+        return None
+    problem = Problem(coarse, TWO, np.eye(1)[None])
+    found = [descended(problem, each, 6, 0.1) for each in grid(coarse)]
+    log_w, log_z = min(found, key=lambda each: float(each[1].e @ each[1].e))[0]
+    pair = np.array([log_w, max(log_z, math.log(0.02))])
+    q = q or block_size(record, math.exp(log_w), PER_PERIOD, LEAST_ROWS)
+    return _fitted(Blocks(record, q), TWO, [pair])
+
+
 def fits_of(record: Record, q: int | None = None) -> list[Fit]:
     """Return the fits of a manoeuvre: "2", "2L", "3", and "roll" where the record has roll.
 
@@ -281,20 +298,12 @@ def fits_of(record: Record, q: int | None = None) -> list[Fit]:
     the blocks, else it follows from the period: the BIC of two lists can be compared only if it is
     the same.
     """
-    rows = int(np.diff(record.runs).sum())
-    coarse = Blocks(record, max(1, round(FINE_S / record.sample_time_s), rows // MOST_ROWS))
-    if len(coarse) < FEWEST_ROWS or not (coarse.y[:, 0].any() and coarse.u[0].any()):
+    first = first_of(record, q)
+    if first is None:
         return []
-    problem = Problem(coarse, TWO, np.eye(1)[None])
-    found = [descended(problem, each, 6, 0.1) for each in grid(coarse)]
-    log_w, log_z = min(found, key=lambda each: float(each[1].e @ each[1].e))[0]
-    pair = np.array([log_w, max(log_z, math.log(0.02))])
-    q = q or block_size(record, math.exp(log_w), PER_PERIOD, LEAST_ROWS)
-    blocks = Blocks(record, q)
-    fits = [_fitted(blocks, TWO, [pair])]
-    pair = fits[0].theta
-    fits += [
-        _fitted(blocks, of, [np.append(pair, log_w + each) for each in lags])
+    blocks, pair = first.blocks, first.theta
+    fits = [first] + [
+        _fitted(blocks, of, [np.append(pair, pair[0] + each) for each in lags])
         for of, lags in ((LAGGED, (0.6, 1.2, 2.0)), (THREE, (-1.9, -1.1, -0.3, 0.4, 1.1)))
     ]
     best = min(fits, key=lambda fit: fit.bic)

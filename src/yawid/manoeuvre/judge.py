@@ -31,7 +31,7 @@ from yawid.manoeuvre.feedback import rate_feedback
 from yawid.manoeuvre.find import OTHER_SPEED, PERIODS, speed_factor
 from yawid.manoeuvre.fit import Fit, best_alone
 from yawid.manoeuvre.likelihood import free_decay, freed, shifted, simulated
-from yawid.manoeuvre.signals import TURNS, Fitted, is_turning
+from yawid.manoeuvre.signals import Fitted
 from yawid.results.excitation import LEAST_STROKE, own_part
 from yawid.results.judge_samples import COLLINEAR, closeness, message_rate_reasons
 
@@ -185,12 +185,6 @@ def _flown(of: Evidence) -> Iterator[Reason]:
         yield Reason(
             "airspeed_changed",
             f"the airspeed ranged from {low:.1f} to {high:.1f} m/s: wn and the gain vary with it",
-        )
-    if is_turning(samples) and not of.turn_removed and config.turn == "keep":
-        yield Reason(
-            "turn_dominated",
-            f"the yaw rate follows the bank and not the rudder: its correlation with the turn rate "
-            f"is above {TURNS:g}",
         )
 
 
