@@ -141,6 +141,7 @@ def test_a_linear_aircraft_does_after_a_pulse_what_its_matrices_say(project: Pat
         ("lateral", ["--flights", "1", "--manoeuvres", "1"]),
         ("truth", ["--flights", "1"]),
         ("verdict", []),
+        ("ordinary", ["--jsbsim", "1", "--seconds", "8"]),
     ],
 )
 def test_a_sealed_run_appends_a_row_for_its_commit_and_only_one(
@@ -152,11 +153,11 @@ def test_a_sealed_run_appends_a_row_for_its_commit_and_only_one(
 
     main(line)
 
-    assert "| paper |" in capsys.readouterr().out or bench == "verdict"
+    assert "paper |" in capsys.readouterr().out or bench == "verdict"
     [row] = noted(project)
     assert (row["commit"], row["bench"]) == (head, bench)
     assert int(row["seed"]) == int(head[:8], 16) % 1_000_000
-    assert re.match("fits 1; |count [01]; |excited 1, ", row["figures"])
+    assert re.match("fits 1; |count [01]; |excited 1, |flights 1; ", row["figures"])
     with pytest.raises(SystemExit, match="one for a commit"):
         main(line)
     (project / "limit.py").write_text("x = 1\n", encoding="utf-8")

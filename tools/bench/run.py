@@ -32,8 +32,9 @@ BENCHES = (
     "start",
     "lateral",
     "damper",
+    "ordinary",
 )
-PLACES = {"truth": ("truth", "truth_by")}
+PLACES = {"truth": ("truth", "truth_by"), "ordinary": ("ordinary", "ordinary_hostile")}
 """The markers of a bench's first tables. A bench that is not here writes its first table, below the
 marker of its own name."""
 

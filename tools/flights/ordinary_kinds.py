@@ -90,8 +90,9 @@ def small(seed: int, number: int, seconds: float = SECONDS) -> Ordinary:
         _gains(rng, plan),
         _link(rng, rates[number % len(rates)], 0.005),
         severity=SEVERITIES[number % 4],
-        law=list(LAWS)[number % 3],
+        law=list(LAWS)[number // 3 % 3],
         mix=MIXES[number // 2 % 4],
+        frozen=True,
         turns_s=SMALL_TURNS_S,
     )
 
