@@ -34,7 +34,7 @@ from yawid.manoeuvre.stage import Manoeuvres
 from yawid.ordinary import Ordinary, answer_of
 from yawid.physics.stage import PhysicsStage
 from yawid.results.judge_samples import all_held
-from yawid.results.ordinary_flight import given
+from yawid.results.ordinary_flight import Flown, given
 from yawid.results.yaw_loop import gains_in
 from yawid.sinks.base import Grid, Sink
 
@@ -89,6 +89,7 @@ class Pipeline:
         self._of_file = of_file
         self._ordinary = Ordinary(config.half_travel) if config.is_ordinary else None
         self._answering: Future[OrdinaryAnswer] | None = None
+        self._flown = Flown()
 
     def report(self) -> ChannelReport:
         """Return the report of the channels in their present state."""
@@ -149,7 +150,7 @@ class Pipeline:
         if self._answering is None:
             self._answering = Future()
             self._answering.set_result(_answered(self._ordinary))
-        return self._answering.result()
+        return self._flown.at(self._answering.result())
 
     def feed(self, block: FrameBlock | RecordBlock | SampleBlock | MotionBlock | None) -> None:
         """Take messages, a record's rows or samples in; estimate all samples they complete.
@@ -264,6 +265,7 @@ class Pipeline:
             sink.write(samples, estimates, self.modes)
         if self._ordinary is not None:
             self._ordinary.feed(samples)
+            self._flown.feed(samples)
         if self._manoeuvres is not None:
             self._manoeuvres.feed(samples, estimates)
             if self._worker is None:

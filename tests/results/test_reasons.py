@@ -16,13 +16,14 @@ CONTRACT = {
     "rate_too_low": 4,
     "not_in_command": 5, "not_excited": 5, "mixed_rudder": 5, "collinear_inputs": 5,
     "mode_not_driven": 5, "not_converged": 5, "poor_fit": 5,
-    "manoeuvres_disagree": 5,
+    "manoeuvres_disagree": 5, "ordinary_unknown": 5,
 }  # fmt: skip
 WARNINGS = {
     "rudder_assumed", "unit_assumed", "channel_stand_in", "disarmed", "poorly_known",
     "saturated", "airspeed_changed", "airspeed_implausible",
     "wrong_sign", "closed_loop", "repeated",
     "rate_changed", "rate_low", "lag_differs", "airframe_changes", "bare_unknown",
+    "ordinary_disagrees",
 }  # fmt: skip
 
 

@@ -24,7 +24,11 @@ from yawid.answers.reasons import Verdict
 from yawid.answers.run_summary import Flight, RunSummary
 from yawid.cli.main import main
 from yawid.config.run import RunConfig
+from yawid.dataset.schema import TABLES
+from yawid.dataset.summary_rows import flight_rows
 from yawid.errors import NotIdentifiable
+from yawid.report.ordinary import ordinary_section, spectra_picture
+from yawid.report.write import write_report
 from yawid.results.ordinary_flight import compared
 from yawid.sinks.terminal.summary_table import print_summary
 
@@ -189,6 +193,48 @@ def test_python_has_it_as_a_value_that_is_true_where_it_is_known(
         run.model("flight")
 
 
+def test_a_data_set_has_the_mode_over_the_equivalent_airspeed_or_why_not(
+    alone: Replayed, short: Replayed
+) -> None:
+    known, refused = (
+        flight_rows(RunSummary.from_json(json.dumps(run.told).encode()), 1, 360.0)[0]
+        for run in (alone, short)
+    )
+    found = alone.told["ordinary"]
+
+    assert known["ordinary_kappa_rad_m"] == pytest.approx(found["dutch_roll"]["wn_rad_s"] / 50.0)
+    assert known["usable"]
+    assert not {"wn_rad_s", "answer", "method"} & known.keys()
+    assert {*known, *refused} <= {name for name, *_ in TABLES["flights"].columns}
+    assert refused["ordinary_why"] == "too_short"
+    assert not refused["usable"]
+    assert "ordinary_wn_rad_s" not in refused
+
+
+def test_the_report_shows_the_spectra_it_rests_on(alone: Replayed, short: Replayed) -> None:
+    shown = write_report(alone.mcap).read_text(encoding="utf-8")
+    refused = RunSummary.from_json(json.dumps(short.told).encode())
+
+    assert "The Dutch roll is ωn" in shown
+    assert "Ordinary flight</h2>" in shown
+    assert '<figure id="ordinary">' in shown
+    assert "290 s of ordinary flight" in "".join(ordinary_section(refused))
+    assert spectra_picture(refused.ordinary) is None
+
+
+def test_inspect_says_whether_the_log_can_give_it_and_what_is_missing(
+    log: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["inspect", str(log), "--json"]) == 5
+    can = printed("inspect", capsys.readouterr().out)["can"]
+    assert main(["inspect", str(log), "--json", "--to", "200"]) == 5
+    cannot = printed("inspect", capsys.readouterr().out)["can"]
+
+    assert can == {"ordinary": {"yes": True, "lacks": []}}
+    assert not cannot["ordinary"]["yes"]
+    assert "290 s of ordinary flight at one airspeed are needed" in cannot["ordinary"]["lacks"][0]
+
+
 def test_a_live_session_ends_with_the_answer_of_the_replay(log: Path, tmp_path: Path) -> None:
     sent = [frame for _, frame in split(log.read_bytes())]
     config = RunConfig(ordinary="auto")
@@ -210,7 +256,7 @@ def summary(wn: float, zeta: float, loop: str = "airframe") -> RunSummary:
     found = OrdinaryAnswer(
         dutch_roll=DutchRoll(wn_rad_s=2.0, wn_std=0.03, zeta=0.1, zeta_std=0.012),
         flown=DutchRoll(wn_rad_s=1.8, wn_std=0.03, zeta=0.3, zeta_std=0.012),
-        airspeed_m_s=50.0, verdict=known,
+        airspeed_m_s=50.0, altitude_m=0.0, verdict=known,
     )  # fmt: skip
     mode = DutchRoll(wn_rad_s=wn, wn_std=0.04, zeta=zeta, zeta_std=0.016)
     flight = Flight(

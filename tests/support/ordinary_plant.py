@@ -143,7 +143,7 @@ def as_tlog(flight: Floats) -> bytes:
         if k % 25 == 0:
             send(t, mavlink.MAVLink_heartbeat_message(1, 3, 0x80, 5, 4, 3))  # in FBWA, armed
         if k % 5 == 0:
-            send(t, mavlink.MAVLink_vfr_hud_message(AIRSPEED_M_S, AIRSPEED_M_S, 0, 50, 0.0, 0.0))
+            send(t, mavlink.MAVLink_vfr_hud_message(AIRSPEED_M_S, 47.0, 0, 50, 0.0, 0.0))
         send(t, mavlink.MAVLink_attitude_message(round(1000 * t), roll, 0.0, 0.0, p, 0.0, r))
         pwm = [round(1500.0 + 400.0 * aileron), 1500, 1500, round(1500.0 + 400.0 * rudder)]
         stamp = round(1e6 * t)

@@ -155,6 +155,26 @@ def test_the_bare_airframe_has_a_history_of_its_own(tmp_path: Path) -> None:
     assert said.flights == 30
 
 
+def test_ordinary_flights_have_a_history_of_their_own_without_any_manoeuvre(tmp_path: Path) -> None:
+    """Their zeta falls by a third, and nobody ever moved a rudder."""
+    nothing = {"loop": None, "wn_rad_s": None, "zeta": None, "kappa_rad_m": None, "K_per_V": None}
+    rows = [row | nothing | {"usable": False, "answer": None} for row in steady(1, 30)]
+    for i, row in enumerate(rows):
+        row |= {"ordinary_wn_rad_s": 2.4, "ordinary_kappa_rad_m": 0.048,
+                "ordinary_kappa_std": 0.001,
+                "ordinary_zeta": (0.30 if i < 18 else 0.20) + 0.01 * (-1) ** i,
+                "ordinary_zeta_std": 0.01}  # fmt: skip
+
+    write_fleet(tmp_path, rows)
+    said, _ = trend(tmp_path)
+
+    assert {each.loop for each in said.followed} == {"ordinary"}
+    found = {each.quantity: each for each in said.followed}
+    assert found["kappa_rad_m"].now.value == pytest.approx(0.048)
+    assert found["kappa_rad_m"].change is None
+    assert found["zeta"].change is not None
+
+
 def test_an_old_flight_without_kappa_still_tells_its_damping(tmp_path: Path) -> None:
     rows = steady(1, 3) + steady(2, 2, kappa_rad_m=None, kappa_std=None)
     rows[0] |= {"kappa_rad_m": None, "kappa_std": None}

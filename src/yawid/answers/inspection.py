@@ -25,6 +25,13 @@ class Answerable(Part, frozen=True):
     wn_well_rad_s: float
 
 
+class Can(Part, frozen=True):
+    """Whether the log gives an answer, and in words what it lacks for it."""
+
+    yes: bool
+    lacks: list[str]
+
+
 class Span(Part, frozen=True):
     """A stretch of a boot, in s since that boot."""
 
@@ -45,8 +52,9 @@ class Inspection(Origin, Judged, frozen=True, kw_only=True):
 
     ``unchecked`` is a note on signed frames that were not checked. ``excited`` has the stretches in
     which the rudder moved on its own. ``manoeuvres``, ``flight``, ``flights``, ``verdict`` and
-    ``warnings`` are those of a replay with the options asked for, which ``command`` is. ``record``
-    says what to record next time; ``card`` says what to fly, if asked for.
+    ``warnings`` are those of a replay with the options asked for, which ``command`` is. ``can``
+    says whether ordinary flight is answered, too, if that is asked for. ``record`` says what to
+    record next time; ``card`` says what to fly, if asked for.
     """
 
     senders: dict[str, int]
@@ -59,6 +67,7 @@ class Inspection(Origin, Judged, frozen=True, kw_only=True):
     manoeuvres: list[Manoeuvre] | None = None
     flight: Flight | None = None
     flights: list[Flight] | None = None
+    can: dict[str, Can] | None = None
     record: list[str] | None = None
     command: str | None = None
     card: FlightTestCard | None = None

@@ -4,11 +4,15 @@ It is of the aircraft without its autopilot, and of its modes and its roll chann
 flight does not show the rudder's effect.
 """
 
+import math
 from typing import Final
+
+import numpy as np
 
 from yawid.answers.model_parts import DutchRoll, TimeConstant, Value
 from yawid.answers.part import Count, Number, Part
 from yawid.answers.reasons import Verdict
+from yawid.quantities.airspeed import density_ratio
 
 ORDINARY: Final = "ordinary"
 """The method of a verdict that is an ordinary flight's."""
@@ -61,7 +65,8 @@ class OrdinaryAnswer(Part, frozen=True, kw_only=True):
     ``flown`` is the same mode under the roll law found, a by-product with its own sigma and
     verdict. ``seconds`` are the time used, ``seen_s`` all of it; ``share`` is the part of the
     roll rate's power near the mode that what is asked of the aileron makes. The airspeed is the
-    true one. A run's summary leaves out the numbers that a gate stops.
+    true one, ``altitude_m`` the mean above the sea. A run's summary leaves out the numbers that a
+    gate stops.
     """
 
     dutch_roll: DutchRoll | None = None
@@ -72,6 +77,8 @@ class OrdinaryAnswer(Part, frozen=True, kw_only=True):
     flown_verdict: Verdict | None = None
     law: RollLaw | None = None
     airspeed_m_s: Number | None = None
+    airspeed_source: str | None = None
+    altitude_m: Number | None = None
     seconds: Number = 0.0
     seen_s: Number = 0.0
     turns: Count = 0
@@ -85,3 +92,10 @@ class OrdinaryAnswer(Part, frozen=True, kw_only=True):
     def __bool__(self) -> bool:
         """Return whether it is usable."""
         return self.verdict.usable
+
+    @property
+    def equivalent_airspeed_m_s(self) -> float | None:
+        """The equivalent airspeed, None where the altitude is unknown."""
+        if self.airspeed_m_s is None or self.altitude_m is None:
+            return None
+        return self.airspeed_m_s * math.sqrt(float(density_ratio(np.array([self.altitude_m]))[0]))

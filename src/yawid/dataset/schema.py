@@ -81,6 +81,17 @@ BARE: Final = (
     ("bare_airspeed_m_s", NUMBER, "true airspeed of the bare airframe's numbers, m/s"),
 )
 """The bare airframe, which ``--lateral auto`` looks for."""
+ORDINARY: Final = (
+    ("ordinary_wn_rad_s", NUMBER, "wn from ordinary flight, rad/s; NULL where it is not known"),
+    ("ordinary_wn_std", NUMBER, "total sigma"),
+    ("ordinary_zeta", NUMBER, "zeta from ordinary flight"),
+    ("ordinary_zeta_std", NUMBER, "total sigma"),
+    ("ordinary_kappa_rad_m", NUMBER, "wn / V, V the equivalent airspeed; NULL of a ground speed"),
+    ("ordinary_kappa_std", NUMBER, "total sigma"),
+    ("ordinary_airspeed_m_s", NUMBER, "true airspeed of ordinary flight's numbers, m/s"),
+    ("ordinary_why", ID, "why it is not known: the first reason"),
+)
+"""The bare airframe's mode from ordinary flight, for which ``--ordinary`` asks."""
 CONDITION: Final = (
     *_columns(ID, "loop"),
     *_columns(NUMBER, "airspeed_m_s"),
@@ -188,6 +199,7 @@ FLIGHTS: Final = Table(
         ("between_wn_rad_s", NUMBER, "scatter of wn between manoeuvres"),
         ("between_zeta", NUMBER, "scatter of zeta between manoeuvres"),
         *BARE,
+        *ORDINARY,
         ("manoeuvres", COUNT, "found"),
         ("used", COUNTS, "numbers n of those the answer rests on"),
         ("disagree", COUNTS, "numbers n of those left out because they disagree"),

@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Sequence
 from datetime import datetime
 
+from yawid.answers.ordinary import OrdinaryAnswer
 from yawid.answers.part import Part
 from yawid.answers.reasons import Verdict
 from yawid.answers.run_summary import Bare, Flight, Manoeuvre, MethodSummary, RunSummary, Value
@@ -27,6 +28,7 @@ def flight_rows(summary: RunSummary, first_us: int | None, duration_s: float | N
         "rudder_source": None if rudder is None else rudder.source,
         "rate_hz": None if stream is None else 1.0 / stream.sample_time_s,
         **_bare(summary.bare),
+        **_ordinary(summary.ordinary),
     }
     if vehicle is not None:
         row |= {"compid": vehicle.compid, "vehicle_type": vehicle.type}
@@ -117,6 +119,21 @@ def _bare(bare: Bare | None) -> Row:
         "bare_roll_mode_std": None if mode is None else mode.std,
         "bare_airspeed_m_s": bare.airspeed_m_s,
     }
+
+
+def _ordinary(found: OrdinaryAnswer | None) -> Row:
+    """Return the numbers of ordinary flight, or why they are not known; none if not asked for."""
+    if found is None or found.dutch_roll is None:
+        return {} if found is None else {"ordinary_why": found.verdict.reasons[0].id}
+    roll, speed = found.dutch_roll, found.equivalent_airspeed_m_s
+    names = "wn_rad_s", "wn_std", "zeta", "zeta_std"
+    row: Row = {f"ordinary_{name}": getattr(roll, name) for name in names}
+    row["ordinary_airspeed_m_s"] = found.airspeed_m_s
+    if speed is not None and found.airspeed_source == "airspeed":
+        wn = Value(roll.wn_rad_s, roll.wn_std)
+        over = _value("ordinary_kappa_rad_m", "ordinary_kappa", wn, 1.0 / speed)
+        row |= {name: x for name, x in over.items() if not name.endswith("_noise")}
+    return row
 
 
 def _of_method(method: MethodSummary) -> Row:

@@ -15,6 +15,7 @@ from yawid.report.lateral_picture import lateral_picture
 from yawid.report.likelihood_picture import likelihood_picture
 from yawid.report.manoeuvres import flight_numbers, flight_section
 from yawid.report.model_pictures import bode_picture, poles_picture, residuals_picture, step_picture
+from yawid.report.ordinary import ordinary_section, spectra_picture
 from yawid.report.picture import Picture
 from yawid.report.run_tables import (
     channel_tables,
@@ -104,6 +105,7 @@ class Report:
         unit = HALF_TRAVEL if run.grid is None else run.grid.rudder_unit
         yield from flight_section(summary, unit)
         yield from bare_section(summary)
+        yield from ordinary_section(summary)
         yield pictures("", self._of_airframe)
         yield pictures("Measurement and model", self._of_flight())
         against = [] if summary.deciding.usable else summary.deciding.fatal
@@ -151,7 +153,8 @@ class Report:
     @cached_property
     def _of_airframe(self) -> list[Picture]:
         shown = lateral_picture(self._run)
-        return [] if shown is None else [shown]
+        spectra = spectra_picture(self._summary.ordinary)
+        return [each for each in (shown, spectra) if each is not None]
 
     def _of_model(self) -> list[Picture]:
         first, grid, bare = self._first, self._run.grid, self._summary.bare

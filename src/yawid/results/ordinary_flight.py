@@ -1,10 +1,11 @@
 """What a run says of an ordinary flight's answer: what of it is given, and how it agrees.
 
-It is compared with the manoeuvres' answer of nearly the same true airspeed, to which wn is brought
-in proportion: with the bare airframe, else with the flight's, as the aircraft was flown there.
+It is compared with the manoeuvres' answer of nearly the same airspeed, to which wn is brought in
+proportion: with the bare airframe, else with the flight's, as the aircraft was flown there.
 """
 
 import math
+from collections import defaultdict
 from collections.abc import Iterator
 from typing import Final
 
@@ -14,14 +15,16 @@ from msgspec.structs import replace
 from yawid.answers.ordinary import Agreement, OrdinaryAnswer
 from yawid.answers.reasons import Reason
 from yawid.answers.run_summary import Bare, DutchRoll, Flight, RunSummary
-from yawid.blocks import AIRSPEED_SHARE
-from yawid.quantities.airspeed import true_of_equivalent
+from yawid.blocks import AIRSPEED_SHARE, Floats, Noted, SampleBlock
+from yawid.quantities.airspeed import GROUND_SPEED, true_of_equivalent
 from yawid.quantities.vehicles import AIRFRAME, WITH_ROLL_LOOP
 
 UNKNOWN: Final = "ordinary_unknown"
 MOST_SIGMAS: Final = 3.0
 """The most by which both answers may differ. Without it two aircraft would stand next to each other
 without a word; at 2 one of ten right pairs would have a warning, as wn and zeta are compared."""
+
+SPEED_BIN: Final = math.log(1.03)
 
 
 def given(found: OrdinaryAnswer) -> OrdinaryAnswer:
@@ -30,9 +33,36 @@ def given(found: OrdinaryAnswer) -> OrdinaryAnswer:
         return OrdinaryAnswer(
             airspeed_m_s=found.airspeed_m_s, seconds=found.seconds, seen_s=found.seen_s,
             turns=found.turns, windows=found.windows, share=found.share, verdict=found.verdict,
+            airspeed_source=found.airspeed_source, altitude_m=found.altitude_m,
         )  # fmt: skip
     is_known = found.flown_verdict is not None and found.flown_verdict.usable
     return replace(found, flown=found.flown if is_known else None)
+
+
+class Flown:
+    """How high a run flew, and whose airspeed it had, by its true airspeed to 3 %."""
+
+    def __init__(self) -> None:
+        self._sums: defaultdict[int, Floats] = defaultdict(lambda: np.zeros(3))
+
+    def feed(self, samples: SampleBlock) -> None:
+        """Take samples in; those that are held do not count."""
+        used = samples.select((samples.held == 0) & (samples.airspeed > 0.0))
+        by_ground = (used.noted & Noted.GROUND_SPEED.value) != 0
+        rows = np.column_stack([np.ones(len(used)), used.altitude, by_ground])
+        speeds = np.log(true_of_equivalent(used.airspeed, used.altitude)) / SPEED_BIN
+        for at in np.unique(bins := np.floor(speeds).astype(int)).tolist():
+            self._sums[at] += rows[bins == at].sum(axis=0)
+
+    def at(self, found: OrdinaryAnswer) -> OrdinaryAnswer:
+        """Return an answer with the altitude and the source of its airspeed."""
+        if not found.airspeed_m_s:
+            return found
+        middle = round(math.log(found.airspeed_m_s) / SPEED_BIN)
+        count, height, by_ground = sum((self._sums[middle + i] for i in range(-2, 2)), np.zeros(3))
+        source = GROUND_SPEED if 2.0 * by_ground > count else "airspeed"
+        altitude_m = float(height / count) if count and math.isfinite(height) else None
+        return replace(found, airspeed_source=source, altitude_m=altitude_m)
 
 
 def why_unknown(found: OrdinaryAnswer | None) -> Iterator[Reason]:
@@ -76,22 +106,16 @@ def _pairs(
     Between them is the ratio of the airspeeds.
     """
     bare, own = summary.bare, found.dutch_roll
-    others: list[tuple[Bare | Flight, DutchRoll | None, float | None]] = []
-    if bare:
-        others.append((bare, own, bare.airspeed_m_s))
+    others: list[tuple[Bare | Flight, DutchRoll | None, float]] = []
+    if bare and bare.airspeed_m_s and found.airspeed_m_s:
+        others.append((bare, own, bare.airspeed_m_s / found.airspeed_m_s))
     for flight in filter(None, summary.by_loop):
         mode = {AIRFRAME: own, WITH_ROLL_LOOP: found.flown}.get(flight.loop or "")
-        others.append((flight, mode, _true_airspeed(flight)))
-    for other, mode, speed in others:
-        ratio = (speed or math.nan) / (found.airspeed_m_s or math.nan)
+        ratio = (flight.airspeed_m_s or math.nan) / (found.equivalent_airspeed_m_s or math.nan)
+        others.append((flight, mode, ratio))
+    for other, mode, ratio in others:
         if mode and other.dutch_roll and abs(ratio - 1.0) <= AIRSPEED_SHARE:
             yield other, mode, ratio, other.dutch_roll
-
-
-def _true_airspeed(flight: Flight) -> float:
-    height = math.nan if flight.altitude_m is None else flight.altitude_m
-    speed = math.nan if flight.airspeed_m_s is None else flight.airspeed_m_s
-    return float(true_of_equivalent(np.array([speed]), np.array([height]))[0])
 
 
 def _warned(summary: RunSummary, other: Bare | Flight, reason: Reason) -> RunSummary:

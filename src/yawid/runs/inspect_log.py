@@ -15,7 +15,8 @@ import numpy as np
 from msgspec import structs
 
 from yawid.answers.flight_test_card import FlightTestCard
-from yawid.answers.inspection import Answerable, FlightPhase, Inspection, MessageRate, Span
+from yawid.answers.inspection import Answerable, Can, FlightPhase, Inspection, MessageRate, Span
+from yawid.answers.ordinary import ORDINARY, OrdinaryAnswer
 from yawid.answers.run_summary import Origin, RunSummary
 from yawid.blocks import Floats, Ints, SampleBlock
 from yawid.channels.segments import REBOOT_US, Boots
@@ -69,7 +70,10 @@ def inspect(
 
 def _inspected(source: RecordedLog, config: RunConfig, bar: Bar, *, with_card: bool) -> Inspection:
     kept, survey = KeptSamples(), Survey()
-    job = run(source, config, [kept], advance=bar, survey=survey)
+    looking = config
+    if source.record is None:  # the columns of a record are those that were asked for
+        looking = replace(config, ordinary=config.ordinary or "auto")
+    job = run(source, looking, [kept], advance=bar, survey=survey)
     log, link, channels = source.path, source.link, job.pipeline.channels
     summary, samples, rates = job.conclude(), kept.joined(), _rates(survey)
     found: list[Span] = []
@@ -93,12 +97,17 @@ def _inspected(source: RecordedLog, config: RunConfig, bar: Bar, *, with_card: b
         manoeuvres=summary.manoeuvres,
         flight=summary.flight,
         flights=summary.flights,
+        can=None if summary.ordinary is None else {ORDINARY: _can(summary.ordinary)},
         record=what_to_record(ids, job.pipeline.report()) or None,
         command=command_line(log, config, source.options) if can_answer else None,
         card=_card(summary, config, samples, rates, parameters) if with_card else None,
         verdict=summary.verdict,
         warnings=summary.warnings,
     )
+
+
+def _can(found: OrdinaryAnswer) -> Can:
+    return Can(found.verdict.usable, [reason.text for reason in found.verdict.reasons])
 
 
 def _card(

@@ -298,7 +298,8 @@ def ordinary_rows(summary: RunSummary) -> Iterator[Row]:
         return
     yield Row(ORDINARY, dutch_roll(found.dutch_roll))
     turns = f"{found.turns} turn{'s' * (found.turns != 1)}"
-    where = f"at {found.airspeed_m_s:.1f} m/s (true airspeed)"
+    kind = GROUND_SPEED if found.airspeed_source == GROUND_SPEED else "true airspeed"
+    where = f"at {found.airspeed_m_s:.1f} m/s ({kind})"
     where += f", from {found.seconds / 60.0:.0f} of {found.seen_s / 60.0:.0f} min, {turns}"
     yield Row("", f"{OF_ORDINARY}; {where}")
     if (roll := found.roll_mode) is not None:

@@ -1,7 +1,8 @@
 """A data set's flights as histories: one number of one vehicle, flight after flight.
 
 A vehicle flown with its roll loop responds differently from the airframe alone, so each loop is a
-history of its own. So is the bare airframe that ``--lateral auto`` finds under a roll loop.
+history of its own. So is the bare airframe that ``--lateral auto`` finds under a roll loop,
+and that which ``--ordinary`` finds.
 """
 
 import re
@@ -14,7 +15,7 @@ import numpy as np
 from yawid.answers.reasons import Reason
 from yawid.blocks import Floats, Ints
 from yawid.dataset.files import read_flights_by_loop
-from yawid.dataset.schema import BARE
+from yawid.dataset.schema import BARE, ORDINARY
 from yawid.quantities.airspeed import density_ratio
 from yawid.quantities.vehicles import autopilot_name, type_name
 from yawid.system.stores import Place
@@ -39,6 +40,9 @@ BY_SYSID: Final = "sysid:"
 """Begins the name of a vehicle of which only its MAVLink id is known."""
 BARE_AIRFRAME: Final = "bare"
 """The loop of a history of the bare airframe."""
+ORDINARY_FLIGHT: Final = "ordinary"
+"""The loop of a history of the same from ordinary flight, whose sigmas and errors are others."""
+_OF_ORDINARY: Final = ("kappa_rad_m", "kappa_std", "zeta", "zeta_std")
 FlightRow = Mapping[str, Any]
 """A row of ``flights_by_loop`` by its columns."""
 
@@ -73,14 +77,14 @@ def read_flights(folder: Place, without_sha: str | None = None) -> Flights:
     Raises:
         SourceError: there is no data set, or it cannot be read.
     """
-    bare = [name for name, *_ in BARE]
+    bare = [name for name, *_ in (*BARE, *ORDINARY)]
     columns = [*_WHO, *MADE, *FOLLOWED, *FOLLOWED.values(), *bare, *_MIXED, "altitude_m"]
     table = read_flights_by_loop(folder, columns)
     dates = table["date"].cast("int64").to_pylist()
     rows = [row | {"date": date} for row, date in zip(table.to_pylist(), dates, strict=True)]
     if without_sha is not None:
         rows = [row for row in rows if row["log_sha256"] != without_sha]
-    return flights_of([*rows, *_bare_rows(rows)])
+    return flights_of([*rows, *_bare_rows(rows), *_ordinary_rows(rows)])
 
 
 def _bare_rows(rows: Sequence[FlightRow]) -> list[FlightRow]:
@@ -102,6 +106,21 @@ def _bare_rows(rows: Sequence[FlightRow]) -> list[FlightRow]:
             "kappa_rad_m": kappa[0] if np.isfinite(ratio) else None, "kappa_std": kappa[1],
         }  # fmt: skip
         found[whose] = {**row, **numbers, "loop": BARE_AIRFRAME, "usable": True}
+    return list(found.values())
+
+
+def _ordinary_rows(rows: Sequence[FlightRow]) -> list[FlightRow]:
+    """Return a row for each flight whose ordinary part shows the mode; it has no K / V."""
+    known = [row for row in rows if row["ordinary_wn_rad_s"] is not None]
+    own = {"loop": ORDINARY_FLIGHT, "usable": True, "K_per_V": None}
+    found = {
+        (row["log_sha256"], row["sysid"], row["boot"]): {
+            **row,
+            **{name: row[f"ordinary_{name}"] for name in _OF_ORDINARY},
+            **own,
+        }
+        for row in known
+    }
     return list(found.values())
 
 

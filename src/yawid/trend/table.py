@@ -15,7 +15,7 @@ from yawid.sinks.door import page_console
 from yawid.sinks.words import LATIN
 from yawid.trend import words
 from yawid.trend.diff import CANNOT_TELL, DamperDiff, Diff
-from yawid.trend.history import BARE_AIRFRAME, shown
+from yawid.trend.history import BARE_AIRFRAME, ORDINARY_FLIGHT, shown
 from yawid.trend.trend import Followed, Trend
 
 MOST_ROWS: Final = 60
@@ -100,7 +100,8 @@ def _units(quantities: Iterable[str]) -> str:
 
 def _named(vehicle: str, loop: str) -> str:
     """Return a vehicle's name with its loop; an empty loop, as of two runs, has none."""
-    loops = {AIRFRAME: "", "": "", WITH_ROLL_LOOP: " roll", BARE_AIRFRAME: " bare"}
+    loops = {AIRFRAME: "", "": "", WITH_ROLL_LOOP: " roll", BARE_AIRFRAME: " bare",
+             ORDINARY_FLIGHT: " ordinary"}  # fmt: skip
     return vehicle + loops.get(loop, " ?")
 
 

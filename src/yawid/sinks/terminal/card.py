@@ -135,6 +135,8 @@ def _flight(card: FlightTestCard) -> Iterator[Row]:
         yield "mode", f"[ ] {each.mode}: the {whose}{done}"
     if not flown.modes:
         yield "mode", f"[ ] {BLANK}: one in which the pedals move the rudder directly"
+    turns = "twelve minutes at one airspeed with turns of 20 deg bank show wn and zeta alone"
+    yield "or", f"{turns}, of the bare airframe, without any rudder: --ordinary auto"
 
 
 def _manoeuvre(card: FlightTestCard) -> Iterator[Row]:

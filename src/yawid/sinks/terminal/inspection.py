@@ -59,6 +59,9 @@ def _rows(report: Inspection) -> Iterator[tuple[str, str]]:
             "answers",
             f"Dutch rolls with wn up to {most:.3g} rad/s, and well up to {well:.3g} rad/s",
         )
+    for name, can in (report.can or {}).items():
+        lacks = f"does not show the aircraft's mode: {'; '.join(can.lacks)}"
+        yield name, "shows the aircraft's mode: --ordinary auto" if can.yes else lacks
     for line in report.record or ():
         yield "record", line
 
