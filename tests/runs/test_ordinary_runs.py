@@ -27,7 +27,7 @@ from yawid.config.run import RunConfig
 from yawid.dataset.schema import TABLES
 from yawid.dataset.summary_rows import flight_rows
 from yawid.errors import NotIdentifiable
-from yawid.report.ordinary import ordinary_section, spectra_picture
+from yawid.report.bare import ordinary_section, spectra_picture
 from yawid.report.write import write_report
 from yawid.results.ordinary_flight import compared
 from yawid.sinks.terminal.summary_table import print_summary

@@ -1,11 +1,20 @@
-"""The report's section on the bare airframe: its numbers next to the answer as flown."""
+"""The report's sections on the bare airframe: its numbers next to the answer as flown, and what
+ordinary flight shows of it, with the spectra that this rests on.
+"""
 
 from collections.abc import Iterator
 from typing import Final
 
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.ticker import StrMethodFormatter
+
+from yawid.answers.ordinary import OrdinaryAnswer
 from yawid.answers.run_summary import Bare, DutchRoll, RunSummary
 from yawid.report.html import grid, note, numbers, table
-from yawid.sinks.words import NONE, bare_warnings, count, of_value, plus_minus
+from yawid.report.picture import Picture, band, log_axis
+from yawid.sinks.palette import BARE, DATA, NEUTRAL
+from yawid.sinks.words import NONE, bare_warnings, count, of_value, ordinary_rows, plus_minus
 
 SYMBOLS: Final = {
     "Y_beta": ("Y_β/V", "−a_z^β", "1/s"),
@@ -22,6 +31,7 @@ SYMBOLS: Final = {
     "Y_delta_r": ("Y_δr/V", NONE, "1/s per rudder"),
 }
 """Of each derivative the usual name, the paper's (eq. 21), and the unit."""
+DENSITIES = {"p": "(rad/s)²/Hz", "r": "(rad/s)²/Hz", "roll": "rad²/Hz"}
 
 
 def bare_section(summary: RunSummary) -> Iterator[str]:
@@ -83,3 +93,41 @@ def _others(bare: Bare) -> Iterator[tuple[str, str]]:
     if bare.airspeed_m_s is not None:
         yield "at", f"{bare.airspeed_m_s:.1f} m/s (true airspeed)"
     yield "from", f"{count(len(bare.used))}: {', '.join(map(str, bare.used))}"
+
+
+def ordinary_section(summary: RunSummary) -> Iterator[str]:
+    """Yield the section on ordinary flight; nothing where it was not looked for."""
+    said = [row.text for row in ordinary_rows(summary)]
+    if said:
+        yield note("Ordinary flight", f"{'; '.join(said)}.")
+
+
+def spectra_picture(found: OrdinaryAnswer | None) -> Picture | None:
+    """Return the picture of the spectra of p, r and roll, measured and of the model."""
+    if found is None or found.spectrum is None or found.dutch_roll is None:
+        return None
+    spectrum, wn = found.spectrum, found.dutch_roll.wn_rad_s
+    w = np.array(spectrum.w_rad_s)
+    spread = np.exp(2.0 / np.sqrt(np.array(spectrum.count)))
+
+    def draw(figure: Figure) -> None:
+        for ax, (name, unit) in zip(
+            figure.subplots(len(DENSITIES), 1, sharex=True), DENSITIES.items(), strict=True
+        ):
+            modelled = np.array(spectrum.modelled[name])
+            ax.loglog(w, spectrum.measured[name], ".", color=DATA, markersize=4, label="measured")
+            ax.plot(w, modelled, color=BARE, label="model")
+            band(ax, w, modelled / spread, modelled * spread, BARE)
+            ax.axvline(wn, color=NEUTRAL, linewidth=0.8, linestyle="--")
+            ax.yaxis.set_major_formatter(StrMethodFormatter("{x:.0e}"))
+            ax.set_ylabel(f"{name}\n{unit}")
+        log_axis(ax)
+        ax.set_xlabel("frequency [rad/s]")
+        figure.legend(*ax.get_legend_handles_labels(), loc="outside upper right", ncols=2)
+
+    look = (
+        f"The band used, {w[0]:.2g} to {w[-1]:.2g} rad/s; dashed: ωn of the aircraft without its "
+        "autopilot. Shaded: where 95 % of the points should be. The model has the aileron as it "
+        "was, so that turns are in it."
+    )
+    return Picture("ordinary", "Spectra of ordinary flight", look, draw)
