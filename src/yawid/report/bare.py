@@ -1,6 +1,4 @@
-"""The report's sections on the bare airframe: its numbers next to the answer as flown, and what
-ordinary flight shows of it, with the spectra that this rests on.
-"""
+"""The report's sections on the bare airframe: from manoeuvres, and from ordinary flight."""
 
 from collections.abc import Iterator
 from typing import Final
