@@ -1,8 +1,7 @@
 """The batch prediction-error fit: the gold standard that the recursion is compared with.
 
 It minimises the sum of squares of eps = (A y - B u - bias)/C over the whole record (Ljung 1999,
-10.2). The damped Gauss-Newton fit is the estimator's own start fit, over a window as long as the
-record.
+10.2). The fit is the estimator's own start fit, over a window as long as the record.
 """
 
 from __future__ import annotations
@@ -19,7 +18,7 @@ from yawid.estimation.armax import RecursiveArmax
 from yawid.estimation.checks import checked_samples
 from yawid.estimation.fit import fit_percent, simulate
 
-UNSETTLED = 0.5
+UNSETTLED = 0.999
 """Lambda that only a fit replaces: a recursion that had to start without one keeps it."""
 
 

@@ -24,7 +24,7 @@ VARIANTS: dict[str, dict[str, Any]] = {
     "two inputs": {"orders": TWO},
     "no input": {"orders": NONE},
 }
-IN_THE_GATE = {"plain", "start fit", "two inputs"}
+IN_THE_GATE = {"plain", "two inputs"}
 """Variants of the reference estimator, which is slow, that are not in the long list alone."""
 KINDS = [
     pytest.param(
@@ -36,6 +36,7 @@ KINDS = [
     for engine in ("numba", "filterpy")
     for method in ("els", "rml")
     for name, options in VARIANTS.items()
+    if engine == "numba" or "start_buffer" not in options
 ]
 SNAPSHOT = ("theta", "theta_std", "covariance", "y_hat", "innovation", "residual", "noise_std")
 SAMPLES = 300
@@ -56,6 +57,11 @@ def samples(estimator: Any, seed: int = 1) -> tuple[np.ndarray, np.ndarray]:
     return u, y
 
 
+def predicted(estimator: Any, u: np.ndarray) -> float | None:
+    """The prediction of y; None of the reference, which makes none before the sample is there."""
+    return estimator.predict(u) if hasattr(estimator, "predict") else None
+
+
 def state(estimator: Any) -> list[Any]:
     """What can be seen of it from outside."""
     seen = [estimator.theta, estimator.P, estimator.covariance, estimator.updates, estimator.held]
@@ -73,7 +79,7 @@ def modifies_no_input(estimator: Any) -> None:
     y.setflags(write=False)
     estimator.run(u, y, covariance=True)
     estimator.update(u[0], y[0])
-    estimator.predict(u[0])
+    predicted(estimator, u[0])
     fresh = samples(estimator)
     np.testing.assert_array_equal(u, fresh[0])
     np.testing.assert_array_equal(y, fresh[1])
@@ -94,13 +100,13 @@ def many_updates_are_one_run(estimator: Any) -> None:
     one = make_like(estimator)
     block = estimator.run(u, y, covariance=True)
     for k in range(SAMPLES):
-        predicted = one.predict(u[k])
+        expected = predicted(one, u[k])
         came = one.update(u[k], y[k])
         for name in (*SNAPSHOT, "status"):
             row = getattr(block, name)[k]
             np.testing.assert_array_equal(getattr(came, name), row, err_msg=f"{name} at {k}")
         if np.isfinite(came.y_hat):
-            assert predicted == came.y_hat
+            assert expected in (None, came.y_hat)
             assert came.y_hat + came.innovation == pytest.approx(y[k], rel=1e-12, abs=1e-12)
 
 
@@ -144,7 +150,7 @@ def a_prediction_changes_nothing(estimator: Any) -> None:
     u, y = samples(estimator)
     asked = make_like(estimator)
     for a, b in pairwise([0, 40, 150, 171, 202, SAMPLES]):
-        asked.predict(u[0])
+        predicted(asked, u[0])
         rows = [one.run(u[a:b], y[a:b], covariance=True).rows for one in (asked, estimator)]
         np.testing.assert_array_equal(*rows)
     assert_same(asked, estimator)

@@ -79,10 +79,10 @@ class EstimatorConfig:
     initial variance of each parameter on scaled signals. ``information_floor`` limits what
     forgetting may remove: P[i, i] stays below 1 + 0.03 / floor times its usual least (0: no limit;
     None: 0.1 where lambda < 1, else 0). ``scale_window`` is the number of samples that set the
-    scale (0: none), ``start_buffer`` that of the samples for one Gauss-Newton fit (0: none); both
-    wait until each channel's standard deviation over them exceeds ``scale_minimum``, in the
-    channel's unit. ``residual_lags`` is the number of lags of the residual's autocorrelation for
-    whiteness and sigma; 0 leaves both out.
+    scale (0: none), ``start_buffer`` that of the samples for one prediction-error fit (0: none, as
+    with filterpy always); both wait until each channel's standard deviation over them exceeds
+    ``scale_minimum``, in the channel's unit. ``residual_lags`` is the number of lags of the
+    residual's autocorrelation for whiteness and sigma; 0 leaves both out.
 
     Raises:
         ConfigError: a value outside its limits.

@@ -36,7 +36,7 @@ A sample's way, with the function of each step in ``kernel/recursion.py``:
    the power of two that brings its standard deviation to 0.71 to 1.41, and the samples in the
    window go through the steps below, all of which work on scaled signals; results get their units
    back when they are read. theta starts from 0 and P from P0 on its diagonal or, with
-   ``start_buffer``, both from one Gauss-Newton fit of the window (``start_fit.py``).
+   ``start_buffer``, both from one prediction-error fit of the window (``start_fit.py``).
 2. Held samples. A sample with a NaN changes neither theta nor P. After it the registers of past
    samples are emptied (``_open``), and there is no update until they hold all lags of y and u and
    nc residuals again.
@@ -99,7 +99,7 @@ from yawid.estimation.machine.runner import RUNNER
 from yawid.estimation.start_fit import factorise, fit_start
 from yawid.estimation.whiteness import ljung_box
 
-VERSION = "yawid-armax-3"
+VERSION = "yawid-armax-4"
 """Version of a saved estimator: it changes with the meaning or place of anything in the state."""
 NO_SAMPLE, NO_ROWS = np.empty(0), np.empty((0, 0))
 
@@ -260,23 +260,26 @@ class RecursiveArmax:
         """Take the samples of the window, the oldest first, and recurse from now on."""
         s, parts, start = self._header, self._parts, None
         rows = np.roll(parts.samples.reshape(int(s.window), -1), -int(s.head), 0)
-        if self.config.start_buffer:
-            scaled = rows.copy()
-            scaled[:, 1:] *= parts.factors
-            start = fit_start(self.config, scaled)
+        gaps = np.flatnonzero(rows[:, 0])
+        taken = np.insert(rows, gaps, np.nan, axis=0)
+        u, y = taken[:, 2:].copy(), taken[:, 1].copy()
         s.phase = slots.RUNNING
+        if self.config.start_buffer:
+            first = self._state.copy()
+            RUNNER.run(first, u.reshape(-1), y, NO_ROWS, 0)
+            scaled = rows * [1.0, *parts.factors]
+            start = fit_start(self.config, scaled, slots.cut(first).theta)
         if start is not None:
-            parts.theta[:] = start.theta
-            factorise(start.P, parts.d, parts.upper)
+            parts.theta[:], parts.d[:] = start.theta, 0.0  # without variance theta stays
+            s.lam, s.since = s.lam_end, 1.0  # the first residuals count, as in the fit
             if self.config.residual_lags:
                 parts.covariance[:] = start.covariance.ravel()
-            s.phase = slots.FROZEN
-        gaps = np.flatnonzero(rows[:, 0])
-        rows = np.insert(rows, gaps, np.nan, axis=0)
-        self._take(rows[:, 2:].copy(), rows[:, 1].copy(), NO_ROWS)
+        self._take(u, y, NO_ROWS)
         s.held -= len(gaps)
         if start is not None:
-            s.phase, s.lam = slots.RUNNING, s.lam_end
+            factorise(start.P, parts.d, parts.upper)
+            parts.least[:] = parts.best[:] = s.P0
+            s.lam, s.since = s.lam_end, s.since - 1.0
         s.count = 0.0
         parts.samples[:] = 0.0
         s.y_hat = s.innovation = math.nan  # nothing could be predicted before this sample

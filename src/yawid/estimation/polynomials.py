@@ -67,22 +67,6 @@ def spr_margin(c: Floats) -> float:
     return float(np.min(real)) - 0.5
 
 
-def is_stable(c: Floats) -> bool:
-    """Return whether all zeros of C(q), ``c`` (nc,), lie inside the unit circle.
-
-    By the test of Schur and Cohn, as in the recursion: a fit needs it at every step, and computing
-    the zeros takes six times as long.
-    """
-    rest = [1.0, *c.tolist()]
-    while len(rest) > 1:
-        last = rest[-1]
-        if not abs(last) < 1.0:
-            return False
-        share = 1.0 - last * last
-        rest = [(x - last * y) / share for x, y in zip(rest[:-1], rest[:0:-1], strict=True)]
-    return True
-
-
 def reflected(c: Floats) -> Floats:
     """Return ``c`` (nc,) with the zeros of C(q) outside the unit circle reflected into it.
 

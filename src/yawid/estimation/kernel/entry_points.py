@@ -9,7 +9,7 @@ from yawid.estimation.kernel import state as slots
 from yawid.estimation.kernel.marks import called, hot, merged
 from yawid.estimation.kernel.recursion import covariance_entry, gather, noise_variance, take
 from yawid.estimation.kernel.state import (
-    FITTING,
+    FULL,
     HOLDING,
     RESTARTING,
     RUNNING,
@@ -88,7 +88,7 @@ def run(packed, u, y, out, first):
         for j in range(m):
             at.inputs[j] = u[k * m + j]
         _sample(s, at)
-        if s.phase == FITTING or s.phase == RESTARTING:
+        if s.phase == FULL or s.phase == RESTARTING:
             return k
         if len(out) == len(y):
             _read(packed, out[k])

@@ -43,8 +43,7 @@ def new_state(config: EstimatorConfig) -> Floats:
         "r": heads[-1] + max(1, orders.nc),  # a spare place for signals without a register
         "lags": lags, "window": window, "depth": lag_depth(config.orders),
         "bias": config.bias, "filters": METHODS[config.method].filters,
-        "scaled": config.scale_window > 0, "start_fit": config.start_buffer > 0,
-        "minimum": config.scale_minimum,
+        "scaled": config.scale_window > 0, "minimum": config.scale_minimum,
         "P0": config.P0, "d_max": max(D_CAP, config.P0),
         "warm": WARM_UPDATES_PER_PARAMETER * n,
         "lam_start": config.forgetting_start, "lam_end": config.forgetting_factor,

@@ -26,17 +26,6 @@ def add_products(a, b, out):
 
 
 @merged
-def combine(a, x, out):
-    """Write a x to ``out`` (n, l), summed column after column, for ``a`` (n, m), ``x`` (m, l)."""
-    for k in range(len(a)):
-        for j in range(x.shape[1]):
-            total = 0.0
-            for i in range(len(x)):
-                total += a[k, i] * x[i, j]
-            out[k, j] = total
-
-
-@merged
 def filter_rows(a, delays, x):
     """Filter each column of ``x`` (n, m) in place by 1/A, ``a`` (na, 1) without its leading 1.
 
@@ -53,4 +42,4 @@ def filter_rows(a, delays, x):
             delays[last, j] = 0.0 - a[last, 0] * x[k, j]
 
 
-LOOPS = (add_products, combine, filter_rows)
+LOOPS = (add_products, filter_rows)

@@ -22,8 +22,7 @@ from yawid.estimation.kernel.linear_algebra import (
 from yawid.estimation.kernel.marks import called, hot, merged
 from yawid.estimation.kernel.state import (
     DIVERGING,
-    FITTING,
-    FROZEN,
+    FULL,
     HOLDING,
     RESTARTING,
     TRACKING,
@@ -91,7 +90,7 @@ def gather(packed):
     s.y_hat, s.innovation, s.residual = math.nan, math.nan, math.nan
     s.status = WARMING_UP
     if s.count == s.window and _scale(s, at):
-        s.phase = FITTING
+        s.phase = FULL
 
 
 @hot
@@ -279,19 +278,14 @@ def _account(s, at, y, e, eps, lam, share):
 
 @merged
 def take(s, at):
-    """Take the sample in ``s.y`` and ``at.inputs`` through the recursion.
-
-    Where the phase is FROZEN theta and P stay as they are.
-    """
+    """Take the sample in ``s.y`` and ``at.inputs`` through the recursion."""
     y = s.y * at.factors[0]
     y_hat = expect(s, at)
     e = y - y_hat
-    frozen = s.phase == FROZEN
-    eps = e if frozen or s.since > 0.0 else 0.0
+    eps = e if s.since > 0.0 else 0.0
     learning = s.filled > s.depth + s.nc
-    lam, share = s.lam_end, 1.0
-    if learning and not frozen:
-        lam = s.lam
+    lam, share = s.lam, 1.0
+    if learning:
         eps, share = _learn(s, at, e)
         if not abs(eps) < math.inf:
             s.phase = RESTARTING

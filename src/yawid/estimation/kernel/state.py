@@ -22,7 +22,7 @@ NUMBERS = (
     # Fixed when the state is made: r is the length of all registers, depth the largest lag of y
     # and u in phi, warm the number of updates during which the status is WARMING_UP.
     "n", "na", "nc", "m", "r", "lags", "window", "depth", "bias", "filters",
-    "scaled", "start_fit", "minimum", "P0", "d_max", "warm",
+    "scaled", "minimum", "P0", "d_max", "warm",
     "lam_start", "lam_end", "lam_rate", "floor",
     # The sample: y as given (the inputs are a part of their own), and its results, scaled.
     "y", "y_hat", "innovation", "residual", "status",
@@ -73,8 +73,8 @@ class Parts(NamedTuple):
     samples: Floats  # (window (m + 2),) rows of break flag, y, u, as given
 
 
-# phase: fill the window, await its release, recurse, await a restart, recurse but keep theta and P
-GATHERING, FITTING, RUNNING, RESTARTING, FROZEN = 0.0, 1.0, 2.0, 3.0, 4.0
+# phase: fill the window, await its release, recurse, await a restart
+GATHERING, FULL, RUNNING, RESTARTING = 0.0, 1.0, 2.0, 3.0
 WARMING_UP, TRACKING, HOLDING, DIVERGING = 0.0, 1.0, 2.0, 3.0  # status, as in blocks.Status
 
 

@@ -7,7 +7,7 @@ threads also wait for each other, which takes many times longer than one thread 
 import numpy as np
 
 from yawid.blocks import Floats
-from yawid.estimation.kernel.records import add_products, combine
+from yawid.estimation.kernel.records import add_products
 from yawid.estimation.machine.runner import RUNNER
 
 
@@ -23,15 +23,3 @@ def cross(a: Floats, b: Floats) -> Floats:
         sums = np.einsum("ki,kj->ij", np.ascontiguousarray(a), twice)
         found[:] = sums[:, : found.shape[1]]
     return found[:, 0] if b.ndim == 1 else found
-
-
-def along(a: Floats, x: Floats) -> Floats:
-    """Return a x, (n,) or (n, l), for ``a`` (n, m) and ``x`` (m,) or (m, l)."""
-    wide = x[:, None] if x.ndim == 1 else x
-    found = np.zeros((len(a), wide.shape[1]))
-    if (loop := RUNNER.loop(combine)) is not None:
-        loop(np.ascontiguousarray(a), np.ascontiguousarray(wide), found)
-    else:
-        for column, row in zip(a.T, wide, strict=True):
-            found += column[:, None] * row
-    return found[:, 0] if x.ndim == 1 else found
