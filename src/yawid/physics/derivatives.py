@@ -13,9 +13,14 @@ Eq. 22 at gamma = 0, and eq. 23 for the rate, are::
 
 Four numbers of one kind give the four of the other. theta gives the poles p_i and the residues R_i
 of r/u exactly, because the zero-order hold is undone; for na = 2 these are the model above. With
-more poles, the yaw mode stays and the others count as lags in series with a DC gain of 1: r/u times
-(1 - s/p) for each of them and times the polynomial of the yaw mode is a polynomial in s, to which
-K omega^2 (T s + 1) is fitted over 0.3 to 3 omega. The misfit is the error of the reduction.
+more poles, the yaw mode stays and the others count as lags in series with a DC gain of 1: to r/u
+times (1 - s/p) for each of them and times the polynomial of the yaw mode, K omega^2 (T s + 1) is
+fitted over 0.3 to 3 omega. The misfit is the error of the reduction. With z = exp(s Ts),
+
+    r/u = sum of R_i / (s - p_i),   or   B(z) / A(z) z Ts s / (z - 1)
+
+where a pole z <= 0 has an effect. It has no continuous counterpart: its response alternates from
+sample to sample, which no motion of an aircraft does. It is no lag, and stays in the response.
 
 The yaw mode is the Dutch roll or, where no pole oscillates, the two slowest real poles other than
 the servo's. The servo's pole is the real one nearest to 1/tau where its lag tau is given. Otherwise
@@ -33,8 +38,8 @@ from yawid.config.estimator import ArmaxOrders
 from yawid.physics.modes import (
     Complexes,
     Poles,
+    discrete_residues,
     dutch_roll_index,
-    numerator_terms,
     poles_of,
     residues_of,
     rows_at_once,
@@ -50,12 +55,9 @@ _STEP = 1e-6
 """Smallest step of the central differences, in units of theta."""
 _OF_NYQUIST = 0.8
 """Where a pole alternates, the frequencies of the reduction end at this part of Nyquist's."""
-_AT_ZERO = 1e-6
-"""A pole nearer than this to z = 0 is a delay, which a zero there cancels."""
-_FAR = 1e9
-"""Size in rad/s of a pole that has no effect."""
 CANCELLED = 0.01
-"""A zero cancels an alternating pole where |B| is at most this share of the sum of its |terms|."""
+"""An alternating pole has no effect with at most this share of the sum of all |residues|: a zero
+lies on it."""
 _NEAR = 2.0
 """The servo's pole lies within this factor of 1 / tau, where tau is given."""
 
@@ -90,24 +92,27 @@ def yaw_channel(
         ]
         values, error = (np.concatenate(columns) for columns in zip(*found, strict=True))
         return values, error
-    z, p = poles.z, poles.s
+    p = poles.s.copy()
     residues = residues_of(theta, poles, orders, sample_time_s, mean_output=mean_output)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         yaw, servo = np.arange(2) + np.zeros((n, 1), int), np.full(n, np.nan)
-        alternating = np.zeros(n, np.bool_)
         if orders.na > 2:
-            moved, alternating = _alternating(theta, orders, z, p)
-            p, residues = np.where(moved, -_FAR, p), np.where(moved, 0.0, residues)
             yaw, servo = _yaw_and_servo(p, residues, sample_time_s, servo_tau_s)
         mode = np.take_along_axis(p, yaw, axis=1)
         omega = np.sqrt(mode.prod(axis=1).real)
         xi = -mode.sum(axis=1).real / (2.0 * omega)
-        n1, n0, error = _numerator(p, residues, yaw, omega)
-        if alternating.any():
-            n1[alternating], n0[alternating], error[alternating] = _of_response(
-                theta[alternating], orders, sample_time_s, p[alternating], yaw[alternating],
-                mean_output=mean_output,
-            )  # fmt: skip
+        if orders.na == 2:
+            n1, error = residues.sum(axis=1).real, np.zeros(n)
+            n0 = -(residues[:, 0] * p[:, 1] + residues[:, 1] * p[:, 0]).real
+        else:
+            size = np.abs(discrete_residues(theta, poles, orders))
+            # size is NaN at z = 0, which is a delay
+            has_effect = size > CANCELLED * np.nansum(size, axis=1, keepdims=True)
+            alternates = np.any(np.isnan(p) & has_effect, axis=1)
+            w = omega[:, None] * _BAND
+            w = np.where(alternates[:, None], np.minimum(w, _OF_NYQUIST * np.pi / sample_time_s), w)
+            sampled = _sampled(theta, orders, sample_time_s, w, 1 + mean_output)
+            n1, n0, error = _numerator(p, residues, yaw, w, sampled, alternates)
         K, T = n0 / omega**2, n1 / n0
         a_z = 1.0 / T
         a_omega = 2.0 * xi * omega - a_z
@@ -116,22 +121,6 @@ def yaw_channel(
         if servo_tau_s is not None and orders.na > 2:
             values[np.isnan(servo)] = np.nan
     return values, error
-
-
-def _alternating(
-    theta: Floats, orders: ArmaxOrders, z: Complexes, p: Complexes
-) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Return which poles (n, na) have z <= 0, and the rows (n,) in which such a one has an effect.
-
-    It has none where a zero lies on it, or at z = 0 a delay that a zero there cancels.
-    """
-    terms = numerator_terms(theta, orders, z)
-    cancelled = np.abs(terms.sum(axis=2)) <= CANCELLED * np.abs(terms).sum(axis=2)
-    b = np.abs(theta[:, orders.na : orders.na + orders.nb[0]])
-    short = (orders.nb[0] < orders.na) | (b[:, -1] <= CANCELLED * b.sum(axis=1))
-    cancelled |= (np.abs(z) < _AT_ZERO) & short[:, None]
-    found: NDArray[np.bool_] = np.isnan(p) & np.isfinite(z)
-    return found, np.any(found & ~cancelled, axis=1)
 
 
 def _yaw_and_servo(
@@ -146,7 +135,7 @@ def _yaw_and_servo(
     mirrored = np.abs(p - np.conj(p[rows, np.maximum(first, 0)])[:, None])
     oscillating = np.stack([first, np.argmin(np.nan_to_num(mirrored, nan=np.inf), axis=1)], axis=1)
 
-    real = np.where((p.imag == 0.0) & (np.abs(p) < _FAR), p.real, np.nan)
+    real = np.where(p.imag == 0.0, p.real, np.nan)
     lag = np.where(real < 0.0, real, np.nan)
     off = -np.abs(lag) if servo_tau_s is None else np.abs(np.log(-lag * servo_tau_s))
     nearest = np.argmin(np.nan_to_num(off, nan=np.inf), axis=1)
@@ -165,84 +154,40 @@ def _yaw_and_servo(
     return yaw, servo
 
 
-def _numerator(
-    p: Complexes, residues: Complexes, yaw: Ints, omega: Floats
-) -> tuple[Floats, Floats, Floats]:
-    """Return n1 and n0 (n,) of the numerator n1 s + n0 of eq. 23, and its relative misfit (n,)."""
-    if p.shape[1] == 2:
-        n1 = residues.sum(axis=1).real
-        n0 = -(residues[:, 0] * p[:, 1] + residues[:, 1] * p[:, 0]).real
-        return n1, n0, np.zeros(len(p))
-    lags = p.copy()
-    np.put_along_axis(lags, yaw, -1.0, axis=1)
-    wanted = numerator_polynomial(p, residues) * np.prod(-1.0 / lags, axis=1).real[:, None]
-    w = omega[:, None] * _BAND
-    # At s = jw the even powers are the real part; the odd ones times w are the imaginary part.
-    even, odd = (polyval(-(w**2), wanted.T[i::2, :, None], tensor=False) for i in (0, 1))
-    return _line(w, even, odd)
-
-
-def _of_response(
-    theta: Floats, orders: ArmaxOrders, sample_time_s: float, p: Complexes, yaw: Ints,
-    *, mean_output: bool,
-) -> tuple[Floats, Floats, Floats]:  # fmt: skip
-    """Return what :func:`_numerator` does, of the response on the unit circle.
-
-    A pole with z <= 0 has no continuous counterpart: its response alternates from sample to sample,
-    which no motion of an aircraft does, so that it models delay or noise. It stays in the response.
-    """
-    omega = np.sqrt(np.take_along_axis(p, yaw, axis=1).prod(axis=1).real)
-    w = np.minimum(omega[:, None] * _BAND, _OF_NYQUIST * np.pi / sample_time_s)
-    wanted = _response(theta, orders, sample_time_s, w, mean_output=mean_output)
-    s = 1j * w
-    for i in range(p.shape[1]):
-        pole = p[:, i, None]
-        wanted = wanted * np.where((yaw == i).any(axis=1)[:, None], s - pole, 1.0 - s / pole)
-    return _line(w, wanted.real, wanted.imag / w)
-
-
-def _response(
-    theta: Floats, orders: ArmaxOrders, sample_time_s: float, w: Floats, *, mean_output: bool
+def _sampled(
+    theta: Floats, orders: ArmaxOrders, sample_time_s: float, w: Floats, holds: int
 ) -> Complexes:
-    """Return the continuous response (n, k) at w (n, k) of models theta (n, p), their hold undone.
-
-    A dead time is left out.
-    """
-    z = np.exp(-1j * w * sample_time_s)
-    den, num = np.ones_like(z), np.zeros_like(z)
-    for i in range(orders.na):
-        den += theta[:, i, None] * z ** (i + 1)
-    for i in range(orders.nb[0]):
-        num += theta[:, orders.na + i, None] * z ** (i + 1)
-    hold = (1.0 - z) / (1j * w * sample_time_s)
-    found: Complexes = num / den / (hold**2 if mean_output else hold)
+    """Return the response (n, k) at w (n, k) of B / A without dead time, its holds undone."""
+    x = np.exp(-1j * w * sample_time_s)
+    a, b = (each.T[:, :, None] for each in np.split(theta, [orders.na], axis=1))
+    num = x * polyval(x, b[: orders.nb[0]], tensor=False)
+    hold = (1.0 - x) / (1j * w * sample_time_s)
+    found: Complexes = num / (1.0 + x * polyval(x, a, tensor=False)) / hold**holds
     return found
 
 
-def _line(w: Floats, even: Floats, odd: Floats) -> tuple[Floats, Floats, Floats]:
-    """Return n1 and n0 (n,) that fit ``even`` + j w ``odd`` (n, k), and the relative misfit."""
-    # Weights for the relative misfit; n0 fits the real part and n1 the imaginary part alone.
-    weight = 1.0 / (even**2 + (odd * w) ** 2)
-    n0 = (weight * even).sum(axis=1) / weight.sum(axis=1)
-    n1 = (weight * odd * w**2).sum(axis=1) / (weight * w**2).sum(axis=1)
-    misfit = ((even - n0[:, None]) ** 2 + ((odd - n1[:, None]) * w) ** 2) * weight
+def _numerator(
+    p: Complexes, residues: Complexes, yaw: Ints, w: Floats, sampled: Complexes,
+    alternates: NDArray[np.bool_],
+) -> tuple[Floats, Floats, Floats]:  # fmt: skip
+    """Return n1 and n0 (n,) of the numerator n1 s + n0 of eq. 23, and its relative misfit (n,).
+
+    ``sampled`` (n, k) is the response at w (n, k) of the rows that have a pole that ``alternates``.
+    """
+    s, response, factors = 1j * w, np.zeros_like(sampled), np.ones_like(sampled)
+    for i in range(p.shape[1]):
+        pole = p[:, i, None]
+        lag = np.isfinite(pole)
+        response += np.where(lag, residues[:, i, None] / (s - pole), 0.0)
+        factor = np.where((yaw == i).any(axis=1)[:, None], s - pole, 1.0 - s / pole)
+        factors *= np.where(lag, factor, 1.0)
+    wanted = np.where(alternates[:, None], sampled, response) * factors
+    # n0 fits the real part and n1 w the imaginary one, each alone; their weights are relative.
+    weight = 1.0 / np.abs(wanted) ** 2
+    n0 = (wanted.real * weight).sum(axis=1) / weight.sum(axis=1)
+    n1 = (wanted.imag * w * weight).sum(axis=1) / (w**2 * weight).sum(axis=1)
+    misfit = np.abs(wanted - n0[:, None] - n1[:, None] * s) ** 2 * weight
     return n1, n0, np.sqrt(misfit.mean(axis=1))
-
-
-def numerator_polynomial(p: Complexes, residues: Complexes) -> Floats:
-    """Return the coefficients (n, na), lowest first, of sum_i R_i prod_(j != i) (s - p_j)."""
-    n, na = p.shape
-    total = np.zeros((n, na), complex)
-    for i in range(na):
-        term = np.zeros((n, na), complex)
-        term[:, 0] = residues[:, i]
-        for j in range(na):
-            if j != i:
-                shifted = np.zeros_like(term)
-                shifted[:, 1:] = term[:, :-1]  # the degree stays below na: nothing is lost
-                term = shifted - p[:, j, None] * term
-        total += term
-    return total.real
 
 
 def with_sigma(

@@ -164,19 +164,19 @@ def residues_of(
         )
     z, s = poles.z, poles.s
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        discrete = numerator_terms(theta, orders, z).sum(axis=2) * z**orders.na / poles.slopes
-        residues: Complexes = discrete * s / (z - 1.0)
+        residues = discrete_residues(theta, poles, orders) * s / (z - 1.0)
         if mean_output:
             residues = residues * s * sample_time_s * z / (z - 1.0)
     return residues
 
 
-def numerator_terms(theta: Floats, orders: ArmaxOrders, z: Complexes) -> Complexes:
-    """Return the terms b_i z^-(nk+i) (n, na, nb) of B, for the first input, at z (n, na)."""
+def discrete_residues(theta: Floats, poles: Poles, orders: ArmaxOrders) -> Complexes:
+    """Return the residues r (n, na) of B / A, the sum of r/(z - z_p), for the first input."""
     nb, nk = (orders.nb[0], orders.nk[0]) if orders.nb else (0, 1)
-    b = theta[:, None, orders.na : orders.na + nb]
-    terms: Complexes = b * z[:, :, None] ** (-(nk + np.arange(nb)))
-    return terms
+    b, z = theta[:, None, orders.na : orders.na + nb], poles.z
+    terms = b * z[:, :, None] ** (-(nk + np.arange(nb)))
+    found: Complexes = terms.sum(axis=2) * z**orders.na / poles.slopes
+    return found
 
 
 def rows_at_once(orders: ArmaxOrders, columns: int = 1) -> int:
