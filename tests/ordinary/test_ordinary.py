@@ -21,7 +21,7 @@ X = np.array([
     *(np.log(-DERIVATIVES["Y_beta"]) if name == "log_Y_beta" else DERIVATIVES[name] for name in (
         "log_Y_beta", "L_beta", "L_p", "L_r", "L_delta_a", "N_beta", "N_p", "N_r", "N_delta_a",
     )),
-    0.0, 0.0, 0.0, 0.0, *np.log([GUST, GUST, 1e-8, 0.0004, 0.00012, 0.0004, 0.4, 4.0]),
+    0.0, 0.0, 0.0, 0.0, -12.0, *np.log([GUST, GUST, 1e-8, 0.0004, 0.00012, 0.0004, 0.4, 4.0]),
 ])  # fmt: skip
 """What ``flown`` is made of, by FREE: noise of .002 at 25 Hz has a density of .0004^2."""
 
@@ -53,12 +53,15 @@ def known_before() -> tuple[np.ndarray, np.ndarray]:
     return prior_of(Guess(start, 2.0, 0.0))[0]
 
 
-@pytest.mark.parametrize("frozen", [0.0, 1.0])
-def test_the_spectra_of_a_linear_aircraft_are_those_of_the_model(frozen: float) -> None:
-    sums = streamed(flown(1, seconds=900.0, gust=GUST, frozen=frozen, turns=False)).sums()
+@pytest.mark.parametrize(("frozen", "span_s"), [(0.0, 0.0), (1.0, 0.0), (1.0, 0.3)])
+def test_the_spectra_of_a_linear_aircraft_are_those_of_the_model(
+    frozen: float, span_s: float
+) -> None:
+    how = {"frozen": frozen, "span_s": span_s}
+    sums = streamed(flown(1, seconds=900.0, gust=GUST, turns=False, **how)).sums()
     data, model = model_at(sums, 0.6, 7.0)
     x = X.copy()
-    x[FREE_AT["frozen"]] = frozen
+    x[FREE_AT["frozen"]], x[FREE_AT["log_span_lag"]] = frozen, np.log(span_s + 1e-5)
 
     predicted = model.predict(x, slopes=False)
     _, E = left_over(data, model, predicted.G)

@@ -51,39 +51,42 @@ def flown(
     rate_hz: float = 25.0,
     derivatives: dict[str, float] = DERIVATIVES,
     frozen: float = 0.0,
+    span_s: float = 0.0,
     damper: float = 0.0,
     noise: float = 0.002,
     law: tuple[float, float] = LAW,
 ) -> Floats:
     """Return t, p, r, roll, aileron and rudder (n, 6) of a flight.
 
-    ``gust`` is the sideslip of the lateral gusts in rad; ``frozen`` of their slope is a yaw rate.
-    The turns are small, so that the motion stays linear.
+    ``gust`` is the sideslip of the lateral gusts in rad; ``frozen`` of their slope is a yaw rate,
+    behind a lag of ``span_s``. The turns are small, so that the motion stays linear.
     """
     rng, step_s = np.random.default_rng(seed), 1.0 / rate_hz
     A, B = airframe(derivatives, 0.0, AIRSPEED_M_S)
     of, rate, roll_rate = derivatives, 0.4, 4.0
-    whole = np.zeros((8, 8))  # beta, p, r, roll, b, w, and the two commands
-    whole[:4, :4], whole[:4, 6:] = A, B
+    whole = np.zeros((9, 9))  # beta, p, r, roll, b, w, the two commands, and b behind the lag
+    whole[:4, :4], whole[:4, 6:8] = A, B
     whole[2, 7] = 2.0  # of the rudder
     b_drive = np.array([0.0, of["L_r"], of["N_r"], 0.0]) * frozen
     whole[:4, 4] = A[:, 0] - rate * b_drive
+    if span_s:
+        whole[8, 4], whole[8, 8] = 1.0 / span_s, -1.0 / span_s
+        whole[:4, 4], whole[:4, 8] = A[:, 0] + b_drive / span_s, -b_drive / span_s
+        b_drive = np.zeros(4)
     whole[:4, 5] = [0.0, of["L_p"], of["N_p"], 0.0]
     whole[4, 4], whole[5, 5] = -rate, -roll_rate
-    Q = np.zeros((8, 8))
+    Q = np.zeros((9, 9))
     kick = np.concatenate([b_drive, [1.0]]) * math.sqrt(2.0 * rate) * gust
     Q[:5, :5] = np.outer(kick, kick)
     Q[5, 5] = (roll_rate * gust) ** 2
-    both = np.zeros((16, 16))
-    both[:8, :8], both[:8, 8:], both[8:, 8:] = -whole, Q, whole.T
-    both = expm(both * step_s)
-    Phi = both[8:, 8:].T
-    values, vectors = np.linalg.eigh(Phi @ both[:8, 8:])
+    both = expm(np.block([[-whole, Q], [np.zeros((9, 9)), whole.T]]) * step_s)
+    Phi = both[9:, 9:].T
+    values, vectors = np.linalg.eigh(Phi @ both[:9, 9:])
     kicks = vectors * np.sqrt(np.maximum(values, 0.0))
     n = round(seconds / step_s)
     asked = _asked(rng, n, step_s) if turns else np.zeros(n)
-    x, found = np.zeros(8), np.zeros((n, 6))
-    white = rng.normal(size=(n, 8))
+    x, found = np.zeros(9), np.zeros((n, 6))
+    white = rng.normal(size=(n, 9))
     errors = rng.normal(size=(n, 3)) * [noise, noise, 0.3 * noise]
     for k in range(n):
         p, r, roll = x[1:4] + errors[k]

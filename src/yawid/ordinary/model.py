@@ -5,7 +5,7 @@ A is the airframe's of ``lateral/model.py``. With s = j w, and D(s) the servo af
     D(s) = exp(-s delay) / (1 + s servo_lag),   k = [0, kp, 0, kf]      of beta, p, r and roll
     (s I - A + B D k) x = B D (a - kp e_p - kf e_roll) + [g/V, 0, 0, 0] f1 + [0, 0, 0, 1] f2 + gusts
     B = [0, L_delta_a, N_delta_a, 0]        with the rudder that follows the aileron in it
-    lateral gust b:   [Y_beta, L_beta + c s L_r, N_beta + c s N_r, 0] b
+    lateral gust b:   [Y_beta, L_beta + f(s) L_r, N_beta + f(s) N_r, 0] b,   f = c s / (1 + s T)
     rolling gust w:   [0, L_p, N_p, 0] w
                       |b|^2 = 2 g b0^2 / (w^2 + g^2),    |w|^2 = w0^2 / (1 + (w / g_w)^2)
     white moment of yaw n0, and the white noise e_p, e_r, e_roll of what is measured
@@ -13,9 +13,11 @@ A is the airframe's of ``lateral/model.py``. With s = j w, and D(s) the servo af
     y = G u + e,   u = [a, f1, f2],   cov e = S = H H^H + diag(0, sigma_r^2, 0)
 
 ``frozen``, c, is 1 in a field of gusts that is passed, whose yaw rate is then that of its slope,
-and 0 where each gust is the same over all of the aircraft.
+and 0 where each gust is the same over all of the aircraft. The span does not feel what is shorter
+than itself: T, of ``log_span_lag``, is 3 b / (pi V) in MIL-F-8785C, with the span b.
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -39,11 +41,20 @@ SIZES = {
     "log_sigma_roll": 4,
 }
 """The logarithms of sizes, and the column of H that each scales."""
-FREE = (*STRUCTURE, "frozen", *SIZES, "log_sigma_r", "log_gust_rate", "log_roll_gust_rate")
+FREE = (
+    *STRUCTURE,
+    "frozen",
+    "log_span_lag",
+    *SIZES,
+    "log_sigma_r",
+    "log_gust_rate",
+    "log_roll_gust_rate",
+)
 FREE_AT = {name: i for i, name in enumerate(FREE)}
-FROZEN = 0.3, 0.5
+FROZEN, SPAN = (0.5, 0.5), (0.5, 0.7)
 """Mean and sigma of c: 0 in JSBSim, whose gusts are north and east of the earth, 1 in nature. With
-c = 1 for all every zeta in JSBSim's turbulence was .05 low."""
+c = 1 for all every zeta in JSBSim's turbulence was .05 low. And of T: the mean in 1/wn, and sigma
+of its logarithm. Without it wn was 3 to 18 % off in a frozen field (2.5 to 10 rad/s)."""
 UNKNOWN_SIZES = "log_gust", "log_roll_gust", "log_yaw_gust", "log_sigma_p"
 SIZE_STD = 3.0
 """Sigma of a size's logarithm: without it one that is 0, as a gust in calm air, has no end, and the
@@ -61,6 +72,8 @@ def prior_of(guess: Guess) -> tuple[Prior, Floats]:
         prior, scale = (None, 0.3) if each is None else (each.prior, each.scale(guess))
         if name == "frozen":
             mean, std = FROZEN
+        elif name == "log_span_lag":
+            mean, std = math.log(SPAN[0] / guess.wn), SPAN[1]
         elif name in UNKNOWN_SIZES:
             mean, std = guess.start[name], SIZE_STD
         else:
@@ -78,7 +91,7 @@ def full(x: Floats) -> Floats:
     theta = np.zeros((len(x), len(NAMES)))
     theta[:, AT["N_delta_r"]] = 1.0
     for i, name in enumerate(FREE):
-        if name != "frozen":
+        if name in AT:
             theta[:, AT[name]] = x[:, i]
     return theta
 
@@ -116,8 +129,11 @@ class Model:
         rolling = np.exp(o["log_roll_gust"]) / np.sqrt(1.0 + (w / roll_rate) ** 2)
         fed_back = np.exp(o["log_sigma_p"]) * k[P], np.exp(o["log_sigma_roll"]) * k[ROLL_ANGLE]
 
+        span = s * np.exp(o["log_span_lag"])
+        slope = s / (1.0 + span)
+
         def gusts(A: Floats) -> Complex:
-            yawing = A[:, 0] + o["frozen"] * s[:, None] * A[:, 2] * [0.0, 1.0, 1.0, 0.0]
+            yawing = A[:, 0] + o["frozen"] * slope[:, None] * A[:, 2] * [0.0, 1.0, 1.0, 0.0]
             return np.stack(
                 [passing[:, None] * yawing, rolling[:, None] * A[:, 1] * [0.0, 1.0, 1.0, 0.0]], 2
             )
@@ -136,7 +152,7 @@ class Model:
         if not slopes:
             return Predicted(X[:, 1:, :3], S, empty, empty)
 
-        inner = len(STRUCTURE) + 1
+        inner = len(STRUCTURE) + 2
         dX = np.zeros((inner, len(w), 4, 8), complex)
         dservo = {"delay": -s * servo, "servo_lag": -s * servo / (1.0 + s * o["servo_lag"])}
         for i, name in enumerate(STRUCTURE):
@@ -146,15 +162,16 @@ class Model:
             dX[i, :, :, 3:5] += gusts(dA[i])
             dX[i, :, :, 6] -= fed_back[0] * dBs
             dX[i, :, :, 7] -= fed_back[1] * dBs
-        dX[-1, :, 1:3, 3] = passing[:, None] * s[:, None] * A[1:3, 2]
+        dX[-2, :, 1:3, 3] = (passing * slope)[:, None] * A[1:3, 2]
+        dX[-1] = -o["frozen"] * (span / (1.0 + span))[:, None, None] * dX[-2]
         dX = inverse @ dX
         dG, dH = (np.zeros((len(FREE), len(w), 3, m), complex) for m in (3, 5))
         dG[:inner], dH[:inner] = dX[..., 1:, :3], dX[..., 1:, 3:]
         for name, column in SIZES.items():
             dH[FREE_AT[name], :, :, column] = H[:, :, column]
         by_rate = 0.5 - rate**2 / (w**2 + rate**2), w**2 / (w**2 + roll_rate**2)
-        for i, (column, slope) in enumerate(enumerate(by_rate), start=len(FREE) - 2):
-            dH[i, :, :, column] = H[:, :, column] * slope[:, None]
+        for i, (column, bent) in enumerate(enumerate(by_rate), start=len(FREE) - 2):
+            dH[i, :, :, column] = H[:, :, column] * bent[:, None]
         dS = dH @ H.conj().swapaxes(-1, -2)
         dS += dS.conj().swapaxes(-1, -2)
         dS[FREE_AT["log_sigma_r"], :, 1, 1] += 2.0 * np.exp(2.0 * o["log_sigma_r"])
