@@ -122,15 +122,12 @@ class Model:
         k = np.array([0.0, self.law.rate_gain, 0.0, self.law.roll_gain])
         Bs = servo[:, None] * B
         inverse = np.linalg.inv(s[:, None, None] * np.eye(4) - A + Bs[:, :, None] * k)
-        b0, rate, roll_rate = (
-            np.exp(o[x]) for x in ("log_gust", "log_gust_rate", "log_roll_gust_rate")
-        )
+        logs = "log_gust", "log_gust_rate", "log_roll_gust_rate", "log_span_lag"
+        b0, rate, roll_rate, span = (np.exp(o[x]) for x in logs)
         passing = b0 * np.sqrt(2.0 * rate / (w**2 + rate**2))
         rolling = np.exp(o["log_roll_gust"]) / np.sqrt(1.0 + (w / roll_rate) ** 2)
         fed_back = np.exp(o["log_sigma_p"]) * k[P], np.exp(o["log_sigma_roll"]) * k[ROLL_ANGLE]
-
-        span = s * np.exp(o["log_span_lag"])
-        slope = s / (1.0 + span)
+        slope = s / (1.0 + s * span)
 
         def gusts(A: Floats) -> Complex:
             yawing = A[:, 0] + o["frozen"] * slope[:, None] * A[:, 2] * [0.0, 1.0, 1.0, 0.0]
@@ -148,10 +145,9 @@ class Model:
         H[:, 2, 4] += np.exp(o["log_sigma_roll"])
         S = H @ H.conj().swapaxes(-1, -2)
         S[:, 1, 1] += np.exp(2.0 * o["log_sigma_r"])
-        empty = np.zeros((0, len(w), 3, 3), complex)
         if not slopes:
+            empty = np.zeros((0, len(w), 3, 3), complex)
             return Predicted(X[:, 1:, :3], S, empty, empty)
-
         inner = len(STRUCTURE) + 2
         dX = np.zeros((inner, len(w), 4, 8), complex)
         dservo = {"delay": -s * servo, "servo_lag": -s * servo / (1.0 + s * o["servo_lag"])}
@@ -163,7 +159,7 @@ class Model:
             dX[i, :, :, 6] -= fed_back[0] * dBs
             dX[i, :, :, 7] -= fed_back[1] * dBs
         dX[-2, :, 1:3, 3] = (passing * slope)[:, None] * A[1:3, 2]
-        dX[-1] = -o["frozen"] * (span / (1.0 + span))[:, None, None] * dX[-2]
+        dX[-1] = -o["frozen"] * (span * slope)[:, None, None] * dX[-2]
         dX = inverse @ dX
         dG, dH = (np.zeros((len(FREE), len(w), 3, m), complex) for m in (3, 5))
         dG[:inner], dH[:inner] = dX[..., 1:, :3], dX[..., 1:, 3:]
