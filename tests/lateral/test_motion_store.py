@@ -38,7 +38,7 @@ SERVOS = commands(9.0 + 0.02 * np.arange(600) + 0.007)
 
 
 def made(of: StampedRows, servos: StampedRows = SERVOS) -> Motion:
-    motion = motion_of(of, servos, NONE, 20.0)
+    motion = motion_of(of, servos, 20.0)
     assert isinstance(motion, Motion)
     return motion
 
@@ -115,7 +115,7 @@ def test_servo_messages_that_come_slower_set_the_step():
     ],
 )
 def test_commands_that_are_missing_are_the_cause(servos: StampedRows, why: str):
-    motion = motion_of(attitude(10.0 + 0.04 * np.arange(200)), servos, NONE, 20.0)
+    motion = motion_of(attitude(10.0 + 0.04 * np.arange(200)), servos, 20.0)
 
     assert isinstance(motion, str)
     assert why in motion

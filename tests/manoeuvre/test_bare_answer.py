@@ -34,8 +34,7 @@ def airframe(v: float = 50.0, wn: float = 2.4, std: float = 0.02, **changed: Any
         "rudder_mix": Known(0.3, 0.05), "gust_std_rad": 0.01,
         "rho1": 0.1, "airspeed_m_s": v,
         "alpha_rad": Known(0.05, 0.01), "correlations": np.eye(14), "from_prior": (),
-        "aileron_fed_back": 0.0, "names": (), "theta": np.zeros(0), "covariance": np.zeros((0, 0)),
-        "criterion": 0.0,
+        "aileron_fed_back": 0.0, "names": (), "theta": np.zeros(0),
     }  # fmt: skip
     return Airframe(**(given | changed))
 

@@ -53,8 +53,7 @@ class Airframe:
     DESIGN's names: dimensional, in 1/s (of rates, and Y_beta and Y_delta_r per airspeed) or 1/s^2,
     with Ixz folded in. ``gust_std_rad`` is the sideslip of the gusts and ``rho1`` the largest
     autocorrelation of the innovations over one sample, or over 40 ms where that is more. ``theta``
-    (n,) are the free parameters by ``names``, with ``covariance`` (n, n). ``failed`` is empty where
-    the airframe is known.
+    (n,) are the free parameters by ``names``. ``failed`` is empty where the airframe is known.
     """
 
     wn_rad_s: Known
@@ -78,9 +77,6 @@ class Airframe:
     """R squared of the aileron on roll and p: over .95 it is feedback alone."""
     names: tuple[str, ...]
     theta: Floats
-    covariance: Floats
-    criterion: float
-    """Twice the negative logarithm of the likelihood, up to a constant."""
     as_flown: AsFlown | None = None
     """None where no roll law is found."""
     given_lag_s: Known = Known()

@@ -43,7 +43,7 @@ def _records(records: Sequence[Record]) -> Iterator[Record]:
         of = whole.motion
         columns = {name: getattr(of, name)[rows] for name in ("p", "r", "roll", "pitch", "q")}
         start_s = of.commands_start_s - rows.start * of.sample_time_s
-        yield Record(replace(of, commands_start_s=start_s, ay_t_s=None, ay_m_s2=None, **columns))
+        yield Record(replace(of, commands_start_s=start_s, **columns))
 
 
 def _part(found: Fit, record: Record) -> Criterion:

@@ -210,8 +210,6 @@ def _airframe(fits: Sequence[Fit], records: Sequence[Record], airspeed_m_s: floa
         gust_std_rad=gust, rho1=autocorrelation(best.errors, records),
         airspeed_m_s=airspeed_m_s, aileron_fed_back=max(each.fed_back for each in records),
         names=best.of.names, theta=best.x * best.of.scale,
-        covariance=best.covariance * np.outer(best.of.scale, best.of.scale),
-        criterion=best.criterion,
         as_flown=_as_flown(best, records[0]) if len(records) == 1 else None,
     )  # fmt: skip
 

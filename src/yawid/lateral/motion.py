@@ -33,8 +33,7 @@ class Motion:
     stamps of the messages and never NaN; they begin LEAD_S before the first measurement where the
     log has them. ``airspeed_m_s`` is the mean true airspeed, ``climb`` the mean angle of climb in
     rad. With ``commands_exact`` False the commands are known on the grid of the measurements only.
-    ``aileron_known`` is False where no aileron was found; ``aileron`` is 0 then. ``ay_m_s2`` (l,)
-    is the lateral acceleration at ``ay_t_s`` (l,), if there is one.
+    ``aileron_known`` is False where no aileron was found; ``aileron`` is 0 then.
 
     Raises:
         ConfigError: lengths differ, the commands have gaps or do not cover the measurements, or
@@ -54,8 +53,6 @@ class Motion:
     climb: float = 0.0
     commands_exact: bool = True
     aileron_known: bool = True
-    ay_t_s: Floats | None = None
-    ay_m_s2: Floats | None = None
 
     def __post_init__(self) -> None:
         if not (0.0 < self.sample_time_s < math.inf and 0.0 < self.airspeed_m_s < math.inf):

@@ -54,12 +54,10 @@ class MotionStore:
     def forget(self, samples: SampleBlock) -> None:
         """Forget whole blocks that no manoeuvre ending after these samples can need."""
         low_ns = int(samples.unix_ns[-1]) - 1000 * self._kept_us
-        old = 0
-        while old < len(self._blocks) and _newest_ns(self._blocks[old]) < low_ns:
-            old += 1
-        del self._blocks[:old]
+        while self._blocks and _newest_ns(self._blocks[0]) < low_ns:
+            del self._blocks[0]
 
-    def cut(self, samples: SampleBlock) -> "Motion | str":
+    def cut(self, samples: SampleBlock) -> Motion | str:
         """Return the motion of a manoeuvre's samples, or in words what is missing of it."""
         if not self._blocks:
             return "the log has no attitude with roll and roll rate"
@@ -70,61 +68,51 @@ class MotionStore:
             return "the airspeed is not known"
         airspeed_m_s = float(true_of_equivalent(used.airspeed, used.altitude).mean())
         block = MotionBlock.joined(self._blocks)
-        span_us = int(samples.boot_us[0]), int(samples.boot_us[-1])
-        attitude = _inside(_own_clock(block.attitude, samples), *span_us)
+        first_us, last_us = int(samples.boot_us[0]), int(samples.boot_us[-1])
+        attitude = _rows(block.attitude, samples, first_us, last_us, 0)
         if len(attitude) < LEAST_ROWS:
             return f"it has {len(attitude)} attitudes with roll and roll rate"
-        before_us = round(1e6 * LEAD_S) + round(1e6 * LONGEST_COMMAND_S)
-        commands = _own_clock(block.commands, samples)
-        commands = commands.select(commands.values[:, 2] == samples.epoch[-1])
-        first, stop = np.searchsorted(commands.t_us, (span_us[0] - before_us, span_us[1] + 1))
-        commands = commands.select(slice(int(first), int(stop) + 2))
-        ay = _inside(_own_clock(block.acceleration, samples), *span_us)
-        next_us = attitude.t_us[-1]
-        ay = ay.select(ay.values[:, 1] <= next_us)
+        its = block.commands.values[:, 2] == samples.epoch[-1]
+        before_us = round(1e6 * (LEAD_S + LONGEST_COMMAND_S))
+        commands = _rows(block.commands.select(its), samples, first_us - before_us, last_us, 2)
         try:
-            found = motion_of(attitude, commands, ay, airspeed_m_s)
+            found = motion_of(attitude, commands, airspeed_m_s)
             climb = angle_of_climb(samples, airspeed_m_s)
             return found if isinstance(found, str) else replace(found, climb=climb)
         except ConfigError as error:  # the answer as flown must not fail with it
             return str(error)
 
 
-def motion_of(
-    attitude: StampedRows, commands: StampedRows, ay: StampedRows, airspeed_m_s: float
-) -> Motion | str:
+def motion_of(attitude: StampedRows, commands: StampedRows, airspeed_m_s: float) -> Motion | str:
     """Return the motion on its grids, or in words why there is none; times begin at the first row.
 
     The step of the grid is that of the slower of attitudes and commands.
     """
     t_s = _without_rounding((attitude.t_us - attitude.t_us[0]) / 1e6)
     interval_s = float(np.median(np.diff(t_s)))
-    known = np.isfinite(commands.values[:, 0])
-    aileron_known = bool(known.any() and np.isfinite(commands.values[known, 1]).all())
-    commands = commands.select(known)
+    commands = commands.select(np.isfinite(commands.values[:, 0]))
+    ailerons = commands.values[:, 1]
     command_s = (commands.t_us - attitude.t_us[0]) / 1e6
     if len(command_s) < 2 or not (command_s[0] <= 0.0 and command_s[-1] >= t_s[-1]):
         return "the commands do not cover it"
     if (longest_s := float(np.diff(command_s[command_s >= -LEAD_S]).max())) > LONGEST_COMMAND_S:
         return f"there is no servo message for {longest_s:.2g} s of it"
+    aileron_known = bool(np.isfinite(ailerons).all())
     step_s = max(interval_s, float(np.median(np.diff(command_s))), LEAST_STEP_S)
     count = max(1, round(step_s / interval_s))
     step_s = count * interval_s
     grid_s = np.arange(math.floor(t_s[-1] / step_s + 1e-6) + 1) * step_s
-    columns = _on_grid(t_s, _averaged(attitude.values, count), grid_s, step_s)
+    roll, pitch, p, q, r = _on_grid(t_s, _averaged(attitude.values, count), grid_s, step_s).T
     start_s = -COMMAND_STEP_S * math.floor(-max(command_s[0], -LEAD_S) / COMMAND_STEP_S)
     steps = math.floor((command_s[-1] - start_s) / COMMAND_STEP_S + 1e-9)
     fine_s = start_s + COMMAND_STEP_S * np.arange(steps + 1)
-    rudder, aileron = (np.interp(fine_s, command_s, commands.values[:, i]) for i in (0, 1))
-    roll, pitch, p, q, r = columns.T
+    rudder = np.interp(fine_s, command_s, commands.values[:, 0])
     return Motion(
         sample_time_s=step_s, p=p, r=r, roll=roll, pitch=pitch, q=q,
         commands_start_s=start_s, rudder=rudder,
-        aileron=aileron if aileron_known else np.zeros_like(rudder),
+        aileron=np.interp(fine_s, command_s, ailerons) if aileron_known else np.zeros_like(rudder),
         airspeed_m_s=airspeed_m_s, commands_exact=bool((commands.values[:, 3] == 1.0).all()),
         aileron_known=aileron_known,
-        ay_t_s=(ay.t_us - attitude.t_us[0]) / 1e6 if len(ay) else None,
-        ay_m_s2=ay.values[:, 0] if len(ay) else None,
     )  # fmt: skip
 
 
@@ -144,21 +132,23 @@ def _newest_ns(block: MotionBlock) -> int:
     return max(int(part.unix_ns[-1]) for part in parts if len(part))
 
 
-def _own_clock(rows: StampedRows, samples: SampleBlock) -> StampedRows:
-    """Return the rows between two reboots of which the samples are: by the Unix time at the end."""
-    last_us, last_ns = int(samples.boot_us[-1]), int(samples.unix_ns[-1])
+def _rows(
+    rows: StampedRows, samples: SampleBlock, first_us: int, last_us: int, more: int
+) -> StampedRows:
+    """Return the rows from one time to another, and ``more`` after them, on the samples' clock.
+
+    Of the stretches between two reboots it is the one with the samples' Unix time at their end.
+    """
+    end_us, end_ns = int(samples.boot_us[-1]), int(samples.unix_ns[-1])
     edges = {0, *(np.flatnonzero(np.diff(rows.t_us) < 0) + 1).tolist(), len(rows)}
 
     def away_ns(run: tuple[int, int]) -> int:
-        at = min(int(np.searchsorted(rows.t_us[slice(*run)], last_us)) + run[0], run[1] - 1)
-        return abs(int(rows.unix_ns[at]) - 1000 * int(rows.t_us[at] - last_us) - last_ns)
+        at = min(int(np.searchsorted(rows.t_us[slice(*run)], end_us)) + run[0], run[1] - 1)
+        return abs(int(rows.unix_ns[at]) - 1000 * int(rows.t_us[at] - end_us) - end_ns)
 
-    return rows.select(slice(*min(pairwise(sorted(edges)), key=away_ns, default=(0, 0))))
-
-
-def _inside(rows: StampedRows, first_us: int, last_us: int) -> StampedRows:
-    first, stop = np.searchsorted(rows.t_us, (first_us, last_us + 1))
-    return rows.select(slice(int(first), int(stop)))
+    own = rows.select(slice(*min(pairwise(sorted(edges)), key=away_ns, default=(0, 0))))
+    first, stop = np.searchsorted(own.t_us, (first_us, last_us + 1)).tolist()
+    return own.select(slice(first, stop + more))
 
 
 def _without_rounding(t_s: Floats) -> Floats:
