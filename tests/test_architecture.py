@@ -68,7 +68,7 @@ ONLY_IN = {
         "sinks/mcap/recover.py",
     },
     "rerun": {"sinks/rerun/recording.py", "sinks/rerun/blueprint.py"},
-    "filterpy": {"estimation/reference"},
+    "filterpy": {"estimation/reference.py"},
     "numba": {"estimation/machine/compiler.py"},
     "llvmlite": {"estimation/machine"},
     "distributed": {"fleet/cluster.py"},

@@ -19,7 +19,7 @@ if TYPE_CHECKING:  # without ArmaxOrders and EstimatorConfig, which accept more 
     from yawid.estimation.armax import Estimate as Estimate
     from yawid.estimation.armax import RecursiveArmax as RecursiveArmax
     from yawid.estimation.polynomials import parameter_names as parameter_names
-    from yawid.estimation.reference.estimator import make_estimator as make_estimator
+    from yawid.estimation.reference import make_estimator as make_estimator
     from yawid.tables.replay import replay as replay
     from yawid.tables.run import Run as Run
     from yawid.tables.run import load as load
@@ -33,7 +33,7 @@ _HOMES = {
     "RecursiveArmax": "yawid.estimation.armax",
     "Estimate": "yawid.estimation.armax",
     "parameter_names": "yawid.estimation.polynomials",
-    "make_estimator": "yawid.estimation.reference.estimator",
+    "make_estimator": "yawid.estimation.reference",
     "EstimateBlock": "yawid.blocks",
     "Status": "yawid.blocks",
     "YawidError": "yawid.errors",

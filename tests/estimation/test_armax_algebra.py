@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from estimation.armax_plants import config, simulate
+from estimation.armax_plants import S1, config, simulate
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy.signal import lfilter
+from scipy.special import gammaincc
 
 from yawid import ArmaxOrders, RecursiveArmax
 from yawid.estimation.kernel.recursion import (
@@ -242,3 +243,24 @@ def test_theta_of_rml_is_weighted_least_squares_over_the_filtered_regressors(
     miss = armax.theta - np.linalg.solve(R, f)
     assert np.sqrt(miss @ R @ miss) < 1e-7
     np.testing.assert_allclose(armax.P, np.linalg.inv(R), rtol=1e-6, atol=1e-12)
+
+
+def test_the_statistics_are_sums_over_the_updates_weighted_by_the_forgetting():
+    lags, first = 5, 4  # two lags of y and u, and two residuals, come before the first update
+    made = config(forgetting_factor=0.97, scale_window=0, residual_lags=lags)
+    armax = RecursiveArmax(made)
+    block = armax.run(*simulate(S1, 400, 3))
+    e, eps = block.innovation[first:], block.residual[first:]
+    assert armax.updates == len(e)
+    lam = 0.97 - (0.97 - made.forgetting_start) * made.forgetting_rate ** np.arange(len(e))
+    weights = np.append(np.cumprod(lam[:0:-1])[::-1], 1.0)
+    s1, s2 = weights.sum(), weights @ weights
+    assert armax.innovation_std == pytest.approx(np.sqrt(weights @ e**2 / s1), rel=1e-9)
+    assert armax.residual_std == pytest.approx(np.sqrt(weights @ eps**2 / s1), rel=1e-9)
+    noise = weights @ (e * eps) / (s1 - made.n_theta * s2 / s1)
+    assert armax.noise_std == pytest.approx(np.sqrt(noise), rel=1e-9)
+    lagged = [np.append(np.zeros(lag), eps[: len(eps) - lag]) for lag in range(lags + 1)]
+    products = np.array([weights @ (eps * each) for each in lagged])
+    n, r = s1**2 / s2, products[1:] / products[0]
+    q = n * (n + 2.0) * np.sum(r**2 / (n - np.arange(1, lags + 1)))
+    assert armax.whiteness_p == pytest.approx(gammaincc(0.5 * lags, 0.5 * q), rel=1e-6)

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from yawid import ArmaxOrders, ConfigError, RecursiveArmax, make_estimator
-from yawid.estimation.reference.estimator import ReferenceArmax
+from yawid.estimation.reference import ReferenceArmax
 
 OPTIONS = st.fixed_dictionaries(
     {
@@ -43,10 +43,10 @@ def assert_agree(kernel, reference, u, y):
         )
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=12, deadline=None)
 @given(options=OPTIONS, adaptation=ADAPTATIONS, orders=ORDERS, seed=st.integers(0, 999))
 def test_filterpy_agrees_to_1e_9(options, adaptation, orders, seed):
-    u, y = simulate(S1, 450, seed)
+    u, y = simulate(S1, 350, seed)
     y[[200, 290]] = np.nan
     made = config(orders, **options, **adaptation)
     assert_agree(RecursiveArmax(made), ReferenceArmax(made), u, y)
@@ -76,13 +76,3 @@ def test_the_engine_is_chosen_by_name():
     assert isinstance(make_estimator(config(), "filterpy"), ReferenceArmax)
     with pytest.raises(ConfigError, match="start_buffer must be 0"):
         make_estimator(config(start_buffer=100), "filterpy")
-
-
-def test_a_loss_that_rounding_leaves_below_zero_is_no_noise_and_no_traceback():
-    u, y = simulate(S1, 300, 1)
-    reference = ReferenceArmax(config(ArmaxOrders(2, (2,), 2, (1,))))
-    reference.run(u, y)
-
-    reference._sums[1] = -1e-30
-
-    assert np.isnan(reference.noise_std)

@@ -75,7 +75,7 @@ A sample's way, with the function of each step in ``kernel/recursion.py``:
 
 Elsewhere: settings and defaults in ``config/estimator.py``, names of the packed state in
 ``kernel/state.py``, the fit that may start it in ``start_fit.py``. ``machine/`` compiles it;
-``reference/`` is the same recursion on filterpy, with which the tests compare this one.
+``reference.py`` is the same recursion on filterpy, with which the tests compare this one.
 """
 
 import json
@@ -237,17 +237,20 @@ class RecursiveArmax:
         self._take(u, y, rows)
         return EstimateBlock(rows, n)
 
+    def _run(self, u: Floats, y: Floats, rows: Floats, first: int) -> int:
+        return RUNNER.run(self._state, u, y, rows, first)
+
     def _take(self, u: Floats, y: Floats, rows: Floats) -> None:
         """Take a block of samples, with the work between two of them that only Python can do."""
         flat = u.reshape(-1)
-        done = RUNNER.run(self._state, flat, y, rows, 0)
+        done = self._run(flat, y, rows, 0)
         if done < 0:
             raise ConfigError("u and y must not be infinite; a NaN marks a sample to be held")
         while done < len(y):
             self._after_stop()
             if len(rows) == len(y):
-                RUNNER.run(self._state, NO_SAMPLE, NO_SAMPLE, rows[done : done + 1], 0)
-            done = RUNNER.run(self._state, flat, y, rows, done + 1)
+                self._run(NO_SAMPLE, NO_SAMPLE, rows[done : done + 1], 0)
+            done = self._run(flat, y, rows, done + 1)
 
     def _after_stop(self) -> None:
         """Do that work: restart, or release the window."""

@@ -11,7 +11,7 @@ import numpy as np
 
 from yawid.blocks import EstimateBlock, Floats, Held, Ints, SampleBlock
 from yawid.config.run import RunConfig
-from yawid.estimation.reference.estimator import make_estimator
+from yawid.estimation.reference import make_estimator
 
 HISTORY = 2**19
 """The most samples kept: seven hours at 20 Hz; only the end of a longer run is judged."""

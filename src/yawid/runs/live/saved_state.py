@@ -110,8 +110,7 @@ class StateFile(Bulkhead):
         """Return the content of the file for the present state; the pipeline must have a bank."""
         bank = pipeline.bank
         assert bank is not None
-        saved = {m: e.to_bytes() for m, e in bank.estimators.items()}  # type: ignore[union-attr] # no reference here
-        # The reference engine has no to_bytes; __init__ has refused it.
+        saved = {m: e.to_bytes() for m, e in bank.estimators.items()}
         head = {
             "version": VERSION,
             "key": _key(bank, pipeline),

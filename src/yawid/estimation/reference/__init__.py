@@ -1,1 +1,0 @@
-"""The same recursion on filterpy's Kalman filter."""
