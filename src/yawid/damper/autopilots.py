@@ -21,6 +21,7 @@ from typing import Final
 
 import numpy as np
 
+from yawid.blocks import Floats
 from yawid.physics.modes import Complexes
 from yawid.quantities.vehicles import ARDUPILOT, PX4
 
@@ -49,14 +50,25 @@ class Law:
     fixed: float
     delay_s: float
 
+    def fraction(self, gain: float) -> tuple[Floats, Floats]:
+        """Return num and den of K without its delay, highest power first."""
+        num = [gain, gain * self.integral + self.fixed, self.fixed * self.washout]
+        return self.scaling * np.array(num), np.array([1.0, self.washout, 0.0])
+
     def at(self, s: Complexes, gain: float) -> Complexes:
-        """Return K at points s of any shape."""
-        scaled: Complexes = np.full(np.shape(s), gain, complex)
-        if self.washout or self.integral:
-            scaled = gain * (s + self.integral) / (s + self.washout)
-        if self.fixed:
-            scaled = scaled + self.fixed / s
-        return np.asarray(self.scaling * scaled * np.exp(-s * self.delay_s))
+        """Return K at points s of any shape, other than 0."""
+        num, den = self.fraction(gain)
+        return np.asarray(np.polyval(num, s) / np.polyval(den, s) * np.exp(-s * self.delay_s))
+
+    def states(self, gain: float) -> tuple[Floats, Floats, Floats, float]:
+        """Return A (q, q), B (q,), C (q,) and D of K in observer form, the delay as Pade(2, 2)."""
+        num, den = self.fraction(gain)
+        if d := self.delay_s:
+            late, early = ([1.0, sign * 6.0 / d, 12.0 / d**2] for sign in (-1.0, 1.0))
+            num, den = np.convolve(num, late), np.convolve(den, early)
+        A = np.eye(len(den) - 1, k=1)  # noqa: N806
+        A[:, 0] = -den[1:]
+        return A, num[1:] - num[0] * den[1:], np.eye(1, len(A))[0], float(num[0])
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,12 +1,16 @@
 """The damper's loop in continuous time: margins of the open loop, and the closed Dutch roll.
 
-With G from rudder to yaw rate (without the damper: see the manual) and the damper K, both with
-their delays, the open loop is L(s) = K(s) G(s) and the closed poles are the roots of 1 + L(s).
-The delay is exact in both: margins come from L(jw), and the Dutch roll is followed from gain 0 by
-Newton's method on (s - p) (1 + L(s)), which has no pole at its start p.
+With G from rudder to yaw rate (without the damper: see the manual) and the damper K, the open loop
+is L(s) = K(s) G(s), and margins come from L(jw), with the exact delay. The closed poles are the
+eigenvalues of G's and K's states, K's delay being Pade's of order 2: with G as poles p and residues
+R, K as (A, B, C, D), and u = -K r,
+
+    x' = diag(p) x - 1 (D R x + C k),    k' = A k + B R x.
+
+The Dutch roll is followed from gain 0, as the eigenvalue nearest to where it was going.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -16,10 +20,8 @@ from yawid.damper.autopilots import Law
 from yawid.physics.continuous import Transfer
 from yawid.physics.modes import Complexes
 
-STEPS: Final = 8
-"""The steps of the gain from one row to the next, in which Newton's method follows the pole."""
-NEWTON: Final = 6
-CONVERGED: Final = 1e-8
+STEPS: Final = 2
+"""The steps of the gain from one row to the next, in which the pole is followed."""
 REAL: Final = 1e-3
 """A pair whose imaginary part is less than this share of |s| has become two real poles."""
 LOWEST, HIGHEST_OF_WN, HIGHEST_OF_RATE = 0.1, 3.0, 0.2
@@ -32,51 +34,33 @@ def closed_dutch_roll(G: Transfer, law: Law, gains: Floats) -> Complexes:  # noq
 
     It is the pole that begins at the open Dutch roll; NaN from where it becomes two real poles.
     """
-    start = G.dutch_roll
-    s, found = start.copy(), np.full((len(gains), len(G)), np.nan, complex)
-    loop, lost = _Between(law, None, None), ~np.isfinite(start)
+    s: Complexes = G.dutch_roll
+    found = np.full((len(gains), len(G)), np.nan, complex)
+    move, last, lost = np.zeros(len(G), complex), 0.0, ~np.isfinite(s)
+    each = np.arange(len(G))
     for row, gain in enumerate(gains.tolist()):
-        loop, move = _Between(law, loop.last, gain), np.zeros(len(G), complex)
-        for step in range(1, STEPS + 1):
-            before = s
-            s = _newton(G, loop, step / STEPS, start, s + move)
+        for part in np.arange(1, STEPS + 1) / STEPS:
+            # Before the first gain there is no damper at all, without its fixed integrator.
+            here = law if row else replace(law, scaling=law.scaling * part)
+            poles = _closed_poles(G, here, last + part * (gain - last) if row else gain)
+            nearest = np.argmin(np.abs(poles - (s + move)[:, None]), axis=1)
+            before, s = s, poles[each, nearest]
             move = s - before
             lost |= ~(s.imag > REAL * np.abs(s))
-        found[row] = np.where(lost, np.nan, s)
+        last, found[row] = gain, np.where(lost, np.nan, s)
     return found
 
 
-@dataclass(frozen=True, slots=True)
-class _Between:
-    """The damper on the way from one gain to the next; a gain of None is no damper at all."""
-
-    law: Law
-    first: float | None
-    last: float | None
-
-    def at(self, s: Complexes, part: float) -> Complexes:
-        ends = ((self.first, 1.0 - part), (self.last, part))
-        known = [share * self.law.at(s, gain) for gain, share in ends if gain is not None]
-        found: Complexes = np.sum(known, axis=0)
-        return found
-
-
-def _newton(G: Transfer, loop: _Between, part: float, start: Complexes, s: Complexes) -> Complexes:  # noqa: N803
-    """Return the roots (n,) of (s - start) (1 + K G) near s (n,); NaN where none is reached."""
-
-    def error(at: Complexes) -> Complexes:
-        near = np.where(at == start, at * (1.0 + 1e-9), at)
-        return np.asarray((near - start) * (1.0 + loop.at(near, part) * G.at(near[:, None])[:, 0]))
-
-    size = np.abs(start)
-    with np.errstate(all="ignore"):
-        for _ in range(NEWTON):
-            step = 1e-6 * size
-            slope = (error(s + step) - error(s - step)) / (2.0 * step)
-            change = error(s) / slope
-            # A step of more than a tenth of wn would jump to another branch.
-            s = s - change * np.minimum(1.0, 0.1 * size / np.maximum(np.abs(change), 1e-300))
-        return np.where(np.abs(change) < CONVERGED * size, s, np.nan)
+def _closed_poles(G: Transfer, law: Law, gain: float) -> Complexes:  # noqa: N803
+    """Return all poles (n, k) of the closed loop."""
+    A, B, C, D = law.states(gain)  # noqa: N806
+    m, q = G.poles.shape[1], len(A)
+    closed = np.zeros((len(G), m + q, m + q), complex)
+    closed[:, :m, :m] = np.eye(m) * G.poles[:, None] - D * G.residues[:, None]
+    closed[:, :m, m:] = -C
+    closed[:, m:, :m] = B[:, None] * G.residues[:, None]
+    closed[:, m:, m:] = A
+    return np.asarray(np.linalg.eigvals(closed), np.complex128)
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,7 +10,7 @@ from typing import Final
 from msgspec.structs import replace
 
 from yawid.answers.damper_report import Mix
-from yawid.answers.run_summary import RunSummary, Value
+from yawid.answers.run_summary import RunSummary
 from yawid.damper.autopilots import Autopilot
 from yawid.quantities.flying_qualities import wrong_sign
 
@@ -45,23 +45,15 @@ def mix_of(
     if std > max(MOST_STD, MOST_SHARE * abs(value)):
         text = f"the mix is only known as {value:.2g} ± {std:.2g}: move the aileron more"
         return replace(found, text=text)
-    own = _of_the_aileron(bare.derivatives or {}, rudder_unit)
     low, high = LIMITS
-    inside = min(max(value, low), high)
-    text = (
-        f"{autopilot.mix} {inside:.2f} rolls with the least sideslip at {bare.airspeed_m_s:.1f} "
-        f"m/s (found {value:.2f} ± {std:.2f}; flown "
-        f"{'an unknown mix' if flown is None else f'{flown:g}'})"
-    )
-    if own is not None:
-        text += f"; {own:.2f} would cancel the aileron's yaw alone, and not that of rolling"
-    text += ". It is a prediction: change it in steps of 0.1 and watch the ball in rolls"
+    best = f"{min(max(value, low), high):.2f}"
+    found_at = f"found {value:.2f} ± {std:.2f} at {bare.airspeed_m_s:.1f} m/s; flown "
+    found_at += "an unknown mix" if flown is None else f"{flown:g}"
+    if float(best) == 0.0:
+        text = f"Leave {autopilot.mix} at 0 ({found_at})"
+    else:
+        text = (
+            f"{autopilot.mix} {best} rolls with the least sideslip ({found_at}). It is a "
+            "prediction: change it in steps of 0.1 and watch the ball in rolls"
+        )
     return replace(found, value=value, std=std, airspeed_m_s=bare.airspeed_m_s, text=text)
-
-
-def _of_the_aileron(derivatives: dict[str, Value], rudder_unit: float) -> float | None:
-    """Return the mix that cancels N_delta_a alone."""
-    aileron, rudder = (derivatives.get(name) for name in ("N_delta_a", "N_delta_r"))
-    if aileron is None or rudder is None or aileron.value is None or not rudder.value:
-        return None
-    return -aileron.value / rudder.value / rudder_unit

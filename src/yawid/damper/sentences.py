@@ -73,7 +73,7 @@ def warnings(
         )
         yield Reason("closed_loop", text, weight="warning")
     if takes_damping(closed):
-        text = f"more {name} takes damping from this pair"
+        text = f"more {name} makes the Dutch roll less damped"
         yield Reason("lowers_damping", text, weight="warning")
 
 
@@ -149,7 +149,7 @@ def _with_more_gain(predicted: Predicted, name: str) -> str:
     slow = G.poles[lagging, predicted.aircraft.lag[lagging]].real
     lag = f", behind a lag of {float(np.median(-1.0 / slow)):.2g} s" if len(slow) else ""
     return (
-        f"At {closed.airspeeds_m_s[v]:.1f} m/s more {name} takes damping from the pair{lag} (a "
-        f"slow servo or filter): {closed.gains[row]:g} would raise wn from {wn[v, 0]:.3g} to "
+        f"At {closed.airspeeds_m_s[v]:.1f} m/s more {name} makes the Dutch roll less damped{lag} "
+        f"(a slow servo or filter): {closed.gains[row]:g} would raise wn from {wn[v, 0]:.3g} to "
         f"{wn[v, row]:.3g} rad/s and lower zeta from {zeta[v, 0]:.2f} to {zeta[v, row]:.2f}."
     )

@@ -23,7 +23,7 @@ from yawid.errors import ConfigError, NotIdentifiable
 from yawid.models.answered import Answered
 from yawid.models.draws import drawn_aircraft
 from yawid.models.flown import Flown, Rows
-from yawid.models.linear import Form, LinearModel, Matrices, Measured, Signal, slopes_of
+from yawid.models.linear import Form, LinearModel, Matrices, Measured, Signal, changes_of
 from yawid.physics.continuous import Transfer
 from yawid.quantities.airspeed import GRAVITY
 from yawid.quantities.units import HALF_TRAVEL, unit_of_derivative
@@ -99,16 +99,14 @@ def _manoeuvre(run: Recorded, found: Manoeuvre) -> LinearModel:
 def model_of_answer(run: Recorded, model: Answered, flown: Flown | None) -> LinearModel:
     """Return the model of a manoeuvre's answer, ``flown`` being its samples."""
     found, inputs = model.found, run.inputs(model.inputs)
-    slopes = slopes_of(partial(_coefficients, model), model.x, model.std)
-    continuous = _observer(
-        _coefficients(model, model.x), slopes @ model.covariance @ slopes.T, inputs
-    )
+    changes = changes_of(partial(_coefficients, model), model.x, model.covariance)
+    continuous = _observer(_coefficients(model, model.x), changes @ changes.T, inputs)
     return LinearModel(
         of=f"manoeuvre {found.n}", **_judged(found.verdict), input_is=run.input_is,
         continuous=continuous, discrete=_sampled(continuous, run.sample_time_s), inputs=inputs,
         outputs=(_OUTPUT,), states=_chain(continuous), facts=_airspeed(found.airspeed_m_s),
         measured=None if flown is None else Measured.of(flown, model),
-        holds_rad_s=_holds(float(model.x[0])),
+        holds_rad_s=(LOWEST * float(model.x[0]), HIGHEST * float(model.x[0])),
     )  # fmt: skip
 
 
@@ -123,18 +121,15 @@ def _flight(run: Recorded) -> LinearModel:
         raise NotIdentifiable("the airspeed is not known: take the model of one manoeuvre")
     inputs = run.inputs(("rudder",))
     values, draws = _polynomials(aircraft.central)[0], _polynomials(aircraft.alike)
+    wn = flight.dutch_roll.wn_rad_s
     apart = draws - values
     continuous = _observer(values, apart.T @ apart / len(apart), inputs)
     return LinearModel(
         of="flight", **_judged(flight.verdict), input_is=run.input_is,
         continuous=continuous, discrete=_sampled(continuous, run.sample_time_s), inputs=inputs,
         outputs=(_OUTPUT,), states=_chain(continuous), facts=_airspeed(flight.airspeed_m_s),
-        holds_rad_s=_holds(flight.dutch_roll.wn_rad_s),
+        holds_rad_s=(LOWEST * wn, HIGHEST * wn),
     )  # fmt: skip
-
-
-def _holds(wn_rad_s: float) -> tuple[float, float]:
-    return LOWEST * wn_rad_s, HIGHEST * wn_rad_s
 
 
 def _coefficients(model: Answered, x: Floats) -> Floats:
@@ -210,7 +205,10 @@ def _sampled(continuous: Form, sample_time_s: float) -> Form:
 def _observer(values: Floats, covariance: Floats, inputs: Sequence[Signal]) -> Form:
     """Return the continuous form of den and num coefficients, n for each."""
     n = len(values) // (1 + len(inputs))
-    names, units = [f"den_s{n - 1 - i}" for i in range(n)], [_power(i + 1) for i in range(n)]
+    names, units = (
+        [f"den_s{n - 1 - i}" for i in range(n)],
+        ["1/s", *(f"1/s^{i + 1}" for i in range(1, n))],
+    )
     for each in inputs:
         names += [f"num_s{n - 1 - i}_{each.name}" for i in range(n)]
         units += [f"rad/s^{i + 2} per {each.unit}" for i in range(n)]
@@ -221,10 +219,6 @@ def _observer(values: Floats, covariance: Floats, inputs: Sequence[Signal]) -> F
         return A, B, np.eye(1, n), np.zeros((1, len(inputs)))
 
     return Form(tuple(names), tuple(units), values, covariance, matrices)
-
-
-def _power(i: int) -> str:
-    return "1/s" if i == 1 else f"1/s^{i}"
 
 
 def _chain(form: Form) -> tuple[Signal, ...]:

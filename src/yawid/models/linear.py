@@ -1,7 +1,7 @@
 """A linear model with sigma: parameters with their covariance, and the state space made of them.
 
-Sigma of all that is made of the parameters is that of the delta method, by central differences with
-steps of a thousandth of each parameter's sigma.
+Sigma of all that is made of the parameters is that of the delta method, by central differences over
+a thousandth of a sigma along each axis of their covariance.
 """
 
 from collections.abc import Callable, Sequence
@@ -21,8 +21,8 @@ from yawid.physics.modes import Complexes
 
 Matrices = tuple[Floats, Floats, Floats, Floats]
 """A (n, n), B (n, inputs), C (outputs, n), D (outputs, inputs)."""
-STEP, LEAST_STEP = 1e-3, 1e-7
-"""Steps of the slopes, in sigmas, and as a part of a parameter without one."""
+STEP = 1e-3
+"""Steps of the differences, in sigmas."""
 SEGMENTS = 4
 """Segments without overlap into which a manoeuvre is cut for its coherence."""
 COHERENT = 0.6
@@ -81,14 +81,17 @@ class FrequencyResponse(NamedTuple):
     coherence: Floats
 
 
-def slopes_of(of: Callable[[Floats], np.ndarray], values: Floats, std: Floats) -> np.ndarray:
-    """Return the slopes (..., p) of a function at ``values`` (p,) with sigmas ``std`` (p,)."""
-    step = np.where(std > 0.0, STEP * std, LEAST_STEP * np.abs(values))
-    step = np.where(step > 0.0, step, LEAST_STEP)
-    moves = np.diag(step)
-    columns = [(of(values + d) - of(values - d)) / (2.0 * h)
-               for d, h in zip(moves, step, strict=True)]  # fmt: skip
-    return np.stack(columns, axis=-1)
+def changes_of(
+    of: Callable[[Floats], np.ndarray], values: Floats, covariance: Floats
+) -> np.ndarray:
+    """Return the changes (..., p) of a function, each by a sigma along an axis of the covariance.
+
+    The squares of the changes add up to the variance; ``values`` (p,), ``covariance`` (p, p).
+    """
+    std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    size, axes = np.linalg.eigh(covariance / np.outer(*2 * [np.where(std > 0.0, std, 1.0)]))
+    steps = STEP * (std[:, None] * axes * np.sqrt(np.maximum(size, 0.0))).T
+    return np.stack([of(values + d) - of(values - d) for d in steps], axis=-1) / (2.0 * STEP)
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,18 +110,13 @@ class Form:
         """The sigmas (p,)."""
         return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
 
-    def slopes(self, of: Callable[[Matrices], np.ndarray]) -> np.ndarray:
-        """Return the slopes (..., p) of what is made of the matrices."""
-        return slopes_of(lambda values: of(self.matrices(values)), self.values, self.std)
+    def changes(self, of: Callable[[Matrices], np.ndarray]) -> np.ndarray:
+        """Return what :func:`changes_of` does, of what is made of the matrices."""
+        return changes_of(lambda values: of(self.matrices(values)), self.values, self.covariance)
 
     def sigma(self, of: Callable[[Matrices], np.ndarray]) -> Floats:
         """Return the sigma of a real array made of the matrices."""
-        return self.spread(self.slopes(of))
-
-    def spread(self, slopes: np.ndarray) -> Floats:
-        """Return the sigma of what has these slopes (..., p)."""
-        variance = np.einsum("...i,ij,...j->...", slopes, self.covariance, slopes)
-        return np.asarray(np.sqrt(np.maximum(variance, 0.0)), np.float64)
+        return np.asarray(np.linalg.norm(self.changes(of), axis=-1))
 
 
 @dataclass(frozen=True, slots=True)
@@ -254,8 +252,11 @@ class LinearModel:
 
         form, known = self.continuous, np.full(len(w), np.nan)
         G = response(form.matrices(form.values))
-        slopes = form.slopes(response) * (np.conj(G) / np.abs(G))[:, None]
-        along, across = form.spread(slopes.real), form.spread(slopes.imag) / np.abs(G)
+        part = form.changes(response) / G[:, None]
+        along, across = np.linalg.norm([part.real, part.imag], axis=-1) * [
+            np.abs(G),
+            np.ones(len(w)),
+        ]
         if self.measured is not None:
             known = self.measured.coherence(w, self.sample_time_s)
         low, high = self.holds_rad_s or (0.0, np.inf)

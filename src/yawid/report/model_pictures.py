@@ -19,7 +19,7 @@ from yawid.answers.run_summary import DutchRoll
 from yawid.blocks import Floats, Ints
 from yawid.errors import YawidError
 from yawid.models.answered import Answered
-from yawid.models.linear import COHERENT, slopes_of
+from yawid.models.linear import COHERENT, changes_of
 from yawid.physics.continuous import pole_of
 from yawid.physics.frequency_response import FrequencyResponse, frequency_response
 from yawid.report.data import Drawn
@@ -238,9 +238,8 @@ def step_band(model: Answered, t: Floats) -> tuple[Floats, Floats]:
         p, residues = G.poles[0], G.residues[0]
         return np.asarray((np.expm1(t[:, None] * p) * (residues / p)).sum(axis=1).real)
 
-    slopes = slopes_of(answer, model.x, model.std)
-    variance = np.einsum("ki,ij,kj->k", slopes, model.covariance, slopes)
-    return answer(model.x), np.sqrt(np.maximum(variance, 0.0))
+    changes = changes_of(answer, model.x, model.covariance)
+    return answer(model.x), np.asarray(np.linalg.norm(changes, axis=1))
 
 
 def residuals_picture(drawn: Drawn) -> Picture:
