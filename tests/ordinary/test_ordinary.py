@@ -17,6 +17,10 @@ from yawid.ordinary.model import FREE, FREE_AT, Model, prior_of
 from yawid.ordinary.spectra import Band, Sums, band
 
 GUST = 0.01
+SMALL = DERIVATIVES | {
+    "Y_beta": -0.5, "L_beta": -36.0, "L_p": -12.0, "L_r": 2.0, "L_delta_a": 60.0,
+    "N_beta": 36.0, "N_p": -0.3, "N_r": -2.0,
+}  # fmt: skip
 X = np.array([
     *(np.log(-DERIVATIVES["Y_beta"]) if name == "log_Y_beta" else DERIVATIVES[name] for name in (
         "log_Y_beta", "L_beta", "L_p", "L_r", "L_delta_a", "N_beta", "N_p", "N_r", "N_delta_a",
@@ -111,6 +115,18 @@ def test_the_mode_of_a_linear_aircraft_is_found_in_calm_air_and_in_gusts(
         assert abs(each.value - DERIVATIVES[name]) < 3.0 * each.std, name
 
 
+def test_a_small_aircraft_in_gusts_is_found_although_its_turns_are_a_small_part() -> None:
+    found = answered(15, derivatives=SMALL, gust=0.04, frozen=1.0, span_s=0.1, law=(0.5, 0.02))
+
+    wn, zeta = truth(SMALL)
+    assert found, found.verdict.reasons
+    assert found.dutch_roll is not None
+    assert abs(found.dutch_roll.wn_rad_s - wn) < 2.0 * found.dutch_roll.wn_std
+    assert abs(found.dutch_roll.zeta - zeta) < 2.0 * found.dutch_roll.zeta_std
+    assert found.share is not None
+    assert found.share < 0.05
+
+
 def test_an_unstable_aircraft_is_never_reached_although_the_spectra_are_the_same() -> None:
     data, model = model_at(streamed(flown(7, seconds=400.0)).sums(), 0.6, 7.0)
     mirrored = X.copy()
@@ -178,7 +194,10 @@ def test_what_is_said_travels_as_json() -> None:
     assert len(found["spectrum"]["w_rad_s"]) == len(found["spectrum"]["measured"]["r"])
 
 
-def test_a_damper_in_calm_air_is_refused_although_the_turns_explain_the_yaw_rate() -> None:
-    found = answered(14, damper=0.5, gust=0.0)
+@pytest.mark.parametrize("damper", [0.5, 0.13])
+def test_a_damper_in_calm_air_is_refused_although_the_turns_explain_the_yaw_rate(
+    damper: float,
+) -> None:
+    found = answered(14, damper=damper, gust=0.0)
 
     assert [reason.id for reason in found.verdict.reasons] == ["rudder_moves"]

@@ -35,8 +35,10 @@ SAME_SPEED, BINS = 0.06, 4
 together: with two of them a light aircraft in gusts had 380 of its 900 s."""
 LONGEST_GAP_US, LEAST_USED = 500_000, 0.97
 """The longest gap, which is filled by lines, and the least part of a piece that is there."""
-AT_REST = 2e-3
-"""The standard deviation of a rudder at rest, in half travels: that of whole us of PWM is .0006."""
+AT_REST = 1e-3
+"""The standard deviation of a rudder at rest, in half travels: that of whole us of PWM is .0006 to
+.0008 with an aileron's part. With .002 a damper on a small aircraft in calm air, of .0012 and more,
+passed for none: zeta .34 for .14."""
 OWN_PART = 0.05
 """The part of the rudder's variance that the aileron may leave at the same instant: a damper's is
 .6 and more. With lags, the aileron of a calm flight explains a damper too, as it explains r."""
