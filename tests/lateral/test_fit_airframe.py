@@ -258,4 +258,4 @@ def test_a_fit_that_does_not_settle_says_after_how_many_steps() -> None:
     records = [Record(motion)]
     gates = list(failed_gates(fit_airframe([motion]), records, False, 3, lag_given=False))
     said = [GATES[each.name].sentence.format(found=each.found, limit=each.limit) for each in gates]
-    assert said[0] == "the fit did not settle within 40 steps"
+    assert said[0] == "the fit did not settle within 60 steps"

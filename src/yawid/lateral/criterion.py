@@ -152,11 +152,6 @@ def _part(record: Record, theta: Floats) -> Part:
     return Part(predictor, pair, inputs, found / size, columns, power, e + columns @ found)
 
 
-def _inputs(record: Record, pair: tuple[float, float], later_s: Floats) -> Floats:
-    """Return the inputs (n, 8) with jumps later by ``later_s`` (j,)."""
-    return record.inputs(*pair) + np.tensordot(later_s, record.later(*pair), 1)
-
-
 def _pair(theta: Floats) -> tuple[float, float]:
     return float(theta[AT["servo_lag"]]), float(theta[AT["delay"]])
 
@@ -165,7 +160,7 @@ def _slopes(record: Record, theta: Floats, part: Part) -> Floats:
     """Return the slopes (3 n + j, v) of one manoeuvre's innovations to the parameters (v, ...)."""
     pairs = [_pair(each) for each in theta]
     same = np.array([pair == part.pair for pair in pairs])
-    others = [_inputs(record, pair, part.own[8:]) for pair in pairs if pair != part.pair]
+    others = [record.inputs(*pair, part.own[8:]) for pair in pairs if pair != part.pair]
     found = np.empty((len(theta), record.y.size))
     for its, u in ((same, [part.inputs]), (~same, others)):
         model = system(theta[its], record.airspeed_m_s, record.pitch)

@@ -12,11 +12,9 @@ from itertools import pairwise
 import numpy as np
 
 from yawid.blocks import Floats
-from yawid.lateral.model import STATES, System
+from yawid.lateral.model import System
 from yawid.lateral.motion import Flags
 
-_TERMS, _SMALL = 8, 0.25
-"""Terms of the series of the exponential, whose argument is halved until it is as small as this."""
 _MOST_DOUBLINGS, _SETTLED = 40, 1e-12
 SETTLE_S = 1.5
 """Time after a gap in s until the filter's covariance is the steady one again."""
@@ -55,12 +53,17 @@ class Predictor:
         Raises:
             numpy.linalg.LinAlgError: a covariance is singular or not finite.
         """
+        from scipy.linalg import solve_discrete_are  # it takes long to load, and few runs need it
+
         Phi, area, moment = exponential(model.A, sample_time_s)
         half, *_ = exponential(model.A, sample_time_s / 2.0)
         Q = model.Q + 4.0 * _around(half, model.Q) + _around(Phi, model.Q)  # Simpson's rule
         Q = Q * sample_time_s / 6.0
+        if not (np.isfinite(Q).all() and np.isfinite(model.R).all()):
+            raise np.linalg.LinAlgError("the model is not finite")
         if near is None:
-            P = steady_covariance(Phi, model.C, Q, model.R)
+            pairs = zip(Phi, model.C, Q, model.R, strict=True)
+            P = np.array([solve_discrete_are(F.T, C.T, Q, R) for F, C, Q, R in pairs])
         else:
             P = _sum_around(Phi - near.K @ model.C, Q + _around(near.K, model.R))
         K, whiten, log_det = _gain(Phi, model.C, P, model.R)
@@ -71,43 +74,23 @@ class Predictor:
 
 
 def exponential(A: Floats, time_s: float) -> tuple[Floats, Floats, Floats]:
-    """Return exp(A t), the integrals of exp(A s) and s exp(A s) from 0 to t, for A (v, n, n)."""
-    size = float(np.abs(A).sum(axis=2).max()) * time_s
-    if not math.isfinite(size):
+    """Return exp(A t), the integrals of exp(A s) and s exp(A s) from 0 to t, for A (v, n, n).
+
+    A line as input makes its value and its slope states of a larger system (Van Loan 1978).
+    """
+    from scipy.linalg import expm  # it takes long to load, and few runs need it
+
+    if not np.isfinite(A).all():
         raise np.linalg.LinAlgError("the model is not finite")
-    halvings = max(0, math.ceil(math.log2(max(size, 1e-9) / _SMALL)))
-    step = time_s / 2.0**halvings
-    Ah = A * step
-    term = np.asarray(np.broadcast_to(np.eye(A.shape[1]), A.shape), np.float64)
-    Phi, area, moment = term, term, 0.5 * term
-    for i in range(1, _TERMS + 1):
-        term = term @ Ah / i
-        Phi, area, moment = Phi + term, area + term / (i + 1), moment + term / (i + 2)
-    area, moment = area * step, moment * step**2
-    for _ in range(halvings):
-        moment = moment + Phi @ (moment + step * area)
-        area = area + Phi @ area
-        Phi, step = Phi @ Phi, 2.0 * step
-    return Phi, area, moment
+    v, n, _ = A.shape
+    larger = np.zeros((v, 3 * n, 3 * n))
+    larger[:, :n, :n], larger[:, : 2 * n, n:] = A, np.eye(2 * n)
+    Phi, area, ramp = np.split(expm(larger * time_s)[:, :n], 3, axis=2)
+    return Phi, area, time_s * area - ramp
 
 
 def _around(Phi: Floats, Q: Floats) -> Floats:
     return np.asarray(Phi @ Q @ Phi.swapaxes(1, 2), np.float64)
-
-
-def steady_covariance(Phi: Floats, C: Floats, Q: Floats, R: Floats) -> Floats:
-    """Return the steady covariance (v, 6, 6) of the prediction, by doubling (Chu et al. 2004)."""
-    one = np.eye(len(STATES))
-    A, G, H = Phi.swapaxes(1, 2), C.swapaxes(1, 2) @ np.linalg.inv(R) @ C, Q
-    for _ in range(_MOST_DOUBLINGS):
-        W = np.linalg.inv(one + G @ H)
-        AW, more = A @ W, A.swapaxes(1, 2) @ H @ W @ A
-        G = G + AW @ G @ A.swapaxes(1, 2)
-        A = AW @ A
-        G, H = 0.5 * (G + G.swapaxes(1, 2)), H + 0.5 * (more + more.swapaxes(1, 2))
-        if np.abs(more).max() <= _SETTLED * np.abs(H).max():
-            break
-    return H
 
 
 def _sum_around(F: Floats, Q: Floats) -> Floats:

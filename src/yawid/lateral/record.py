@@ -44,7 +44,7 @@ class Record:
     the aileron on roll and p. An aileron that a hold moves is an input like any other: it depends
     on the past alone. ``jumps`` are those of the commands: aileron or rudder, the command at its
     middle, and its size; ``jump_std_s`` is sigma of its time, of which nothing else than its sample
-    is known.
+    is known. ``late`` (j, 2, m) is what a command adds whose jump is later by 1 s.
     """
 
     def __init__(self, motion: Motion) -> None:
@@ -66,11 +66,15 @@ class Record:
         self.commands = commands - commands[:, inside].mean(axis=1)[:, None]
         self.aileron_moves = motion.aileron_known and bool(self.commands[0, inside].std() > AT_REST)
         self.fed_back = self._fed_back(times, inside)
-        self._sums = [_sums(u) for u in self.commands]
         its = [RUDDER] if self.fed_back > FOLLOWS else [AILERON, RUDDER]
         jumps = [jump for surface in its for jump in self._jumps(surface, inside)]
         self.jump_std_s = self.sample_time_s / math.sqrt(12.0)
         self.jumps = sorted(jumps, key=lambda jump: -abs(jump[2]))[:MOST_JUMPS]
+        self.late = np.zeros((len(self.jumps), *self.commands.shape))
+        for late, (surface, at, size) in zip(self.late, self.jumps, strict=True):
+            within = np.clip((times - times[at]) / self.sample_time_s + 0.5, 0.0, 1.0)
+            parabola = within * (1.0 - within)
+            late[surface] = -size * parabola / (COMMAND_STEP_S * parabola.sum())
 
     def _fill(self, x: Floats) -> Floats:
         """Return x with lines over its gaps."""
@@ -152,90 +156,62 @@ class Record:
                 at = start + int(np.abs(change[start:stop]).argmax())
                 yield surface, at + width // 2, float(change[at])
 
-    def inputs(self, lag_s: float, delay_s: float) -> Floats:
+    def inputs(self, lag_s: float, delay_s: float, later_s: Floats | None = None) -> Floats:
         """Return the inputs (n, 8) over each step: aileron, rudder, f1 and f2, then their slopes.
 
-        Each is the line with the input's area and first moment over the step.
+        Each is the line with the input's area and first moment over the step. With ``later_s`` (j,)
+        the jumps come so much later.
         """
-        mean, slope = self._lines(lag_s, delay_s)
-        return np.hstack([mean, self.turn[0], slope, self.turn[1]])
+        commands = self.commands
+        if later_s is not None:
+            commands = commands + np.tensordot(later_s, self.late, 1)
+        mean, slope = self._lines(commands, lag_s, delay_s)
+        return np.hstack([mean.T, self.turn[0], slope.T, self.turn[1]])
 
     def later(self, lag_s: float, delay_s: float) -> Floats:
         """Return what a jump that is later by 1 s adds to the inputs (j, n, 8), for each jump.
 
         The jump may be anywhere in a sample. The step that is expected for a jump that is known to
-        be late differs from the line by a parabola over that sample. The parabola then goes through
-        the servo's lag, as in ``_lines``.
+        be late differs from the line by a parabola over that sample.
         """
-        step_s, lag_s = self.sample_time_s, max(lag_s, _NO_LAG_S)
-        jumped_s = self.motion.commands_start_s + COMMAND_STEP_S * np.array(
-            [at for _, at, _ in self.jumps]
-        )
-        edges = np.append(self.times_s, self.times_s[-1] + step_s) - delay_s
-        since = edges - jumped_s[:, None] + 0.5 * step_s
-        into = np.clip(since, 0.0, step_s)
-        high = 6.0 / step_s**3
-
-        def settled(t: Floats) -> Floats:
-            return high * (t * (step_s - t) - lag_s * (step_s - 2.0 * t) - 2.0 * lag_s**2)
-
-        lagged = settled(into) - settled(np.zeros(1)) * np.exp(-into / lag_s)
-        lagged *= np.exp(-np.maximum(since - step_s, 0.0) / lag_s)
-        area = high * into**2 * (step_s / 2.0 - into / 3.0) - lag_s * lagged
-        moment = high * into**3 * (step_s / 3.0 - into / 4.0) - lag_s * (since * lagged - area)
-        area, moment = np.diff(area), np.diff(moment)
-        middle = 0.5 * (since[:, 1:] + since[:, :-1])
-        slope = (moment - middle * area) * 12.0 / step_s**3
         found = np.zeros((len(self.jumps), len(self.times_s), 8))
-        for i, (surface, _, size) in enumerate(self.jumps):
-            found[i, :, surface] = -size * area[i] / step_s
-            found[i, :, 4 + surface] = -size * slope[i]
+        for row, late, (surface, *_) in zip(found, self.late, self.jumps, strict=True):
+            row[:, surface::4] = np.vstack(self._lines(late[[surface]], lag_s, delay_s)).T
         return found
 
     def commanded(self, lag_s: float, delay_s: float) -> Floats:
         """Return aileron and rudder (n, 2) at each instant."""
-        at, into = self._places(np.asarray(self.times_s - delay_s, np.float64))
-        lagged = lagged_lines(self.commands, lag_s, COMMAND_STEP_S)
-        pairs = zip(self.commands, lagged, strict=True)
-        return np.stack([_between(u, x, at, into, lag_s)[0] for u, x in pairs], axis=1)
+        at_s = self.times_s - delay_s
+        times_s, lagged = (
+            self.motion.command_times_s(),
+            lagged_lines(self.commands, lag_s, COMMAND_STEP_S),
+        )
+        return np.stack([np.interp(at_s, times_s, x) for x in lagged], axis=1)
 
-    def _lines(self, lag_s: float, delay_s: float) -> tuple[Floats, Floats]:
-        """Return means and slopes (n, 2) of the commands over each step after delay and lag.
+    def _lines(self, signals: Floats, lag_s: float, delay_s: float) -> tuple[Floats, Floats]:
+        """Return means and slopes (s, n) over each step of signals (s, m) after delay and lag.
 
-        They are exact for commands on lines and a lag of first order: lag x' = u - x, so that the
-        integrals of x and t x follow from those of u and from x at both ends.
+        The lag is exact at the points of the commands' grid; between them the signal is a line, so
+        that its integral, and the integral of that, are known at every time.
         """
-        step_s = self.sample_time_s
-        edges = np.append(self.times_s, self.times_s[-1] + step_s) - delay_s
-        at, into = self._places(np.asarray(edges, np.float64))
-        begins, ends = COMMAND_STEP_S * at, COMMAND_STEP_S * at + into
-        means, slopes = [], []
-        lagged = lagged_lines(self.commands, lag_s, COMMAND_STEP_S)
-        for u, x, sums in zip(self.commands, lagged, self._sums, strict=True):
-            value, slope = _between(u, x, at, into, lag_s)
-            area, moment = (each[at] for each in sums)
-            some = into * (u[at] + 0.5 * into * slope)
-            moment = moment + begins * some + into**2 * (u[at] / 2.0 + slope * into / 3.0)
-            area = area + some - lag_s * value
-            moment = moment - lag_s * (ends * value - area)
-            means.append(np.diff(area) / step_s)
-            middle = 0.5 * (ends[1:] + ends[:-1])
-            slopes.append((np.diff(moment) - middle * np.diff(area)) * 12.0 / step_s**3)
-        return np.stack(means, axis=1), np.stack(slopes, axis=1)
-
-    def _places(self, times_s: Floats) -> tuple[np.ndarray, Floats]:
-        """Return for each time the command before it, and the time since then in s."""
-        since = np.maximum(times_s - self.motion.commands_start_s, 0.0)
-        at = np.minimum((since / COMMAND_STEP_S + 1e-9).astype(int), self.commands.shape[1] - 2)
-        return at, np.minimum(since - at * COMMAND_STEP_S, 2.0 * COMMAND_STEP_S)
+        h, step_s = COMMAND_STEP_S, self.sample_time_s
+        x = lagged_lines(signals, lag_s, h)
+        area = _summed(0.5 * h * (x[:, :-1] + x[:, 1:]))
+        twice = _summed(h * area[:, :-1] + h**2 * (x[:, :-1] / 3.0 + x[:, 1:] / 6.0))
+        edges_s = np.append(self.times_s, self.times_s[-1] + step_s) - delay_s
+        since = np.maximum(edges_s - self.motion.commands_start_s, 0.0)
+        at = np.minimum((since / h + 1e-9).astype(int), x.shape[1] - 2)
+        into, begins = np.minimum(since - at * h, 2.0 * h), x[:, at]
+        bent = into * (x[:, at + 1] - begins) / h
+        twice = twice[:, at] + into * (area[:, at] + into * (begins / 2.0 + bent / 6.0))
+        area = area[:, at] + into * (begins + bent / 2.0)
+        moment = 0.5 * step_s * (area[:, 1:] + area[:, :-1]) - np.diff(twice)
+        return np.diff(area) / step_s, moment * 12.0 / step_s**3
 
 
-def _sums(u: Floats) -> tuple[Floats, Floats]:
-    """Return the integrals (m,) of u and of t u from the first command to each."""
-    h, begins = COMMAND_STEP_S, COMMAND_STEP_S * np.arange(len(u) - 1)
-    area = 0.5 * h * (u[1:] + u[:-1])
-    moment = begins * area + h**2 * (u[:-1] / 6.0 + u[1:] / 3.0)
-    return np.append(0.0, np.cumsum(area)), np.append(0.0, np.cumsum(moment))
+def _summed(x: Floats) -> Floats:
+    """Return the sums (s, m) of x (s, m - 1) before each instant."""
+    return np.hstack([np.zeros((len(x), 1)), np.cumsum(x, axis=1)])
 
 
 def lagged_lines(signals: Floats, lag_s: float, step_s: float) -> Floats:
@@ -248,14 +224,3 @@ def lagged_lines(signals: Floats, lag_s: float, step_s: float) -> Floats:
     before = np.vstack([u[:1], u[:-1]])
     drive = (mean - stays) * before + (1.0 - mean) * u
     return np.asarray(all_pole(np.array([-stays]), drive, u[:1]).T, np.float64)
-
-
-def _between(
-    u: Floats, x: Floats, at: np.ndarray, into: Floats, lag_s: float
-) -> tuple[Floats, Floats]:
-    """Return the lagged x at ``into`` s after the commands ``at``, and the slope of u there."""
-    slope = (u[at + 1] - u[at]) / COMMAND_STEP_S
-    if lag_s < _NO_LAG_S:
-        return u[at] + slope * into, slope
-    stays = np.exp(-into / lag_s)
-    return stays * x[at] + (1.0 - stays) * (u[at] - lag_s * slope) + slope * into, slope
