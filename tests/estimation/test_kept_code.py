@@ -96,8 +96,6 @@ def test_nothing_is_loaded_from_a_folder_that_another_can_write_to(
     spoil(named)
 
     assert kept.find(NAME) is None
-    with kept.alone(NAME) as is_alone:
-        assert is_alone
     assert kept.keep(NAME, CODE) == tmp_path / "users" / "yawid"
     assert kept.find(NAME) == CODE
     for folder in (tmp_path / "users", tmp_path / "users" / "yawid"):
@@ -141,21 +139,6 @@ def test_with_an_umask_for_a_group_the_packages_own_folder_is_passed_by(
         kept._version.cache_clear()
     assert stat.S_IMODE(path.stat().st_mode) == 0o644
     assert stat.S_IMODE(path.parent.stat().st_mode) == 0o700
-
-
-def test_a_lock_truncates_nothing_and_follows_no_link(code: Path, tmp_path: Path) -> None:
-    with kept.alone(NAME) as is_alone:
-        assert is_alone
-    [lock] = (tmp_path / "named").glob("*.lock")
-    lock.write_text("what somebody keeps", encoding="utf-8")
-    with kept.alone(NAME) as is_alone:
-        assert is_alone
-    assert lock.read_text(encoding="utf-8") == "what somebody keeps"
-    precious = lock.rename(tmp_path / "precious")
-    lock.symlink_to(precious)
-    with kept.alone(NAME) as is_alone:
-        assert not is_alone
-    assert precious.read_text(encoding="utf-8") == "what somebody keeps"
 
 
 def test_a_relative_cache_home_does_not_count(

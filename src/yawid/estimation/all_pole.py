@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from yawid.blocks import Floats
-from yawid.estimation.kernel.records import filter_rows
+from yawid.estimation.kernel.entry_points import filter_rows
 from yawid.estimation.machine.runner import RUNNER
 
 _ONE = np.ones(1)

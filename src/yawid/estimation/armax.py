@@ -1,9 +1,9 @@
 """The recursive ARMAX estimator: one page to understand it.
 
 It has two methods: extended least squares (ELS) and recursive maximum likelihood (RML). This file
-has the class that callers use, ``kernel/recursion.py`` takes one sample in the order of the steps
-below, and ``kernel/linear_algebra.py`` has the matrix updates: no other file is needed to follow a
-sample. Equation numbers are the paper's; the method is that of Ljung and Soderstrom (1983), ch. 3.
+has the class that callers use, and ``kernel/recursion.py`` takes one sample in the order of the
+steps below: no other file is needed to follow a sample. Equation numbers are the paper's; the
+method is that of Ljung and Soderstrom (1983), ch. 3.
 
 Model::
 
@@ -30,7 +30,7 @@ S1, S2         sum of the weights of all updates; sum of their squares   1
 
 A sample's way, with the function of each step in ``kernel/recursion.py``:
 
-1. Scaling (``gather``, ``_scale``). The first samples are kept in a window, of the length
+1. Scaling (in ``kernel/entry_points.py``). The first samples are kept in a window, of the length
    ``scale_window`` or ``start_buffer``, whichever is larger. It moves on until y and each input
    have a standard deviation of at least ``scale_minimum`` in it. Each signal is then multiplied by
    the power of two that brings its standard deviation to 0.71 to 1.41, and the samples in the
@@ -53,7 +53,7 @@ A sample's way, with the function of each step in ``kernel/recursion.py``:
        eps   = y - phi' theta                          (33), with the new theta: it enters phi
 
    The test of stability is Jury's (``stable``); after 12 trials mu = 0. Where a result is not
-   finite, theta and P start again (``entry_points.restart``).
+   finite, theta and P start again (``state.restart``).
 6. Covariance (``follow_covariance``). The correlation of e over about ``residual_lags`` samples is
    included, through what earlier e have left in theta (``echo``)::
 
@@ -91,10 +91,8 @@ from yawid.config.estimator import ArmaxOrders, EstimatorConfig
 from yawid.errors import ConfigError
 from yawid.estimation.checks import checked_samples, checked_u
 from yawid.estimation.kernel import state as slots
-from yawid.estimation.kernel.entry_points import restart
-from yawid.estimation.kernel.linear_algebra import entry_of_p
-from yawid.estimation.kernel.new_state import new_state
-from yawid.estimation.kernel.recursion import noise_variance
+from yawid.estimation.kernel.recursion import entry_of_p, noise_variance
+from yawid.estimation.kernel.state import new_state, restart
 from yawid.estimation.machine.runner import RUNNER
 from yawid.estimation.start_fit import factorise, fit_start
 from yawid.estimation.whiteness import ljung_box

@@ -15,7 +15,7 @@ import numpy as np
 from yawid.blocks import Floats
 from yawid.config.estimator import EstimatorConfig
 from yawid.estimation.all_pole import all_pole
-from yawid.estimation.kernel.linear_algebra import stable
+from yawid.estimation.kernel.recursion import stable
 from yawid.estimation.machine.products import cross
 from yawid.estimation.methods import METHODS
 from yawid.estimation.polynomials import c_of, known_regressors, lag_depth, reflected

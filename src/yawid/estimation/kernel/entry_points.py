@@ -1,21 +1,73 @@
-"""What is called from outside: take samples, read a row of results, restart (always in Python)."""
+"""What is called from outside: take samples, read a row of results; the loops of the fits."""
 
 # numba infers the types: float64 arrays and floats.
 # mypy: disable-error-code="no-untyped-def, no-untyped-call"
 import math
 
-from yawid.blocks import INNOVATION, NOISE_STD, RESIDUAL, SCALARS, STATUS, Y_HAT, Floats
-from yawid.estimation.kernel import state as slots
-from yawid.estimation.kernel.marks import called, hot, merged
-from yawid.estimation.kernel.recursion import covariance_entry, gather, noise_variance, take
+from yawid.blocks import INNOVATION, NOISE_STD, RESIDUAL, SCALARS, STATUS, Y_HAT
+from yawid.estimation.kernel.recursion import covariance_entry, noise_variance, take
 from yawid.estimation.kernel.state import (
     FULL,
     HOLDING,
     RESTARTING,
     RUNNING,
+    WARMING_UP,
+    called,
     header,
+    hot,
+    merged,
     parts,
 )
+
+
+@merged
+def _scale(s, at):
+    """Set ``factors`` and ``units`` from the full window, and return True.
+
+    Where the standard deviation of y, or of an input in use, is below ``scale_minimum``, return
+    False; all factors are 1 then.
+    """
+    w, width = int(s.window), int(s.m) + 2
+    for j in range(int(s.m) + 1):
+        mean, spread = 0.0, 0.0
+        for i in range(w):
+            mean += at.samples[i * width + 1 + j] / w
+        for i in range(w):
+            spread += (at.samples[i * width + 1 + j] - mean) ** 2 / w
+        used = j == 0 or at.heads[j + 1] > at.heads[j]
+        if used and not s.minimum <= math.sqrt(spread) < math.inf:
+            for i in range(len(at.factors)):
+                at.factors[i] = 1.0
+            return False
+        if s.scaled > 0.0 and spread > 0.0:  # a power of two scales without rounding
+            at.factors[j] = 2.0 ** -math.floor(0.5 * math.log2(spread) + 0.5)
+    for i in range(len(at.units)):
+        for j in range(1, int(s.m) + 1):
+            if at.heads[j] <= at.taps[i] < at.heads[j + 1]:
+                at.units[i] = at.factors[j] / at.factors[0]
+    if s.bias > 0.0:
+        at.units[len(at.units) - 1] = 1.0 / at.factors[0]
+    return True
+
+
+@called
+def gather(packed):
+    """Put the sample into the window; once the window is full and its signals move, scale it."""
+    s, at = header(packed), parts(packed)
+    w, width, head = int(s.window), int(s.m) + 2, int(s.head)
+    if s.count == s.window:
+        s.head, s.held = float((head + 1) % w), s.held + 1.0
+    else:
+        s.count += 1.0
+    row = ((head + int(s.count) - 1) % w) * width if s.head == head else head * width
+    at.samples[row], at.samples[row + 1] = s.broken, s.y
+    for j in range(int(s.m)):
+        at.samples[row + 2 + j] = at.inputs[j]
+    s.broken = 0.0
+    s.y_hat, s.innovation, s.residual = math.nan, math.nan, math.nan
+    s.status = WARMING_UP
+    if s.count == s.window and _scale(s, at):
+        s.phase = FULL
 
 
 @merged
@@ -97,16 +149,41 @@ def run(packed, u, y, out, first):
     return len(y)
 
 
-def restart(packed: Floats) -> None:
-    """Set theta, P and the statistics to their start values, after a result that is not finite."""
-    s, at = slots.named(packed), slots.cut(packed)
-    for forgotten in (at.theta, at.upper, at.covariance, at.products):
-        forgotten[:] = 0.0
-    for known in (at.d, at.least, at.best, at.covariance[:: int(s.n) + 1]):
-        known[:] = s.P0
-    s.lam = s.lam_start
-    s.s1 = s.s2 = s.loss = s.e2 = s.eps2 = s.y2 = s.fast_e2 = s.fast_y2 = 0.0
-    s.since, s.broken = 0.0, 1.0
-    s.diverged = 1.0
-    s.restarts += 1.0
-    s.phase, s.status = RUNNING, slots.DIVERGING
+# The loops of the fits over a whole record, faster compiled than in NumPy. Each takes three arrays
+# of two dimensions; ``machine/products.py`` and ``all_pole.py`` have the same in NumPy and SciPy.
+
+
+@merged
+def add_products(a, b, out):
+    """Add a' b to ``out`` (m, l), row after row, for ``a`` (n, m) and ``b`` (n, l)."""
+    rest = len(a) % 4
+    for k in range(rest):
+        for i in range(a.shape[1]):
+            for j in range(b.shape[1]):
+                out[i, j] += a[k, i] * b[k, j]
+    for k in range(rest, len(a), 4):  # four rows at a time: out is read and written less often
+        for i in range(a.shape[1]):
+            p, q, r, s = a[k, i], a[k + 1, i], a[k + 2, i], a[k + 3, i]
+            for j in range(b.shape[1]):
+                two = out[i, j] + p * b[k, j] + q * b[k + 1, j]
+                out[i, j] = two + r * b[k + 2, j] + s * b[k + 3, j]
+
+
+@merged
+def filter_rows(a, delays, x):
+    """Filter each column of ``x`` (n, m) in place by 1/A, ``a`` (na, 1) without its leading 1.
+
+    ``delays`` (na, m) are those of the direct form II transposed, and change as well.
+    """
+    last = len(a) - 1
+    for k in range(len(x)):
+        for j in range(x.shape[1]):
+            x[k, j] += delays[0, j]
+        for i in range(last):
+            for j in range(x.shape[1]):
+                delays[i, j] = delays[i + 1, j] - a[i, 0] * x[k, j]
+        for j in range(x.shape[1]):
+            delays[last, j] = 0.0 - a[last, 0] * x[k, j]
+
+
+LOOPS = (add_products, filter_rows)

@@ -6,6 +6,7 @@ First comes the header, whose numbers have names (NUMBERS), then the parts that 
 
 # numba infers the types: float64 arrays and floats.
 # mypy: disable-error-code="no-untyped-def, no-untyped-call"
+from collections.abc import Callable
 from itertools import pairwise
 from types import SimpleNamespace
 from typing import Any, NamedTuple
@@ -14,7 +15,28 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yawid.blocks import Floats
-from yawid.estimation.kernel.marks import hot
+from yawid.config.estimator import EstimatorConfig
+from yawid.estimation.methods import METHODS
+from yawid.estimation.polynomials import lag_depth
+
+MARKS: dict[Any, dict[str, Any]] = {}
+"""Options of numba's ``njit`` by marked function of the kernel; plain Python ignores them."""
+
+
+def _marked(**options: Any) -> Callable[[Any], Any]:
+    def mark(function: Any) -> Any:
+        MARKS[function] = options
+        return function
+
+    return mark
+
+
+hot = _marked(forceinline=True)
+"""Compile the function into each caller: for what runs at every sample, where calls cost."""
+merged = _marked(inline="always")
+"""Let numba copy the function into its only caller: for long ones, else compiled twice."""
+called = _marked()
+"""Compile the function on its own: for what does not run at every sample of the recursion."""
 
 Indices = NDArray[np.uint64]
 
@@ -134,3 +156,77 @@ def header(state: Any) -> Any:
 def parts(state: Any) -> Any:
     """Return the parts of a state, packed or not."""
     return state.parts if isinstance(state, Unpacked) else cut(state)
+
+
+WARM_UPDATES_PER_PARAMETER = 10
+"""The status is WARMING_UP for this many updates times the number of parameters."""
+D_CAP = 1e6
+"""Upper limit of the entries of D in P = U D U', on scaled signals; P0 where that is larger."""
+
+
+def registers(config: EstimatorConfig) -> tuple[list[int], list[int]]:
+    """Return ``heads`` (m + 4), where each register begins and the last ends, and ``taps`` (n).
+
+    There is a register for -y, each of the m inputs, the residual and the constant 1 of the bias,
+    the newest value first: -y(k-1), u(k), eps(k-1) when phi(k) is formed. ``taps`` are the places
+    of the entries of phi in the registers.
+    """
+    orders = config.orders
+    rows = [(0, orders.na)]
+    rows += [(nk, nb) for nb, nk in zip(orders.nb, orders.nk, strict=True)]
+    rows += [(0, orders.nc), (0, int(config.bias))]
+    heads, taps = [0], list[int]()
+    for first, count in rows:
+        taps += range(heads[-1] + first, heads[-1] + first + count)
+        # The filter 1/C(q) needs nc lags of each signal.
+        heads.append(heads[-1] + (max(first + count, orders.nc) if count else 0))
+    return heads, taps
+
+
+def new_state(config: EstimatorConfig) -> Floats:
+    """Return the packed state of an estimator that has seen no sample."""
+    orders, n, lags = config.orders, config.n_theta, config.residual_lags
+    window = max(config.scale_window, config.start_buffer)
+    heads, taps = registers(config)
+    header: dict[str, float | None] = {  # the configuration has replaced its None
+        "n": n, "na": orders.na, "nc": orders.nc, "m": orders.n_inputs,
+        "r": heads[-1] + max(1, orders.nc),  # a spare place for signals without a register
+        "lags": lags, "window": window, "depth": lag_depth(config.orders),
+        "bias": config.bias, "filters": METHODS[config.method].filters,
+        "scaled": config.scale_window > 0, "minimum": config.scale_minimum,
+        "P0": config.P0, "d_max": max(D_CAP, config.P0),
+        "warm": WARM_UPDATES_PER_PARAMETER * n,
+        "lam_start": config.forgetting_start, "lam_end": config.forgetting_factor,
+        "lam_rate": config.forgetting_rate, "floor": config.information_floor,
+        "lam": config.forgetting_start,
+        "phase": GATHERING if window else RUNNING, "broken": 1.0,
+    }  # fmt: skip
+    blank = np.zeros(1, HEADER)
+    for name, value in header.items():
+        blank[name] = value
+    samples = (orders.n_inputs + 2) * window
+    rest = np.zeros(sum(lengths(blank[0])) + samples)
+    state: Floats = np.concatenate([blank.view(np.float64), rest])
+    at = cut(state)
+    for part in (at.d, at.least, at.best):
+        part[:] = config.P0
+    at.covariance[:: n + 1] = config.P0
+    at.heads[:], at.taps[:] = heads, taps
+    at.factors[:] = 1.0
+    at.units[:] = 1.0
+    return state
+
+
+def restart(packed: Floats) -> None:
+    """Set theta, P and the statistics to their start values, after a result that is not finite."""
+    s, at = named(packed), cut(packed)
+    for forgotten in (at.theta, at.upper, at.covariance, at.products):
+        forgotten[:] = 0.0
+    for known in (at.d, at.least, at.best, at.covariance[:: int(s.n) + 1]):
+        known[:] = s.P0
+    s.lam = s.lam_start
+    s.s1 = s.s2 = s.loss = s.e2 = s.eps2 = s.y2 = s.fast_e2 = s.fast_y2 = 0.0
+    s.since, s.broken = 0.0, 1.0
+    s.diverged = 1.0
+    s.restarts += 1.0
+    s.phase, s.status = RUNNING, DIVERGING

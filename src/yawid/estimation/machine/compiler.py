@@ -19,8 +19,9 @@ from numba.core import cgutils, types
 from numba.extending import intrinsic
 from numba.np.arrayobj import populate_array
 
-from yawid.estimation.kernel import entry_points, records, state
-from yawid.estimation.kernel.marks import MARKS
+from yawid.estimation.kernel import entry_points, state
+from yawid.estimation.kernel.entry_points import LOOPS
+from yawid.estimation.kernel.state import MARKS
 from yawid.estimation.machine.object_code import RUN, module_of, object_of
 
 _WRAPPER = """
@@ -173,7 +174,7 @@ class _Copies:
 
 
 def compiled() -> bytes:
-    """Return object code: ``entry_points.run`` as a Python function, and ``records.LOOPS``.
+    """Return object code: ``entry_points.run`` as a Python function, and ``entry_points.LOOPS``.
 
     Raises:
         RuntimeError: the code would call a function that is missing without numba.
@@ -185,8 +186,8 @@ def compiled() -> bytes:
     def run_at(packed, u, y, out, first):
         return run(flat(packed), flat(u), flat(y), rows(out), first)
 
-    texts, names = [*_text(run_at, _WRAPPER, "RUN_AT")], [each.__name__ for each in records.LOOPS]
-    for name, each in zip(names, records.LOOPS, strict=True):
+    texts, names = [*_text(run_at, _WRAPPER, "RUN_AT")], [each.__name__ for each in LOOPS]
+    for name, each in zip(names, LOOPS, strict=True):
         texts += _text(_loop_at(each, rows), _LOOP.replace("NAME", name), "LOOP_AT")
     module = module_of(*texts, kept=(RUN, *names))
     missing = {f.name for f in module.functions if f.is_declaration and not _KNOWN.match(f.name)}

@@ -1,27 +1,26 @@
-"""Where machine code is kept between processes, which files are trusted, and who compiles.
+"""Where machine code is kept between processes, and which files are trusted.
 
 Whoever can write such a file can run any code as the user who loads it. So, as OpenSSH does with
 its keys, a file counts only if it belongs to the user or to root, no other user can change it, and
-the same holds for its folder. A lock lets one process in the background compile at a time.
+the same holds for its folder. Where two processes compile at once, each writes the same code.
 """
 
 import hashlib
 import os
 import stat
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from functools import cache
 from pathlib import Path
 
 from yawid.blocks import INNOVATION, NOISE_STD, RESIDUAL, SCALARS, STATUS, Y_HAT
 from yawid.estimation import kernel
 from yawid.estimation.machine.object_code import processor
-from yawid.system.files import SAFE_OPEN, lock, who_else_writes
+from yawid.system.files import SAFE_OPEN, who_else_writes
 
 _DIGEST = hashlib.sha256().digest_size
 _SETTLED = (Y_HAT, INNOVATION, RESIDUAL, NOISE_STD, STATUS)
-_FOLDER, _OF_USER, _FILE, _LOCK = 0o755, 0o700, 0o644, 0o600
+_FOLDER, _OF_USER, _FILE = 0o755, 0o700, 0o644
 """File modes: other users may load code that root compiled; a user's own is for that user."""
 
 
@@ -142,32 +141,4 @@ def keep(name: str, code: bytes) -> Path | None:
                 part.unlink(missing_ok=True)
             continue
         return folder
-    return None
-
-
-@contextmanager
-def alone(name: str) -> Iterator[bool]:
-    """Yield whether this process alone makes the code and can keep it.
-
-    The lock ends with the process that has it.
-    """
-    opened = _opened(f"{name}-{_version()}.lock")
-    if opened is None:
-        yield False
-        return
-    try:
-        lock(opened)
-    except OSError:
-        yield False
-    else:
-        yield True
-    finally:
-        os.close(opened)
-
-
-def _opened(name: str) -> int | None:
-    for folder in folders():
-        with suppress(OSError):
-            _make(folder)
-            return _open(folder / name, os.O_RDWR | os.O_CREAT, _LOCK)
     return None

@@ -7,7 +7,7 @@ threads also wait for each other, which takes many times longer than one thread 
 import numpy as np
 
 from yawid.blocks import Floats
-from yawid.estimation.kernel.records import add_products
+from yawid.estimation.kernel.entry_points import add_products
 from yawid.estimation.machine.runner import RUNNER
 
 

@@ -18,7 +18,7 @@ import numpy as np
 
 from yawid.blocks import Floats
 from yawid.errors import CompilerError
-from yawid.estimation.kernel import entry_points, records
+from yawid.estimation.kernel import entry_points
 from yawid.estimation.kernel.state import Unpacked
 from yawid.estimation.machine import kept
 from yawid.estimation.machine.object_code import RUN, loaded
@@ -64,7 +64,7 @@ class Runner:
     def __init__(self) -> None:
         self._interpreted_s = 0.0
         self._looked = -LOOK_S
-        self._child: subprocess.Popen[str] | None = None
+        self._child: subprocess.Popen[bytes] | None = None
         self._is_compiled = False
         self._is_hopeless = False
         self._loops: dict[Callable[..., None], Callable[..., None]] = {}
@@ -92,7 +92,7 @@ class Runner:
         return self._is_compiled or self._found()
 
     def loop(self, of: Callable[..., None]) -> Callable[..., None] | None:
-        """Return a function of ``kernel/records.py`` compiled; None where there is no code.
+        """Return a function of ``kernel/entry_points.py`` compiled; None where there is no code.
 
         Its three arrays must be contiguous float64; it does not check that.
         """
@@ -116,7 +116,8 @@ class Runner:
     def compile_behind(self) -> bool:
         """Start a process that compiles, if there is no code; return whether one runs.
 
-        Another one, of an earlier run, may still be compiling: the new one notices that and ends.
+        Where that process fails, this one compiles itself after ``PATIENCE_S``, and says why it
+        cannot.
         """
         if self.is_compiled():
             return False
@@ -124,57 +125,35 @@ class Runner:
             nowhere = subprocess.DEVNULL
             with suppress(OSError):  # no further process may be started: this one compiles later
                 self._child = subprocess.Popen(
-                    [sys.executable, "-W", "ignore", "-c", _BEHIND], text=True,
-                    stdin=nowhere, stdout=subprocess.PIPE, stderr=nowhere, start_new_session=True,
+                    [sys.executable, "-W", "ignore", "-c", _BEHIND],
+                    stdin=nowhere, stdout=nowhere, stderr=nowhere, start_new_session=True,
                     creationflags=OWN_GROUP,
                 )  # fmt: skip
         return self._child is not None
 
     def _found(self) -> bool:
         """Look for compiled code at times, or compile; return whether there is compiled code."""
-        if is_plain() or time.monotonic() - self._looked < LOOK_S:
+        if is_plain() or self._is_hopeless or time.monotonic() - self._looked < LOOK_S:
             return False
         self._looked = time.monotonic()
         try:
             if (code := kept.find(RUN)) is not None:
                 self._take(code)
-            elif self._is_hopeless or self._is_under_way():
+            elif self._child is not None and self._child.poll() is None:
                 return False
             elif self._interpreted_s > PATIENCE_S:
                 self.compile()
-        except CompilerError as error:
-            self._give_up(str(error))
         except Exception as error:  # whatever llvmlite raises
-            self._give_up(_why(error))
+            self._is_hopeless = True
+            why = error if isinstance(error, CompilerError) else _why(error)
+            # Without any handler logging writes this line to stderr.
+            logging.getLogger(__name__).warning("yawid: %s", why)
         return self._is_compiled
 
-    def _is_under_way(self) -> bool:
-        """Return whether the other process is compiling.
-
-        Raises:
-            CompilerError: it failed; its message says why.
-        """
-        if self._child is None or self._child.poll() is None:
-            return self._child is not None
-        assert self._child.stdout is not None
-        with self._child.stdout as said:
-            self._child, why = None, said.read().strip()
-        if why:
-            raise CompilerError(why)
-        return False
-
-    def _give_up(self, why: str) -> None:
-        """Report once why this process stays with plain Python, and do not try again."""
-        if self._is_hopeless:
-            return
-        self._is_hopeless = True
-        # Without any handler logging writes this line to stderr.
-        logging.getLogger(__name__).warning("yawid: %s", why)
-
     def _take(self, code: bytes) -> None:
-        address, *loops = loaded(code, RUN, *(each.__name__ for each in records.LOOPS))
+        address, *loops = loaded(code, RUN, *(each.__name__ for each in entry_points.LOOPS))
         called = ctypes.CFUNCTYPE(None, *[ctypes.py_object] * 3)
-        self._loops = dict(zip(records.LOOPS, map(called, loops), strict=True))
+        self._loops = dict(zip(entry_points.LOOPS, map(called, loops), strict=True))
         method = _Method(RUN.encode(), address, _FASTCALL, None)
         _METHODS.append(method)
         make = ctypes.pythonapi.PyCFunction_NewEx
@@ -202,18 +181,10 @@ RUNNER = Runner()
 
 
 def compile_behind() -> None:
-    """Compile, in a process of its own, unless another does or did, or code cannot be kept.
-
-    Where that fails, one line on stdout gives the reason to the process that started this one.
-    """
+    """Compile, in a process of its own, if there is no code yet."""
     run_last()
-    with kept.alone(RUN) as is_alone:
-        if is_alone and not RUNNER.is_compiled():
-            try:
-                RUNNER.compile()
-            except CompilerError as error:
-                with suppress(OSError):  # the other process has ended
-                    os.write(1, str(error).encode())
+    if not RUNNER.is_compiled():
+        RUNNER.compile()
 
 
 def _why(error: Exception) -> str:
