@@ -52,5 +52,5 @@ def _part(found: Fit, record: Record) -> Criterion:
     part.records, part.fixed = [record], found.of.theta(found.x[None])[0]
     part.mean = part.fixed[part.free]
     part.spread = np.minimum(part.spread, HELD * part.scale)
-    part.count = 3 * int(np.count_nonzero(~record.missing))
+    part.count = 3 * int(np.count_nonzero(~record.unused))
     return part

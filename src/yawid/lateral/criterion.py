@@ -54,7 +54,7 @@ class Criterion:
             for each in rows
         ]
         self.mean, self.spread = np.array(known).T
-        self.count = 3 * sum(int(np.count_nonzero(~each.missing)) for each in records)
+        self.count = 3 * sum(int(np.count_nonzero(~each.unused)) for each in records)
         """Measurements."""
 
     def start(self) -> Floats:

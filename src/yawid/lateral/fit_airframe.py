@@ -276,7 +276,7 @@ def autocorrelation(errors: Floats, records: Sequence[Record]) -> float:
     for each in records:
         n = len(each.y)
         e = errors[start : start + 3 * n].reshape(n, 3)
-        both = ~(each.missing[later:] | each.missing[:-later])
+        both = ~(each.unused[later:] | each.unused[:-later])
         products += (e[later:] * e[:-later])[both].sum(axis=0)
         power += (e**2).sum(axis=0)
         start += 3 * n + len(each.jumps)

@@ -6,7 +6,7 @@ parameter. A leading axis of 1 stands for all v.
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -16,8 +16,6 @@ from yawid.lateral.model import System
 from yawid.lateral.motion import Flags
 
 _MOST_DOUBLINGS, _SETTLED = 40, 1e-12
-SETTLE_S = 1.5
-"""Time after a gap in s until the filter's covariance is the steady one again."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,7 +23,7 @@ class Predictor:
     """A model sampled, and its steady filter: v variants.
 
     x(k+1) = Phi x(k) + drive u(k) + trim c + K e(k). ``P`` is the covariance of the prediction,
-    ``Q`` that of a step's noise, ``R`` that of the measurements; ``whiten`` (v, 3, 3) is the
+    ``Q`` that of a step's noise; ``whiten`` (v, 3, 3) is the
     inverse of S's lower Cholesky factor L and ``log_det`` (v,) the logarithm of L's determinant.
     """
 
@@ -36,10 +34,8 @@ class Predictor:
     K: Floats
     P: Floats
     Q: Floats
-    R: Floats
     whiten: Floats
     log_det: Floats
-    settle: int
 
     @classmethod
     def of(
@@ -69,8 +65,7 @@ class Predictor:
         K, whiten, log_det = _gain(Phi, model.C, P, model.R)
         sloped = (0.5 * sample_time_s * area - moment) @ model.B
         drive, trim = np.concatenate([area @ model.B, sloped], axis=2), area[:, :, :4]
-        settle = math.ceil(SETTLE_S / sample_time_s)
-        return cls(Phi, model.C, drive, trim, K, P, Q, model.R, whiten, log_det, settle)
+        return cls(Phi, model.C, drive, trim, K, P, Q, whiten, log_det)
 
 
 def exponential(A: Floats, time_s: float) -> tuple[Floats, Floats, Floats]:
@@ -121,38 +116,36 @@ def whitened(
     ``y`` (v, n, 3) are p, r and roll, ``u`` (v, n, 8) the inputs' means and slopes over each step,
     ``missing`` (n,) is True where y is not known, ``start`` (v, 4) are the first four states of the
     first sample and ``trim`` (v, 4) the trims, whose number of rows is v. In a gap the predictor
-    runs on, with the covariance that belongs to it until SETTLE_S later. The whitening has a mean
+    runs on, and so many samples after it as were lost are not used. The whitening has a mean
     determinant of 1, so that the sum of squares has its least where the likelihood is largest,
     whatever the scale of the noise.
     """
     found = np.zeros((len(start), y.shape[1], 3))
     X = np.hstack([start, np.zeros((len(start), 2))])[:, None]
     push = trim[:, None] @ predictor.trim.swapaxes(1, 2)
-    log_det = np.zeros(len(predictor.Phi))
-    for begin, stop, is_steady in _runs(missing, predictor.settle):
-        its = slice(begin, stop)
-        if is_steady:
-            found[:, its], X = _steady(predictor, y[:, its], u[:, its], push, X)
-            log_det += (stop - begin) * predictor.log_det
-        else:
-            found[:, its], X, some = _unsettled(
-                predictor, y[:, its], u[:, its], push, X, missing[its]
-            )
-            log_det += some
-    known = len(missing) - np.count_nonzero(missing)
-    found *= np.exp(log_det / (3 * known))[:, None, None]
+    blind = replace(predictor, K=np.zeros_like(predictor.K))
+    for begin, stop in _runs(missing):
+        its, of = slice(begin, stop), blind if missing[begin] else predictor
+        found[:, its], X = _steady(of, y[:, its], u[:, its], push, X)
+    found[:, unused(missing)] = 0.0
+    return found * np.exp(predictor.log_det / 3.0)[:, None, None]
+
+
+def unused(missing: Flags) -> Flags:
+    """Return which samples (n,) show nothing: those of a gap, and as many after it.
+
+    The steady filter has lost the state in a gap, and its innovations after it are larger.
+    """
+    found = missing.copy()
+    for begin, stop in _runs(missing):
+        if missing[begin]:
+            found[begin : 2 * stop - begin] = True
     return found
 
 
-def _runs(missing: Flags, settle: int) -> Iterator[tuple[int, int, bool]]:
-    """Yield runs of samples (start, stop, whether the steady filter holds)."""
-    n, unsettled = len(missing), missing.copy()
-    for at in np.flatnonzero(missing):
-        unsettled[at : at + settle + 1] = True
-    edges = [0, *(np.flatnonzero(np.diff(unsettled)) + 1).tolist(), n]
-    for start, stop in pairwise(edges):
-        if stop > start:
-            yield start, stop, not unsettled[start]
+def _runs(missing: Flags) -> Iterator[tuple[int, int]]:
+    """Yield runs (start, stop) of samples that are all missing, or all there."""
+    yield from pairwise([0, *(np.flatnonzero(np.diff(missing)) + 1).tolist(), len(missing)])
 
 
 def _steady(of: Predictor, y: Floats, u: Floats, push: Floats, X: Floats) -> tuple[Floats, Floats]:
@@ -185,25 +178,3 @@ def _steady(of: Predictor, y: Floats, u: Floats, push: Floats, X: Floats) -> tup
     found += known[..., 8:] @ of.whiten.swapaxes(1, 2)
     whole = found.transpose(1, 2, 0, 3).reshape(v, -1, 3)[:, :n]
     return whole, states[n - (blocks - 1) * length, :, -1:]
-
-
-def _unsettled(
-    of: Predictor, y: Floats, u: Floats, push: Floats, X: Floats, missing: Flags
-) -> tuple[Floats, Floats, Floats]:
-    """Return the same of a run with gaps, sample by sample, and the sum of log det L (v,)."""
-    found, log_det, P = np.zeros((len(push), y.shape[1], 3)), np.zeros(len(of.Phi)), of.P
-    Phi, C = of.Phi.swapaxes(1, 2), of.C.swapaxes(1, 2)
-    push = push + u @ of.drive.swapaxes(1, 2)
-    for k in range(len(missing)):
-        e = y[:, k : k + 1] - X @ C
-        X = X @ Phi + push[:, k : k + 1]
-        if missing[k]:
-            P = _around(of.Phi, P) + of.Q
-            continue
-        K, whiten, some = _gain(of.Phi, of.C, P, of.R)
-        X = X + e @ K.swapaxes(1, 2)
-        found[:, k : k + 1] = e @ whiten.swapaxes(1, 2)
-        log_det = log_det + some
-        spread = np.asarray(np.linalg.inv(whiten.swapaxes(1, 2) @ whiten), np.float64)
-        P = np.asarray(_around(of.Phi, P) + of.Q - _around(K, spread), np.float64)
-    return found, X, log_det

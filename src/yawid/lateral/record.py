@@ -15,6 +15,7 @@ from yawid.blocks import Floats
 from yawid.estimation.all_pole import all_pole
 from yawid.lateral.model import AILERON, RUDDER
 from yawid.lateral.motion import COMMAND_STEP_S, Flags, Motion
+from yawid.lateral.predictor import unused
 
 AT_REST = 2e-3
 """Standard deviation of an aileron that does not move, in the unit of its channel."""
@@ -52,6 +53,7 @@ class Record:
         self.airspeed_m_s = motion.airspeed_m_s
         columns = np.stack([motion.p, motion.r, motion.roll], axis=1)
         self.missing: Flags = np.isnan(columns.sum(axis=1))
+        self.unused = unused(self.missing)
         self.times_s = np.asarray(np.arange(len(columns)) * self.sample_time_s, np.float64)
         self._filled = np.stack([self._fill(x) for x in (*columns.T, motion.pitch, motion.q)])
         self.roll_delay_s = self._take_roll_in_time()
