@@ -1,8 +1,10 @@
 """The answer of an ordinary flight: the fit, its sigma, and the gates that it must pass.
 
     sigma^2 = (1.3 sigma_Whittle)^2 + floor^2 + (half of what a narrower band changes)^2
+              + (what a roll gain changes that is larger by the root of 1 - R^2 of the law)^2
 
-with floors of 2.5 % of wn, and of .015 and 8 % of zeta. Whittle's sigma is of noise alone: in calm
+with floors of 2.5 % of wn, and of .015 and 8 % of zeta. What an autopilot's integrator or lag adds
+to the law is taken for a turn, and in gusts it is not one: with it zeta was .29 for .12. Whittle's sigma is of noise alone: in calm
 air the error was up to four times as large, for the model is not the aircraft. What a line does to
 it shows in one place of the whitened spectra e of what is left of p, and of r without what p says:
 
@@ -107,7 +109,10 @@ def _of_fits(facts: OrdinaryAnswer, search: Search, fits: list[Fitted]) -> Ordin
     mode, std = values_of(best, law)
     narrow = search.again(best, wn, NARROW)
     off = np.abs((mode if narrow is None else values_of(narrow, law)[0]) - mode)
-    total = IN_GUSTS * std
+    stiffer = Law((1.0 + math.sqrt(1.0 - search.explained)) * law.roll_gain, law.rate_gain)
+    under = search.again(best, wn, law=stiffer)
+    moved = np.zeros_like(mode) if under is None else values_of(under, law)[0] - mode
+    total = np.hypot(IN_GUSTS * std, moved)
     for i, floors in ((0, FLOORS), (2, FLOORS_FLOWN)):
         part = slice(i, i + 2)
         size = np.hypot.reduce(floors * [mode[i], 1.0, mode[i + 1]], axis=1)

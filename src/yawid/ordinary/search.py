@@ -57,17 +57,28 @@ class Search:
         found_all = (self.again(each, middle) for each in ends)
         return sorted((x for x in found_all if x is not None), key=lambda x: x.loss)
 
-    def again(self, start: Fitted, wn: float, parts: tuple[float, float] = BAND) -> Fitted | None:
-        """Return the fit from another's end, in a band around wn in rad/s; None without a mode."""
-        data = band(self._sums, parts[0] * wn, min(parts[1] * wn, self.limit))
-        return self._fit(start.x, data, wn)
+    def again(
+        self,
+        start: Fitted,
+        wn: float,
+        parts: tuple[float, float] = BAND,
+        law: Law | None = None,
+    ) -> Fitted | None:
+        """Return the fit from another's end, in a band around wn in rad/s; None without a mode.
 
-    def _fit(self, x: Floats | None, data: Band, wn: float, steps: int = 40) -> Fitted | None:
+        Another ``law`` may be tried.
+        """
+        data = band(self._sums, parts[0] * wn, min(parts[1] * wn, self.limit))
+        return self._fit(start.x, data, wn, law=law)
+
+    def _fit(
+        self, x: Floats | None, data: Band, wn: float, steps: int = 40, law: Law | None = None
+    ) -> Fitted | None:
         if len(data.w) < FEWEST:
             return None
         wide = Model(self._wide.w, self.airspeed_m_s, self.law)
         start, guess = start_at(wn, self._wide, wide, self._pitch, self._noise)
-        model = Model(data.w, self.airspeed_m_s, self.law)
+        model = Model(data.w, self.airspeed_m_s, law or self.law)
         try:
             found = fit(start if x is None else x, data, model, guess, steps)
         except np.linalg.LinAlgError:
