@@ -4,9 +4,10 @@
               + (what a roll gain changes that is larger by the root of 1 - R^2 of the law)^2
 
 with floors of 2.5 % of wn, and of .015 and 8 % of zeta. What an autopilot's integrator or lag adds
-to the law is taken for a turn, and in gusts it is not one: with it zeta was .29 for .12. Whittle's sigma is of noise alone: in calm
-air the error was up to four times as large, for the model is not the aircraft. What a line does to
-it shows in one place of the whitened spectra e of what is left of p, and of r without what p says:
+to the law is taken for a turn, and in gusts it is not one: with it zeta was .29 for .12.
+Whittle's sigma is of noise alone: in calm air the error was up to four times as large, for the
+model is not the aircraft. What a line does to it shows in one place of the whitened spectra e
+of what is left of p, and of r without what p says:
 
     lines = largest over bins near the mode of  (m / M - 1) sqrt(n)
 
