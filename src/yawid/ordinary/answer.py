@@ -107,17 +107,7 @@ def answer_of(flight: Ordinary) -> OrdinaryAnswer:
 def _of_fits(facts: OrdinaryAnswer, search: Search, fits: list[Fitted]) -> OrdinaryAnswer:
     """Return the answer of fits, the best of them first."""
     best, law, wn = fits[0], search.law, wn_of(fits[0])
-    mode, std = values_of(best, law)
-    narrow = search.again(best, wn, NARROW)
-    off = np.abs((mode if narrow is None else values_of(narrow, law)[0]) - mode)
-    stiffer = Law((1.0 + math.sqrt(1.0 - search.explained)) * law.roll_gain, law.rate_gain)
-    under = search.again(best, wn, law=stiffer)
-    moved = np.zeros_like(mode) if under is None else values_of(under, law)[0] - mode
-    total = np.hypot(IN_GUSTS * std, moved)
-    for i, floors in ((0, FLOORS), (2, FLOORS_FLOWN)):
-        part = slice(i, i + 2)
-        size = np.hypot.reduce(floors * [mode[i], 1.0, mode[i + 1]], axis=1)
-        total[part] = np.sqrt(total[part] ** 2 + size**2 + (OF_BAND * off[part]) ** 2)
+    mode, std, total, off = _with_sigma(search, best, wn)
     near, nyquist_hz = _near(best, NEAR), search.limit / USABLE / math.pi
     share, line = share_of_turns(best, near), largest_line(best)
     above = float(np.median(best.band.Z[near, R, R].real / best.band.n[near]))
@@ -140,7 +130,7 @@ def _of_fits(facts: OrdinaryAnswer, search: Search, fits: list[Fitted]) -> Ordin
          f"{ABOVE_NOISE:g} are needed", _TURN),
         (abs(other / wn - 1.0) > APART, "two_answers", f"wn may as well be {other:.2f} as {wn:.2f} "
          "rad/s", _TURN),
-        (narrow is None or off[0] > max(0.06 * wn, 2.5 * IN_GUSTS * std[0]), "band_differs",
+        (off[0] > max(0.06 * wn, 2.5 * IN_GUSTS * std[0]), "band_differs",
          f"a narrower band changes wn by {off[0] / wn:.1%}", _TURN),
     )  # fmt: skip
     no_law = (
@@ -167,6 +157,25 @@ def _of_fits(facts: OrdinaryAnswer, search: Search, fits: list[Fitted]) -> Ordin
         band_rad_s=[float(best.band.w[0]), float(best.band.w[-1])],
         spectrum=spectrum_of(best),
     )
+
+
+def _with_sigma(search: Search, best: Fitted, wn: float) -> tuple[Floats, Floats, Floats, Floats]:
+    """Return a fit's values (9,), Whittle's sigmas, all of sigma, and what a narrow band changes.
+
+    The last is as large as the values where the narrow band shows no mode.
+    """
+    mode, std = values_of(best, search.law)
+    law, narrow = search.law, search.again(best, wn, NARROW)
+    off = np.abs(mode if narrow is None else values_of(narrow, law)[0] - mode)
+    stiffer = Law((1.0 + math.sqrt(1.0 - search.explained)) * law.roll_gain, law.rate_gain)
+    under = search.again(best, wn, law=stiffer)
+    moved = np.zeros_like(mode) if under is None else values_of(under, law)[0] - mode
+    total = np.hypot(IN_GUSTS * std, moved)
+    for i, floors in ((0, FLOORS), (2, FLOORS_FLOWN)):
+        part = slice(i, i + 2)
+        size = np.hypot.reduce(floors * [mode[i], 1.0, mode[i + 1]], axis=1)
+        total[part] = np.sqrt(total[part] ** 2 + size**2 + (OF_BAND * off[part]) ** 2)
+    return mode, std, total, off
 
 
 def values_of(found: Fitted, law: Law) -> tuple[Floats, Floats]:
