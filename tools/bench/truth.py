@@ -85,7 +85,7 @@ COLUMNS = (
 """Of the errors of wn in % and of zeta: median size, mean, root mean square; then the root mean
 square of z, the share of z within 2 (wn, zeta), and how many of both are beyond FAR."""
 Z = COLUMNS.index("z wn, zeta")
-ACROSS = {"answered %", "wn off %, median", "wn RMS", "zeta RMS", *COLUMNS[Z : Z + 2]}
+ACROSS = {"answered %", "wn off %, median", "wn RMS", "zeta RMS", COLUMNS[Z]}
 """The columns that are shown for each condition."""
 KEYS = {"wn": ("wn_error_pct", "wn_z"), "zeta": ("zeta_error", "zeta_z")} | {
     f"{name} of the mean": (error, f"{name}_z_mean")
@@ -214,8 +214,10 @@ def across_lines(rows: Sequence[Row], names: Sequence[str]) -> Iterator[str]:
     for name, values in zip(COLUMNS, zip(*columns, strict=True), strict=True):
         if name not in ACROSS:
             continue
-        shown = (each.replace("0.", ".").replace(" ", ",") for each in values)
-        yield f"|{name}|{'|'.join(shown)}|".replace("+nan", "-").replace("nan", "-")
+        of = ("z wn", "z zeta") if name == COLUMNS[Z] else (name,)
+        for which, parts in zip(of, zip(*map(str.split, values), strict=True), strict=True):
+            shown = "|".join(parts).replace("0.", ".").replace("+nan", "-").replace("nan", "-")
+            yield f"|{which}|{shown}|"
 
 
 def response_lines(rows: Sequence[Row]) -> Iterator[str]:
