@@ -15,7 +15,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from yawid.answers.run_summary import HIGHEST, LOWEST
 from yawid.blocks import Floats, shifted
 from yawid.lateral.roll_law import trimmed_regression
 
@@ -26,6 +25,9 @@ LEAST_EXPLAINED = 0.8
 with a damper of YAW2SRV_DAMP 0.5 or more, and 0.2 at most for a negative gain without one."""
 PERIOD_SHARE = 0.1
 """The time over which changes are taken, in periods of the mode."""
+NEAR_MODE = (0.5, 2.0)
+"""Of wn: what is near the mode. With .6 to 1.6 an aircraft under its own damper, answered rightly,
+counted as moved mostly by feedback. Carried over from earlier judging."""
 
 
 class Feedback(NamedTuple):
@@ -67,8 +69,8 @@ def rate_feedback(
 
 
 def near_mode(x: Floats, wn_rad_s: float, sample_time_s: float) -> float:
-    """Return the power of x (n,) from .6 to 1.6 wn, under a Hann window."""
+    """Return the power of x (n,) near the mode, under a Hann window."""
     spectrum = np.fft.rfft((x - x.mean()) * np.hanning(len(x)))
     of_wn = 2.0 * np.pi * np.fft.rfftfreq(len(x), sample_time_s) / wn_rad_s
-    near = (of_wn > LOWEST) & (of_wn < HIGHEST)
+    near = (of_wn > NEAR_MODE[0]) & (of_wn < NEAR_MODE[1])
     return float(np.sum(np.abs(spectrum[near]) ** 2))
