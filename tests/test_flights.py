@@ -84,7 +84,7 @@ REFUSED: dict[str, tuple[int, dict[str, str], dict[tuple[str, ...], object]]] = 
     "sitl_auto_25hz": (5, {"mixed_rudder": "% by itself"}, {}),
     "sitl_auto_mavproxy_4hz": (4, {}, {(*RUDDER, "how"): "parameter"}),
     "skywalker_manual_a": (
-        5, {"not_converged": "no oscillation", "disarmed": "every HEARTBEAT"},
+        5, {"not_converged": "not known well enough", "disarmed": "every HEARTBEAT"},
         {(*RUDDER, "source"): "ACTUATOR_CONTROL_TARGET.controls[2]"},
     ),
     "vtol_quadplane": (3, {"no_rudder": "SERVO3=75, SERVO4=76"}, {("link", "clock_steps"): 1}),

@@ -12,7 +12,9 @@ from collections.abc import Iterator
 
 from places import SRC
 
-TREES = {path.stem: ast.parse(path.read_text("utf-8")) for path in SRC.glob("manoeuvre/*.py")}
+TREES = {
+    path.stem: ast.parse(path.read_text(encoding="utf-8")) for path in SRC.glob("manoeuvre/*.py")
+}
 MOST_REASONS, MOST_LIMITS = 19, 40
 
 

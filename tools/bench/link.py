@@ -26,12 +26,12 @@ from bench.table import head, line, options_of
 
 TOOLS = Path(__file__).resolve().parents[1]
 WANTED = (
-    "ATTITUDE", "SERVO_OUTPUT_RAW", "RAW_IMU", "GLOBAL_POSITION_INT", "VFR_HUD", "RC_CHANNELS",
+    "ATTITUDE", "SERVO_OUTPUT_RAW", "RAW_IMU", "VFR_HUD", "RC_CHANNELS",
     "HEARTBEAT", "PARAM_VALUE",
 )  # fmt: skip
 """What a replay reads of such a log."""
 MIX, MB_AN_HOUR = "raised", 25.8
-"""The messages of the logs (flights/long_log.py), of which 59 % are wanted; and an hour's size."""
+"""The messages of the logs (flights/long_log.py), of which 53 % are wanted; and an hour's size."""
 FLIP_RATE, GARBAGE_BLOCKS, LONGEST_GARBAGE = 1e-4, 60, 3000
 Result = dict[str, float]
 
