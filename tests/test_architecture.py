@@ -39,7 +39,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "report": {"damper", "manoeuvre", "models", "physics", "sinks", "sinks/mcap"},
     "pipeline": {"config", "channels", "estimation", "physics", "manoeuvre", "ordinary", "results"}
     | {"sinks"},
-    "runs": {"config", "channels", "offline", "ordinary", "pipeline", "plant", "results"}
+    "runs": {"config", "channels", "offline", "pipeline", "plant", "results"}
     | {"sources", RECORDS, *SINKS},
     "runs/live": {"config", "estimation", "pipeline", "results", "runs", "sources", WIRE, LINK}
     | {"sinks", "sinks/rerun", "sinks/terminal"},
@@ -54,7 +54,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "__main__": {"cli"},
 }
 """Room -> the other rooms of which it may import something. Rooms within estimation are its own."""
-MOST_FLOORS, MOST_ARROWS = 10, 120  # 115 where manoeuvre/ has taken the place of manoeuvres/
+MOST_FLOORS, MOST_ARROWS = 10, 119  # 115 where manoeuvre/ has taken the place of manoeuvres/
 MOST_LINES, MOST_IN_FUNCTION = 450, 60
 MOST_FILES = {"answers": 14, "channels": 18, "cli": 15, "lateral": 14, "manoeuvre": 15}
 """A room holds about ten files; channels and cli, a file for each kind of command, have more, and

@@ -23,7 +23,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from checks.judge import Row, judged_answer, kept
+from checks.judge import Row, judged_answer, kept, replayed
 from flights.fly import Made
 from flights.moved import RATES_HZ, SEVERITIES
 from flights.ordinary import LAWS, fly_ordinary
@@ -42,9 +42,10 @@ from bench.truth import (
     errors,
     estimates,
 )
+from yawid.answers.ordinary import OrdinaryAnswer
 from yawid.answers.reasons import Verdict
+from yawid.config.run import RunConfig
 from yawid.errors import YawidError
-from yawid.runs.ordinary_log import ordinary_of_log
 
 SEED, HOSTILE_SEED = 2000, 3000
 MOST_ZETA, RIGHT_SIGMA = 0.45, 3.0
@@ -68,6 +69,12 @@ GROUPS: dict[str, tuple[str, object]] = {
 """The conditions that have a row: what they are called, and what their flights have. Each aircraft
 has a row, too."""
 Rows = Sequence[Row]
+
+
+def ordinary_of_log(path: Path) -> OrdinaryAnswer:
+    """Return what a log answers as an ordinary flight."""
+    found = replayed(path, RunConfig(ordinary="only")).ordinary
+    return OrdinaryAnswer(verdict=Verdict(usable=False, reasons=[])) if found is None else found
 
 
 def rows_of(seed: int, seconds: float, folder: Path, task: tuple[str, int]) -> list[Row]:

@@ -1,4 +1,4 @@
-"""The answer of an ordinary flight, in which nobody moved the rudder on purpose.
+"""The answer of an ordinary flight, in which the rudder was not moved on purpose.
 
 It is of the aircraft without its autopilot, and of its modes and its roll channel only: such a
 flight does not show the rudder's effect.

@@ -259,16 +259,16 @@ def fit_step(
     if correlation > 2.0 / math.sqrt(len(t)):  # the samples count for fewer than white noise's
         covariance = covariance * (1.0 + correlation) / max(1.0 - correlation, 1e-3)
     _check(model, t, residual, noise / abs(scale), p, covariance)
-    told = [
+    found = [
         Told(value=float(value), std=math.sqrt(variance))
         for value, variance in zip(p, np.diag(covariance), strict=True)
     ]
     gain = scale / u0
-    told[1] = Told(value=told[1].value * gain, std=told[1].std * abs(gain))
+    found[1] = Told(value=found[1].value * gain, std=found[1].std * abs(gain))
     formula = dict(zip(form.names, map(float, (gain, *read)), strict=True))
     return StepReport(
         model=model,
-        parameters=dict(zip(form.names, told[1:], strict=True)),
+        parameters=dict(zip(form.names, found[1:], strict=True)),
         formula=formula if form.by_formula else None,
         settling_2pct_s=_settling(form, 0.02, p[2:], covariance[2:, 2:]),
         settling_5pct_s=_settling(form, 0.05, p[2:], covariance[2:, 2:]),

@@ -1,4 +1,4 @@
-"""The bare airframe's Dutch roll from a flight in which nobody moved the rudder on purpose."""
+"""The bare airframe's Dutch roll from a flight in which the rudder was not moved on purpose."""
 
 from yawid.ordinary.answer import answer_of
 from yawid.ordinary.pieces import Ordinary
