@@ -16,23 +16,39 @@ from bench import sealed as runs
 from bench import verdict
 from bench.run import main
 from flights import sealed
+from flights.flight import Flight, Hands
 from flights.lateral import FRESH
+from flights.linear import LinearAircraft
 from flights.moved import AIRCRAFT, excited
-from flights.plan import FlightPlan
+from flights.plan import FlightPlan, Place
 from flights.truth import linear_dutch_rolls, pulse_dutch_roll
 from places import TOOLS
+from scipy.integrate import solve_ivp
+from scipy.linalg import expm
 
 SEALED: dict[str, list[dict[str, Any]]] = tomllib.loads(
     (TOOLS / "flights" / "sealed.toml").read_text(encoding="utf-8")
 )
+SIZED = {"stall_rad", "damper_limit"}
+"""What makes the mode of a linear aircraft depend on the size of the motion."""
 
 
-def test_the_sealed_aircraft_are_eight_or_more_that_no_limit_was_chosen_on() -> None:
-    names = {each["aircraft"] for each in SEALED["jsbsim"]}
+def test_the_sealed_aircraft_are_sixteen_or_more_that_no_limit_was_chosen_on() -> None:
+    of_jsbsim, own = ({each["aircraft"] for each in SEALED[of]} for of in ("jsbsim", "linear"))
 
-    assert len(names) >= 8
-    assert names.isdisjoint({each[0] for each in (*AIRCRAFT, *FRESH)})
-    assert names.isdisjoint(SEALED["excluded"])
+    assert len(of_jsbsim) >= 6
+    assert len(of_jsbsim | own) >= 16
+    assert sum(not SIZED.isdisjoint(each) for each in SEALED["linear"]) >= 4
+    opened = {place[0] for place in sealed.nonlinear_places()}
+    assert of_jsbsim.isdisjoint({each[0] for each in (*AIRCRAFT, *FRESH)} | opened)
+    assert of_jsbsim.isdisjoint(SEALED["excluded"])
+    assert opened.isdisjoint(place[0] for place in sealed.sealed_places())
+
+
+def test_an_opened_aircraft_flies_with_its_own_roll_hold() -> None:
+    place = next(each for each in sealed.nonlinear_places() if each[0] == "A4")
+
+    assert sealed.plan_at(place).roll_gain == 0.1
 
 
 @pytest.mark.parametrize("own", SEALED["jsbsim"], ids=lambda own: str(own["aircraft"]))
@@ -60,6 +76,8 @@ def test_a_linear_aircraft_has_the_dutch_roll_that_is_noted(own: dict[str, Any])
     A[1, :3] = own["L_beta"], own["L_p"], own["L_r"]
     A[2, :3] = own["N_beta"], own["N_p"], own["N_r"]
     A[3, 1] = 1.0
+    A[[1, 2], 2] -= own.get("damper_gain", 0.0) * np.array([own["L_delta_r"], own["N_delta_r"]])
+    A[0, 2] -= own.get("damper_gain", 0.0) * own["Y_delta_r"]
 
     poles = np.linalg.eigvals(A)
     pair = poles[np.argmax(poles.imag)]
@@ -67,6 +85,69 @@ def test_a_linear_aircraft_has_the_dutch_roll_that_is_noted(own: dict[str, Any])
     assert (abs(pair), -pair.real / abs(pair)) == pytest.approx(
         own["modes"][0], rel=0.001, abs=0.001
     )
+
+
+@pytest.mark.parametrize(
+    "place",
+    [
+        ("C130", 5000.0, 180.0), ("C130", 5000.0, 220.0), ("p51d", 5000.0, 160.0),
+        ("p51d", 5000.0, 210.0),
+        *(each for each in sealed.sealed_places() if not SIZED.isdisjoint(sealed.sealed(each[0]))),
+    ],
+    ids=str,
+)  # fmt: skip
+def test_the_decay_after_a_small_pulse_is_the_mode_that_is_noted(place: Place) -> None:
+    own = sealed.sealed(place[0])
+    plan = replace(sealed.plan_at(place), roll_gain=0.0, roll_rate_gain=0.0)
+
+    seen = pulse_dutch_roll(plan)
+
+    wn, zeta = own["modes"][own["speeds_kt"].index(place[2]) if "speeds_kt" in own else 0]
+    assert seen["wn_rad_s"] == pytest.approx(wn, rel=0.01)
+    assert seen["zeta"] == pytest.approx(zeta, abs=0.006)
+
+
+@pytest.mark.parametrize("place", [("C130", 5000.0, 180.0), ("p51d", 5000.0, 210.0)], ids=str)
+def test_an_aircraft_without_thrust_keeps_speed_and_altitude_in_air_that_rises(
+    place: Place,
+) -> None:
+    flight = Flight(replace(sealed.plan_at(place), true_feedback=True), Hands())
+
+    flight.advance_to(20_000)
+
+    assert flight["velocities/vc-kts"] == pytest.approx(place[2], rel=0.002)
+    assert flight["position/h-sl-ft"] == pytest.approx(place[1], abs=10.0)
+    assert flight["propulsion/engine/set-running"] == 0.0
+    assert flight["atmosphere/wind-down-fps"] < -10.0
+
+
+def test_large_motions_are_those_of_a_stalled_fin_and_a_limited_damper() -> None:
+    own = sealed.sealed("business_jet")
+    stall, gain, limit = own["stall_rad"], own["damper_gain"], own["damper_limit"]
+    column = np.array([own["Y_delta_r"], 0.0, own["L_delta_r"], own["N_delta_r"]])
+
+    def motion(_: float, x: np.ndarray) -> np.ndarray:
+        beta, roll, p, r = x
+        fin = stall * np.tanh(beta / stall)
+        bare = [
+            own["Y_beta"] * fin - r + 9.80665 / own["airspeed_m_s"] * np.sin(roll),
+            p,
+            own["L_beta"] * fin + own["L_p"] * p + own["L_r"] * r,
+            own["N_beta"] * fin + own["N_p"] * p + own["N_r"] * r,
+        ]
+        return bare + column * np.clip(-gain * r, -limit, limit)
+
+    start = [0.3, 0.1, -0.2, 0.4]
+    aircraft = LinearAircraft(own, sealed.plan_at(("business_jet", 1000.0, 200.0)))
+    aircraft._x[:4] = start
+
+    for _ in range(3000):
+        aircraft.run()
+
+    there = solve_ivp(motion, (0.0, 3.0), start, rtol=1e-8, atol=1e-10).y[:, -1]
+    assert aircraft._x[:4] == pytest.approx(there, abs=5e-4)
+    small = expm(3.0 * aircraft.A) @ start
+    assert np.abs(small - there).max() > 0.05
 
 
 OWN = """

@@ -72,7 +72,8 @@ def main(arguments: list[str]) -> int:
     name, *options = arguments
     tables, missed = run(name, [option for option in options if option != "--readme"])
     if "--readme" in options:
-        places = (f"{name}_sealed",) if "--sealed" in options else PLACES.get(name, (name,))
+        kinds = [f"{name}_{kind}" for kind in ("sealed", "nonlinear") if f"--{kind}" in options]
+        places = tuple(kinds) or PLACES.get(name, (name,))
         for place, table in zip(places, tables.split("\n\n"), strict=False):
             put(place, table)
     if missed is not None:

@@ -1,14 +1,15 @@
 """Flies JSBSim's aircraft in all conditions, and compares estimate and sigma with the truth.
 
-    python tools/bench.py truth [--seed 162] [--flights N] [--lateral] [--sealed] [--logs DIR]
-                                [--jobs 2] [--csv FILE] [--readme]
+    python tools/bench.py truth [--seed 162] [--flights N] [--lateral] [--sealed] [--nonlinear]
+                                [--logs DIR] [--jobs 2] [--csv FILE] [--readme]
 
 The flights are the grid of flights/moved.py, replayed with the default options; with --logs they
 stay in DIR and are not flown again. The tables are of the answers to manoeuvres and of flights, of
 what ELS and RML of the stream had at each manoeuvre's end, of the answer in each condition, of the
 response that it gives (checks/judge_response.py), of the criteria, and of the worst answer of each
 aircraft. (Recorded flights: the bench ``real``.)
-With --sealed they are the sealed aircraft's (bench/sealed.py).
+With --sealed they are the sealed aircraft's (bench/sealed.py); with --nonlinear, those whose mode
+depends on the size of the motion (``nonlinear`` in flights/sealed.toml).
 With --lateral the bare airframe of each manoeuvre is looked for, too, and has a table by itself.
 The exit code is 1 if a criterion is not met. --csv has a row for each flight and estimate.
 
@@ -40,7 +41,7 @@ from flights.moved import (
     Draw,
     of_grid,
 )
-from flights.sealed import sealed_places
+from flights.sealed import nonlinear_places, sealed_places
 
 from bench.sealed import begin
 from bench.table import (
@@ -329,10 +330,11 @@ def main(arguments: list[str]) -> Generator[str, None, str | None]:
 
     Return which criteria are not met, None if all are.
     """
-    own = {"seed": TABLE, "flights": 0, "lateral": False, "sealed": False}
+    own = {"seed": TABLE, "flights": 0, "lateral": False, "sealed": False, "nonlinear": False}
     options = options_of("truth", __doc__, arguments, **own, **FLOWN)
     run = begin("truth") if options.sealed else None
-    draw = Draw(run.seed, sealed_places()) if run else Draw(options.seed, PLACES)
+    own_places = nonlinear_places() if options.nonlinear else PLACES
+    draw = Draw(run.seed, sealed_places()) if run else Draw(options.seed, own_places)
     count = PER_PLACE * len(draw.places)
     flights = min(options.flights or (count // 4 if run else count), count)
     numbers = sorted(i * STRIDE % count for i in range(flights))
@@ -342,7 +344,9 @@ def main(arguments: list[str]) -> Generator[str, None, str | None]:
     yield from air_lines(rows)
     yield ""
     aircraft = dict.fromkeys(row["aircraft"] for row in rows)
-    names = [*aircraft] if run else [name for name in GROUPS if name not in AIR]
+    names = (
+        [*aircraft] if run or options.nonlinear else [name for name in GROUPS if name not in AIR]
+    )
     yield from across_lines(rows, names)
     yield ""
     yield from response_lines(rows)

@@ -8,6 +8,7 @@ turns it left. A positive aileron rolls right in both.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -15,6 +16,7 @@ from typing import Any
 import jsbsim
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import root
 
 from flights.linear import LinearAircraft
 from flights.plan import STEP_S, FlightError, FlightPlan
@@ -40,6 +42,19 @@ MISSING = {
 load."""
 STOPPED = ("c182",)
 """Aircraft of JSBSim's whose engine stops in ``run_ic``: it is started again before the trim."""
+GLIDING = ("C130", "p51d")
+"""Aircraft of JSBSim's whose engines do not run without FlightGear: they stay off."""
+BALANCE = {
+    "ic/alpha-rad": "accelerations/wdot-ft_sec2",
+    "ic/gamma-rad": "accelerations/udot-ft_sec2",
+    "fcs/elevator-cmd-norm": "accelerations/qdot-rad_sec2",
+    "ic/phi-rad": "accelerations/vdot-ft_sec2",
+    "fcs/aileron-cmd-norm": "accelerations/pdot-rad_sec2",
+    "fcs/rudder-cmd-norm": "accelerations/rdot-rad_sec2",
+}
+"""What the trim of a gliding aircraft moves, and the accelerations that are 0 then."""
+UNBALANCED = 0.01
+"""The largest acceleration, in ft/s^2 or rad/s^2, that a trim of a gliding aircraft leaves."""
 SENSED_MS = 20
 """The autopilot reads its sensors at 50 Hz, as ArduPlane's loop does: their noise changes then."""
 SENSED = (
@@ -71,7 +86,7 @@ def jsbsim_rudder(unit: float) -> float:
 
 
 def trimmed(plan: FlightPlan) -> Any:
-    """Return a ``jsbsim.FGFDMExec`` in straight and level flight, engines running.
+    """Return a ``jsbsim.FGFDMExec`` in straight and level flight, engines running or GLIDING.
 
     A linear aircraft, of the plan's own or of sealed.toml, is returned as it is.
 
@@ -94,6 +109,8 @@ def trimmed(plan: FlightPlan) -> Any:
     fdm["ic/gamma-deg"] = 0.0
     fdm["ic/psi-true-deg"] = plan.heading_deg
     fdm["gear/gear-cmd-norm"] = 0.0
+    if plan.aircraft in GLIDING:
+        return _gliding(fdm, plan)
     fdm["propulsion/set-running"] = -1
     fdm.run_ic()
     if plan.aircraft in STOPPED:
@@ -103,6 +120,43 @@ def trimmed(plan: FlightPlan) -> Any:
     except jsbsim.TrimFailureError as error:
         where = f"{plan.speed_kt:g} kt, {plan.altitude_ft:g} ft"
         raise FlightError(f"{plan.aircraft} finds no trim at {where}") from error
+    return fdm
+
+
+def _gliding(fdm: Any, plan: FlightPlan) -> Any:
+    """Return an aircraft that is trimmed without thrust, in air that rises as fast as it sinks.
+
+    So it keeps its altitude: the motion is that of a glide, seen from the rising air. JSBSim's own
+    initial conditions stay those of the glide in still air, at which ``FGLinearization`` starts.
+
+    Raises:
+        FlightError: no trim is found.
+    """
+
+    def accelerations(moves: Floats) -> list[float]:
+        for name, value in zip(BALANCE, moves.tolist(), strict=True):
+            fdm[name] = value
+        fdm["ic/vc-kts"] = plan.speed_kt
+        fdm.run_ic()
+        return [fdm[name] for name in BALANCE.values()]
+
+    fdm.set_trim_status(True)  # the gear is up, and the controls are where they are commanded to be
+    start = np.array([0.05, -0.08, 0.0, 0.0, 0.0, 0.0])
+    glide = root(accelerations, start, method="lm", options={"eps": 1e-5}).x
+    if not max(map(abs, accelerations(glide))) < UNBALANCED:
+        raise FlightError(f"{plan.aircraft} finds no glide at {plan.speed_kt:g} kt")
+    alpha, gamma = glide[:2].tolist()
+    speed_fps = fdm["velocities/vt-fps"]
+    fdm["ic/vt-fps"] = speed_fps * math.cos(gamma)
+    fdm["ic/gamma-rad"], fdm["ic/alpha-rad"] = 0.0, alpha + gamma
+    fdm.run_ic()
+    fdm["atmosphere/wind-down-fps"] = speed_fps * math.sin(gamma)
+    fdm.suspend_integration()
+    fdm.run()
+    fdm.resume_integration()
+    fdm["ic/gamma-rad"], fdm["ic/alpha-rad"] = gamma, alpha
+    fdm["ic/vc-kts"] = plan.speed_kt
+    fdm.set_trim_status(False)
     return fdm
 
 

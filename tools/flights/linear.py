@@ -6,8 +6,13 @@
     roll' = p,   psi' = r,   d' = (command - d) / lag for rudder and aileron
     a = beta + b,   r_a = r + b' / (1 + 3 span / (pi V) s),   p_a = p + the rolling gust
 
+Two things may make the mode depend on its size: a fin that stalls, for which a is replaced by
+stall_rad tanh(a / stall_rad); and a yaw damper of the aircraft's own, without lag and not in any
+log, whose part of the rudder is -damper_gain r between -damper_limit and damper_limit. The
+linearisation is that of small motions: it has the damper, but neither the stall nor the limit.
+
 It flies level at one airspeed through a frozen field of gusts (MIL-F-8785C), whose sideslip b moves
-past it and so yaws it. Commands, gusts and sin(roll) - roll are held for a step, which is
+past it and so yaws it. Commands, gusts and all that is not linear are held for a step, which is
 propagated by a matrix exponential.
 """
 
@@ -37,15 +42,18 @@ class LinearAircraft:
 
     def __init__(self, own: Mapping[str, float], plan: FlightPlan) -> None:
         self.servo_lag_s, self._speed = own["servo_lag_s"], own["airspeed_m_s"]
-        self.A, self.aileron, self.rudder = _matrices(own)
-        # The states, d_a, d_r, psi; the commands, the gusts of sideslip, yaw and roll, the sine.
-        M, (p, r) = np.zeros((13, 13)), (2, 3)
-        M[:4, :4], M[:4, 4], M[:4, 5] = self.A, self.aileron, -self.rudder
-        M[:4, 9], M[[p, r], 10], M[[p, r], 11] = self.A[:, 0], self.A[[p, r], r], self.A[[p, r], p]
-        M[0, 12] = GRAVITY / self._speed
+        A, self.aileron, self.rudder = _matrices(own)
+        # The states, d_a, d_r, psi; the commands, the gusts of sideslip, yaw and roll, and what the
+        # linear terms lack of each state's derivative.
+        M, (p, r) = np.zeros((16, 16)), (2, 3)
+        self._gain, self._limit = own.get("damper_gain", 0.0), own.get("damper_limit", 0.0)
+        self._stall_rad, self._fin = own.get("stall_rad", math.inf), A[:, 0]
+        self.A = A + self._gain * np.outer(self.rudder, np.eye(4)[r])
+        M[:4, :4], M[:4, 4], M[:4, 5], M[:4, 12:] = self.A, self.aileron, -self.rudder, np.eye(4)
+        M[:4, 9], M[[p, r], 10], M[[p, r], 11] = A[:, 0], A[[p, r], r], A[[p, r], p]
         M[[4, 5], [4, 5]], M[[4, 5], [7, 8]] = -1.0 / self.servo_lag_s, 1.0 / self.servo_lag_s
         M[6, 3] = 1.0
-        self._M, self._x = M, np.zeros(13)
+        self._M, self._x = M, np.zeros(16)
         self._x[6] = math.radians(plan.heading_deg)
         self.set_dt(STEP_S)
         self._behind, speed = 0.0, self._speed
@@ -66,9 +74,14 @@ class LinearAircraft:
         """Propagate one step, in turbulence if a severity is set."""
         x, own = self._x, self._own
         x[7], x[8] = own["fcs/aileron-cmd-norm"], -own["fcs/rudder-cmd-norm"]
-        x[12] = math.sin(x[1]) - x[1]
         if own[SEVERITY]:
             self._blow(x, GUST_M_S * own[SEVERITY])
+        a, damped = x[0] + x[9], self._gain * x[3]
+        beyond = damped - min(max(damped, -self._limit), self._limit)
+        x[12:] = -self.rudder * beyond
+        if self._stall_rad < math.inf:
+            x[12:] += self._fin * (self._stall_rad * math.tanh(a / self._stall_rad) - a)
+        x[12] += GRAVITY / self._speed * (math.sin(x[1]) - x[1])
         self._x = self._step @ x
 
     def _blow(self, x: Floats, sigma_m_s: float) -> None:

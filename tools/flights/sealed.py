@@ -14,20 +14,28 @@ PATH = Path(__file__).with_name("sealed.toml")
 def sealed_places() -> list[Place]:
     """Return name, altitude in ft and airspeed in kt of the sealed aircraft, each at its speeds."""
     own = tomllib.loads(PATH.read_text(encoding="utf-8"))
-    found = [
-        (each["aircraft"], each["altitude_ft"], knots)
-        for each in own["jsbsim"]
-        for knots in each["speeds_kt"]
-    ]
-    return found + [
+    return _of_jsbsim(own["jsbsim"]) + [
         (each["aircraft"], 1000.0, round(each["airspeed_m_s"] / KNOT, 3)) for each in own["linear"]
     ]
 
 
+def nonlinear_places() -> list[Place]:
+    """Return the places of the file's opened aircraft, on which a limit may be chosen."""
+    return _of_jsbsim(tomllib.loads(PATH.read_text(encoding="utf-8"))["nonlinear"])
+
+
+def _of_jsbsim(some: list[dict[str, Any]]) -> list[Place]:
+    return [
+        (each["aircraft"], each["altitude_ft"], knots)
+        for each in some
+        for knots in each["speeds_kt"]
+    ]
+
+
 def sealed(name: str) -> dict[str, Any]:
-    """Return what the file has about an aircraft; {} if it does not have it."""
+    """Return what the file has about an aircraft, sealed or opened; {} if it does not have it."""
     own = tomllib.loads(PATH.read_text(encoding="utf-8"))
-    every = (*own["jsbsim"], *own["linear"])
+    every = (*own["jsbsim"], *own["linear"], *own.get("nonlinear", ()))
     return next((each for each in every if each["aircraft"] == name), {})
 
 
