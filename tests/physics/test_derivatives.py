@@ -19,7 +19,7 @@ from yawid.physics.derivatives import (
     with_sigma,
     yaw_channel,
 )
-from yawid.physics.modes import poles_of, residues_of
+from yawid.physics.modes import discrete_residues, poles_of, residues_of
 from yawid.quantities.table import YAW_CHANNEL
 
 TWO = ArmaxOrders(na=2, nb=2, nc=0, nk=1)
@@ -181,6 +181,16 @@ def test_with_the_yaw_angle_as_output_the_numbers_are_the_same():
     np.testing.assert_allclose(values[0, :4], [K, T, omega, xi], rtol=1e-7)
 
 
+@pytest.mark.parametrize("nk", [1, 2, 4])
+def test_a_dead_time_changes_no_number(nk):
+    """The rudder comes later by whole samples: gain, lead and mode are those of the aircraft."""
+    theta = theta_of(*eq23(0.8, 0.9, 2.4, 0.25), 0.1)
+
+    values, _ = yaw_channel(theta[None], ArmaxOrders(na=2, nb=2, nc=0, nk=nk), 0.1)
+
+    np.testing.assert_allclose(values[0, :4], [0.8, 0.9, 2.4, 0.25], rtol=1e-9)
+
+
 def test_an_alternating_pole_hides_nothing():
     K, T, omega, xi, ts = 0.8, 0.9, 2.4, 0.25, 0.1
     theta = theta_of(*eq23(K, T, omega, xi), ts)
@@ -251,8 +261,9 @@ def test_rows_of_a_block_are_those_of_single_calls_to_the_bit(na):
 
 
 def _poles_and_residues(thetas, orders):
-    poles = poles_of(thetas[:, : orders.na], orders, 0.1)
-    return poles.z, poles.s, residues_of(thetas, poles, orders, 0.1)
+    poles = poles_of(thetas[:, : orders.na], 0.1)
+    discrete = discrete_residues(thetas, poles, orders)
+    return poles.z, poles.s, discrete, residues_of(discrete, poles, 0.1)
 
 
 def test_a_pole_that_alternates_takes_nothing_from_the_gain():

@@ -41,17 +41,3 @@ def checked_samples(
     if finite_or_nan and (np.isinf(u).any() or np.isinf(y).any()):
         raise ConfigError("u and y must not be infinite; a NaN marks a sample to be left out")
     return u, y
-
-
-def checked_record(u: ArrayLike, y: ArrayLike) -> tuple[Floats, Floats]:
-    """Return u (n,) and y (n,) of a record without gaps as float64.
-
-    Raises:
-        ConfigError: u and y differ in length, or are not one-dimensional or not finite.
-    """
-    u, y = np.asarray(u, dtype=np.float64), np.asarray(y, dtype=np.float64)
-    if u.ndim != 1 or u.shape != y.shape:
-        raise ConfigError(f"u and y must be (n,) alike, got {u.shape} and {y.shape}")
-    if not (np.isfinite(u).all() and np.isfinite(y).all()):
-        raise ConfigError("u and y must be finite: this method takes a record without gaps")
-    return u, y

@@ -27,13 +27,10 @@ the servo's. The servo's pole is the real one nearest to 1/tau where its lag tau
 it is the fastest one, whose removal changes the response least: by |s/p| for a pole at p.
 """
 
-from typing import Any
-
 import numpy as np
 from numpy.polynomial.polynomial import polyval
-from numpy.typing import NDArray
 
-from yawid.blocks import Floats, Ints
+from yawid.blocks import Bools, Floats, Ints
 from yawid.config.estimator import ArmaxOrders
 from yawid.physics.modes import (
     Complexes,
@@ -42,7 +39,6 @@ from yawid.physics.modes import (
     dutch_roll_index,
     poles_of,
     residues_of,
-    rows_at_once,
 )
 from yawid.quantities.table import REDUCTION_ERROR, YAW_CHANNEL
 
@@ -79,21 +75,14 @@ def yaw_channel(
     for na > 2. NaN where there is no yaw mode or no servo with that lag, and for na < 2 or without
     B. The servo's lag alone is NaN where no pole is left for it.
     """
-    n, at_once = len(theta), rows_at_once(orders, len(_BAND))
+    n = len(theta)
     if orders.na < 2 or not orders.nb or orders.nb[0] == 0:
         return np.full((n, len(YAW_CHANNEL)), np.nan), np.full(n, np.nan)
     if poles is None:
-        poles = poles_of(theta[:, : orders.na], orders, sample_time_s)
-    if n > at_once:
-        settings: dict[str, Any] = {"mean_output": mean_output, "servo_tau_s": servo_tau_s}
-        found = [
-            yaw_channel(theta[i], orders, sample_time_s, **settings, poles=poles.select(i))
-            for i in (slice(first, first + at_once) for first in range(0, n, at_once))
-        ]
-        values, error = (np.concatenate(columns) for columns in zip(*found, strict=True))
-        return values, error
+        poles = poles_of(theta[:, : orders.na], sample_time_s)
     p = poles.s.copy()
-    residues = residues_of(theta, poles, orders, sample_time_s, mean_output=mean_output)
+    discrete = discrete_residues(theta, poles, orders)
+    residues = residues_of(discrete, poles, sample_time_s, mean_output=mean_output)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         yaw, servo = np.arange(2) + np.zeros((n, 1), int), np.full(n, np.nan)
         if orders.na > 2:
@@ -105,14 +94,14 @@ def yaw_channel(
             n1, error = residues.sum(axis=1).real, np.zeros(n)
             n0 = -(residues[:, 0] * p[:, 1] + residues[:, 1] * p[:, 0]).real
         else:
-            size = np.abs(discrete_residues(theta, poles, orders))
+            size = np.abs(discrete)
             # size is NaN at z = 0, which is a delay
             has_effect = size > CANCELLED * np.nansum(size, axis=1, keepdims=True)
-            alternates = np.any(np.isnan(p) & has_effect, axis=1)
+            rows = np.flatnonzero(np.any(np.isnan(p) & has_effect, axis=1))
             w = omega[:, None] * _BAND
-            w = np.where(alternates[:, None], np.minimum(w, _OF_NYQUIST * np.pi / sample_time_s), w)
-            sampled = _sampled(theta, orders, sample_time_s, w, 1 + mean_output)
-            n1, n0, error = _numerator(p, residues, yaw, w, sampled, alternates)
+            w[rows] = np.minimum(w[rows], _OF_NYQUIST * np.pi / sample_time_s)
+            sampled = _sampled(theta[rows], orders, sample_time_s, w[rows], 1 + mean_output)
+            n1, n0, error = _numerator(p, residues, yaw, w, rows, sampled)
         K, T = n0 / omega**2, n1 / n0
         a_z = 1.0 / T
         a_omega = 2.0 * xi * omega - a_z
@@ -160,33 +149,41 @@ def _sampled(
     """Return the response (n, k) at w (n, k) of B / A without dead time, its holds undone."""
     x = np.exp(-1j * w * sample_time_s)
     a, b = (each.T[:, :, None] for each in np.split(theta, [orders.na], axis=1))
-    num = x * polyval(x, b[: orders.nb[0]], tensor=False)
+    num, den = (polyval(x, each, tensor=False) for each in (b[: orders.nb[0]], a))
     hold = (1.0 - x) / (1j * w * sample_time_s)
-    found: Complexes = num / (1.0 + x * polyval(x, a, tensor=False)) / hold**holds
+    # 1/x in place of x times num and den: NumPy swaps the factors of a product in long blocks.
+    found: Complexes = num / (1.0 / x + den) / hold**holds
     return found
 
 
 def _numerator(
-    p: Complexes, residues: Complexes, yaw: Ints, w: Floats, sampled: Complexes,
-    alternates: NDArray[np.bool_],
-) -> tuple[Floats, Floats, Floats]:  # fmt: skip
+    p: Complexes, residues: Complexes, yaw: Ints, w: Floats, rows: Ints, sampled: Complexes
+) -> tuple[Floats, Floats, Floats]:
     """Return n1 and n0 (n,) of the numerator n1 s + n0 of eq. 23, and its relative misfit (n,).
 
-    ``sampled`` (n, k) is the response at w (n, k) of the rows that have a pole that ``alternates``.
+    ``sampled`` (m, k) is the response at w (n, k) of ``rows`` (m,). That of the others is num/den,
+    real polynomials of s: at s = jw even powers are real, and odd ones imaginary.
     """
-    s, response, factors = 1j * w, np.zeros_like(sampled), np.ones_like(sampled)
+    num, den = np.zeros((2, len(p), p.shape[1] + 1), complex)
+    den[:, 0] = 1.0
+    lag = np.isfinite(p)
     for i in range(p.shape[1]):
-        pole = p[:, i, None]
-        lag = np.isfinite(pole)
-        response += np.where(lag, residues[:, i, None] / (s - pole), 0.0)
-        factor = np.where((yaw == i).any(axis=1)[:, None], s - pole, 1.0 - s / pole)
-        factors *= np.where(lag, factor, 1.0)
-    wanted = np.where(alternates[:, None], sampled, response) * factors
-    # n0 fits the real part and n1 w the imaginary one, each alone; their weights are relative.
-    weight = 1.0 / np.abs(wanted) ** 2
-    n0 = (wanted.real * weight).sum(axis=1) / weight.sum(axis=1)
-    n1 = (wanted.imag * w * weight).sum(axis=1) / (w**2 * weight).sum(axis=1)
-    misfit = np.abs(wanted - n0[:, None] - n1[:, None] * s) ** 2 * weight
+        pole, counts = p[:, i, None], lag[:, i, None]
+        longer = np.roll(num, 1, axis=1) - pole * num + residues[:, i, None] * den
+        num = np.where(counts, longer, num)
+        den = np.where(counts, np.roll(den, 1, axis=1) - pole * den, den)
+    is_yaw = (yaw[:, :, None] == np.arange(p.shape[1])).any(axis=1)
+    size = np.where(lag & ~is_yaw, -1.0 / p, 1.0).prod(axis=1)[:, None]
+    c, of_rows = (num * size).real.T, den[rows] * size[rows]
+    even, odd = (polyval(-(w**2), each[:, :, None], tensor=False) for each in (c[::2], c[1::2]))
+    # Not by an operator, of which NumPy swaps the factors in long blocks.
+    wanted = np.multiply(sampled, polyval(1j * w[rows], of_rows.T[:, :, None], tensor=False))
+    even[rows], odd[rows] = wanted.real, wanted.imag / w[rows]
+    # n0 fits the even part and n1 the odd one, each alone; their weights are relative.
+    weight = 1.0 / (even**2 + (w * odd) ** 2)
+    n0 = (even * weight).sum(axis=1) / weight.sum(axis=1)
+    n1 = (odd * w**2 * weight).sum(axis=1) / (w**2 * weight).sum(axis=1)
+    misfit = ((even - n0[:, None]) ** 2 + (w * (odd - n1[:, None])) ** 2) * weight
     return n1, n0, np.sqrt(misfit.mean(axis=1))
 
 
@@ -214,7 +211,7 @@ def with_sigma(
     moved = np.r_[0, 1 : orders.na + 1, count + 1 : count + 1 + orders.na]
     same = np.zeros((len(stack), 1), int)
     same[moved, 0] = np.arange(len(moved))
-    poles = poles_of(stack[moved, :, : orders.na].reshape(-1, orders.na), orders, sample_time_s)
+    poles = poles_of(stack[moved, :, : orders.na].reshape(-1, orders.na), sample_time_s)
     values, error = yaw_channel(
         stack.reshape(-1, theta.shape[1]), orders, sample_time_s, mean_output=mean_output,
         servo_tau_s=servo_tau_s, poles=poles.select((same * n + np.arange(n)).ravel()),
@@ -229,7 +226,7 @@ def with_sigma(
     return values[0], std, error[:n]
 
 
-def known_rows(values: Floats, std: Floats, error: Floats) -> NDArray[np.bool_]:
+def known_rows(values: Floats, std: Floats, error: Floats) -> Bools:
     """Return in which rows (n,) eq. 23 holds: all numbers have a sigma, and the error is small.
 
     ``values`` and ``std`` (n, 9), ``error`` (n,) are those of :func:`with_sigma`. Only the servo's
@@ -237,7 +234,7 @@ def known_rows(values: Floats, std: Floats, error: Floats) -> NDArray[np.bool_]:
     """
     rest = np.arange(len(YAW_CHANNEL)) != SERVO
     finite = np.isfinite(values[:, rest]) & np.isfinite(std[:, rest])
-    known: NDArray[np.bool_] = finite.all(axis=1) & (error <= LARGEST_ERROR)
+    known: Bools = finite.all(axis=1) & (error <= LARGEST_ERROR)
     return known
 
 

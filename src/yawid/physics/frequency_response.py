@@ -8,7 +8,6 @@ from scipy import signal
 
 from yawid.blocks import Floats
 from yawid.errors import ConfigError, NotIdentifiable
-from yawid.estimation.checks import checked_record
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +38,9 @@ def frequency_response(
         ConfigError: a shape is wrong, or a segment is below 8 samples or above half the record.
         NotIdentifiable: the input does not move.
     """
-    u, y = checked_record(u, y)
+    u, y = np.asarray(u, np.float64), np.asarray(y, np.float64)
+    if u.ndim != 1 or u.shape != y.shape or not np.isfinite([u, y]).all():
+        raise ConfigError(f"u and y must be (n,) alike, without gaps, got {u.shape} and {y.shape}")
     length = round(segment_s / sample_time_s)
     if not 8 <= length <= len(y) // 2:
         raise ConfigError(
@@ -49,11 +50,10 @@ def frequency_response(
         raise NotIdentifiable("the input does not move")
     options = {"fs": 1.0 / sample_time_s, "window": "hann", "nperseg": length}
     frequency, s_uu = signal.welch(u, **options)
-    _, s_yy = signal.welch(y, **options)
     _, s_uy = signal.csd(u, y, **options)
+    _, coherence = signal.coherence(u, y, **options)
     with np.errstate(divide="ignore", invalid="ignore"):
         G = s_uy / s_uu
-        coherence = np.clip(np.abs(s_uy) ** 2 / (s_uu * s_yy), 0.0, 1.0)
         averages = 0.95 * (2 * len(y) // length - 1)
         relative = np.sqrt((1.0 - coherence) / (2.0 * averages * coherence))
     return FrequencyResponse(

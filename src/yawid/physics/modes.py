@@ -24,8 +24,6 @@ LOWEST_DUTCH_ROLL_HZ = 0.05
 """Lowest natural frequency of a pole that may be the Dutch roll."""
 HIGHEST_DUTCH_ROLL_OF_RATE = 0.4
 """Its highest natural frequency, as a share of the sample rate."""
-_IN_PLACE_BYTES = 2**18
-"""From this size on NumPy reuses temporary arrays, and may then swap the factors of a product."""
 
 
 def orders_of(parameters: Sequence[str]) -> ArmaxOrders:
@@ -76,15 +74,11 @@ class Poles(Columns):
     slopes: Complexes
 
 
-def poles_of(a: Floats, orders: ArmaxOrders, sample_time_s: float) -> Poles:
+def poles_of(a: Floats, sample_time_s: float) -> Poles:
     """Return the poles (n, na) of coefficients ``a`` (n, na), sorted as :func:`discrete_poles`.
 
     ``s`` in rad/s is NaN where z has no continuous counterpart: on the negative real axis or at 0.
     """
-    at_once = rows_at_once(orders)
-    if len(a) > at_once:
-        pieces = np.split(a, range(at_once, len(a), at_once))
-        return Poles.joined([poles_of(piece, orders, sample_time_s) for piece in pieces])
     z, ln_z = _sorted_poles(a)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         # Only s becomes NaN: the slopes at the other poles need the distance to this z.
@@ -109,8 +103,9 @@ def modes(
     """
     n, na = len(estimates), orders.na
     theta = estimates.theta
-    poles = poles_of(theta[:, :na], orders, sample_time_s)
-    residues = residues_of(theta, poles, orders, sample_time_s, mean_output=mean_output)
+    poles = poles_of(theta[:, :na], sample_time_s)
+    discrete = discrete_residues(theta, poles, orders)
+    residues = residues_of(discrete, poles, sample_time_s, mean_output=mean_output)
     s = poles.s
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         wn = np.abs(s)
@@ -138,55 +133,32 @@ def _leave_one_nan(values: Complexes | Floats) -> None:
 
 
 def residues_of(
-    theta: Floats,
-    poles: Poles,
-    orders: ArmaxOrders,
-    sample_time_s: float,
-    *,
-    mean_output: bool = False,
+    discrete: Complexes, poles: Poles, sample_time_s: float, *, mean_output: bool = False
 ) -> Complexes:
-    """Return the residues R (n, na) of the first input, for ``theta`` (n, p) and its poles.
+    """Return the residues R (n, na) of the continuous model, the sum of R/(s - p).
 
-    The continuous model is the sum of R/(s - p). A zero-order hold turns each term into
-    R (z_p - 1)/p / (z - z_p). Where the output is the mean over the interval before the sample
+    ``discrete`` (n, na) are those of :func:`discrete_residues`. A zero-order hold turns each term
+    into R (z_p - 1)/p / (z - z_p). Where the output is the mean over the interval before the sample
     (``mean_output``), that discrete residue is R (z_p - 1)^2 / (p^2 Ts z_p) instead. Both are
     undone here exactly.
     """
-    n, at_once = len(theta), rows_at_once(orders)
-    if n > at_once:
-        pieces = [slice(i, i + at_once) for i in range(0, n, at_once)]
-        settings = orders, sample_time_s
-        return np.concatenate(
-            [
-                residues_of(theta[i], poles.select(i), *settings, mean_output=mean_output)
-                for i in pieces
-            ]
-        )
     z, s = poles.z, poles.s
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        residues = discrete_residues(theta, poles, orders) * s / (z - 1.0)
-        if mean_output:
-            residues = residues * s * sample_time_s * z / (z - 1.0)
-    return residues
+        residues = discrete * s / (z - 1.0)
+        return residues * s * sample_time_s * z / (z - 1.0) if mean_output else residues
 
 
 def discrete_residues(theta: Floats, poles: Poles, orders: ArmaxOrders) -> Complexes:
-    """Return the residues r (n, na) of B / A, the sum of r/(z - z_p), for the first input."""
-    nb, nk = (orders.nb[0], orders.nk[0]) if orders.nb else (0, 1)
-    b, z = theta[:, None, orders.na : orders.na + nb], poles.z
-    terms = b * z[:, :, None] ** (-(nk + np.arange(nb)))
-    found: Complexes = terms.sum(axis=2) * z**orders.na / poles.slopes
-    return found
+    """Return the residues r (n, na) of B / A, the sum of r/(z - z_p), of the first input.
 
-
-def rows_at_once(orders: ArmaxOrders, columns: int = 1) -> int:
-    """Return how many rows may be computed at once without any effect on their bits.
-
-    NumPy may swap the factors of products of large arrays, and swapped factors give a complex
-    product other last bits. ``columns`` is the least number of columns of a row.
+    A dead time, nk above 1, is left out: the model's gain and zeros are those without it.
     """
-    widest = orders.na * max(orders.na, *orders.nb, 1)
-    return max(1, (_IN_PLACE_BYTES - 1) // (16 * max(widest, columns)))
+    nb, nk = (orders.nb[0], min(orders.nk[0], 1)) if orders.nb else (0, 1)
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        powers = poles.z[:, :, None] ** (-(nk + np.arange(nb)))
+        # Not by an operator, of which NumPy swaps the factors in long blocks.
+        terms = np.multiply(theta[:, None, orders.na : orders.na + nb], powers)
+        return np.asarray(terms.sum(axis=2) * poles.z**orders.na / poles.slopes)
 
 
 def dutch_roll_index(s: Complexes, residues: Complexes, sample_time_s: float) -> Ints:
