@@ -1,17 +1,10 @@
 """The filter 1/A(q) over a whole record, compiled or by SciPy, for all methods that need it."""
 
-from functools import cache
-from importlib.machinery import PathFinder
-from importlib.util import find_spec, module_from_spec
-from typing import Any
-
 import numpy as np
 
 from yawid.blocks import Floats
 from yawid.estimation.kernel.entry_points import filter_rows
 from yawid.estimation.machine.runner import RUNNER
-
-_ONE = np.ones(1)
 
 
 def all_pole(a: Floats, drive: Floats, past: Floats | None = None) -> Floats:
@@ -21,42 +14,17 @@ def all_pole(a: Floats, drive: Floats, past: Floats | None = None) -> Floats:
     values of x before, newest first, all 0 if None; x has the shape of the drive. An unstable
     filter may overflow to values that are not finite.
     """
-    x = np.asarray(drive, dtype=np.float64)
+    x = np.array(drive, np.float64, order="C")
     if not (len(a) and x.size):
-        return x.copy()
+        return x
     delays = np.zeros((len(a), *x.shape[1:]))
     if past is not None:
         for i in range(len(a)):
             for j in range(i, len(a)):
                 delays[i] -= a[j] * past[j - i]
-    return _filtered(a, x, delays)
-
-
-def _filtered(a: Floats, x: Floats, delays: Floats) -> Floats:
-    """Return x (n,) or (n, m) filtered from its ``delays`` (na,) or (na, m), which may change."""
     if (loop := RUNNER.loop(filter_rows)) is None:
-        plain: Floats = _lfilter()(_ONE, np.concatenate([[1.0], a]), x, 0, delays)[0]
-        return plain
-    found = np.array(x, order="C")
-    loop(a.reshape(-1, 1), delays.reshape(len(a), -1), found.reshape(len(x), -1))
-    return found
+        from scipy.signal import lfilter  # takes as long to load as a short replay
 
-
-@cache
-def _lfilter() -> Any:
-    """Return SciPy's filter by importing only its part in C.
-
-    Importing all of scipy.signal takes as long as a short replay; this happens only
-    where a version of SciPy keeps that part elsewhere.
-    """
-    scipy = find_spec("scipy")
-    places = (scipy and scipy.submodule_search_locations) or []
-    found = PathFinder.find_spec("_sigtools", [f"{each}/signal" for each in places])
-    if found is not None and found.loader is not None:
-        part = module_from_spec(found)
-        found.loader.exec_module(part)
-        if hasattr(part, "_linear_filter"):
-            return part._linear_filter
-    from scipy.signal import lfilter
-
-    return lfilter
+        return np.asarray(lfilter(np.ones(1), np.insert(a, 0, 1.0), x, axis=0, zi=delays)[0])
+    loop(a.reshape(-1, 1), delays.reshape(len(a), -1), x.reshape(len(x), -1))
+    return x

@@ -91,7 +91,7 @@ from yawid.config.estimator import ArmaxOrders, EstimatorConfig
 from yawid.errors import ConfigError
 from yawid.estimation.checks import checked_samples, checked_u
 from yawid.estimation.kernel import state as slots
-from yawid.estimation.kernel.recursion import entry_of_p, noise_variance
+from yawid.estimation.kernel.recursion import entry_of_p
 from yawid.estimation.kernel.state import new_state, restart
 from yawid.estimation.machine.runner import RUNNER
 from yawid.estimation.start_fit import factorise, fit_start
@@ -127,7 +127,9 @@ class Estimate:
     @property
     def covariance(self) -> Floats:
         """Covariance (n, n) of theta; NaN before the first update."""
-        return _covariance(self._block(covariance=True))
+        found = self._block(covariance=True).covariance
+        assert found is not None  # it was asked for
+        return np.asarray(found[0])
 
     @property
     def y_hat(self) -> float:
@@ -168,16 +170,12 @@ def _reading(state: Floats, *, covariance: bool) -> EstimateBlock:
     return EstimateBlock(row[np.newaxis], n)
 
 
-def _covariance(block: EstimateBlock) -> Floats:
-    assert block.covariance is not None  # the caller asked for it
-    return np.asarray(block.covariance[0])
-
-
-class RecursiveArmax:
+class RecursiveArmax(Estimate):
     """Recursive estimator of A(q) y = B(q) u + C(q) e + bias, paper eq. 28-33.
 
     theta = [a1.., b1.. of each input, c1.., bias]. The method of the configuration is ``els`` or
     ``rml``; the page at the top of ``estimation/armax.py`` has all equations, symbols and units.
+    It is read as its newest :class:`Estimate` is.
     """
 
     def __init__(self, config: EstimatorConfig) -> None:
@@ -335,20 +333,8 @@ class RecursiveArmax:
         estimator._adopt(config, np.frombuffer(body, "<f8").astype(np.float64))
         return estimator
 
-    @property
-    def theta(self) -> Floats:
-        """Parameters (n,) in the user's units."""
-        return self._parts.theta * self._parts.units
-
-    @property
-    def theta_std(self) -> Floats:
-        """Standard deviation (n,) of theta in the user's units, see :attr:`covariance`."""
-        return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
-
-    @property
-    def covariance(self) -> Floats:
-        """Covariance (n, n) of theta in the user's units; NaN before the first update."""
-        return _covariance(_reading(self._state, covariance=True))
+    def _block(self, *, covariance: bool = False) -> EstimateBlock:
+        return _reading(self._state, covariance=covariance)
 
     @property
     def P(self) -> Floats:
@@ -360,11 +346,6 @@ class RecursiveArmax:
                 P[i, j] = P[j, i] = entry_of_p(d, upper, i, j)
         units = self._parts.units * self._parts.factors[0]
         return P * np.outer(units, units)
-
-    @property
-    def status(self) -> Status:
-        """State of the estimator after the last sample."""
-        return Status(int(self._header.status))
 
     @property
     def updates(self) -> int:
@@ -390,11 +371,6 @@ class RecursiveArmax:
     def forgetting_factor(self) -> float:
         """lambda of the next update, which approaches that of the configuration."""
         return float(self._header.lam)
-
-    @property
-    def noise_std(self) -> float:
-        """Standard deviation of the noise e, in y's unit."""
-        return math.sqrt(noise_variance(self._header)) / self._scale
 
     @property
     def innovation_std(self) -> float:

@@ -15,6 +15,8 @@ from yawid.estimation.reference import make_estimator
 
 HISTORY = 2**19
 """The most samples kept: seven hours at 20 Hz; only the end of a longer run is judged."""
+COLUMNS = ("u", "y", "roll", "turn_rate", "airspeed", "aileron", "mode")
+"""What is kept of the samples, next to each method's prediction of y."""
 MEMORIES = 3.0
 """A forgetting model is scored on the last three memory lengths only."""
 
@@ -119,9 +121,7 @@ class Bank:
             for method, estimator in self.estimators.items()
         }
         predictions = [block.y_hat for block in self.last.values()]
-        further = ("roll", "turn_rate", "airspeed", "aileron", "mode")
-        context = [getattr(samples, name) for name in further]
-        self._record.add(samples.u, samples.y, *context, *predictions)
+        self._record.add(*(getattr(samples, name) for name in COLUMNS), *predictions)
         return self.last
 
     def history(self, newest: int = HISTORY) -> SampleHistory:
@@ -130,7 +130,5 @@ class Bank:
         They are the ``newest`` at most, and no more than three memories where the model forgets.
         """
         columns = self._record.joined(newest)
-        own = len(columns) - len(self.methods)
-        u, y, roll, turn, airspeed, aileron, mode = columns[:own]
-        y_hat = dict(zip(self.methods, columns[own:], strict=True))
-        return SampleHistory(u, y, roll, turn, airspeed, aileron, mode, y_hat)
+        y_hat = dict(zip(self.methods, columns[len(COLUMNS) :], strict=True))
+        return SampleHistory(**dict(zip(COLUMNS, columns, strict=False)), y_hat=y_hat)

@@ -9,7 +9,7 @@ import numpy as np
 from yawid.blocks import Floats, runs_of
 from yawid.config.estimator import ArmaxOrders
 from yawid.estimation.all_pole import all_pole
-from yawid.estimation.polynomials import lag_depth
+from yawid.estimation.polynomials import known_regressors, lag_depth
 
 WORST_PCT = -1000.0
 """Lower limit of a fit."""
@@ -43,28 +43,12 @@ def simulate(theta: Floats, orders: ArmaxOrders, bias: bool, u: Floats, y: Float
     held (NaN) sample, from as many measured samples as the lags need: those rows are NaN, as are
     held ones. Rows where the simulation overflows are infinite.
     """
-    simulated = np.full(len(y), np.nan)
-    good = np.isfinite(y) & np.isfinite(u).all(axis=1)
-    for start, stop in runs_of(good):
-        stretch = slice(start, stop)
-        simulated[stretch] = _simulate_stretch(theta, orders, bias, u[stretch], y[stretch])
-    return simulated
-
-
-def _simulate_stretch(
-    theta: Floats, orders: ArmaxOrders, bias: bool, u: Floats, y: Floats
-) -> Floats:
-    """Return the simulation (n,) of one stretch without held samples, as :func:`simulate`."""
-    lags = lag_depth(orders)
-    drive = np.full(len(y), theta[-1] if bias else 0.0)
-    first = orders.na
-    for i, (nb, nk) in enumerate(zip(orders.nb, orders.nk, strict=True)):
-        b = np.concatenate([np.zeros(nk), theta[first : first + nb]])
-        drive += np.convolve(u[:, i], b)[: len(y)]
-        first += nb
-    simulated = np.full(len(y), np.nan)
-    past = y[lags - orders.na : lags][::-1]
-    with np.errstate(over="ignore", invalid="ignore"):
-        free = all_pole(theta[: orders.na], drive[lags:], past)
-    simulated[lags:] = np.where(np.isfinite(free), free, np.inf)
+    na, of_c = orders.na, slice(orders.na + sum(orders.nb), orders.na + sum(orders.nb) + orders.nc)
+    simulated, lags = np.full(len(y), np.nan), lag_depth(orders)
+    drive = known_regressors(u, y, orders, bias)[:, na:] @ np.delete(theta, of_c)[na:]
+    for start, stop in runs_of(np.isfinite(y) & np.isfinite(u).all(axis=1)):
+        first = min(start + lags, stop)
+        with np.errstate(over="ignore", invalid="ignore"):
+            free = all_pole(theta[:na], drive[first:stop], y[first - na : first][::-1])
+        simulated[first:stop] = np.where(np.isfinite(free), free, np.inf)
     return simulated

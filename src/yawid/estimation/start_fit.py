@@ -4,7 +4,7 @@ It works on scaled samples, and gives the recursion its first theta and P. With 
 forgetting and a small ridge r, theta has the least::
 
     V   = sum w eps^2 + r theta' theta,   eps = (A y - B u - bias) / C                    (33)
-    psi = -d eps / d theta = phi / C                                          (ELS for P: phi)
+    psi = -d eps / d theta = phi / C
     P   = (sum w psi psi' + r I)^-1,      cov = P (sum w^2 eps^2 psi psi') P
 """
 
@@ -17,7 +17,6 @@ from yawid.config.estimator import EstimatorConfig
 from yawid.estimation.all_pole import all_pole
 from yawid.estimation.kernel.recursion import stable
 from yawid.estimation.machine.products import cross
-from yawid.estimation.methods import METHODS
 from yawid.estimation.polynomials import c_of, known_regressors, lag_depth, reflected
 
 RIDGE = 1e-8
@@ -50,14 +49,13 @@ def fit_start(config: EstimatorConfig, rows: Floats, first: Floats) -> Start | N
     limits = {"ftol": SETTLED, "xtol": SETTLED, "gtol": SETTLED}
     with np.errstate(all="ignore"):
         found = least_squares(window.errors, theta, window.slope, **limits)
-        psi = window.regressors(found.x, filtered=METHODS[config.method].filters)
-    weighted = psi * window.root[:, None]
+    weighted = found.jac[: len(window.y)]
     information = cross(weighted, weighted) + RIDGE * np.eye(config.n_theta)
     P = np.asarray(np.linalg.inv(information), np.float64)
     better = found.fun @ found.fun < np.sum((window.root * window.y) ** 2)
     if not better or not np.isfinite(P).all() or np.linalg.eigvalsh(P)[0] <= 0.0:
         return None
-    scores = weighted * found.fun[: len(psi), None]
+    scores = weighted * found.fun[: len(window.y), None]
     return Start(found.x, P, P @ cross(scores, scores) @ P)
 
 
@@ -89,19 +87,15 @@ class _Window:
         return np.concatenate([self.root * eps, RIDGE**0.5 * theta])
 
     def slope(self, theta: Floats) -> Floats:
-        """Return the derivatives of :meth:`errors` by theta."""
-        psi = self.regressors(theta, filtered=True)
-        return np.vstack([-self.root[:, None] * psi, RIDGE**0.5 * np.eye(len(theta))])
-
-    def regressors(self, theta: Floats, *, filtered: bool) -> Floats:
-        """Return phi (n, n_theta) at theta, or psi where ``filtered``."""
+        """Return the derivatives of :meth:`errors` by theta: -psi, and those of the ridge."""
         rows, c = [], c_of(theta, self.orders)
         for (_, known), eps in zip(self.stretches, self.residuals(theta), strict=True):
             phi = known.copy()
             for i, column in enumerate(c_of(phi, self.orders).T):
                 column[i + 1 :] = eps[: -i - 1]
-            rows.append(all_pole(c, phi) if filtered else phi)
-        return np.concatenate(rows)
+            rows.append(all_pole(c, phi))
+        psi = self.root[:, None] * np.concatenate(rows)
+        return np.vstack([-psi, RIDGE**0.5 * np.eye(len(theta))])
 
 
 def factorise(P: Floats, d: Floats, upper: Floats) -> None:
