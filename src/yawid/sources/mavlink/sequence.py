@@ -12,6 +12,7 @@ _LONGEST = 128  # a larger step of the sequence is a restart, unless the time it
 _FITS = 2.0  # it fits if it is that of the lost frames within this factor
 _MOST_JUMPS = 1000  # further ones count as restarts
 _LATE = 32  # a step back by up to this much is a frame that came late, by more a restart
+_EARLIER = -1  # in place of a row: the frame came before these
 _TWICE_WITHIN_US = 2_000_000  # the longest time between a frame and its duplicate
 
 
@@ -49,7 +50,9 @@ class SenderCount:
         self._last: int | None = None
         self._place = 0  # the last frame's sequence number, counted on past 255
         self._highest = -1
-        self._recent: list[tuple[int, int, bytes] | None] = [None] * _CYCLE
+        # Of each number the last frame, its place and its stamp.
+        self._frames, self._us = [b""] * _CYCLE, np.zeros(_CYCLE, np.int64)
+        self._at = np.full(_CYCLE, np.iinfo(np.int64).min)
 
     def add(self, data: bytes, own: Records) -> Bools | None:
         """Count the frames, n >= 1; return which are no duplicates (n,), None if all are new."""
@@ -60,13 +63,13 @@ class SenderCount:
         if place[0] > self._highest and (steps[1:].view(np.int8) > 0).all():  # each is a later one
             last_row = np.full(_CYCLE, -1)
             last_row[own.sequence] = np.arange(len(steps))
-            self._compare(data, own.select(rows := last_row[last_row >= 0]), place[rows])
+            self._keep(data, own, place, last_row[last_row >= 0])
             self._highest = self._place
             self._count_lost(own.sequence, own.stamps, None)
             return None
         is_taken, is_twice = self._compare(data, own, place)
         # Only frames kept count: after a restart, lower places must not be suspect for good.
-        self._highest = max(entry[0] for entry in self._recent if entry is not None)
+        self._highest = int(self._at.max())
         is_new = ~is_twice
         self.duplicates += int(is_twice.sum())
         self._count_lost(own.sequence[is_new], own.stamps[is_new], is_taken[is_new])
@@ -109,17 +112,36 @@ class SenderCount:
         self._last_kept, self._last_kept_us = int(sequence[-1]), int(stamps[-1])
 
     def _compare(self, data: bytes, own: Records, place: Ints) -> tuple[Bools, Bools]:
-        """Keep the frames by number; return which (n,) had an earlier one's place, and equal it."""
+        """Return which frames (n,) have the place of the last one of their number, and equal it.
+
+        The frames are sorted by number, so that only those with an earlier one's place, which are
+        few, are looked at one by one.
+        """
+        rows = np.argsort(own.sequence, kind="stable")
+        number, at, us = own.sequence[rows], place[rows], own.stamps[rows]
+        firsts = np.flatnonzero(np.diff(number, prepend=~number[:1]))
+        before, before_at, before_us = np.roll(rows, 1), np.roll(at, 1), np.roll(us, 1)
+        before_at[firsts], before_us[firsts] = self._at[number[firsts]], self._us[number[firsts]]
+        before[firsts] = _EARLIER
         is_taken, is_twice = np.zeros((2, len(place)), np.bool_)
-        ends = own.frames.begin.tolist(), own.frames.end.tolist()
-        rows = zip(own.sequence.tolist(), place.tolist(), own.stamps.tolist(), *ends, strict=True)
-        for row, (number, at, stamp, first, stop) in enumerate(rows):
-            recent, frame = self._recent[number], data[first:stop]
-            self._recent[number] = at, stamp, frame
-            if recent is not None and recent[0] == at:
-                is_taken[row] = True
-                is_twice[row] = abs(stamp - recent[1]) <= _TWICE_WITHIN_US and recent[2] == frame
+        is_taken[rows] = before_at == at
+        near = (before_at == at) & (np.abs(us - before_us) <= _TWICE_WITHIN_US)
+        later, earlier, begin, end = rows[near], before[near], own.frames.begin, own.frames.end
+        spans = (begin[later], end[later], begin[earlier], end[earlier], earlier, number[near])
+        is_twice[later] = [
+            data[first:stop] == (self._frames[n] if row == _EARLIER else data[low:high])
+            for first, stop, low, high, row, n in zip(*(c.tolist() for c in spans), strict=True)
+        ]
+        self._keep(data, own, place, rows[np.append(firsts[1:], len(rows)) - 1])
         return is_taken, is_twice
+
+    def _keep(self, data: bytes, own: Records, place: Ints, rows: Ints) -> None:
+        """Keep the frames in rows (m,), each the last one of its number."""
+        numbers = own.sequence[rows]
+        self._at[numbers], self._us[numbers] = place[rows], own.stamps[rows]
+        spans = numbers.tolist(), own.frames.begin[rows].tolist(), own.frames.end[rows].tolist()
+        for number, first, stop in zip(*spans, strict=True):
+            self._frames[number] = data[first:stop]
 
 
 def _steps(sequence: Bytes, before: int | None) -> Bytes:
