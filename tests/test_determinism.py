@@ -34,7 +34,8 @@ from yawid.runs.job import feed_all
 from yawid.runs.outputs import Outputs, finish, open_mcap, parameters_of
 from yawid.runs.regress.case import Case, find_cases
 from yawid.runs.regress.check import regress
-from yawid.sources.open_log import TlogBytes
+from yawid.sources.logs.tlog import TlogReader
+from yawid.sources.mavlink.decoder import Decoder
 
 GAPS = CASES / "c172p_gaps" / "log.tlog"
 SHORT = GAPS.read_bytes()[:60_000]
@@ -102,7 +103,7 @@ def written(path: Path, data: bytes, edges: list[int]) -> dict[str, Any]:
     outputs = Outputs(path.parent, path.stem, force=True)
     pipeline = Pipeline(config, [open_mcap(config, outputs)])
     pieces = [data[low:high] for low, high in zip([0, *edges], [*edges, len(data)], strict=True)]
-    source = TlogBytes(pieces, WANTED)
+    source = TlogReader(pieces, Decoder(WANTED))
     feed_all(source, pipeline)
     summary = summarise(pipeline, source.link, "log.tlog", "")
     finish(pipeline, summary, outputs.files(), parameters_of(pipeline))

@@ -48,7 +48,6 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from yawid.blocks import FrameBlock
-from yawid.sources.logs.tlog import Digest
 from yawid.sources.mavlink.decoder import Decoder
 from yawid.sources.mavlink.tally import LinkStats
 
@@ -65,9 +64,8 @@ class HexLog:
     def link(self) -> LinkStats:
         return self._decoder.link
 
-    def read(self, digest: Digest) -> Iterator[tuple[int, FrameBlock | None]]:
+    def read(self) -> Iterator[tuple[int, FrameBlock | None]]:
         data = self._path.read_bytes()
-        digest.update(data)
         yield len(data), self._decoder.feed(bytes.fromhex(data[4:].decode()))
         yield 0, self._decoder.finish()
 '''

@@ -39,7 +39,8 @@ from yawid.runs.outputs import Outputs
 from yawid.runs.replay import StopFlag, replay
 from yawid.sinks.base import Sink
 from yawid.sinks.mcap.reader import open_run
-from yawid.sources.open_log import TlogBytes
+from yawid.sources.logs.tlog import TlogReader
+from yawid.sources.mavlink.decoder import Decoder
 from yawid.tables.run import load
 
 START_S, TRAVEL_US = 20.0, 400
@@ -101,11 +102,11 @@ def run(data: bytes, *, worker: bool = False, size: int = 0, **settings: object)
     pieces = [data[at : at + (size or len(data))] for at in range(0, len(data), size or len(data))]
     if not worker:
         pipeline = Pipeline(config)
-        feed_all(TlogBytes(pieces, WANTED), pipeline)
+        feed_all(TlogReader(pieces, Decoder(WANTED)), pipeline)
         return pipeline
     with ThreadPoolExecutor(1) as fits, ThreadPoolExecutor(1) as lateral:
         pipeline = Pipeline(config, worker=fits, lateral_worker=lateral)
-        feed_all(TlogBytes(pieces, WANTED), pipeline)
+        feed_all(TlogReader(pieces, Decoder(WANTED)), pipeline)
         until_s = time.monotonic() + 60.0
         pipeline.collect(until_s=until_s)
         pipeline.collect_lateral(until_s=until_s)
@@ -197,7 +198,7 @@ def test_a_yaw_damper_is_the_cause_in_every_place_and_of_the_mcap(
     (tmp_path / "log.tlog").write_bytes(log(damper=True))
     sink = Lines()
     pipeline = Pipeline(RunConfig(lateral="auto"), [sink])
-    feed_all(TlogBytes([log(damper=True)], WANTED), pipeline)
+    feed_all(TlogReader([log(damper=True)], Decoder(WANTED)), pipeline)
     found = [pipeline.bare(), *(each.lateral for each in pipeline.manoeuvres or ()), *sink.got]
     for source, out in (("log.tlog", "a"), ("a/log.mcap", "b")):
         main(["replay", str(tmp_path / source), "--json", "--lateral", "auto", "--out",
@@ -293,7 +294,7 @@ def test_without_an_aileron_it_says_so():
 
 def test_without_the_option_nothing_is_fitted():
     pipeline = Pipeline(RunConfig())
-    feed_all(TlogBytes([log()], WANTED), pipeline)
+    feed_all(TlogReader([log()], Decoder(WANTED)), pipeline)
 
     assert pipeline.bare() is None
     assert pipeline.manoeuvres is not None

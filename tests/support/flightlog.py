@@ -20,8 +20,9 @@ from yawid.pipeline import Pipeline
 from yawid.results.summary import summarise
 from yawid.runs.job import feed_all, open_log
 from yawid.sinks.base import Sink
+from yawid.sources.logs.tlog import TlogReader
 from yawid.sources.mavlink.decoder import Decoder
-from yawid.sources.open_log import Log, ReadOptions, TlogBytes
+from yawid.sources.open_log import Log, ReadOptions
 
 START_US = 1_700_000_000_000_000
 
@@ -126,7 +127,10 @@ def finished(
 ) -> RunSummary:
     """Replay a log in pieces of ``size`` bytes (0: in one piece); return its summary."""
     pieces = [data[at : at + (size or len(data))] for at in range(0, len(data), size or len(data))]
-    source, pipeline = TlogBytes(pieces, WANTED, options), Pipeline(config or RunConfig(), sinks)
+    source, pipeline = (
+        TlogReader(pieces, (options or ReadOptions()).decoder(WANTED)),
+        Pipeline(config or RunConfig(), sinks),
+    )
     feed_all(source, pipeline)
     return summarise(pipeline, source.link, "log.tlog", "")
 

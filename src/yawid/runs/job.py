@@ -24,11 +24,12 @@ from yawid.runs.outputs import parameters_of
 from yawid.runs.stop import Interrupted, StopFlag
 from yawid.sinks.base import Sink
 from yawid.sources.formats import RUN, format_of
-from yawid.sources.open_log import Log, ReadOptions, TlogBytes
+from yawid.sources.open_log import Log, ReadOptions
 
 if TYPE_CHECKING:
     from yawid.runs.finished_run import FinishedRun
     from yawid.sinks.mcap.reader import LogLine
+    from yawid.sources.logs.tlog import TlogReader
 
 
 class RecordedLog(Log):
@@ -47,7 +48,6 @@ class RecordedLog(Log):
 
     def __init__(self, path: Path, options: ReadOptions | None = None) -> None:
         super().__init__(path, WANTED, options)
-        self._file = path
 
     def settled(self, settings: Mapping[str, Any]) -> RunConfig:
         """Return the configuration; for a record, with the rudder's unit, sign and travel in it.
@@ -174,7 +174,7 @@ def run(
 
 
 def feed_all(
-    source: "Recording | TlogBytes",
+    source: "Recording | TlogReader",
     pipeline: Pipeline,
     stop: StopFlag | None = None,
     advance: Callable[[int], None] = lambda size: None,

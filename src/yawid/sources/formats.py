@@ -56,9 +56,10 @@ class Format:
 
 
 def _tlog(path: Path, decoder: "Callable[[], Decoder]") -> "Reader":
-    from yawid.sources.logs.tlog import TlogReader
+    from yawid.sources.logs.tlog import TlogReader, check_readable, read_tlog
 
-    return TlogReader(path, decoder())
+    check_readable(path)
+    return TlogReader(read_tlog(path), decoder())
 
 
 def _dataflash(path: Path, _: "Callable[[], Decoder]") -> "Reader":

@@ -69,6 +69,7 @@ class Log:
                 f"{path} is {self.format.called}, not a telemetry log: give the .tlog of the flight"
             )
         self._reader = self.format.opener(path, partial(self.options.decoder, wanted))
+        self._file = path
         self.path: Place = path  # or where the file was brought from
         self.size = path.stat().st_size
         self._digest = hashlib.sha256()
@@ -100,26 +101,7 @@ class Log:
 
     def read(self) -> Iterator[tuple[int, FrameBlock | RecordBlock | None]]:
         """Yield (bytes read, their messages), None where they complete none, to the end."""
-        return self._reader.read(self._digest)
-
-
-class TlogBytes:
-    """A source of the bytes of a telemetry log in memory, in pieces that may be cut anywhere."""
-
-    def __init__(
-        self, pieces: Iterable[bytes], wanted: Iterable[str], options: ReadOptions | None = None
-    ) -> None:
-        self._pieces = list(pieces)
-        self._decoder = (options or ReadOptions()).decoder(wanted)
-        self.size = sum(map(len, self._pieces))
-
-    @property
-    def link(self) -> LinkStats:
-        """The counts of what has been read."""
-        return self._decoder.link
-
-    def read(self) -> Iterator[tuple[int, FrameBlock | None]]:
-        """Yield (bytes read, their messages), None where they complete none, to the end."""
-        for piece in self._pieces:
-            yield len(piece), self._decoder.feed(piece)
-        yield 0, self._decoder.finish()
+        with self._file.open("rb") as file:
+            for size, block in self._reader.read():
+                self._digest.update(file.read(size))
+                yield size, block

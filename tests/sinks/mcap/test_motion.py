@@ -21,7 +21,8 @@ from yawid.runs.outputs import Outputs, finish, open_mcap, parameters_of
 from yawid.sinks.base import Sink
 from yawid.sinks.mcap.reader import open_run
 from yawid.sinks.mcap.schemas import MOTION
-from yawid.sources.open_log import TlogBytes
+from yawid.sources.logs.tlog import TlogReader
+from yawid.sources.mavlink.decoder import Decoder
 
 DATA = fly(lambda t: np.sin(t), lambda t: 1500 + round(100 * np.sin(2 * t)), 30.0).data
 
@@ -39,7 +40,7 @@ def written(folder: Path, lateral: str | None, size: int = len(DATA)) -> tuple[P
     config, outputs = RunConfig(lateral=lateral), Outputs(folder, "run", force=True)
     kept = KeptMotion()
     pipeline = Pipeline(config, [open_mcap(config, outputs), kept])
-    source = TlogBytes([DATA[at : at + size] for at in range(0, len(DATA), size)], WANTED)
+    source = TlogReader([DATA[at : at + size] for at in range(0, len(DATA), size)], Decoder(WANTED))
     feed_all(source, pipeline)
     summary = summarise(pipeline, source.link, "log.tlog", "")
     finish(pipeline, summary, outputs.files(), parameters_of(pipeline))

@@ -9,6 +9,7 @@ import struct
 import sys
 import time
 from collections.abc import Iterator
+from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
@@ -59,9 +60,9 @@ def test_silence_and_a_peer_that_is_not_there_yet_are_no_datagrams(
         gone.bind(("127.0.0.1", 0))
         nobody = gone.getsockname()
     receiver = kind(hearing)
-    assert receiver.wait() == receiver.get() == NOTHING
+    assert receiver.receive(wait=True) == receiver.receive() == NOTHING
     hearing.connect(nobody)
-    for ask in (receiver.wait, receiver.get):
+    for ask in (partial(receiver.receive, wait=True), receiver.receive):
         hearing.send(b"anyone there?")
         assert ask() == NOTHING
 
@@ -124,7 +125,7 @@ def until_it_tells(receiver: Receiver, hearing: socket.socket, link: socket.sock
 
 def everything(receiver: Receiver) -> list[tuple[int, bytes, tuple[str, int]]]:
     """Wait for the first, then take what there is."""
-    heard = list(zip(*receiver.wait(), strict=True))
-    while more := list(zip(*receiver.get(), strict=True)):
+    heard = list(zip(*receiver.receive(wait=True), strict=True))
+    while more := list(zip(*receiver.receive(), strict=True)):
         heard += more
     return heard

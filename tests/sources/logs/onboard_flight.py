@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from dataclasses import dataclass
 from typing import Any
 
@@ -28,7 +27,7 @@ def us(t_s: float) -> int:
 def columns(reader: Any) -> dict[str, np.ndarray]:
     """Return all messages that the reader of a log yields by name, each with its order."""
     parts: dict[str, list[np.ndarray]] = {}
-    for _, frames in reader.read(hashlib.sha256()):
+    for _, frames in reader.read():
         for name, block in (frames.messages if frames else {}).items():
             parts.setdefault(name, []).append(block.fields)
     return {name: np.concatenate(found) for name, found in parts.items()}
@@ -37,7 +36,7 @@ def columns(reader: Any) -> dict[str, np.ndarray]:
 def samples_from(reader: Any, config: RunConfig | None = None) -> Samples:
     """Return the samples of the log that a reader reads."""
     channels, blocks = Channels(config or RunConfig()), []
-    for _, frames in reader.read(hashlib.sha256()):
+    for _, frames in reader.read():
         blocks += [] if frames is None else channels.feed_frames(frames)
     return Samples(channels, blocks + channels.finish())
 
@@ -45,7 +44,7 @@ def samples_from(reader: Any, config: RunConfig | None = None) -> Samples:
 def lateral_accelerations(reader: Any) -> tuple[list[int], list[float]]:
     """Return times in us and values in m/s^2 of the lateral motion that a log's reader yields."""
     channels, found = Channels(RunConfig(lateral="auto")), []
-    for _, frames in reader.read(hashlib.sha256()):
+    for _, frames in reader.read():
         if frames is not None:
             channels.feed_frames(frames)
         found.append(channels.motion())

@@ -221,7 +221,7 @@ def test_a_parameter_that_changes_in_flight_holds_from_there_on(tmp_path: Path):
     log.add("PARM", us(flight().t[-1]) + 9000, "SERVO4_TRIM", 1520, 0)
     log.add("RCOU", us(flight().t[-1]) + 20_000, 1500)
     path = written(tmp_path, log.data)
-    pieces = DataflashReader(path).read(hashlib.sha256())
+    pieces = DataflashReader(path).read()
     blocks = [frames.messages["PARAM_VALUE"] for _, frames in pieces
               if frames is not None and "PARAM_VALUE" in frames.messages]  # fmt: skip
     order = np.concatenate([block.order for block in blocks])
@@ -272,7 +272,7 @@ def test_sticks_come_as_rc_channels(tmp_path: Path):
 
 def test_order_rises_through_the_log_whatever_the_message(bin_file: Path):
     low = -1
-    for _, frames in DataflashReader(bin_file).read(hashlib.sha256()):
+    for _, frames in DataflashReader(bin_file).read():
         orders = np.sort(np.concatenate([b.order for b in frames.messages.values()]))
         assert (np.diff(orders) > 0).all()
         assert orders[0] > low

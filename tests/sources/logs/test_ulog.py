@@ -258,7 +258,7 @@ def test_a_parameter_changed_in_flight_holds_from_there_on(tmp_path: Path):
     log.add("actuator_outputs", us(30.0), [1500])
     blocks = [
         frames.messages["PARAM_VALUE"]
-        for _, frames in UlogReader(written(tmp_path, log.data)).read(hashlib.sha256())
+        for _, frames in UlogReader(written(tmp_path, log.data)).read()
         if frames is not None and "PARAM_VALUE" in frames.messages
     ]
     order = np.concatenate([block.order for block in blocks])
@@ -320,7 +320,7 @@ def test_rates_of_older_logs_come_from_the_gyro(tmp_path: Path):
 
 def test_order_rises_through_the_log_whatever_the_message(ulg: Path):
     low = -1
-    for _, frames in UlogReader(ulg).read(hashlib.sha256()):
+    for _, frames in UlogReader(ulg).read():
         orders = np.sort(np.concatenate([b.order for b in frames.messages.values()]))
         np.testing.assert_array_equal(orders, np.arange(low + 1, low + 1 + len(orders)))
         low = orders[-1]
@@ -347,7 +347,7 @@ def test_flipped_bytes_are_read_or_refused_in_silence(tmp_path: Path, seed: int)
     said, pipeline = io.StringIO(), Pipeline(RunConfig())
     with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
         with contextlib.suppress(SourceError):
-            for _, frames in UlogReader(written(tmp_path, data.tobytes())).read(hashlib.sha256()):
+            for _, frames in UlogReader(written(tmp_path, data.tobytes())).read():
                 pipeline.feed(frames)
         pipeline.finish()
     assert said.getvalue() == ""

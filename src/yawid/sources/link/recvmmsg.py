@@ -65,16 +65,12 @@ class OneByOne:
         self.can_gather = _DONT_WAIT != 0  # not on Windows
         self._socket = udp
 
-    def wait(self) -> Arrivals:
-        """Return the next datagram, and others that are there; none after the time-out."""
-        return self._receive(1, 0)
+    def receive(self, *, wait: bool = False) -> Arrivals:
+        """Return the datagrams that are there, ``MOST`` at most.
 
-    def get(self) -> Arrivals:
-        """Return the datagrams that are there, ``MOST`` at most."""
-        return self._receive(MOST, _DONT_WAIT)
-
-    def _receive(self, most: int, flags: int) -> Arrivals:
-        found = Arrivals([], [], [])
+        With ``wait`` it waits for the next one, and returns none after the time-out.
+        """
+        found, most, flags = Arrivals([], [], []), 1 if wait else MOST, 0 if wait else _DONT_WAIT
         # An error means silence, or that the other end of udpout is not there yet.
         with contextlib.suppress(BlockingIOError, TimeoutError, ConnectionError):
             while len(found.datagrams) < most:
@@ -90,27 +86,15 @@ def _address(host: str, port: int, _flow: int = 0, scope: int = 0) -> Address:
     return (f"{host}%{scope}" if scope and "%" not in host else host), port
 
 
-class _Span(ctypes.Structure):  # struct iovec
-    _fields_ = (("base", ctypes.c_size_t), ("size", ctypes.c_size_t))
-
-
-class _Header(ctypes.Structure):  # struct msghdr
-    _fields_ = (
-        ("name", ctypes.c_size_t), ("name_size", ctypes.c_uint32),
-        ("pieces", ctypes.c_size_t), ("n_pieces", ctypes.c_size_t),
-        ("control", ctypes.c_size_t), ("control_size", ctypes.c_size_t), ("flags", ctypes.c_int),
-    )  # fmt: skip
-
-
-class _Message(ctypes.Structure):  # struct mmsghdr
-    _fields_ = (("header", _Header), ("size", ctypes.c_uint32))
-
-
-class _Arrival(ctypes.Structure):  # struct cmsghdr and the struct timeval it heads
-    _fields_ = (
-        ("length", ctypes.c_size_t), ("level", ctypes.c_int), ("kind", ctypes.c_int),
-        ("seconds", ctypes.c_long), ("us", ctypes.c_long),
-    )  # fmt: skip
+_SPAN = np.dtype([("base", "P"), ("size", "P")])  # struct iovec
+_HEADER = np.dtype([
+    ("name", "P"), ("name_size", "u4"), ("pieces", "P"), ("n_pieces", "P"),
+    ("control", "P"), ("control_size", "P"), ("flags", "i4"),
+], align=True)  # fmt: skip # struct msghdr
+_MESSAGE = np.dtype([("header", _HEADER), ("size", "u4")], align=True)  # struct mmsghdr
+_ARRIVAL = np.dtype([
+    ("length", "P"), ("level", "i4"), ("kind", "i4"), ("seconds", "l"), ("us", "l"),
+], align=True)  # fmt: skip # struct cmsghdr and the struct timeval it heads
 
 
 @lru_cache(_MOST_SENDERS)
@@ -143,9 +127,9 @@ class ManyAtOnce:
         memory = mmap.mmap(-1, MOST * _LONGEST, mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS)
         data = np.frombuffer(memory, np.uint8).reshape(MOST, _LONGEST)
         names = np.zeros((MOST, _NAME_SIZE), np.uint8)
-        reported, pieces = np.zeros(MOST, np.dtype(_Arrival)), np.zeros(MOST, np.dtype(_Span))
+        reported, pieces = np.zeros(MOST, _ARRIVAL), np.zeros(MOST, _SPAN)
         pieces["base"], pieces["size"] = _places(data), _LONGEST
-        messages = np.zeros(MOST, np.dtype(_Message))
+        messages = np.zeros(MOST, _MESSAGE)
         headers = messages["header"]
         headers["name"], headers["name_size"] = _places(names), _NAME_SIZE
         headers["pieces"], headers["n_pieces"] = _places(pieces), 1
@@ -161,17 +145,10 @@ class ManyAtOnce:
         self._starts = [_LONGEST * i for i in range(MOST)]
         self._ask(0, _DONT_WAIT)  # a test of the call: it takes no datagram
 
-    def wait(self) -> Arrivals:
-        """Return the next datagrams: see :meth:`OneByOne.wait`."""
-        return self._receive(_WAIT_FOR_ONE)
-
-    def get(self) -> Arrivals:
-        """Return the datagrams that are there: see :meth:`OneByOne.get`."""
-        return self._receive(_DONT_WAIT)
-
-    def _receive(self, flags: int) -> Arrivals:
-        self._control_sizes[:], self._seconds[:] = ctypes.sizeof(_Arrival), 0
-        count = self._ask(MOST, flags)
+    def receive(self, *, wait: bool = False) -> Arrivals:
+        """Return the datagrams that are there: see :meth:`OneByOne.receive`."""
+        self._control_sizes[:], self._seconds[:] = _ARRIVAL.itemsize, 0
+        count = self._ask(MOST, _WAIT_FOR_ONE if wait else _DONT_WAIT)
         view, seconds = self._view, self._seconds[:count].tolist()
         times = zip(seconds, self._us[:count].tolist(), strict=True)
         places = zip(self._starts, self._sizes[:count].tolist(), strict=False)  # not all are used

@@ -17,7 +17,6 @@ from yawid.sources.mavlink.framing import MAGIC_V1, frame_size
 from yawid.sources.mavlink.signing import SigningKey
 
 BATCH_S = 0.035  # the time between reads: a call of the decoder costs as much as 200 frames in it
-_MAGIC = re.compile(rb"[\xfd\xfe]")
 _HEAD = re.compile(rb"\xfe..|\xfd.[\0\1]", re.DOTALL)
 """The heads for which ``frame_size`` gives a size; calling it at every byte would take a second."""
 _STAMP = struct.Struct(">Q")
@@ -190,12 +189,6 @@ def split_datagram(datagram: bytes) -> Iterator[bytes]:
             continue
         yield datagram[at : at + size]
         at += size
-
-
-def magic_at(data: bytes, start: int) -> int:
-    """Return the first position from ``start`` on at which a frame may begin, -1 if none."""
-    match = _MAGIC.search(data, start)
-    return -1 if match is None else match.start()
 
 
 def sysid_of(frame: bytes) -> int:

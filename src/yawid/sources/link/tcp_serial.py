@@ -4,16 +4,18 @@ import contextlib
 import errno
 import io
 import os
+import re
 import socket
 from typing import Any
 
 from yawid.errors import SourceError
 from yawid.sources.link.endpoints import Endpoint
 from yawid.sources.link.inbox import Address
-from yawid.sources.link.tap import Tap, magic_at
+from yawid.sources.link.tap import Tap
 from yawid.sources.mavlink.framing import frame_size
 
 _READ = 4096
+_HEAD = re.compile(rb"\xfe..|\xfd.[\0\1]|[\xfd\xfe].?\Z", re.DOTALL)  # the last: one that is cut
 _IDLE_S = 0.005
 _AGAIN_S = 2.0  # the time between attempts to get a lost connection back
 _CONNECT_S = 3.0  # longer than the loss of one packet delays it; a session's end waits so long
@@ -117,16 +119,11 @@ def connect(endpoint: Endpoint) -> Any:
 def complete_until(data: bytes) -> int:
     """Return how many bytes from the front contain no frame that is still incomplete."""
     at = 0
-    while (at := magic_at(data, at)) >= 0:
-        size = frame_size(data[at : at + 3])
-        if size is None and len(data) - at < 3:
-            return at
-        if size is None:
-            at += 1
-        elif at + size > len(data):
-            return at
-        else:
-            at += size
+    while match := _HEAD.search(data, at):
+        size = frame_size(match[0])
+        if size is None or match.start() + size > len(data):
+            return match.start()
+        at = match.start() + size
     return len(data)
 
 

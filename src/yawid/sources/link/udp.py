@@ -46,7 +46,7 @@ class UdpTap(Tap):
         longest_s = gather_s = min(GATHER_S, self.receive_buffer / _DENSEST)
         count, receiver = 0, self._receiver
         while not self._closing.is_set():
-            first = NOTHING if count else receiver.wait()
+            first = NOTHING if count else receiver.receive(wait=True)
             if receiver.can_gather and (count or first.datagrams):
                 time.sleep(gather_s)
             count = self._put(first) + self._take()
@@ -57,7 +57,7 @@ class UdpTap(Tap):
         """Queue what is there, at most what the socket's buffer holds; return how many."""
         count = 0
         while self._receiver.can_gather and count < _MOST_WAITING:
-            taken = self._put(self._receiver.get())
+            taken = self._put(self._receiver.receive())
             count += taken
             if taken < MOST:
                 break

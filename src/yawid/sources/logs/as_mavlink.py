@@ -5,12 +5,14 @@ can report. Times have 64 bits of microseconds in all of them, since the logs ar
 ACCELERATION, in m/s^2, is no MAVLink message: one of an IMU would be a source of the yaw rate, too.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from yawid.blocks import Array, Bools, Floats, FrameBlock, Ints, MessageBlock
+from yawid.sources.logs.tlog import CHUNK
 
 PlacedFields = tuple[Ints, Array]
 """The places of a message's rows (n,), in us since boot or in bytes, and their fields (n,)."""
@@ -76,6 +78,14 @@ def frame_block(blocks: Iterable[MessageBlock]) -> FrameBlock | None:
     """Return the blocks that have rows as one, None where no block has any."""
     found = {block.name: block for block in blocks if len(block)}
     return FrameBlock(found) if found else None
+
+
+def in_pieces(path: Path, rows: int) -> Iterator[tuple[int, int, int]]:
+    """Yield the size of each piece of a file, and the first and last of its share of the rows."""
+    size = path.stat().st_size
+    count = size // CHUNK + 1
+    for i in range(count):
+        yield min(CHUNK, size - i * CHUNK), rows * i // count, rows * (i + 1) // count
 
 
 def steady(t_us: Ints) -> Bools:

@@ -40,7 +40,7 @@ from yawid.sources.logs.as_mavlink import (
     within,
 )
 from yawid.sources.logs.dataflash_index import DataflashIndex
-from yawid.sources.logs.tlog import CHUNK, Digest
+from yawid.sources.logs.tlog import CHUNK
 
 _RATES = {"RATE": ("R", "P", "Y"), "IMU": ("GyrX", "GyrY", "GyrZ")}
 _TIMED = ("ATT", "RCOU", "RCIN", *_RATES, "GPS", "CTUN", "ARSP", "NTUN", "POS", "STAT")
@@ -112,18 +112,16 @@ class DataflashReader:
             senders={(self._sysid, COMPID): index.messages},
         )
 
-    def read(self, digest: Digest) -> Iterator[tuple[int, FrameBlock | None]]:
-        """Yield (bytes read, their messages) from the start, and update ``digest``."""
-        data = self._index.data
+    def read(self) -> Iterator[tuple[int, FrameBlock | None]]:
+        """Yield (bytes read, their messages) from the start."""
+        size = len(self._index.data)
         opening = [within(block, 0, self._shift) for block in self._context]
         yield 0, frame_block([opening[0], self._first])
-        for low in range(0, len(data), CHUNK):
-            chunk = data[low : low + CHUNK]
-            digest.update(chunk)
-            high = low + len(chunk)
+        for low in range(0, size, CHUNK):
+            high = min(low + CHUNK, size)
             edges = low + self._shift, high + self._shift
             context = [within(block, *edges) for block in self._context]
-            yield len(chunk), frame_block([*context, *self._flying(low, high)])
+            yield high - low, frame_block([*context, *self._flying(low, high)])
 
     def _flying(self, low: int, high: int) -> Iterator[MessageBlock]:
         """Yield the messages with high rates from the bytes [low, high)."""

@@ -1,8 +1,7 @@
 """The reader of telemetry logs: in chunks, with a hash; other files are refused in one line."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import Protocol
 
 import numpy as np
 
@@ -18,36 +17,23 @@ CHUNK = 1 << 20  # half as much would save 2 MB, twice as much would cost 20
 _HEAD = 1 << 20  # a log has an intact record in its first MiB
 
 
-class Digest(Protocol):
-    """A hash that can be continued, such as those of hashlib."""
-
-    def update(self, data: bytes, /) -> None:
-        """Continue the hash with ``data``."""
-
-
 class TlogReader:
-    """A telemetry log, read through a decoder.
-
-    Raises:
-        SourceError: as :func:`check_readable`.
-    """
+    """The pieces of a telemetry log, which may be cut anywhere, read through a decoder."""
 
     vehicle_id = None
 
-    def __init__(self, path: Path, decoder: Decoder) -> None:
-        check_readable(path)
-        self._path = path
-        self._decoder = decoder
+    def __init__(self, pieces: Iterable[bytes], decoder: Decoder) -> None:
+        self._pieces, self._decoder = pieces, decoder
 
     @property
     def link(self) -> LinkStats:
         """The counts of all that has been decided so far."""
         return self._decoder.link
 
-    def read(self, digest: Digest) -> Iterator[tuple[int, FrameBlock | None]]:
-        """Yield (bytes read, the messages they complete), and update ``digest`` with the bytes."""
-        for chunk in read_tlog(self._path, digest=digest):
-            yield len(chunk), self._decoder.feed(chunk)
+    def read(self) -> Iterator[tuple[int, FrameBlock | None]]:
+        """Yield (bytes read, the messages they complete) to the end."""
+        for piece in self._pieces:
+            yield len(piece), self._decoder.feed(piece)
         yield 0, self._decoder.finish()
 
 
@@ -61,8 +47,8 @@ def check_readable(path: Path) -> None:
     next(read_tlog(path))
 
 
-def read_tlog(path: Path, chunk: int = CHUNK, digest: Digest | None = None) -> Iterator[bytes]:
-    """Yield the bytes of a log, ``chunk`` at a time; hash them.
+def read_tlog(path: Path, chunk: int = CHUNK) -> Iterator[bytes]:
+    """Yield the bytes of a log, ``chunk`` at a time.
 
     Raises:
         SourceError: as :func:`check_readable`, with the first piece; or reading fails later on.
@@ -79,8 +65,6 @@ def read_tlog(path: Path, chunk: int = CHUNK, digest: Digest | None = None) -> I
             data = head[:chunk]
             file.seek(len(data))
             while data:
-                if digest is not None:
-                    digest.update(data)
                 yield data
                 data = file.read(chunk)
     except FileNotFoundError as error:

@@ -51,6 +51,7 @@ from yawid.sources.logs.as_mavlink import (
     PlacedFields,
     angles_at,
     frame_block,
+    in_pieces,
     merged,
     message,
     quiet,
@@ -58,7 +59,6 @@ from yawid.sources.logs.as_mavlink import (
     table,
     within,
 )
-from yawid.sources.logs.tlog import CHUNK, Digest
 
 _AIRSPEED = ("calibrated_airspeed_m_s", "equivalent_airspeed_m_s", "indicated_airspeed_m_s")
 _TRUE = "true_airspeed_m_s"
@@ -96,7 +96,7 @@ class UlogReader:
 
     @quiet()
     def __init__(self, path: Path) -> None:
-        self._path, self._size = path, path.stat().st_size
+        self._path = path
         self._log = parsed(path, _TOPICS)
         self._topics = topics_of(self._log)
         self._unix_us = self._unix_minus_boot_us()
@@ -123,16 +123,11 @@ class UlogReader:
         own = self._log.msg_info_dict.get("sys_uuid")
         return f"uuid:{own}" if isinstance(own, str) and own else None
 
-    def read(self, digest: Digest) -> Iterator[tuple[int, FrameBlock | None]]:
-        """Yield (bytes, messages) from the start, and update ``digest`` with the file's bytes."""
+    def read(self) -> Iterator[tuple[int, FrameBlock | None]]:
+        """Yield (bytes, messages) from the start."""
         total = sum(len(block) for block in self._blocks)
-        pieces = max(self._size // CHUNK + 1, 1)
-        edges = [total * i // pieces for i in range(pieces + 1)]
-        with self._path.open("rb") as file:
-            for low, high in itertools.pairwise(edges):
-                chunk = file.read(CHUNK)
-                digest.update(chunk)
-                yield len(chunk), frame_block(within(block, low, high) for block in self._blocks)
+        for size, low, high in in_pieces(self._path, total):
+            yield size, frame_block(within(block, low, high) for block in self._blocks)
 
     def _messages(self) -> Iterator[tuple[str, PlacedFields]]:
         """Yield each message's name, the times of its rows and their fields."""

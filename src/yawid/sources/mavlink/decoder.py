@@ -15,7 +15,7 @@ from yawid.sources.mavlink.sequence import Records
 from yawid.sources.mavlink.signing import Signing
 from yawid.sources.mavlink.tally import Tally
 
-_SLICE = 1 << 20  # bytes decoded at once: hostile ones need thirty times as much memory
+_LARGE = 1 << 20
 _SEQUENCE_AT = np.array([0] * 6 + [2] + [0] * 3 + [4])  # by size of the header
 _NO_FRAMES = Frames(*(np.empty(0, np.int64) for _ in range(5)))
 
@@ -28,7 +28,8 @@ class Decoder:
     ``resync`` for the rules. Two kinds of damage cannot be seen: a stamp that is still within 3
     days of its neighbours, and a frame whose damage happens to match the 16 bits of CRC. The first
     record of all is returned with the second, which confirms its stamp. With ``signing`` only the
-    frames that it accepts are returned; of a frame that came over two links, the first.
+    frames that it accepts are returned; of a frame that came over two links, the first. Hostile
+    bytes need thirty times as much memory as are fed at once.
 
     Raises:
         ConfigError: a name in ``wanted`` is no message of the dialect.
@@ -56,17 +57,15 @@ class Decoder:
 
     def feed(self, data: bytes) -> FrameBlock | None:
         """Return the wanted messages that ``data`` completes, or None if there are none."""
-        if len(data) >= _SLICE:
+        if len(data) >= _LARGE:
             _keep_freed_memory()
-        view = memoryview(data)
-        slices = (view[at : at + _SLICE] for at in range(0, len(view), _SLICE))
-        return _merge([self._decode(piece, final=False) for piece in slices])
+        return self._decode(data, final=False)
 
     def finish(self) -> FrameBlock | None:
         """Return the messages decided by the end of the stream; nothing may be fed after it."""
-        return self._decode(memoryview(b""), final=True)
+        return self._decode(b"", final=True)
 
-    def _decode(self, data: memoryview, *, final: bool) -> FrameBlock | None:
+    def _decode(self, data: bytes, *, final: bool) -> FrameBlock | None:
         held = len(self._held)
         start = STAMP_SIZE + held
         room = bytes(SLACK)
@@ -118,8 +117,7 @@ class Decoder:
     ) -> FrameBlock | None:
         records = _records(buffer, frames, stamps)
         used = self._tally.add(joined, buffer, records)
-        if used is not None:
-            records, order = records.select(used), order[used]
+        records, order = records.select(used), order[used]
         frames = records.frames
         messages = {}
         counts = np.bincount(frames.row, minlength=len(self._known.names))
@@ -163,15 +161,3 @@ def _payloads(data: Bytes, at: Ints, length: Ints, dtype: np.dtype[Any]) -> Arra
         masks = np.where(sent, np.uint8(0xFF), np.uint8(0))
         rows.view(np.uint8).reshape(-1, size)[:] &= masks[np.minimum(length, size)]
     return rows.view(dtype)
-
-
-def _merge(blocks: list[FrameBlock | None]) -> FrameBlock | None:
-    if len(blocks) == 1:
-        return blocks[0]
-    parts: dict[str, list[MessageBlock]] = {}
-    for block in blocks:
-        for name, message in (block.messages if block else {}).items():
-            parts.setdefault(name, []).append(message)
-    if not parts:
-        return None
-    return FrameBlock({name: MessageBlock.joined(parts[name]) for name in sorted(parts)})

@@ -54,8 +54,8 @@ class SenderCount:
         self._frames, self._us = [b""] * _CYCLE, np.zeros(_CYCLE, np.int64)
         self._at = np.full(_CYCLE, np.iinfo(np.int64).min)
 
-    def add(self, data: bytes, own: Records) -> Bools | None:
-        """Count the frames, n >= 1; return which are no duplicates (n,), None if all are new."""
+    def add(self, data: bytes, own: Records) -> Bools:
+        """Count the frames, n >= 1; return which are no duplicates (n,)."""
         steps = _steps(own.sequence, self._last)
         place = self._place + np.cumsum(steps.view(np.int8), dtype=np.int64)
         self.frames += len(steps)
@@ -66,14 +66,14 @@ class SenderCount:
             self._keep(data, own, place, last_row[last_row >= 0])
             self._highest = self._place
             self._count_lost(own.sequence, own.stamps, None)
-            return None
+            return np.ones(len(steps), np.bool_)
         is_taken, is_twice = self._compare(data, own, place)
         # Only frames kept count: after a restart, lower places must not be suspect for good.
         self._highest = int(self._at.max())
         is_new = ~is_twice
         self.duplicates += int(is_twice.sum())
         self._count_lost(own.sequence[is_new], own.stamps[is_new], is_taken[is_new])
-        return None if is_new.all() else is_new
+        return is_new
 
     def lost_in_jumps(self) -> int:
         """Return how many frames were left out by steps of more than 128 whose time fits a loss.

@@ -5,7 +5,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from yawid.blocks import Bytes, Ints
+from yawid.blocks import Bools, Bytes
 from yawid.quantities.link import Check, LinkStats, SenderStats
 from yawid.quantities.vehicles import GROUND_STATION
 from yawid.sources.mavlink.definitions import HEARTBEAT, Definitions
@@ -32,19 +32,19 @@ class Tally:
         self._ground: set[int] = set()
         self._rejected: dict[Check, int] = dict.fromkeys(_REFUSALS, 0)
 
-    def add(self, data: bytes, buffer: Bytes, records: Records) -> Ints | None:
-        """Count the records; return the rows (m,) to use, None for all of them.
+    def add(self, data: bytes, buffer: Bytes, records: Records) -> Bools:
+        """Count the records; return which are to be used (n,): accepted, and no duplicates.
 
-        Those are accepted and no duplicates. ``buffer`` (b,) is ``data`` as an array.
+        ``buffer`` (b,) is ``data`` as an array.
         """
         self._count_bytes(records)
-        rows = None if self._signing is None else self._accepted(data, records, self._signing)
-        used = records if rows is None else records.select(rows)
-        new = self._count_senders(data, used)
+        is_used = np.ones(len(records.sender), np.bool_)
+        if self._signing is not None:
+            is_used = self._accepted(data, records, self._signing)
+        used = records.select(is_used)
         self._find_ground(buffer, used)
-        if new is None:
-            return rows
-        return new if rows is None else rows[new]
+        is_used[is_used] = self._are_new(data, used)
+        return is_used
 
     def _count_bytes(self, records: Records) -> None:
         frames = records.frames
@@ -57,27 +57,23 @@ class Tally:
         header_bytes = int((frames.payload - frames.begin).sum()) + STAMP_SIZE * len(frames)
         self.record_bytes += header_bytes + payload_bytes + trailer_bytes
 
-    def _accepted(self, data: bytes, records: Records, signing: Signing) -> Ints:
+    def _accepted(self, data: bytes, records: Records, signing: Signing) -> Bools:
         checks = signing.check(data, records.frames, records.sysid, records.compid)
         for check in self._rejected:
             self._rejected[check] += int(np.count_nonzero(checks == check))
-        is_accepted = checks == Check.ACCEPTED
+        is_accepted: Bools = checks == Check.ACCEPTED
         refused = np.bincount(records.sender[~is_accepted])
         for key in np.flatnonzero(refused).tolist():
             self._senders.setdefault(key, SenderCount()).rejected += int(refused[key])
-        return np.flatnonzero(is_accepted)
+        return is_accepted
 
-    def _count_senders(self, data: bytes, records: Records) -> Ints | None:
-        sender = records.sender
-        is_new = None
-        for key in np.flatnonzero(np.bincount(sender)).tolist():
-            rows = np.flatnonzero(sender == key)
-            own = records if len(rows) == len(records.frames) else records.select(rows)
-            new = self._senders.setdefault(key, SenderCount()).add(data, own)
-            if new is not None:
-                is_new = np.ones(len(sender), np.bool_) if is_new is None else is_new
-                is_new[rows] = new
-        return None if is_new is None else np.flatnonzero(is_new)
+    def _are_new(self, data: bytes, records: Records) -> Bools:
+        is_new = np.empty(len(records.sender), np.bool_)
+        for key in np.flatnonzero(np.bincount(records.sender)).tolist():
+            own = records.sender == key
+            count = self._senders.setdefault(key, SenderCount())
+            is_new[own] = count.add(data, records.select(own))
+        return is_new
 
     def _find_ground(self, buffer: Bytes, records: Records) -> None:
         frames = records.frames

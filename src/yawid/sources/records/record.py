@@ -7,7 +7,6 @@ it, unless a column has a name of the table and its values fit the unit of the t
 import tomllib
 from collections.abc import Iterator
 from dataclasses import replace
-from itertools import pairwise
 from pathlib import Path
 from typing import Final
 
@@ -18,7 +17,7 @@ from yawid.errors import ChannelError, SourceError
 from yawid.quantities.link import LinkStats
 from yawid.quantities.table import CHANNELS
 from yawid.quantities.units import HALF_TRAVEL, UNITS
-from yawid.sources.logs.tlog import CHUNK, Digest
+from yawid.sources.logs.as_mavlink import in_pieces
 from yawid.sources.records.airspeeds import airspeed_of
 from yawid.sources.records.column_values import (
     Settled,
@@ -155,16 +154,11 @@ class Record:
                 "GB of them: split it into flights"
             )
 
-    def read(self, digest: Digest) -> Iterator[tuple[int, RecordBlock | None]]:
-        """Yield (bytes, rows) from the start, and update ``digest`` with the file's bytes."""
+    def read(self) -> Iterator[tuple[int, RecordBlock | None]]:
+        """Yield (bytes, rows) from the start."""
         assert self._rows is not None, "a record is settled before it is read"
-        pieces = max(self.path.stat().st_size // CHUNK + 1, 1)
-        edges = [len(self._rows) * i // pieces for i in range(pieces + 1)]
-        with self.path.open("rb") as file:
-            for low, high in pairwise(edges):
-                chunk = file.read(CHUNK)
-                digest.update(chunk)
-                yield len(chunk), self._rows.piece(low, high) if high > low else None
+        for size, low, high in in_pieces(self.path, len(self._rows)):
+            yield size, self._rows.piece(low, high) if high > low else None
 
 
 def _assumed(found: dict[str, Found]) -> tuple[str, ...]:

@@ -164,11 +164,12 @@ def forward(t_us: Ints) -> Bools:
 
 def largest_stroke(t_us: Ints, values: Floats) -> float:
     """Return how far values (n,) moved at most within 5 s, 0 where they never moved."""
-    if not len(found := list(_seconds(t_us, values))):
-        return 0.0
-    second, high, low = (np.concatenate(each) for each in zip(*found, strict=True))
+    known = np.isfinite(values)
+    second, found = t_us[known] // int(1e6 * STRETCH_S), values[known]
     starts = np.flatnonzero(np.diff(second, prepend=second[:1] - 1) != 0)
-    high, low = np.maximum.reduceat(high, starts), np.minimum.reduceat(low, starts)
+    if not len(starts):
+        return 0.0
+    high, low = np.maximum.reduceat(found, starts), np.minimum.reduceat(found, starts)
     when, most = second[starts], 0.0
     for count in range(min(round(WINDOW_S / STRETCH_S), len(starts))):  # so many stretches later
         n = len(starts) - count
@@ -191,19 +192,6 @@ def in_flight(block: RecordBlock) -> Bools:
     return flown if flown.any() else ~flown
 
 
-def _seconds(t_us: Ints, values: Floats) -> Iterator[tuple[Ints, Floats, Floats]]:
-    """Yield stretches of a second with the highest and the lowest of the known values in each."""
-    for at in range(0, len(values), PIECE):
-        part = values[at : at + PIECE]
-        known = np.isfinite(part)
-        second = t_us[at : at + PIECE][known] // int(1e6 * STRETCH_S)
-        starts = np.flatnonzero(np.diff(second, prepend=second[:1] - 1) != 0)
-        if len(starts):
-            high = np.maximum.reduceat(part[known], starts)
-            yield second[starts], high, np.minimum.reduceat(part[known], starts)
-
-
 def largest(values: Floats) -> float:
     """Return the largest absolute value of the finite ones (n,), 0 where there is none."""
-    parts = (values[at : at + PIECE] for at in range(0, len(values), PIECE))
-    return max((float(np.abs(p[np.isfinite(p)]).max(initial=0.0)) for p in parts), default=0.0)
+    return float(np.max(np.abs(values), initial=0.0, where=np.isfinite(values)))
