@@ -24,12 +24,11 @@ from yawid.runs.outputs import parameters_of
 from yawid.runs.stop import Interrupted, StopFlag
 from yawid.sinks.base import Sink
 from yawid.sources.formats import RUN, format_of
-from yawid.sources.open_log import Log, ReadOptions
+from yawid.sources.open_log import InMemory, Log, ReadOptions
 
 if TYPE_CHECKING:
     from yawid.runs.finished_run import FinishedRun
     from yawid.sinks.mcap.reader import LogLine
-    from yawid.sources.logs.tlog import TlogReader
 
 
 class RecordedLog(Log):
@@ -174,7 +173,7 @@ def run(
 
 
 def feed_all(
-    source: "Recording | TlogReader",
+    source: "Recording | InMemory",
     pipeline: Pipeline,
     stop: StopFlag | None = None,
     advance: Callable[[int], None] = lambda size: None,

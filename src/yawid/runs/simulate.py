@@ -19,8 +19,7 @@ from yawid.results.summary import summarise
 from yawid.runs.job import feed_all
 from yawid.runs.outputs import Outputs, finish, open_mcap, parameters_of, whole_or_none
 from yawid.sinks.door import print_text
-from yawid.sources.logs.tlog import TlogReader
-from yawid.sources.mavlink.decoder import Decoder
+from yawid.sources.open_log import in_memory
 from yawid.sources.simulated_tlog import SimulatedFlight, tlog_of
 from yawid.system.part_file import check_free, write_whole
 
@@ -144,7 +143,7 @@ def _mcap(simulation: Simulation, out: Path, rate_hz: float, force: bool) -> Non
     """Write what a replay of the simulated tlog would write."""
     config = replace(RunConfig(), rate=min(rate_hz, 20.0), forgetting=1.0)
     outputs = Outputs(out.parent, out.stem, force=force)
-    source = TlogReader([_tlog(simulation)], Decoder(WANTED))
+    source = in_memory([_tlog(simulation)], WANTED)
     sinks = [open_mcap(config, outputs)]
     with whole_or_none(sinks):
         pipeline = Pipeline(config, sinks)

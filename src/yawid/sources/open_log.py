@@ -5,12 +5,13 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 
 from yawid.blocks import FrameBlock, RecordBlock
 from yawid.errors import SourceError
 from yawid.quantities.link import LinkStats
 from yawid.sources.formats import format_of
+from yawid.sources.logs.tlog import TlogReader
 from yawid.sources.mavlink.decoder import Decoder
 from yawid.sources.mavlink.signing import Signing, SigningKey
 from yawid.system.stores import Place
@@ -105,3 +106,11 @@ class Log:
             for size, block in self._reader.read():
                 self._digest.update(file.read(size))
                 yield size, block
+
+
+InMemory: TypeAlias = TlogReader
+
+
+def in_memory(pieces: Iterable[bytes], wanted: Iterable[str]) -> InMemory:
+    """Return the reader of a telemetry log in memory, in pieces that may be cut anywhere."""
+    return TlogReader(pieces, Decoder(wanted))

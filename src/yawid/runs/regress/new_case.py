@@ -17,8 +17,8 @@ from yawid.config.run import COMMAND_LINE, RunConfig, check_settings
 from yawid.errors import ConfigError, SinkError, SourceError
 from yawid.runs.regress.case import Case
 from yawid.sources.formats import TLOG, format_of
-from yawid.sources.logs.tlog import CHUNK, TlogReader, read_tlog, record_at
-from yawid.sources.mavlink.decoder import Decoder
+from yawid.sources.logs.tlog import CHUNK, read_tlog, record_at
+from yawid.sources.open_log import in_memory
 from yawid.system.part_file import os_errors_as_sink_error
 
 MOST_BYTES = 1_000_000
@@ -116,7 +116,7 @@ def _trimmed(data: bytes, config: RunConfig) -> bytes:
     """
     heard = []
     pieces = (data[at : at + CHUNK] for at in range(0, len(data), CHUNK))
-    for _, found in TlogReader(pieces, Decoder(WANTED)).read():
+    for _, found in in_memory(pieces, WANTED).read():
         for name, block in () if found is None else found.messages.items():
             times = np.full(len(block), np.nan)
             if name in SOURCES:
