@@ -97,10 +97,8 @@ class Channels:
         if self.lock.vehicle is None:
             return []
         self._state_of_flight.vehicle = self.lock.vehicle
-        samples = []
-        for stretch, surfaces in self._stretches(messages, parameters):
-            samples += self._read(stretch, surfaces)
-        return samples
+        stretches = self._stretches(messages, parameters)
+        return [samples for stretch in stretches for samples in self._read(stretch)]
 
     @np.errstate(over="ignore", invalid="ignore")
     def feed_rows(self, block: RecordBlock) -> list[SampleBlock]:
@@ -140,51 +138,52 @@ class Channels:
 
     def _stretches(
         self, messages: Mapping[str, MessageBlock], parameters: list[MessageBlock]
-    ) -> Iterator[tuple[Mapping[str, MessageBlock], tuple[Surface, ...]]]:
-        """Yield the stretches of the block between changes of the surfaces, with their surfaces."""
+    ) -> Iterator[Mapping[str, MessageBlock]]:
+        """Yield the stretches of the block between changes of the surfaces or the yaw source."""
         flight = self._state_of_flight
         self.surfaces, self.aileron, flight.lift = self._find_all()
         low = -1
-        for order in self._places_of_change(messages, parameters):
-            found = self._find_all()
-            if found != (self.surfaces, self.aileron, flight.lift):
-                yield _between(messages, low, order), self.surfaces
+        for order, name in self._places_of_change(messages, parameters):
+            found, is_better = self._find_all(), name in self.yaw.better
+            if is_better or found != (self.surfaces, self.aileron, flight.lift):
+                yield _between(messages, low, order)
                 low, (self.surfaces, self.aileron, flight.lift) = order, found
-        yield _between(messages, low, None), self.surfaces
+            if is_better:
+                if self.yaw.rows:
+                    self.segmenter.begin_segment()
+                self.yaw.source = name
+        yield _between(messages, low, None)
 
     def _places_of_change(
         self, messages: Mapping[str, MessageBlock], parameters: list[MessageBlock]
-    ) -> Iterator[int]:
-        """Yield each place at which a parameter or a first message may change the surfaces.
+    ) -> Iterator[tuple[int, str | None]]:
+        """Yield each place at which a parameter or a first message, by its name, may change them.
 
         The places come in the stream's own order: no decision depends on what comes after it.
         """
-        low, new = -1, ((OUTPUTS | {*STICKS}) & messages.keys()) - self.received
+        low, new = -1, (((OUTPUTS | {*STICKS}) - self.received) | {*self.yaw.better}) & {*messages}
         places = sorted((int(messages[name].order[0]), name) for name in new)
         for high, name in [*places, (END, None)]:
             for block in parameters:
                 rows = (block.order >= low) & (block.order < high)
-                yield from self.parameters.changes(block.select(rows))
+                yield from ((order, None) for order in self.parameters.changes(block.select(rows)))
             if name is not None:
-                self.received |= {name}
-                yield high
+                self.received |= {name} - SOURCES.keys()
+                yield high, name
             low = high
 
     def _find_all(self) -> tuple[tuple[Surface, ...], Surface | None, dict[int, float]]:
-        """Return the inputs' surfaces, the aileron and the lift motors by what is known now."""
-        assert self.lock.vehicle is not None
-        lift = lift_motors(self.lock.vehicle, self.parameters)
-        return self._find_surfaces(), self._find("aileron"), lift
+        """Return the inputs' surfaces, the aileron and the lift motors by what is known now.
 
-    def _find_surfaces(self) -> tuple[Surface, ...]:
-        """Return a surface for every input, or an empty tuple while one is missing."""
+        While one of the inputs is missing there are no surfaces.
+        """
+        assert self.lock.vehicle is not None
         found = [self._find(name) for name in self.config.inputs]
         surfaces = tuple(surface for surface in found if surface is not None)
-        if len(surfaces) < len(found):
-            return ()
         if len({surface.message for surface in surfaces}) > 1:
             raise ConfigError("--rudder and --aileron must come from the same message")
-        return surfaces
+        lift = lift_motors(self.lock.vehicle, self.parameters)
+        return surfaces if len(surfaces) == len(found) else (), self._find("aileron"), lift
 
     def _find(self, name: str) -> Surface | None:
         """Return the surface ``rudder`` or ``aileron`` to read from now on, None if unknown."""
@@ -196,23 +195,9 @@ class Channels:
         scale = sign * self.config.half_travel if name == "rudder" else 1.0
         return None if surface is None else replace(surface, scale=scale)
 
-    def _read(
-        self, messages: Mapping[str, MessageBlock], surfaces: tuple[Surface, ...]
-    ) -> list[SampleBlock]:
-        """Return the samples of one stretch; within it, switch to a better yaw source."""
-        better = self.yaw.better(messages)
-        if better is None:
-            return self._read_rows(messages, surfaces)
-        name, order = better
-        samples = self._read_rows(_between(messages, -1, order), surfaces)
-        if self.yaw.rows:
-            self.segmenter.begin_segment()
-        self.yaw.source = name
-        return samples + self._read(_between(messages, order, None), surfaces)
-
-    def _read_rows(
-        self, messages: Mapping[str, MessageBlock], surfaces: tuple[Surface, ...]
-    ) -> list[SampleBlock]:
+    def _read(self, messages: Mapping[str, MessageBlock]) -> list[SampleBlock]:
+        """Return the samples of one stretch."""
+        surfaces = self.surfaces
         self._state_of_flight.observe(messages)
         if self._motion is not None:
             self._motion.observe(messages)

@@ -88,15 +88,11 @@ class YawReader:
             return self.column
         return f"{self.source}.{SOURCES[self.source][0]}"
 
-    def better(self, messages: Mapping[str, MessageBlock]) -> tuple[str, int] | None:
-        """Return the first better source among these messages and its first place, else None."""
+    @property
+    def better(self) -> list[str]:
+        """The sources that are better than the one that is read."""
         ranks = list(SOURCES)
-        worst = len(ranks) if self.source is None else ranks.index(self.source)
-        found = [(int(messages[n].order[0]), n) for n in ranks[:worst] if n in messages]
-        if not found:
-            return None
-        order, name = min(found)
-        return name, order
+        return ranks if self.source is None else ranks[: ranks.index(self.source)]
 
     def read(self, messages: Mapping[str, MessageBlock], context: FlightState) -> Series:
         """Return the rows of the source's messages, NaN where a value is absurd or not finite."""

@@ -15,15 +15,14 @@ import numpy as np
 from msgspec import structs
 
 from yawid.answers.flight_test_card import FlightTestCard
-from yawid.answers.inspection import Answerable, Can, FlightPhase, Inspection, MessageRate, Span
+from yawid.answers.inspection import Answerable, Can, Inspection, MessageRate, Span
 from yawid.answers.ordinary import ORDINARY, OrdinaryAnswer
 from yawid.answers.run_summary import Origin, RunSummary
 from yawid.blocks import Floats, Ints, SampleBlock
 from yawid.channels.segments import REBOOT_US, Boots
-from yawid.channels.survey import AIRBORNE, GROUNDED, Phase, Survey
+from yawid.channels.survey import Survey
 from yawid.config.run import KEPT_ONLY, RATE_SLACK, RunConfig
 from yawid.quantities.link import SenderStats
-from yawid.quantities.vehicles import FIXED_WING, GENERIC, mode_name
 from yawid.results.advice import what_to_record
 from yawid.results.excitation import excitation
 from yawid.results.judge_samples import LEAST_RATE_HZ
@@ -42,7 +41,6 @@ WORTH_SAYING = frozenset({"rudder_assumed", "unit_assumed", "rate_low"})
 """Warnings for which the answer says how the next recording can avoid them."""
 LEAST_PER_PERIOD, GOOD_PER_PERIOD = 4.0, 10.0
 """Messages per period of the Dutch roll: at least the first for an answer, better the second."""
-STATES = {AIRBORNE: "airborne", GROUNDED: "on ground"}
 TAP = "udpin:127.0.0.1:14560"
 """The endpoint of the test card's live command: a ground station has to forward its link there."""
 
@@ -75,7 +73,7 @@ def _inspected(source: RecordedLog, config: RunConfig, bar: Bar, *, with_card: b
         looking = replace(config, ordinary=config.ordinary or "auto")
     job = run(source, looking, [kept], advance=bar, survey=survey)
     log, link, channels = source.path, source.link, job.pipeline.channels
-    summary, samples, rates = job.conclude(), kept.joined(), _rates(survey)
+    summary, samples, rates = job.conclude(), kept.joined(), survey.rates()
     found: list[Span] = []
     if samples is not None and channels.surfaces:
         found = stretches(samples, config, channels.boots)
@@ -92,7 +90,7 @@ def _inspected(source: RecordedLog, config: RunConfig, bar: Bar, *, with_card: b
         unchecked=source.options.unchecked(link),
         rates=rates,
         answerable=_answerable(rates),
-        phases=None if modes_of is None else [_phase(each, *modes_of) for each in survey.phases],
+        phases=None if modes_of is None else survey.phases(*modes_of),
         excited=found,
         manoeuvres=summary.manoeuvres,
         flight=summary.flight,
@@ -161,16 +159,6 @@ def _words(config: RunConfig) -> list[str]:
     return [word for name, value in options for word in (f"--{name}", str(value))]
 
 
-def _rates(survey: Survey) -> dict[str, MessageRate]:
-    """Return the rates of yaw and rudder messages and their jitter, on the vehicle's clock."""
-    named = zip(("yaw", "rudder"), survey.intervals(), strict=True)
-    return {
-        name: MessageRate(found.messages, found.rate_hz, found.median_s, found.p5_s, found.p95_s)
-        for name, found in named
-        if found is not None
-    }
-
-
 def _answerable(rates: Mapping[str, MessageRate]) -> Answerable | None:
     """Return the fastest Dutch rolls that the slower rate can answer, None if it is too low."""
     slowest_hz = min((each.rate_hz for each in rates.values()), default=0.0)
@@ -178,16 +166,6 @@ def _answerable(rates: Mapping[str, MessageRate]) -> Answerable | None:
         return None
     most_rad_s = 2.0 * np.pi * slowest_hz
     return Answerable(most_rad_s / LEAST_PER_PERIOD, most_rad_s / GOOD_PER_PERIOD)
-
-
-def _phase(phase: Phase, autopilot: int, vehicle_type: int) -> FlightPhase:
-    """Return a phase in seconds since boot; one that hovers is "slow" instead of "on ground"."""
-    mode = mode_name(autopilot, vehicle_type, phase.mode) if phase.mode >= 0 else None
-    state = STATES.get(phase.state)
-    hovers = vehicle_type not in (GENERIC, FIXED_WING) or (mode or "").startswith("Q")
-    if hovers and phase.state == GROUNDED:
-        state = "slow"
-    return FlightPhase(phase.boot, phase.from_us / 1e6, phase.to_us / 1e6, mode, state)
 
 
 def stretches(samples: SampleBlock, config: RunConfig, boots: Boots) -> list[Span]:
