@@ -138,20 +138,37 @@ def merged(name: str, before: float, **columns: tuple[Ints, Floats]) -> PlacedFi
     return places[1:], table(name, len(places) - 1, **known)
 
 
-def angles_at(t_us: Ints, known_us: Ints, roll: Floats, pitch: Floats, yaw: Floats) -> Floats:
-    """Return roll, pitch and yaw in rad (3, n) at the instants ``t_us`` (n,).
+def forward(t_us: Ints) -> Bools:
+    """Return which of times (n,) are later than all before them."""
+    before = np.maximum.accumulate(np.append(np.iinfo(np.int64).min, t_us))[:-1]
+    return np.asarray(t_us > before)
 
-    They are interpolated between the two attitudes (m,) around each instant, the yaw over the
-    shorter way; NaN outside all attitudes and where these are more than a second apart.
+
+def between(
+    t_us: Ints, known_us: Ints, values: Floats, gap_us: float, *, is_angle: bool = False
+) -> Floats:
+    """Return values at the instants ``t_us`` (n,), interpolated between the known ones (m,).
+
+    An angle goes the shorter way. NaN outside all that is known, and where the two values around an
+    instant are more than ``gap_us`` apart.
     """
-    forward = known_us > np.maximum.accumulate(np.concatenate([[-1], known_us]))[:-1]
-    known_us = known_us[forward]
+    rows = forward(known_us)
+    known_us, values = known_us[rows], values[rows]
     if len(known_us) < 2:
-        return np.full((3, len(t_us)), np.nan)
+        return np.full(len(t_us), np.nan)
+    turned = np.unwrap(values) if is_angle else values
+    found = np.interp(t_us, known_us, turned, np.nan, np.nan)
     after = np.clip(np.searchsorted(known_us, t_us), 1, len(known_us) - 1)
-    apart = known_us[after] - known_us[after - 1]
-    inside = (t_us >= known_us[0]) & (t_us <= known_us[-1]) & (apart <= ANGLES_GAP_US)
-    turned = np.unwrap(yaw[forward])
-    values = [np.interp(t_us, known_us, a) for a in (roll[forward], pitch[forward], turned)]
-    values[2] = (values[2] + np.pi) % (2.0 * np.pi) - np.pi
-    return np.where(inside, np.stack(values), np.nan)
+    found[known_us[after] - known_us[after - 1] > gap_us] = np.nan
+    return found
+
+
+def angles_at(t_us: Ints, known_us: Ints, roll: Floats, pitch: Floats, yaw: Floats) -> Floats:
+    """Return roll, pitch and yaw in rad (3, n) at the instants ``t_us`` (n,): see :func:`between`.
+
+    They are NaN where two attitudes (m,) are more than a second apart.
+    """
+    of = t_us, known_us
+    found = [between(*of, angle, ANGLES_GAP_US) for angle in (roll, pitch)]
+    turned = between(*of, yaw, ANGLES_GAP_US, is_angle=True)
+    return np.stack([*found, (turned + np.pi) % (2.0 * np.pi) - np.pi])

@@ -98,9 +98,8 @@ class DataflashReader:
     @property
     def link(self) -> LinkStats:
         """The counts of the whole log: messages believed, other bytes, messages it lost itself."""
-        index, lost = self._index, 0
-        if index.has("DSF", "Dp"):
-            lost = int(index.reported("DSF")[1]["Dp"].max())
+        index = self._index
+        lost = int(index.found("DSF", "Dp")[1]["Dp"].max(initial=0))
         ends = [index.times(n, index.offsets[n][[0, -1]]) for n in _TIMED if index.has(n)]
         known = np.concatenate(ends) + self._unix_us if ends else None
         return LinkStats(
@@ -203,9 +202,7 @@ class DataflashReader:
 
 def _unix_minus_boot_us(index: DataflashIndex) -> int:
     """Return Unix time minus boot time in us from GPS, 0 without a 3D fix."""
-    if not index.has("GPS", "Status", "GWk", "GMS"):
-        return 0
-    offsets, rows = index.reported("GPS")
+    offsets, rows = index.found("GPS", "Status", "GWk", "GMS")
     fixed = (rows["Status"] >= _FIX_3D) & (rows["GWk"] > 0)
     if not fixed.any():
         return 0
@@ -219,10 +216,7 @@ def _parameters(index: DataflashIndex) -> tuple[PlacedFields, PlacedFields]:
 
     A log has its parameters within the first seconds; they apply from its beginning.
     """
-    if not index.has("PARM", "Name", "Value"):
-        nothing = _NONE, table("PARAM_VALUE", 0)
-        return nothing, nothing
-    offsets, rows = index.reported("PARM")
+    offsets, rows = index.found("PARM", "Name", "Value")
     fields = table("PARAM_VALUE", len(rows), param_id=rows["Name"], param_value=rows["Value"])
     first = np.zeros(len(rows), bool)
     first[np.unique(rows["Name"], return_index=True)[1]] = True
@@ -240,11 +234,9 @@ def _system_id(first: Array) -> int:
 
 def _heartbeats(index: DataflashIndex) -> PlacedFields:
     """Return a HEARTBEAT for the state at the start, at byte -1, then one for every change."""
-    modes, mode = _NONE, np.zeros(0)
     column = "ModeNum" if index.has("MODE", "ModeNum") else "Mode"
-    if index.has("MODE", column):
-        modes, rows = index.reported("MODE")
-        mode = np.asarray(rows[column], float)
+    modes, rows = index.found("MODE", column)
+    mode = np.asarray(rows[column], float)
     arms, armed = _arming(index)
     # A log without another report begins with arming (LOG_DISARMED is 0).
     opening = (mode[0] if len(mode) else 0.0, 1.0 - armed[0] if len(armed) else 1.0)
@@ -260,22 +252,18 @@ def _arming(index: DataflashIndex) -> tuple[Ints, Floats]:
     if index.has("ARM", "ArmState"):
         offsets, rows = index.reported("ARM")
         return offsets, np.asarray(rows["ArmState"] != 0, float)
-    if index.has("EV", "Id"):
-        offsets, rows = index.reported("EV")
-        reported = np.isin(rows["Id"], (_EV_ARMED, _EV_DISARMED))
-        return offsets[reported], np.asarray(rows["Id"][reported] == _EV_ARMED, float)
-    return _NONE, np.zeros(0)
+    offsets, rows = index.found("EV", "Id")
+    reported = np.isin(rows["Id"], (_EV_ARMED, _EV_DISARMED))
+    return offsets[reported], np.asarray(rows["Id"][reported] == _EV_ARMED, float)
 
 
 def _hud(index: DataflashIndex) -> PlacedFields:
     """Return a VFR_HUD at each place at which one of its columns is reported, the others held."""
     air, height = _first_of(index, _AIRSPEED), _first_of(index, _ALTITUDE)
     kind = next((AIRSPEED_GIVEN[each] for each in _AIRSPEED if index.has(*each)), np.nan)
-    ground: tuple[Ints, Floats] = _NONE, np.zeros(0)
-    if index.has("GPS", "Spd", "Status"):
-        offsets, rows = index.reported("GPS")
-        fixed = rows["Status"] >= _FIX_3D
-        ground = offsets, np.where(fixed, index.si("GPS", rows, "Spd"), np.nan)
+    offsets, rows = index.found("GPS", "Spd", "Status")
+    fixed = rows["Status"] >= _FIX_3D
+    ground = offsets, np.where(fixed, index.si("GPS", rows, "Spd"), np.nan)
     places, fields = merged("VFR_HUD", np.nan, airspeed=air, groundspeed=ground, alt=height)
     fields["airspeed_kind"] = kind
     return places, fields
@@ -292,9 +280,7 @@ def _first_of(index: DataflashIndex, wanted: tuple[tuple[str, str], ...]) -> tup
 
 def _system_state(index: DataflashIndex) -> PlacedFields:
     """Return an EXTENDED_SYS_STATE for each report of ArduPlane whether it is flying."""
-    if not index.has("STAT", "isFlying"):
-        return _NONE, table("EXTENDED_SYS_STATE", 0)
-    offsets, rows = index.reported("STAT")
+    offsets, rows = index.found("STAT", "isFlying")
     landed = np.where(rows["isFlying"] != 0, IN_AIR, LANDED)
     return offsets, table("EXTENDED_SYS_STATE", len(offsets), landed_state=landed)
 
@@ -305,9 +291,6 @@ def _vehicle_type(index: DataflashIndex) -> int:
         build = int(index.reported("VER")[1]["BU"][0])
         if build in _TYPE_OF_BUILD:
             return _TYPE_OF_BUILD[build]
-    if index.has("MSG", "Message"):
-        for text in index.reported("MSG")[1]["Message"].tolist():
-            for name, kind in _TYPE_OF_NAME.items():
-                if name in text:
-                    return kind
-    return 0
+    texts = index.found("MSG", "Message")[1]["Message"].tolist()
+    kinds = (kind for text in texts for name, kind in _TYPE_OF_NAME.items() if name in text)
+    return next(kinds, 0)

@@ -125,6 +125,13 @@ class DataflashIndex:
         """Return where all messages of a name start (n,), n >= 1, and their payloads (n,)."""
         return self.offsets[name], self.rows(name, self.offsets[name])
 
+    def found(self, name: str, *columns: str) -> PlacedFields:
+        """Return :meth:`reported` where there are these columns, else no rows of them."""
+        if self.has(name, *columns):
+            return self.reported(name)
+        kinds = [(column, "S1" if column in _TEXT else "f8") for column in columns]
+        return np.zeros(0, np.int64), np.zeros(0, kinds)
+
     def rows(self, name: str, offsets: Ints) -> Array:
         """Return the payloads (n,) of the messages that start at ``offsets`` (n,)."""
         dtype = self._formats[name].dtype
@@ -136,7 +143,7 @@ class DataflashIndex:
     def si(self, name: str, rows: Array, column: str) -> Floats:
         """Return a column (n,) in SI units, angles in rad."""
         with quiet():
-            return np.asarray(rows[column], float) * self._factors[name][column]
+            return np.asarray(rows[column], float) * self._factors.get(name, {}).get(column, 1.0)
 
     def times(self, name: str, offsets: Ints) -> Ints:
         """Return when the messages (n,) were logged, in microseconds since boot."""
@@ -180,9 +187,7 @@ class DataflashIndex:
 
     def _table(self, name: str, column: str) -> dict[str, Any]:
         """Return UNIT or MULT as values by their ids, one character each."""
-        if not self.has(name, "Id", column):
-            return {}
-        _, rows = self.reported(name)
+        _, rows = self.found(name, "Id", column)
         return {chr(int(i) & 0x7F): v for i, v in zip(rows["Id"], rows[column], strict=True)}
 
 

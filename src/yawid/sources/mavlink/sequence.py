@@ -85,10 +85,6 @@ class SenderCount:
         per_us = self._steady_frames / self._steady_us
         return sum(n for n, us in self._jumps if n / _FITS <= us * per_us <= n * _FITS)
 
-    def _jump(self, missing: int, took_us: int) -> None:
-        if len(self._jumps) < _MOST_JUMPS:
-            self._jumps.append((missing, took_us))
-
     def _count_lost(self, sequence: Bytes, stamps: Ints, is_taken: Bools | None) -> None:
         """Count the frames that the steps of the sequence leave out.
 
@@ -104,8 +100,9 @@ class SenderCount:
         self.lost += int((steps[is_small] - 1).sum())
         self._steady_frames += int(steps[is_small].sum())
         self._steady_us += int(took_us[is_small].sum())
-        for row in np.flatnonzero((steps > _LONGEST) & (steps < _CYCLE - _LATE)).tolist():
-            self._jump(int(steps[row]) - 1, int(took_us[row]))
+        jumps = np.flatnonzero((steps > _LONGEST) & (steps < _CYCLE - _LATE))
+        rows = jumps[: _MOST_JUMPS - len(self._jumps)]
+        self._jumps += zip((steps[rows] - 1).tolist(), took_us[rows].tolist(), strict=True)
         if is_taken is not None:
             back = _CYCLE - steps[~is_taken]
             self.lost -= int((back[back <= _LATE] + 1).sum())

@@ -109,11 +109,12 @@ def _named(
     table: Table, found: Found
 ) -> tuple[Floats, "np.ndarray[tuple[int], np.dtype[np.bool_]]"]:
     """Return the kinds (n,) that a run's export names, and where they name the ground speed."""
-    texts = table.texts(found.place) or [""] * table.rows
+    texts, row_has = table.words(found.place) or ([""], np.zeros(table.rows, np.int64))
     codes = {str(name_of(kind)): float(kind) for kind in Kind} | {"": np.nan, BY_GROUND: np.nan}
     if strange := set(texts) - codes.keys():
         raise SourceError(
             f"{place_of(table, found)}: {min(strange)!r} is not a kind of airspeed that yawid "
             "export writes: leave the column out"
         )
-    return np.array([codes[text] for text in texts]), np.array([t == BY_GROUND for t in texts])
+    kinds, are_ground = [codes[text] for text in texts], [t == BY_GROUND for t in texts]
+    return np.array(kinds)[row_has], np.array(are_ground)[row_has]

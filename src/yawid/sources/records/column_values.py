@@ -216,25 +216,24 @@ def held_of(table: Table, found: Found) -> Ints:
     Raises:
         SourceError: a word is no reason.
     """
-    texts = table.texts(found.place)
-    if texts is None:
+    said = table.words(found.place)
+    if said is None:
         if np.isfinite(table.numbers(found.place)).any():
             raise SourceError(
                 f"{place_of(table, found)}: it holds numbers, but yawid export writes names of "
                 "reasons: leave the column out"
             )
-        texts = [""] * table.rows
-    bits: dict[str, int] = {}
-    for row, text in enumerate(texts):
-        if text not in bits:
-            try:
-                bits[text] = sum(Held[word.upper()].value for word in set(text.split()))
-            except KeyError as error:
-                raise SourceError(
-                    f"{place_of(table, found)}, {table.line(row)}: {text!r} is not a reason to "
-                    "hold a sample that yawid export writes: leave the column out or empty"
-                ) from error
-    return np.array([bits[text] for text in texts], np.int64)
+        return np.zeros(table.rows, np.int64)
+    texts, row_has = said
+    for i, text in enumerate(texts):
+        if {*text.upper().split()} - Held.__members__.keys():
+            row = int(np.argmax(row_has == i))
+            raise SourceError(
+                f"{place_of(table, found)}, {table.line(row)}: {text!r} is not a reason to "
+                "hold a sample that yawid export writes: leave the column out or empty"
+            )
+    bits = [sum(Held[word].value for word in {*text.upper().split()}) for text in texts]
+    return np.array(bits, np.int64)[row_has]
 
 
 def times_of(table: Table, found: dict[str, Found]) -> tuple[Ints, Ints | None]:

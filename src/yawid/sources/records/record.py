@@ -181,10 +181,11 @@ def _modes(
     """Return the flight modes (n,) as numbers, and the autopilot and vehicle type of the modes."""
     if "mode" not in found:
         return same(np.nan, table.rows), (0, 0)
-    texts = table.texts(found["mode"].place)
-    if texts is None:
-        return possible("mode", table.numbers(found["mode"].place)), modes_of([], autopilot)[1]
-    return modes_of(texts, autopilot)
+    said = table.words(found["mode"].place)
+    numbers, whose = modes_of([] if said is None else said[0], autopilot)
+    if said is None:
+        return possible("mode", table.numbers(found["mode"].place)), whose
+    return numbers[said[1]], whose
 
 
 def _own_facts(facts: dict[str, str]) -> dict[str, str]:

@@ -9,6 +9,7 @@ import numpy as np
 
 from yawid.blocks import WINDOW_S, Bools, Floats, Held, Ints, RecordBlock
 from yawid.quantities.table import CHANNELS
+from yawid.sources.logs.as_mavlink import between
 
 GONE_S: Final = 2.0
 """The longest silence over which values are interpolated."""
@@ -142,24 +143,11 @@ def newest(values: Floats) -> Floats:
 
 def _between(t_us: Ints, values: Floats, *, is_angle: bool) -> Floats:
     """Return values (n,) with missing ones interpolated between their neighbours."""
-    known = np.flatnonzero(np.isfinite(values))
-    if len(known) < 2:
-        return values
-    known = known[forward(t_us[known])]
-    t, found = t_us[known].astype(float), values[known]
-    wanted = ~np.isfinite(values)
-    line = np.interp(t_us[wanted], t, np.unwrap(found) if is_angle else found, np.nan, np.nan)
-    after = np.clip(np.searchsorted(t, t_us[wanted]), 1, len(t) - 1)
-    line[t[after] - t[after - 1] > 1e6 * GONE_S] = np.nan
-    filled = values.copy()
-    filled[wanted] = line
+    known, filled = np.isfinite(values), values.copy()
+    filled[~known] = between(
+        t_us[~known], t_us[known], values[known], 1e6 * GONE_S, is_angle=is_angle
+    )
     return filled
-
-
-def forward(t_us: Ints) -> Bools:
-    """Return which of times (n,) are later than all before them."""
-    before = np.maximum.accumulate(np.append(np.iinfo(np.int64).min, t_us))[:-1]
-    return np.asarray(t_us > before)
 
 
 def largest_stroke(t_us: Ints, values: Floats) -> float:

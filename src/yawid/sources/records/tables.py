@@ -67,14 +67,16 @@ class Table(ABC):
     def line(self, row: int) -> str:
         """Return the place of a row in words."""
 
-    def texts(self, column: int) -> list[str] | None:
-        """Return a column's texts (n,), missing ones empty; None where it has no texts."""
+    def words(self, column: int) -> tuple[list[str], Ints] | None:
+        """Return the different texts of a column, and which of them each row (n,) has.
+
+        A missing text is empty; None where the column has no texts.
+        """
         values = self._text(column)
         if values is None:
             return None
         coded = values.fill_null("").dictionary_encode().combine_chunks()
-        known = coded.dictionary.to_pylist()
-        return [known[code] for code in coded.indices.to_pylist()]
+        return coded.dictionary.to_pylist(), coded.indices.to_numpy().astype(np.int64)
 
     def numbers(self, column: int) -> Floats:
         """Return a column's numbers (n,), NaN where one is missing, durations in s.
