@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from yawid.blocks import Held
-from yawid.channels.clock import unwrap_uint32_us
+from yawid.channels.series import unwrap_uint32_us
 from yawid.sinks.terminal.summary_table import origin
 
 

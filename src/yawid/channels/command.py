@@ -26,6 +26,7 @@ LEAST_ROWS = 10
 """The least number of messages that show that an output stood still."""
 _OUTPUTS = ("SERVO_OUTPUT_RAW", "ACTUATOR_OUTPUT_STATUS", "HIL_ACTUATOR_CONTROLS")
 _OFF = 65535.0
+_NO_ROWS: tuple[Ints, Floats] = np.zeros(0, np.int64), np.zeros((0, 1))
 
 
 @dataclass(slots=True)
@@ -48,8 +49,6 @@ class Command:
 
     def observe_yaw(self, piece: Piece) -> None:
         """Take in a piece of a segment: its rows of yaw say where there can be samples."""
-        if self.moved and self.armed:  # everything is known already
-            return
         yaw, (low_us, high_us) = piece.yaw, self.config.window_us
         sampled = (yaw.t_us >= low_us) & (yaw.t_us <= high_us)
         sampled &= (yaw.values[:, ON_GROUND] != 1.0) & (self.config.boot in (None, piece.boot))
@@ -57,35 +56,29 @@ class Command:
 
     def observe(self, messages: Mapping[str, MessageBlock]) -> None:
         """Take in the messages that those rows came with."""
-        if self.moved and self.armed:
+        rows, self._rows = [_NO_ROWS, *self._rows], []
+        if self.moved and self.armed:  # everything is known already
             return
-        self._armed.observe(
-            messages.get("HEARTBEAT"),
-            lambda f: (f["base_mode"] & ARMED != 0)[:, None].astype(float),
-        )
-        if "HEARTBEAT" in messages:
+        order, sampled = (np.concatenate(column) for column in zip(*rows, strict=True))
+        if (beats := messages.get("HEARTBEAT")) is not None:
+            armed = beats.fields["base_mode"] & ARMED != 0
+            self._armed.add(beats.order, armed[:, None].astype(float))
             # A HEARTBEAT made from an on-board log lacks a field that every link has.
-            names = messages["HEARTBEAT"].fields.dtype.names or ()
-            self.on_board = "system_status" not in names
-        rows, self._rows = self._rows, []
-        for order, sampled in rows:
-            armed = self._armed.at(order[sampled[:, 0] != 0.0])
-            self.armed |= bool((armed == 1.0).any())
-            self.disarmed |= bool((armed == 0.0).any())
-        if rows:
-            self._sampled.add(*(np.concatenate(column) for column in zip(*rows, strict=True)))
-        for name in messages.keys() & set(_OUTPUTS):
-            block = messages[name]
-            self._observe_outputs(block.select(self._sampled.at(block.order)[:, 0] == 1.0))
-
-    def _observe_outputs(self, block: MessageBlock) -> None:
-        for number, values in raw_outputs(block) if not self.moved else ():
-            reported = values[np.isfinite(values) & (values != 0.0) & (values < _OFF)]
-            if len(reported):
-                rows, low, high = self.outputs.get((block.name, number), (0, math.inf, -math.inf))
-                low, high = min(low, float(reported.min())), max(high, float(reported.max()))
-                self.outputs[block.name, number] = rows + len(reported), low, high
-                self.moved |= high - low > MOVED * max(abs(low), abs(high))
+            self.on_board = "system_status" not in (beats.fields.dtype.names or ())
+        armed = self._armed.at(order[sampled[:, 0] != 0.0])
+        self.armed |= bool((armed == 1.0).any())
+        self.disarmed |= bool((armed == 0.0).any())
+        self._sampled.add(order, sampled)
+        for block in (messages[name] for name in _OUTPUTS if name in messages):
+            own = block.select(self._sampled.at(block.order)[:, 0] == 1.0)
+            for number, values in raw_outputs(own) if not self.moved else ():
+                reported = values[np.isfinite(values) & (values != 0.0) & (values < _OFF)]
+                if len(reported):
+                    key = block.name, number
+                    rows_of, low, high = self.outputs.get(key, (0, math.inf, -math.inf))
+                    low, high = min(low, float(reported.min())), max(high, float(reported.max()))
+                    self.outputs[key] = rows_of + len(reported), low, high
+                    self.moved |= high - low > MOVED * max(abs(low), abs(high))
 
     def reasons(self, vehicle: Vehicle | None, why_believed: Callable[[], str]) -> Iterator[Reason]:
         """Yield the reasons of a rudder without command.

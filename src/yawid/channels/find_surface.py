@@ -44,10 +44,14 @@ def find_surface(
     those reported names it, the list is incomplete, and that of the stock channel was lost. On
     another autopilot that
     has named no output, it is ACTUATOR_CONTROL_TARGET if that is ``received`` and the vehicle has
-    wings. A vehicle whose type has no rudder gets none by an option either, unless its parameters
-    name one.
+    wings: by PX4's convention control 2 is the torque about the yaw axis, which without wings is
+    the difference of the rotors. A generic vehicle (type 0), or one in a log that has lost its
+    parameters, does not say which: an option must name its rudder. A vehicle whose type has no
+    rudder gets none by an option either, unless its parameters name one.
     """
-    if vehicle.type in WITHOUT_RUDDER and _reported(what, vehicle, table, received) is None:
+    is_ardupilot = vehicle.autopilot == ARDUPILOT
+    reported = _ardupilot(what, vehicle, table) if is_ardupilot else _px4(what, table, received)
+    if vehicle.type in WITHOUT_RUDDER and reported is None:
         return None
     kind, _, number = selector.partition(":")
     if kind == "servo":
@@ -62,41 +66,11 @@ def find_surface(
         stock = PX4_TRAVEL_US if vehicle.autopilot == PX4 else STOCK_TRAVEL_US
         travel, reverse, _ = table.travel(f"RC{number}", stock)
         return Surface(message, "option", (SurfacePart(int(number), travel, reverse),))
-    return _named(what, vehicle, table, received)
-
-
-def _named(
-    what: str, vehicle: Vehicle, table: ParameterTable, received: frozenset[str]
-) -> Surface | None:
-    """Return the output that parameters or convention name.
-
-    By PX4's convention control 2 is the torque about the yaw axis: with wings it is the rudder, of
-    any other vehicle the difference of its rotors. A generic vehicle (type 0), or one in a log that
-    has lost its parameters, does not say which: an option must name its rudder.
-    """
-    reported = _reported(what, vehicle, table, received)
-    if reported is not None:
-        return reported
-    by_convention = vehicle.autopilot != ARDUPILOT and has_wings(vehicle)
+    by_convention = reported is None and not is_ardupilot and has_wings(vehicle)
     if by_convention and "ACTUATOR_CONTROL_TARGET" in received:
         part = SurfacePart(CONTROL_INDEX[what], None)
         return Surface("ACTUATOR_CONTROL_TARGET", "convention", (part,))
-    return None
-
-
-def _reported(
-    what: str, vehicle: Vehicle, table: ParameterTable, received: frozenset[str]
-) -> Surface | None:
-    """Return the output that the parameters name, or ArduPilot's stock output."""
-    if vehicle.autopilot == ARDUPILOT:
-        return _ardupilot(what, vehicle, table)
-    return _px4(what, table, received)
-
-
-def _px4_types(table: ParameterTable) -> dict[int, int]:
-    """Return the CA_SV_CSi_TYPE of each control surface i that was reported."""
-    names = {i: f"CA_SV_CS{i}_TYPE" for i in range(8)}
-    return {i: int(table.get(name, 0.0)) for i, name in names.items() if name in table.values}
+    return reported
 
 
 def _servo(table: ParameterTable, number: int, weight: float = 1.0) -> SurfacePart:
@@ -162,7 +136,8 @@ def _ap_parts(
 
 
 def _px4(what: str, table: ParameterTable, received: frozenset[str]) -> Surface | None:
-    types = _px4_types(table)
+    names = {i: f"CA_SV_CS{i}_TYPE" for i in range(8)}
+    types = {i: int(table.get(name, 0.0)) for i, name in names.items() if name in table.values}
     left, right, left_weight, right_weight = PX4_PAIR[what]
     single = [i for i, kind in types.items() if kind in PX4_SINGLE[what]]
     pair = [i for kind in (left, right) for i, found in types.items() if found == kind]

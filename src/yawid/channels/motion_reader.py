@@ -11,8 +11,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from yawid.blocks import Array, Floats, MessageBlock, MotionBlock, RecordBlock, StampedRows
-from yawid.channels.clock import boot_us
-from yawid.channels.series import Piece, Series
+from yawid.channels.series import Piece, Series, boot_us
 from yawid.config.run import RunConfig
 from yawid.quantities.airspeed import GRAVITY
 

@@ -10,8 +10,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from yawid.blocks import FIRST_DATE_US, Floats, Ints, MessageBlock, RecordBlock
-from yawid.channels.clock import NEWEST, boot_us, unwrap_uint32_us
-from yawid.channels.series import Latest, Readings, Series
+from yawid.channels.series import NEWEST, Latest, Readings, Series, boot_us, unwrap_uint32_us
 from yawid.channels.surface import Surface, SurfacePart
 from yawid.config.run import RunConfig
 from yawid.errors import ConfigError

@@ -8,10 +8,9 @@ from typing import Any
 import numpy as np
 
 from yawid.blocks import Array, Floats, Held, Ints, MessageBlock, RecordBlock, euler
-from yawid.channels.clock import boot_us
 from yawid.channels.flight_state import LEAST_AIRSPEED, FlightState, SlowFlight, TakeOff
 from yawid.channels.motion_reader import COLUMNS, attitude_columns, record_columns
-from yawid.channels.series import Series
+from yawid.channels.series import Series, boot_us
 from yawid.quantities.airspeed import GRAVITY, known, over_ground
 from yawid.quantities.table import of_kind
 

@@ -6,6 +6,7 @@ import math
 import socket
 import time
 from collections.abc import Iterator
+from contextlib import ExitStack
 from itertools import pairwise
 
 import pytest
@@ -67,8 +68,17 @@ def received(station: socket.socket) -> list[bytes]:
         return frames
 
 
+OPENED = ExitStack()
+
+
+@pytest.fixture(autouse=True)
+def _closed() -> Iterator[None]:
+    with OPENED:
+        yield
+
+
 def published(to: socket.socket, key: bytes | None = None) -> Publisher:
-    way = OverUdp(Endpoint(*to.getsockname(), "udpout"))
+    way = OverUdp(Endpoint(*to.getsockname(), "udpout"), OPENED)
     return Publisher({"there": way}, 194, None if key is None else SigningKey(key))
 
 
@@ -151,7 +161,6 @@ def test_a_round_is_what_a_ground_station_reads_of_a_component_of_the_vehicle(
     publisher.send_round(7, (1 << 32) + 1234, VALUES | {"yaw_z_sd": math.nan}, 0.0)
     publisher.say(7, NOTICE, "yawid: usable, \u03c9n 10.06")
     publisher.send_texts(0.0)
-    publisher.close()
     beat, *values, text = decoded(received(ground))
     assert (beat.type, beat.autopilot) == (18, 8)
     assert {(m.get_srcSystem(), m.get_srcComponent()) for m in (beat, *values, text)} == {(7, 194)}
@@ -171,7 +180,6 @@ def test_with_a_key_every_frame_is_accepted_with_it_and_refused_with_another(
         publisher.send_round(1, 0, VALUES, float(second))
     publisher.say(1, INFO, "yawid m1: wn 10.06")
     publisher.send_texts(3.0)
-    publisher.close()
     frames = received(ground)
     station, other = mavlink.MAVLink(None), mavlink.MAVLink(None)
     station.signing.secret_key, station.signing.timestamp = KEY, before - 1
@@ -188,12 +196,11 @@ def test_with_a_key_every_frame_is_accepted_with_it_and_refused_with_another(
 def test_udpin_answers_who_sent_last_and_sends_nothing_before(ground: socket.socket) -> None:
     ground.sendto(b"", ground.getsockname())  # its own port is not the publisher's
     assert received(ground) == [b""]
-    way = OverUdp(Endpoint("127.0.0.1", 0))
+    way = OverUdp(Endpoint("127.0.0.1", 0), OPENED)
     publisher = Publisher({"here": way}, 194)
     publisher.send_round(1, 0, VALUES, 0.0)
     ground.sendto(3000 * b"x", way.socket.getsockname())
     publisher.send_round(1, 0, VALUES, 1.0)
-    publisher.close()
     assert len(received(ground)) == 6
 
 
@@ -211,7 +218,6 @@ def test_that_nobody_takes_it_is_said_once_and_who_comes_later_gets_it() -> None
         back.settimeout(0.0)
         publisher.send_round(1, 0, VALUES, 10.0)
         assert len(received(back)) == 6
-    publisher.close()
 
 
 def test_a_tcp_peer_that_does_not_read_holds_nothing_up_and_gets_whole_frames() -> None:

@@ -25,8 +25,7 @@ from yawid.sinks.terminal.live_facts import LiveFacts as ScreenFacts
 from yawid.sinks.terminal.progress import Console
 from yawid.sources.link.endpoints import Endpoint, parse_endpoint
 from yawid.sources.link.inbox import Stamps
-from yawid.sources.link.outgoing import COMPID
-from yawid.sources.link.publisher import open_publisher, parse_all
+from yawid.sources.link.publisher import COMPID, open_publisher, parse_all
 from yawid.sources.link.rate_requests import SYSID, RateRequests
 from yawid.sources.link.tap import BATCH_S, Tap
 from yawid.sources.link.tcp_serial import StreamTap
@@ -197,12 +196,10 @@ def _publishing(tap: Tap, setting: Setting, options: LiveOptions) -> Iterator[Pu
         yield None
         return
     key = setting.read_options.key
-    publisher = open_publisher(options.publish, tap, options.publish_compid, key)
-    setting.say(f"publishing to {publisher.names} as component {publisher.compid} of the vehicle")
-    try:
+    with open_publisher(options.publish, tap, options.publish_compid, key) as publisher:
+        names, compid = publisher.names, publisher.compid
+        setting.say(f"publishing to {names} as component {compid} of the vehicle")
         yield Publish(publisher, setting.reached_us)
-    finally:
-        publisher.close()
 
 
 def open_tap(

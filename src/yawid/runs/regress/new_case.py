@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import tomli_w
 
-from yawid.channels.clock import boot_us
+from yawid.channels.series import boot_us
 from yawid.channels.stage import WANTED
 from yawid.channels.yaw_reader import SOURCES
 from yawid.config.run import COMMAND_LINE, RunConfig, check_settings

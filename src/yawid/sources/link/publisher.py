@@ -7,19 +7,19 @@ sees it.
 
 import errno
 import math
+import time
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import ExitStack, suppress
-from functools import partial
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager, suppress
+from functools import cache, partial
 from itertools import product
-from typing import Final
+from typing import Any, Final
 
 from yawid.errors import ConfigError, SourceError
 from yawid.sources.link.endpoints import Endpoint, parse_endpoint
-from yawid.sources.link.outgoing import COMPID, senders
 from yawid.sources.link.tap import Tap
 from yawid.sources.link.udp import open_socket
-from yawid.sources.mavlink.signing import SigningKey
+from yawid.sources.mavlink.signing import EPOCH_S, KEY_SIZE, TICKS_PER_S, SigningKey
 
 WINDOW_S: Final = 10.0
 MOST_ROUNDS, MOST_TEXTS = 11, 8
@@ -37,6 +37,9 @@ _HERE = frozenset({"127.0.0.1", "localhost", "::1"})
 _ANY = frozenset({"0.0.0.0", "::"})
 Way = Callable[[bytes, int], None]
 """Sends a frame in the name of a system without waiting; an OSError means that it is not taken."""
+COMPID: Final = 194
+"""MAV_COMP_ID_ONBOARD_COMPUTER4, the last of four: other programs use the first ones."""
+_ONBOARD_CONTROLLER, _NO_AUTOPILOT, _ACTIVE = 18, 8, 4  # MAV_TYPE, MAV_AUTOPILOT, MAV_STATE
 
 
 class Limiter:
@@ -56,12 +59,14 @@ class Limiter:
 class OverUdp:
     """The way to a listener (udpout), or to the newest sender to this port (udpin), if any.
 
+    Its socket is closed with ``opened``.
+
     Raises:
         SourceError: the endpoint cannot be opened.
     """
 
-    def __init__(self, endpoint: Endpoint) -> None:
-        self.socket = open_socket(endpoint)
+    def __init__(self, endpoint: Endpoint, opened: ExitStack) -> None:
+        self.socket = opened.enter_context(open_socket(endpoint))
         self.socket.setblocking(False)
         self._peer: tuple[str, int] | None = None
         self._is_connected = endpoint.kind == "udpout"
@@ -143,12 +148,6 @@ class Publisher:
             frame = sender.frame(sender.messages.statustext_encode(severity, said))
             self._send([frame], sysid)
 
-    def close(self) -> None:
-        """Close what was opened; the tap is closed by its owner."""
-        for way in self._ways.values():
-            if isinstance(way, OverUdp):
-                way.socket.close()
-
     def _send(self, frames: list[bytes], sysid: int) -> None:
         """Send frames, each in a datagram of its own; a way's refusal is reported one time."""
         for name, frame in product(self._ways, frames):
@@ -206,10 +205,11 @@ def parse_all(texts: Sequence[str], tapped: Endpoint) -> dict[str, Endpoint | No
     return places
 
 
+@contextmanager
 def open_publisher(
     texts: Sequence[str], tap: Tap, compid: int = COMPID, key: SigningKey | None = None
-) -> Publisher:
-    """Return the open publisher to what each ``--publish`` names, next to this tap.
+) -> Iterator[Publisher]:
+    """Yield the open publisher to what each ``--publish`` names, next to this tap; then close it.
 
     Raises:
         ConfigError: as :func:`parse_all`.
@@ -219,10 +219,49 @@ def open_publisher(
     with ExitStack() as opened:
         for name, place in parse_all(texts, tap.endpoint).items():
             try:
-                ways[name] = partial(over_tap, tap) if place is None else OverUdp(place)
+                ways[name] = partial(over_tap, tap) if place is None else OverUdp(place, opened)
             except SourceError as error:
                 raise SourceError(f"--publish {name}: {error}") from error
-            if isinstance(way := ways[name], OverUdp):
-                opened.callback(way.socket.close)
-        opened.pop_all()
-    return Publisher(ways, compid, key)
+        yield Publisher(ways, compid, key)
+
+
+class Outgoing:
+    """The sender (sysid, compid) that packs messages into frames.
+
+    Each frame has the next sequence number. With ``key`` it is signed on link 0, with the present
+    time in 10 us since 2015; a time stamp is always newer than the one before, even if the clock is
+    set back.
+    """
+
+    def __init__(self, sysid: int, compid: int, key: SigningKey | None = None) -> None:
+        from pymavlink.dialects.v20 import ardupilotmega
+
+        self.messages: Any = ardupilotmega.MAVLink(None, srcSystem=sysid, srcComponent=compid)
+        """pymavlink's encoder: ``messages.heartbeat_encode(...)`` and so on."""
+        self._key = key
+        # pymavlink makes room for a signature; ours replaces the one that it writes.
+        self.messages.signing.sign_outgoing = key is not None
+        self.messages.signing.secret_key = bytes(KEY_SIZE)
+
+    def heartbeat(self) -> Any:
+        """Return the HEARTBEAT of an onboard controller."""
+        return self.messages.heartbeat_encode(_ONBOARD_CONTROLLER, _NO_AUTOPILOT, 0, 0, _ACTIVE)
+
+    def frame(self, message: Any) -> bytes:
+        """Return the frame of one message, made by ``messages``."""
+        signing = self.messages.signing
+        # Each stamp is newer than the last, because packing increments it.
+        signing.timestamp = max(signing.timestamp, int((time.time() - EPOCH_S) * TICKS_PER_S))
+        frame: bytes = bytes(message.pack(self.messages))
+        self.messages.seq = (self.messages.seq + 1) % 256
+        return frame if self._key is None else self._key.sign(frame)
+
+
+def senders(compid: int, key: SigningKey | None) -> Callable[[int], Outgoing]:
+    """Return a function from a system id to its one sender: two would use the same numbers."""
+
+    @cache
+    def sender(sysid: int) -> Outgoing:
+        return Outgoing(sysid, compid, key)
+
+    return sender

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from yawid.blocks import MessageBlock
-from yawid.sources.link.outgoing import COMPID, Outgoing, senders
+from yawid.sources.link.publisher import COMPID, Outgoing, senders
 from yawid.sources.link.tap import Tap
 from yawid.sources.open_log import ReadOptions
 

@@ -302,16 +302,15 @@ class UlogReader:
     def _controls(self) -> PlacedFields:
         is_vtol = self._status.get("is_vtol", _NONE).any() or self._vehicle_type() in VTOL_TYPES
         for own in (1, 0) if is_vtol else (0,):
-            topic = self._topics.get((f"actuator_controls_{own}", 0))
-            if topic is not None:
-                controls = array(topic, "control", 8)
-                return _timed("ACTUATOR_CONTROL_TARGET", topic, controls=controls)
-            topic = self._topics.get(("vehicle_torque_setpoint", own))
-            if topic is not None:
-                # Roll, pitch and yaw have the same indices as in actuator_controls_0.
-                controls = np.full((len(topic["timestamp"]), 8), np.nan)
-                controls[:, :3] = array(topic, "xyz", 3)
-                return _timed("ACTUATOR_CONTROL_TARGET", topic, controls=controls)
+            # Roll, pitch and yaw have the same indices in both.
+            wanted = (
+                (f"actuator_controls_{own}", 0, "control"),
+                ("vehicle_torque_setpoint", own, "xyz"),
+            )
+            for name, instance, column in wanted:
+                if (topic := self._topics.get((name, instance))) is not None:
+                    controls = array(topic, column, 8)
+                    return _timed("ACTUATOR_CONTROL_TARGET", topic, controls=controls)
         return _NONE, table("ACTUATOR_CONTROL_TARGET", 0)
 
     def _unix_minus_boot_us(self) -> int:

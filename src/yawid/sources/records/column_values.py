@@ -1,5 +1,7 @@
 """A column's values in the table's unit, or an error of one line that asks for what is missing."""
 
+import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -9,10 +11,23 @@ from yawid.blocks import Floats, Held, Ints, RecordBlock
 from yawid.errors import ConfigError, SourceError
 from yawid.quantities.table import CHANNELS
 from yawid.quantities.units import HALF_TRAVEL, UNITS, Unit, unit_of
-from yawid.sources.records.find_columns import Asked, Found
+from yawid.quantities.vehicles import (
+    ARDUPILOT,
+    AUTOPILOT_NAMES,
+    FIXED_WING,
+    PX4,
+    mode_name,
+    px4_custom_modes,
+)
+from yawid.sources.records.find_columns import (
+    RUDDER_UNIT,
+    SIGN,
+    UNITS_OPTION,
+    Asked,
+    Found,
+    LackingError,
+)
 from yawid.sources.records.headers import ANGLES, KINDS, is_column
-from yawid.sources.records.lacking import RUDDER_UNIT, SIGN, LackingError
-from yawid.sources.records.lacking import UNITS as ANGLE_UNITS
 from yawid.sources.records.rows import (
     BACK_US,
     in_flight,
@@ -20,8 +35,7 @@ from yawid.sources.records.rows import (
     largest_stroke,
     usual_interval_us,
 )
-from yawid.sources.records.tables import Table
-from yawid.sources.records.times import NO_DATE, is_unix
+from yawid.sources.records.tables import NO_DATE, Table, is_unix
 
 MOST: Final = {
     **dict.fromkeys(("q", "turn_rate"), 3.0),
@@ -50,6 +64,10 @@ AILERON_RAD: Final = float(np.deg2rad(1.0))
 MOST_BACK_SHARE, MOST_BACK = 0.01, 10
 """With more steps back than this share of the rows, and than this number, the rows are not in
 order."""
+_NUMBER: Final = re.compile("[0-9]{1,10}")
+FIRST_UNNAMED: Final = 1000
+"""The first number for modes with unknown names: the name is lost, but changes of mode are not."""
+_NUMBERS: Final = {ARDUPILOT: range(64), PX4: sorted({*px4_custom_modes(np.arange(64)).tolist()})}
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,7 +120,7 @@ def in_its_unit(table: Table, name: str, found: Found) -> Floats:
             f"give it by --columns 'r={header.name}[deg/s]' or 'r={header.name}[rad/s]'"
         )
     if why is not None:
-        options = ANGLE_UNITS if own in ANGLES else {}
+        options = UNITS_OPTION if own in ANGLES else {}
         columns = () if own in ANGLES else (f"{name}={header.name}[UNIT]",)
         what = f"the unit of {header.name} (up to {most:.4g})"
         raise LackingError(f"{place_of(table, found)}: {why}", what, options, columns)
@@ -283,3 +301,28 @@ def _must_have_all(
 
 def _say_unit(t: Found) -> str:
     return f"; give another unit by --columns 't={t.header.name}[ms]'"
+
+
+def modes_of(texts: Sequence[str], autopilot: str | None) -> tuple[Floats, tuple[int, int]]:
+    """Return different texts (n,) as HEARTBEAT.custom_mode, NaN for an empty one, and the vehicle.
+
+    That is autopilot and vehicle type: the ``autopilot`` named, else the one that has most of the
+    names; (0, 0) where no autopilot has any.
+    """
+    names = [text for text in texts if text and not _NUMBER.fullmatch(text)]
+    known = {who: _numbers(who) for who in _NUMBERS} if names or autopilot else {}
+    who = next((each for each in _NUMBERS if AUTOPILOT_NAMES[each] == autopilot), 0)
+    if not who and names:
+        who = max(known, key=lambda each: sum(name in known[each] for name in names))
+        who = who if any(name in known[who] for name in names) else 0
+    numbers = dict(known.get(who, {}))
+    for name in names:
+        numbers.setdefault(name, FIRST_UNNAMED + len(numbers))
+    found = [float(t) if _NUMBER.fullmatch(t) else numbers.get(t, np.nan) for t in texts]
+    return np.array(found, float), (who, FIXED_WING if who else 0)
+
+
+def _numbers(autopilot: int) -> dict[str, int]:
+    """Return the numbers of an autopilot's modes by name."""
+    named = ((mode_name(autopilot, FIXED_WING, n), n) for n in _NUMBERS[autopilot])
+    return {name: number for name, number in named if not name.startswith("mode ")}

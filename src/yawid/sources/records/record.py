@@ -27,17 +27,23 @@ from yawid.sources.records.column_values import (
     in_its_unit,
     is_assumed,
     kind_of,
+    modes_of,
     place_of,
     possible,
     rudder_of,
     times_of,
 )
-from yawid.sources.records.find_columns import LATERAL, Asked, Found, find_columns
-from yawid.sources.records.lacking import LackingError, gathered, raise_all
-from yawid.sources.records.modes import modes_of
+from yawid.sources.records.find_columns import (
+    LATERAL,
+    Asked,
+    Found,
+    LackingError,
+    find_columns,
+    gathered,
+    raise_all,
+)
 from yawid.sources.records.rows import Rows, same
-from yawid.sources.records.tables import MAGIC, CsvTable, ParquetTable, Table
-from yawid.sources.records.times import offsets_us
+from yawid.sources.records.tables import MAGIC, CsvTable, ParquetTable, Table, offsets_us
 
 SHORTEST: Final = 3
 """The least number of rows, and of columns: t, rudder, r."""

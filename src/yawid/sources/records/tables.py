@@ -28,11 +28,9 @@ from yawid.sources.records.csv_header import (
     lines_of,
     read_header,
 )
-from yawid.sources.records.times import FIRST_YEAR, LAST_YEAR, NO_DATE
 
 PIECE: Final = 1 << 18
 MAGIC: Final = b"PAR1"
-_AFTER_LAST_YEAR_S: Final = int(datetime(LAST_YEAR + 1, 1, 1, tzinfo=UTC).timestamp())
 _PER_S: Final = {"s": 1, "ms": 10**3, "us": 10**6, "ns": 10**9}
 _NULLS: Final = sorted(
     {spelt for each in MISSING for spelt in (each, each.upper(), each.title())} | {"NaN"}
@@ -43,6 +41,14 @@ _NAN: Final = np.float64(np.nan)
 _IN_COLUMN: Final = re.compile(r"In CSV column #(\d+):")
 _CELLS: Final = re.compile(r"columns, got (\d+): (.{0,60})")
 _NO_TIME: Final = "is not a time: seconds, Unix time or ISO 8601 with a date is needed"
+UNIX_S: Final = 1e9
+"""The least number of seconds that counts as Unix time (2001): no boot lasts as long."""
+LATEST_S: Final = 4.2e9
+"""The greatest number of seconds that counts as Unix time (2103)."""
+NO_DATE: Final = np.iinfo(np.int64).min
+"""The Unix time in ns that stands for an unknown date."""
+FIRST_YEAR, LAST_YEAR = 1970, 2199
+_AFTER_LAST_YEAR_S: Final = int(datetime(LAST_YEAR + 1, 1, 1, tzinfo=UTC).timestamp())
 
 
 class Table(ABC):
@@ -340,3 +346,23 @@ class CsvTable(Table):
         """Return in words the line of a row of the data."""
         at, _ = next(islice(self._data(), row, None))
         return f"line {at + 1}"
+
+
+def is_unix(t_s: Floats) -> bool:
+    """Return whether times in s (n,), of which at least one is known, count from 1970."""
+    known = t_s[np.isfinite(t_s)]
+    return bool(known.min() >= UNIX_S and known.max() < LATEST_S)
+
+
+def offsets_us(t_us: Ints, unix_ns: Ints) -> Ints:
+    """Return Unix minus boot time in us (n,) from known dates (n,), each held to the next one.
+
+    It is 0 if all dates are unknown.
+    """
+    known = np.flatnonzero(unix_ns != NO_DATE)
+    if not len(known):
+        return np.zeros(len(t_us), np.int64)
+    found = np.floor_divide(unix_ns[known] + 500, 1000) - t_us[known]
+    newest = np.maximum(np.searchsorted(known, np.arange(len(t_us)), side="right") - 1, 0)
+    held: Ints = found[newest]
+    return held
