@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -12,10 +10,9 @@ from lateral.flown import DERIVATIVES, flown
 from linear_flights import airframe, modes
 from scipy.linalg import expm
 
-from yawid.blocks import Floats
 from yawid.lateral.airframe import Airframe, Known
 from yawid.lateral.criterion import Criterion
-from yawid.lateral.fit import after_bend, fit, guesses
+from yawid.lateral.fit import fit, guesses
 from yawid.lateral.fit_airframe import autocorrelation, fit_airframe
 from yawid.lateral.gates import GATES, failed_gates
 from yawid.lateral.motion import COMMAND_STEP_S, Motion
@@ -186,31 +183,13 @@ def test_a_roll_angle_that_drifts_colours_nothing() -> None:
     assert found.roll_s.value == pytest.approx(ROLL_S, rel=0.02)
 
 
-def test_a_start_that_comes_near_to_where_another_ended_ends_there() -> None:
-    records = [Record(flown(seed=3, seconds=12.0))]
-    first, second = (Criterion(records, each, {}) for each in guesses(records, None)[:2])
-    ended = fit(first)
+def test_all_starts_end_at_one_likelihood() -> None:
+    records = [Record(flown(seed=3, seconds=12.0, lag_s=0.1))]
 
-    alone, there = fit(second), fit(second, [ended])
+    ends = [fit(Criterion(records, each, {})) for each in guesses(records, None)]
 
-    assert alone.criterion == pytest.approx(ended.criterion, abs=0.2)
-    assert alone is not ended
-    assert there is ended
-
-
-def test_a_step_follows_a_bent_valley() -> None:
-    """The innovations 2 (a - 1) and b - a^2, which are least along b = a^2."""
-
-    def at(x: Floats) -> SimpleNamespace:
-        return SimpleNamespace(x=x, e=np.array([2.0 * (x[0] - 1.0), x[1] - x[0] ** 2]))
-
-    valley: Any = SimpleNamespace(at=at, is_noise=np.zeros(2, bool), least=np.full(2, -np.inf))
-    start: Any = at(np.zeros(2))
-    J = np.diag([2.0, 1.0])
-
-    moved = after_bend(valley, start, np.array([0.4, 0.0]), J, J.T @ J)
-
-    np.testing.assert_allclose(moved, [0.4, 0.16], atol=1e-12)
+    assert all(each.settled for each in ends)
+    assert np.ptp([each.criterion for each in ends]) < 1.0
 
 
 def test_manoeuvres_of_one_speed_are_pooled() -> None:
@@ -258,4 +237,4 @@ def test_a_fit_that_does_not_settle_says_after_how_many_steps() -> None:
     records = [Record(motion)]
     gates = list(failed_gates(fit_airframe([motion]), records, False, 3, lag_given=False))
     said = [GATES[each.name].sentence.format(found=each.found, limit=each.limit) for each in gates]
-    assert said[0] == "the fit did not settle within 60 steps"
+    assert said[0] == "the fit did not settle within 100 steps"

@@ -72,7 +72,7 @@ def fit_airframe(motions: Sequence[Motion], *, servo_lag_s: float | None = None)
     starts = guesses(records, servo_lag_s)
     for guess in starts:
         with suppress(np.linalg.LinAlgError):  # there is no predictor at this start
-            fits.append(fit(Criterion(records, guess, priors), fits))
+            fits.append(fit(Criterion(records, guess, priors)))
     if not fits:
         raise ValueError("the fit of the bare airframe found no predictor from any start")
     fits.sort(key=lambda each: each.criterion - 2.0 * NATS * each.settled)
