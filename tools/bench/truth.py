@@ -62,9 +62,9 @@ CONDITIONS = (
     "number", "aircraft", "speed_kt", "manoeuvre", "severity", "gyro", "rate_hz", "amplitude",
     "seconds",
 )  # fmt: skip
-STRIDE = 97
+STRIDE, OPENED_STRIDE = 97, 35
 """Step between the numbers of the flights flown; coprime to their number, so that a few mix all
-conditions."""
+conditions. With --nonlinear they are 96, of which a step of 97 would take the first ones."""
 ANSWERED_PCT, MOST_Z, IN_2_PCT = 79.0, 1.3, 94.0
 LIMITS = (
     (("calm",), "wn", "median", 0.75), (("calm",), "wn", "RMS", 1.6),
@@ -337,7 +337,8 @@ def main(arguments: list[str]) -> Generator[str, None, str | None]:
     draw = Draw(run.seed, sealed_places()) if run else Draw(options.seed, own_places)
     count = PER_PLACE * len(draw.places)
     flights = min(options.flights or (count // 4 if run else count), count)
-    numbers = sorted(i * STRIDE % count for i in range(flights))
+    stride = OPENED_STRIDE if options.nonlinear else STRIDE
+    numbers = sorted(i * stride % count for i in range(flights))
     rows = all_rows(options, partial(flight_rows, draw, options.lateral), numbers)
     if run:
         run.note(dict(zip(COLUMNS, cells(rows, "manoeuvre"), strict=True)))
