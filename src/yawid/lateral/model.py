@@ -160,12 +160,14 @@ DERIVATIVES = (
 class Law:
     """A roll law found in the aileron: da = -roll_gain roll - rate_gain p + what is left of it.
 
-    An autopilot may filter the roll angle: it then goes through a lag of first order before.
+    An autopilot may filter the roll angle: it then goes through a lag of first order before. It may
+    integrate it: ``integral_gain`` is that of the roll angle's integral.
     """
 
     roll_gain: float = 0.0
     rate_gain: float = 0.0
     roll_lag_s: float = 0.0
+    integral_gain: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)

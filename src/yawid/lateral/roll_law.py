@@ -107,17 +107,18 @@ def yaw_rate_closed(theta: Floats, record: Record, law: Law) -> Floats:
 
 
 def _closed(theta: Floats, airspeed_m_s: float, law: Law) -> tuple[Floats, Floats]:
-    """Return A (v, 6, 6) and the rudder's B (v, 6, 1) under a roll law.
+    """Return A (v, 7, 7) and the rudder's B (v, 7, 1) under a roll law.
 
-    The states are beta, p, r, roll, the aileron behind its servo, and the roll angle of the law.
+    The states are beta, p, r, roll, the aileron behind its servo, the law's roll angle and its
+    integral.
     """
     A, B = airframe(theta, airspeed_m_s)
     servo_s = np.maximum(theta[:, AT["servo_lag"]], _LEAST_LAG_S)
-    whole, drive = np.zeros((len(theta), 6, 6)), np.zeros((len(theta), 6, 1))
+    whole, drive = np.zeros((len(theta), 7, 7)), np.zeros((len(theta), 7, 1))
     whole[:, :4, :4], whole[:, :4, 4] = A[:, :4, :4], B[:, :4, AILERON]
     whole[:, 4, 4], whole[:, 4, P] = -1.0 / servo_s, -law.rate_gain / servo_s
-    whole[:, 4, 5] = -law.roll_gain / servo_s
+    whole[:, 4, 5], whole[:, 4, 6] = -law.roll_gain / servo_s, -law.integral_gain / servo_s
     held = 1.0 / max(law.roll_lag_s, _LEAST_LAG_S)
-    whole[:, 5, ROLL], whole[:, 5, 5] = held, -held
+    whole[:, 5, ROLL], whole[:, 5, 5], whole[:, 6, 5] = held, -held, 1.0
     drive[:, :4, 0] = B[:, :4, RUDDER]
     return whole, drive

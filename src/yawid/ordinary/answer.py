@@ -18,6 +18,7 @@ cycle shows in the second, in which errors of the model are not; a line that onl
 part of the inputs, and shows in the first.
 """
 
+import dataclasses
 import math
 
 import numpy as np
@@ -167,7 +168,7 @@ def _with_sigma(search: Search, best: Fitted, wn: float) -> tuple[Floats, Floats
     mode, std = values_of(best, search.law)
     law, narrow = search.law, search.again(best, wn, NARROW)
     off = np.abs(mode if narrow is None else values_of(narrow, law)[0] - mode)
-    stiffer = Law((1.0 + math.sqrt(1.0 - search.explained)) * law.roll_gain, law.rate_gain)
+    stiffer = dataclasses.replace(law, roll_gain=(1.0 + math.sqrt(1.0 - search.explained)) * law.roll_gain)
     under = search.again(best, wn, law=stiffer)
     moved = np.zeros_like(mode) if under is None else values_of(under, law)[0] - mode
     total = np.hypot(IN_GUSTS * std, moved)
@@ -192,16 +193,16 @@ def values_of(found: Fitted, law: Law) -> tuple[Floats, Floats]:
     J = (values[1 : n + 1] - values[n + 1 :]).T / (2.0 * change)
     variance = np.einsum("ij,jk,ik->i", J, found.covariance, J)
     for part, step in zip(LAW_KNOWN, 1e-4 * np.eye(2), strict=True):
-        other = Law(law.roll_gain * (1.0 + step[0]), law.rate_gain * (1.0 + step[1]))
+        other = dataclasses.replace(law, roll_gain=law.roll_gain * (1.0 + step[0]), rate_gain=law.rate_gain * (1.0 + step[1]))
         variance += (1e4 * part * (of(x[None], other)[0] - values[0])) ** 2
     return values[0], np.sqrt(variance)
 
 
 def share_of_turns(found: Fitted, near: np.ndarray) -> float:
     """Return the part of p's power near the mode that the aileron's own part makes."""
-    band, asked = found.band, found.model.inputs()[0]
+    band, asked = found.band, found.model.inputs()[:, 0]
     made = np.abs(found.model.predict(found.x, slopes=False).G[:, P, 0]) ** 2
-    made = made * (asked @ band.Z @ asked).real
+    made = made * np.einsum("bi,bij,bj->b", asked, band.Z, asked.conj()).real
     return float(made[near].sum() / band.Z[near, P, P].real.sum())
 
 
@@ -211,7 +212,8 @@ def largest_line(found: Fitted) -> float:
     Z = np.sum([np.pad(band.Z, ((i, 2 - i), (0, 0), (0, 0))) for i in range(3)], axis=0)[1:-1]
     count = np.convolve(band.n, np.ones(3), "same")
     M, _ = left_over(band, found.model, at.G)
-    inputs, along = U @ Z @ U.T, M @ Z @ U.T
+    back = U.conj().swapaxes(-1, -2)
+    inputs, along = U @ Z @ back, M @ Z @ back
     inputs += 1e-9 * np.eye(3) * (np.einsum("bii->bi", inputs)[:, :, None] + 1e-20)
     E = M @ Z @ M.conj().swapaxes(-1, -2)
     driven = along @ np.linalg.inv(inputs) @ along.conj().swapaxes(-1, -2)
@@ -231,7 +233,7 @@ def largest_line(found: Fitted) -> float:
 def spectrum_of(found: Fitted) -> OrdinarySpectrum:
     """Return the spectra measured, and those of the fit with the inputs as they were."""
     band, at, U = found.band, found.model.predict(found.x, slopes=False), found.model.inputs()
-    driven = at.G @ U @ band.Z @ U.conj().T @ at.G.conj().swapaxes(-1, -2)
+    driven = at.G @ U @ band.Z @ U.conj().swapaxes(-1, -2) @ at.G.conj().swapaxes(-1, -2)
     both = OUTPUTS @ band.Z @ OUTPUTS.T, driven + band.n[:, None, None] * at.S
     measured, modelled = (
         {name: (x[:, i, i].real / band.n).tolist() for i, name in enumerate(("p", "r", "roll"))}

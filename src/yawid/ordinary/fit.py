@@ -119,10 +119,12 @@ def is_stable(x: Floats, model: Model) -> bool:
     A, B = airframe(full(x[None]), model.airspeed_m_s)
     k = np.array([0.0, model.law.rate_gain, 0.0, model.law.roll_gain])
     lag, delay = (max(float(x[FREE_AT[name]]), LEAST_LAG_S) for name in ("servo_lag", "delay"))
-    whole = np.zeros((6, 6))
+    whole = np.zeros((7, 7))
     whole[:4, :4], whole[:4, 4] = A[0, :4, :4], B[0, :4, BY_AILERON]
     whole[4, :4], whole[4, 4], whole[4, 5] = k / lag, -1.0 / lag, -2.0 / lag
     whole[5, :4], whole[5, 5] = 2.0 / delay * k, -2.0 / delay
+    whole[4:6, 6] = model.law.integral_gain * np.array([1.0 / lag, 2.0 / delay])
+    whole[6, 3] = 1.0
     signs = x[FREE_AT["L_p"]] < 0.0 < x[FREE_AT["L_delta_a"]]
     if not np.isfinite(whole).all() or not signs:
         return False
@@ -144,7 +146,7 @@ def start_at(
     T[:, 0, ROLL_RATE], T[:, 0, R] = pitch * lag, -lag
     T[:, 0, ROLL] = GRAVITY / model.airspeed_m_s * lag
     T[:, 1, ROLL_RATE] = T[:, 2, R] = 1.0
-    T[:, 3] = model.inputs()[0]
+    T[:, 3] = model.inputs()[:, 0]
     XX = (T @ Z @ T.conj().swapaxes(-1, -2)).real.sum(0)
     Xp = (T @ Z[:, :, :1] * s.conj()[:, None, None])[..., 0].real.sum(0)
     by = np.linalg.solve(XX + np.diag(1e-6 * np.diag(XX) + 1e-12), Xp)

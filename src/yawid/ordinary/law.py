@@ -1,13 +1,17 @@
 """The roll law of an autopilot, by sums that windows add up.
 
-    da = -kf roll - kp p + a          a: what is asked for, above all the turns
+    da = -kf roll - kp p - ki (integral of roll) + a     a: what is asked for, above all the turns
 
 A bank that is asked for as a ramp vanishes in second differences over a lag,
 
-    d2 da = -kf d2 roll - kp d2 p + d2 a,       d2 x(k) = x(k + m) - 2 x(k) + x(k - m)
+    d2 x(k) = x(k + m) - 2 x(k) + x(k - m)
 
 and what is left of a, where a turn begins or ends, is trimmed: of each window the samples count
 that its own regression fits best. First differences made the law 7 % low.
+
+The integral is that of an autopilot's rate loop, which integrates the roll rate that it misses: the
+roll angle. A hold of the course looks like one, too, for the course is the integral of the roll.
+Without it PX4's law in gusts had a gain of p of -.2 for .18, and a 737's wn was 8 and 12 % high.
 """
 
 import numpy as np
@@ -26,10 +30,11 @@ KEPT = 0.7
 
 
 def law_sums(aileron: Floats, roll: Floats, p: Floats, step_s: float) -> Floats:
-    """Return for each lag the sums of products (l, 4, 4) of d2 of da, roll and p, and of 1."""
-    found = np.zeros((len(LAGS_S), 4, 4))
+    """Return for each lag the sums of products (l, 5, 5) of d2 of da, roll, p, integral, and 1."""
+    found = np.zeros((len(LAGS_S), 5, 5))
     each = max(1, round(MEAN_S / step_s))
-    sums = np.cumsum(np.pad(np.stack([aileron, roll, p], axis=1), ((1, 0), (0, 0))), axis=0)
+    columns = np.stack([aileron, roll, p, np.cumsum(roll) * step_s], axis=1)
+    sums = np.cumsum(np.pad(columns, ((1, 0), (0, 0))), axis=0)
     signals = (sums[each:] - sums[:-each]) / each
     for i, lag_s in enumerate(LAGS_S):
         m = max(1, round(lag_s / step_s))
@@ -46,18 +51,19 @@ def law_sums(aileron: Floats, roll: Floats, p: Floats, step_s: float) -> Floats:
 
 
 def law_of(sums: Floats) -> tuple[Law, float]:
-    """Return the law of sums (l, 4, 4), and the part of the aileron that it explains.
+    """Return the law of sums (l, 5, 5), and the part of the aileron that it explains.
 
     Without one, as of a pilot or of commands of other times, its gains are 0.
     """
     best, explained = Law(), 0.0
     for S in sums:
-        power = S[0, 0] - S[0, 3] ** 2 / max(S[3, 3], 1.0)
+        power = S[0, 0] - S[0, -1] ** 2 / max(S[-1, -1], 1.0)
         if not power > 0.0:
             continue
         scale = np.sqrt(np.diag(S)[1:]) + 1e-12
         gains = np.linalg.lstsq(S[1:, 1:] / np.outer(scale, scale), S[1:, 0] / scale, 1e-9)[0]
         part = 1.0 - (S[0, 0] - S[0, 1:] @ (gains / scale)) / power
         if part > explained and gains[0] < 0.0:
-            best, explained = Law(-float(gains[0] / scale[0]), -float(gains[1] / scale[1])), part
+            roll, rate, integral = (-gains[:3] / scale[:3]).tolist()
+            best, explained = Law(roll, rate, integral_gain=integral), part
     return best, float(explained)

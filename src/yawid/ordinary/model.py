@@ -2,8 +2,8 @@
 
 A is the airframe's of ``lateral/model.py``. With s = j w, and D(s) the servo after a command,
 
-    D(s) = exp(-s delay) / (1 + s servo_lag),   k = [0, kp, 0, kf]      of beta, p, r and roll
-    (s I - A + B D k) x = B D (a - kp e_p - kf e_roll) + [g/V, 0, 0, 0] f1 + [0, 0, 0, 1] f2 + gusts
+    D(s) = exp(-s delay) / (1 + s servo_lag),   k(s) = [0, kp, 0, kf + ki / s] of beta, p, r and roll
+    (s I - A + B D k) x = B D (a - k e) + [g/V, 0, 0, 0] f1 + [0, 0, 0, 1] f2 + gusts
     B = [0, L_delta_a, N_delta_a, 0]        with the rudder that follows the aileron in it
     lateral gust b:   [Y_beta, L_beta + f(s) L_r, N_beta + f(s) N_r, 0] b,   f = c s / (1 + s T)
     rolling gust w:   [0, L_p, N_p, 0] w
@@ -119,14 +119,15 @@ class Model:
         o, s, w = dict(zip(FREE, x, strict=True)), 1j * self.w, self.w
         A, B, dA, dB = self._airframe(x)
         servo = np.exp(-s * o["delay"]) / (1.0 + s * o["servo_lag"])
-        k = np.array([0.0, self.law.rate_gain, 0.0, self.law.roll_gain])
+        k = self._feedback()
         Bs = servo[:, None] * B
-        inverse = np.linalg.inv(s[:, None, None] * np.eye(4) - A + Bs[:, :, None] * k)
+        inverse = np.linalg.inv(s[:, None, None] * np.eye(4) - A + Bs[:, :, None] * k[:, None])
         logs = "log_gust", "log_gust_rate", "log_roll_gust_rate", "log_span_lag"
         b0, rate, roll_rate, span = (np.exp(o[x]) for x in logs)
         passing = b0 * np.sqrt(2.0 * rate / (w**2 + rate**2))
         rolling = np.exp(o["log_roll_gust"]) / np.sqrt(1.0 + (w / roll_rate) ** 2)
-        fed_back = np.exp(o["log_sigma_p"]) * k[P], np.exp(o["log_sigma_roll"]) * k[ROLL_ANGLE]
+        noise = np.exp([o["log_sigma_p"], o["log_sigma_roll"]])
+        fed_back = (noise * k[:, [P, ROLL_ANGLE]])[:, None]
         slope = s / (1.0 + s * span)
 
         def gusts(A: Floats) -> Complex:
@@ -138,11 +139,11 @@ class Model:
         D = np.zeros((len(w), 4, 8), complex)
         D[:, :, 0], D[:, 0, 1], D[:, 3, 2] = Bs, GRAVITY / self.airspeed_m_s, 1.0
         D[:, :, 3:5], D[:, 2, 5] = gusts(A), np.exp(o["log_yaw_gust"])
-        D[:, :, 6], D[:, :, 7] = -fed_back[0] * Bs, -fed_back[1] * Bs
+        D[:, :, 6:] = -fed_back * Bs[:, :, None]
         X = inverse @ D
         H = X[:, 1:, 3:].copy()
-        H[:, 0, 3] += np.exp(o["log_sigma_p"])
-        H[:, 2, 4] += np.exp(o["log_sigma_roll"])
+        H[:, 0, 3] += noise[0]
+        H[:, 2, 4] += noise[1]
         S = H @ H.conj().swapaxes(-1, -2)
         S[:, 1, 1] += np.exp(2.0 * o["log_sigma_r"])
         if not slopes:
@@ -153,11 +154,10 @@ class Model:
         dservo = {"delay": -s * servo, "servo_lag": -s * servo / (1.0 + s * o["servo_lag"])}
         for i, name in enumerate(STRUCTURE):
             dBs = servo[:, None] * dB[i] + dservo.get(name, np.zeros(1))[:, None] * B
-            dX[i] = dA[i] @ X - dBs[:, :, None] * (k @ X)[:, None]
+            dX[i] = dA[i] @ X - dBs[:, :, None] * (k[:, None] @ X)
             dX[i, :, :, 0] += dBs
             dX[i, :, :, 3:5] += gusts(dA[i])
-            dX[i, :, :, 6] -= fed_back[0] * dBs
-            dX[i, :, :, 7] -= fed_back[1] * dBs
+            dX[i, :, :, 6:] -= fed_back * dBs[:, :, None]
         dX[-2, :, 1:3, 3] = (passing * slope)[:, None] * A[1:3, 2]
         dX[-1] = -o["frozen"] * (span * slope)[:, None, None] * dX[-2]
         dX = inverse @ dX
@@ -186,11 +186,18 @@ class Model:
             (B[1:n] - B[n:]) / (2.0 * _DIFFERENCE),
         )
 
+    def _feedback(self) -> Complex:
+        """Return k (b, 4)."""
+        k = np.zeros((len(self.w), 4), complex)
+        k[:, P] = self.law.rate_gain
+        k[:, ROLL_ANGLE] = self.law.roll_gain + self.law.integral_gain / (1j * self.w)
+        return k
+
     def inputs(self) -> Complex:
-        """Return U (3, 6), which makes [a, f1, f2] of the six signals."""
-        U = np.zeros((3, 6), complex)
-        U[0, 0], U[0, ROLL], U[0, AILERON] = self.law.rate_gain, self.law.roll_gain, 1.0
-        U[1, 4] = U[2, 5] = 1.0
+        """Return U (b, 3, 6), which makes [a, f1, f2] of the six signals."""
+        U, k = np.zeros((len(self.w), 3, 6), complex), self._feedback()
+        U[:, 0, 0], U[:, 0, ROLL], U[:, 0, AILERON] = k[:, P], k[:, ROLL_ANGLE], 1.0
+        U[:, 1, 4] = U[:, 2, 5] = 1.0
         return U
 
 

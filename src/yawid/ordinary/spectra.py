@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from yawid.blocks import Floats
 from yawid.lateral.motion import Motion
+from yawid.quantities.airspeed import GRAVITY
 from yawid.ordinary.law import LAGS_S, law_sums
 
 Complex = NDArray[np.complex128]
@@ -38,7 +39,7 @@ class Sums:
     """The sums over windows of nearly one airspeed; ``a + b`` are those of both.
 
     ``w`` (b,) sums the frequencies of each bin, ``n`` (b,) counts them, ``Z`` (b, 6, 6) sums
-    z z^H. ``law`` (l, 4, 4) is what the roll law's regression needs: see :func:`law_sums`.
+    z z^H. ``law`` (l, 5, 5) is what the roll law's regression needs: see :func:`law_sums`.
     ``seconds`` is the time that is new with these windows; ``speed`` and ``pitch`` are
     their integrals over it. ``step_s`` is the largest sample time, ``turns`` counts turns.
     """
@@ -59,7 +60,7 @@ class Sums:
         """Return the sums of no window."""
         bins = len(EDGES) - 1
         zero = np.zeros((bins, 6, 6), np.complex128)
-        return cls(np.zeros(bins), np.zeros(bins), zero, np.zeros((len(LAGS_S), 4, 4)))
+        return cls(np.zeros(bins), np.zeros(bins), zero, np.zeros((len(LAGS_S), 5, 5)))
 
     def __add__(self, other: "Sums") -> "Sums":
         values = {name: getattr(self, name) + getattr(other, name) for name in self.__slots__}
@@ -87,7 +88,9 @@ def spectra_of(motion: Motion, aileron: Floats) -> tuple[Floats, Floats, Complex
     """Return w, n and Z of one window, whose samples are all known; aileron (n,) is on its grid."""
     p, r, roll, pitch, q = motion.p, motion.r, motion.roll, motion.pitch, motion.q
     turn = np.tan(pitch) * (q * np.sin(roll) + r * np.cos(roll))
-    z = np.stack([p, r, roll, aileron, np.cos(pitch) * np.sin(roll), turn])
+    force = np.cos(pitch) * np.sin(roll)
+    force += motion.airspeed_m_s / GRAVITY * np.tan(pitch) / np.cos(roll) * p
+    z = np.stack([p, r, roll, aileron, force, turn])
     n, Ts, bins = z.shape[1], motion.sample_time_s, len(EDGES) - 1
     taper = 0.5 - 0.5 * np.cos(math.tau * (np.arange(n) + 0.5) / n)
     tapered = (z - (z @ taper)[:, None] / taper.sum()) * taper
@@ -114,6 +117,8 @@ def band(sums: Sums, low: float, high: float, joined: int = 1) -> Band:
     """Return the spectra from ``low`` to ``high`` rad/s, ``joined`` bins as one."""
     pitch = sums.pitch / max(sums.seconds, 1e-9)
     T = np.eye(6)
+    speed_m_s = sums.speed / max(sums.seconds, 1e-9)
+    T[FORCE, P] = -speed_m_s / GRAVITY * math.tan(pitch)
     T[FORCE, ROLL], T[TURN, R] = -math.cos(pitch), -math.tan(pitch)
     rows = (EDGES[:-1] >= low) & (EDGES[1:] <= high) & (sums.n > 0.0)
     starts = np.arange(0, np.count_nonzero(rows), joined)
