@@ -108,11 +108,15 @@ class Predicted:
 
 @dataclass(frozen=True, slots=True)
 class Model:
-    """The model at frequencies ``w`` (b,) in rad/s, at one airspeed and under one roll law."""
+    """The model at frequencies ``w`` (b,) in rad/s, at one airspeed and under one roll law.
+
+    ``noise`` (b, 3, 3) takes the place of S where it is given: gusts then do not show the mode.
+    """
 
     w: Floats
     airspeed_m_s: float
     law: Law
+    noise: Complex | None = None
 
     def predict(self, x: Floats, *, slopes: bool = True) -> Predicted:
         """Return what is predicted of parameters x (n,); without ``slopes`` these are empty."""
@@ -146,6 +150,7 @@ class Model:
         H[:, 2, 4] += noise[1]
         S = H @ H.conj().swapaxes(-1, -2)
         S[:, 1, 1] += np.exp(2.0 * o["log_sigma_r"])
+        S = S if self.noise is None else self.noise
         if not slopes:
             empty = np.zeros((0, len(w), 3, 3), complex)
             return Predicted(X[:, 1:, :3], S, empty, empty)
@@ -171,6 +176,7 @@ class Model:
         dS = dH @ H.conj().swapaxes(-1, -2)
         dS += dS.conj().swapaxes(-1, -2)
         dS[FREE_AT["log_sigma_r"], :, 1, 1] += 2.0 * np.exp(2.0 * o["log_sigma_r"])
+        dS *= self.noise is None
         return Predicted(X[:, 1:, :3], S, dG, dS)
 
     def _airframe(self, x: Floats) -> tuple[Floats, Floats, Floats, Floats]:

@@ -1,15 +1,17 @@
 """The search for the best fit: starts over all frequencies, each to its end, the best of them."""
 
 import math
+from typing import Any
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from yawid.blocks import Floats
 from yawid.lateral.model import Law, modes
-from yawid.ordinary.fit import Fitted, fit, start_at
+from yawid.ordinary.fit import Fitted, fit, left_over, start_at
 from yawid.ordinary.law import law_of
 from yawid.ordinary.model import Model, full
-from yawid.ordinary.spectra import Band, Sums, band
+from yawid.ordinary.spectra import Band, Complex, Sums, band
 
 BAND = 0.3, 3.5
 """The band of a fit in wn: below it turns are not linear, above it other modes begin."""
@@ -23,6 +25,8 @@ LEAST_OF_LAW = 0.05
 """There is no law where it explains less of the aileron: a pilot, or commands of other times."""
 USABLE = 0.8
 """The part of the Nyquist frequency below which spectra are used."""
+ROUNDS, NOISE_BINS = 4, 5
+"""The fits by turns, and the bins on each side over which the noise is a mean: 13 % of w."""
 FEWEST = 10
 """The fewest bins of a fit."""
 
@@ -71,19 +75,43 @@ class Search:
         data = band(self._sums, parts[0] * wn, min(parts[1] * wn, self.limit))
         return self._fit(start.x, data, wn, law=law)
 
+    def by_turns(self, start: Fitted) -> Fitted | None:
+        """Return the fit of what the inputs make alone, whose noise is what each fit leaves."""
+        found: Fitted | None = start
+        for _ in range(ROUNDS):
+            if found is None:
+                return None
+            _, E = left_over(start.band, start.model, start.model.predict(found.x, slopes=False).G)
+            noise = around(E, 2 * NOISE_BINS + 1) / around(start.band.n, 2 * NOISE_BINS + 1)[:, None, None]
+            found = self._fit(found.x, start.band, wn_of(start), noise=noise)
+        return found
+
     def _fit(
-        self, x: Floats | None, data: Band, wn: float, steps: int = 40, law: Law | None = None
+        self,
+        x: Floats | None,
+        data: Band,
+        wn: float,
+        steps: int = 40,
+        law: Law | None = None,
+        noise: Complex | None = None,
     ) -> Fitted | None:
         if len(data.w) < FEWEST:
             return None
         wide = Model(self._wide.w, self.airspeed_m_s, self.law)
         start, guess = start_at(wn, self._wide, wide, self._pitch, self._noise)
-        model = Model(data.w, self.airspeed_m_s, law or self.law)
+        model = Model(data.w, self.airspeed_m_s, law or self.law, noise)
         try:
             found = fit(start if x is None else x, data, model, guess, steps)
         except np.linalg.LinAlgError:
             return None
         return found if math.isfinite(found.loss) and math.isfinite(wn_of(found)) else None
+
+
+def around(x: Complex | Floats, count: int) -> Any:
+    """Return the sums of rows (b, ...) over ``count`` of them around each, mirrored at the ends."""
+    half = count // 2
+    padded = np.pad(x, [(half, half)] + [(0, 0)] * (x.ndim - 1), mode="reflect")
+    return sliding_window_view(padded, count, axis=0).sum(axis=-1)
 
 
 def wn_of(found: Fitted) -> float:
