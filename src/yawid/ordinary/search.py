@@ -25,7 +25,7 @@ LEAST_OF_LAW = 0.05
 """There is no law where it explains less of the aileron: a pilot, or commands of other times."""
 USABLE = 0.8
 """The part of the Nyquist frequency below which spectra are used."""
-ROUNDS, NOISE_BINS = 4, 5
+ROUNDS, NOISE_BINS = 2, 5
 """The fits by turns, and the bins on each side over which the noise is a mean: 13 % of w."""
 FEWEST = 10
 """The fewest bins of a fit."""
