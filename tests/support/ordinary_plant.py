@@ -55,11 +55,13 @@ def flown(
     damper: float = 0.0,
     noise: float = 0.002,
     law: tuple[float, float] = LAW,
+    integral: float = 0.0,
 ) -> Floats:
     """Return t, p, r, roll, aileron and rudder (n, 6) of a flight.
 
     ``gust`` is the sideslip of the lateral gusts in rad; ``frozen`` of their slope is a yaw rate,
-    behind a lag of ``span_s``. The turns are small, so that the motion stays linear.
+    behind a lag of ``span_s``. ``integral`` is the roll hold's, of the bank missed. The turns are
+    small, so that the motion stays linear.
     """
     rng, step_s = np.random.default_rng(seed), 1.0 / rate_hz
     A, B = airframe(derivatives, 0.0, AIRSPEED_M_S)
@@ -88,9 +90,11 @@ def flown(
     x, found = np.zeros(9), np.zeros((n, 6))
     white = rng.normal(size=(n, 9))
     errors = rng.normal(size=(n, 3)) * [noise, noise, 0.3 * noise]
+    missed = 0.0
     for k in range(n):
         p, r, roll = x[1:4] + errors[k]
-        x[6] = -law[0] * (roll - asked[k]) - law[1] * p
+        missed += (roll - asked[k]) * step_s
+        x[6] = -law[0] * (roll - asked[k]) - law[1] * p - integral * missed
         x[7] = -damper * r
         found[k] = k * step_s, p, r, roll, x[6], x[7]
         x = Phi @ x + kicks @ white[k]

@@ -17,18 +17,22 @@ from yawid.quantities.airspeed import density_ratio
 ORDINARY: Final = "ordinary"
 """The method of a verdict that is an ordinary flight's."""
 GATES: Final = (
-    "too_short", "rudder_moves", "only_feedback", "no_mode", "rate_too_low", "too_damped", "line",
-    "limit_cycle", "too_quiet", "two_answers", "band_differs", "uncertain", "no_roll_law",
-    "fit_failed",
+    "too_short", "rudder_moves", "only_feedback", "no_mode", "rate_too_low", "too_damped",
+    "turns_differ", "line", "limit_cycle", "too_quiet", "two_answers", "band_differs", "uncertain",
+    "no_roll_law", "fit_failed",
 )  # fmt: skip
 """The ids of the reasons in its own verdict."""
 
 
 class RollLaw(Part, frozen=True, kw_only=True):
-    """The roll hold found: aileron = -k_roll roll - k_p p + what is asked for; ``r2`` of it."""
+    """The roll hold found, and the ``r2`` of it.
+
+    aileron = -k_roll roll - k_p p - k_integral (integral of roll) + what is asked for
+    """
 
     k_roll: Number
     k_p: Number
+    k_integral: Number
     r2: Number
 
 

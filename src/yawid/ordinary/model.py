@@ -2,7 +2,7 @@
 
 A is the airframe's of ``lateral/model.py``. With s = j w, and D(s) the servo after a command,
 
-    D(s) = exp(-s delay) / (1 + s servo_lag),   k(s) = [0, kp, 0, kf + ki / s] of beta, p, r and roll
+    D(s) = exp(-s delay) / (1 + s servo_lag),   k = [0, kp, 0, kf + ki / s]   of beta, p, r, roll
     (s I - A + B D k) x = B D (a - k e) + [g/V, 0, 0, 0] f1 + [0, 0, 0, 1] f2 + gusts
     B = [0, L_delta_a, N_delta_a, 0]        with the rudder that follows the aileron in it
     lateral gust b:   [Y_beta, L_beta + f(s) L_r, N_beta + f(s) N_r, 0] b,   f = c s / (1 + s T)

@@ -82,7 +82,10 @@ class Search:
             if found is None:
                 return None
             _, E = left_over(start.band, start.model, start.model.predict(found.x, slopes=False).G)
-            noise = around(E, 2 * NOISE_BINS + 1) / around(start.band.n, 2 * NOISE_BINS + 1)[:, None, None]
+            noise = (
+                around(E, 2 * NOISE_BINS + 1)
+                / around(start.band.n, 2 * NOISE_BINS + 1)[:, None, None]
+            )
             found = self._fit(found.x, start.band, wn_of(start), noise=noise)
         return found
 

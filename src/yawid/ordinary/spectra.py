@@ -2,10 +2,13 @@
 
 A window of the signals z = [p, r, roll, da, f, g], where
 
-    f = cos(pitch) sin(roll)                          g / V times it is what a bank does to sideslip
+    f = cos(pitch) sin(roll) + V / g tan(alpha) p     g / V times it is what bank and p do to beta
     g = tan(pitch) (q sin(roll) + r cos(roll))        what pitch rate and yaw rate do to the roll
+    tan(alpha) = tan(pitch) / cos(roll)               in flight without climb
 
-is tapered by Hann's h, and Z_b = sum of Z(w) Z(w)^H over the frequencies of bin b, with
+A turn has a larger alpha than straight flight, and rolls into it: with one alpha for all of a calm
+flight an OV-10's wn was 10 % high. The signals are tapered by Hann's h, and Z_b = sum of
+Z(w) Z(w)^H over the frequencies of bin b, with
 
     Z(w) = sqrt(Ts / sum h^2) sum over k of h(k) (z(k) - mean) exp(-j w k Ts)
 
@@ -22,8 +25,8 @@ from numpy.typing import NDArray
 
 from yawid.blocks import Floats
 from yawid.lateral.motion import Motion
-from yawid.quantities.airspeed import GRAVITY
 from yawid.ordinary.law import LAGS_S, law_sums
+from yawid.quantities.airspeed import GRAVITY
 
 Complex = NDArray[np.complex128]
 P, R, ROLL, AILERON, FORCE, TURN = range(6)
@@ -76,7 +79,8 @@ class Sums:
 class Band:
     """The spectra in a band: w (b,) in rad/s, counts n (b,), Z (b, 6, 6) with f and g as f1 and f2.
 
-    f1 = f - cos(pitch0) roll and f2 = g - tan(pitch0) r are what a bank adds to linear motion.
+    f1 = f - cos(pitch0) roll - V / g tan(pitch0) p and f2 = g - tan(pitch0) r are what a bank adds
+    to linear motion.
     """
 
     w: Floats
