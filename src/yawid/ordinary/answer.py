@@ -114,37 +114,8 @@ def _of_fits(facts: OrdinaryAnswer, search: Search, fits: list[Fitted]) -> Ordin
     """Return the answer of fits, the best of them first."""
     best, law, wn = fits[0], search.law, wn_of(fits[0])
     mode, std, total, off = _with_sigma(search, best, wn)
-    near, nyquist_hz = _near(best, NEAR), search.limit / USABLE / math.pi
-    share, line = share_of_turns(best, near), largest_line(best)
-    above = float(np.median(best.band.Z[near, R, R].real / best.band.n[near]))
-    above /= math.exp(2.0 * best.x[FREE_AT["log_sigma_r"]])
-    apart = turns_apart(search, best, mode) if share > MOST else None
-    others = [wn_of(x) for x in fits[1:] if x.loss - best.loss < SAME_NATS]
-    other = max(others, key=lambda x: abs(x - wn), default=wn)
-    needed_hz = NARROW[1] * wn / USABLE / math.pi
-    gates = (
-        (share < SHARE, "only_feedback", f"turns make {share:.1%} of the roll rate near the mode, "
-         f"{SHARE:.0%} are needed", _TURN),
-        (needed_hz > nyquist_hz, "rate_too_low", f"the attitude comes at {nyquist_hz:.2g} Hz, for "
-         f"a mode of {wn:.2g} rad/s {needed_hz:.2g} Hz are needed", "Record ATTITUDE faster."),
-        (not 0.0 < mode[1] <= MOST_DAMPED, "too_damped", f"zeta is {mode[1]:.2f}: outside 0 to "
-         f"{MOST_DAMPED:g} neither gusts nor turns show the mode", _DOUBLETS),
-        (apart is not None and apart > MOST_APART, "turns_differ", "what the turns alone show is "
-         f"{apart or 0.0:.1f} sigma away, {MOST_APART:g} are the most: an oscillation in it is not "
-         "the aircraft's", _DOUBLETS),
-        (apart is None and line > LINES, "line", f"an oscillation near the mode stands out by "
-         f"{line:.1f} sigma, {LINES:g} are the most: a vibration, or a limit cycle of the roll "
-         "hold", _DOUBLETS),
-        (apart is None and not mode[3] >= LEAST_FLOWN, "limit_cycle", "as flown zeta is "
-         f"{mode[3]:.2f}, {LEAST_FLOWN:g} is needed: the roll hold may oscillate by itself",
-         _DOUBLETS),
-        (above < ABOVE_NOISE, "too_quiet", f"the yaw rate has {above:.1f} times the gyro's noise, "
-         f"{ABOVE_NOISE:g} are needed", _TURN),
-        (abs(other / wn - 1.0) > APART, "two_answers", f"wn may as well be {other:.2f} as {wn:.2f} "
-         "rad/s", _TURN),
-        (off[0] > max(0.06 * wn, 2.5 * IN_GUSTS * std[0]), "band_differs",
-         f"a narrower band changes wn by {off[0] / wn:.1%}", _TURN),
-    )  # fmt: skip
+    share = share_of_turns(best, _near(best, NEAR))
+    gates = _gates(search, fits, share, mode, max(0.06 * wn, 2.5 * IN_GUSTS * std[0]) - off[0])
     no_law = (
         search.explained < LEAST_LAW, "no_roll_law",
         f"roll and p explain {search.explained:.2f} of the aileron, {LEAST_LAW:g} are needed",
@@ -174,6 +145,43 @@ def _of_fits(facts: OrdinaryAnswer, search: Search, fits: list[Fitted]) -> Ordin
         band_rad_s=[float(best.band.w[0]), float(best.band.w[-1])],
         spectrum=spectrum_of(best),
     )
+
+
+def _gates(
+    search: Search, fits: list[Fitted], share: float, mode: Floats, band_leaves: float
+) -> tuple[tuple[bool, str, str, str], ...]:
+    """Return the gates of fits but that of sigma; ``band_leaves`` below 0 is a band that differs."""
+    best, wn = fits[0], wn_of(fits[0])
+    near, nyquist_hz = _near(best, NEAR), search.limit / USABLE / math.pi
+    line = largest_line(best)
+    above = float(np.median(best.band.Z[near, R, R].real / best.band.n[near]))
+    above /= math.exp(2.0 * best.x[FREE_AT["log_sigma_r"]])
+    apart = turns_apart(search, best, mode) if share > MOST else None
+    others = [wn_of(x) for x in fits[1:] if x.loss - best.loss < SAME_NATS]
+    other = max(others, key=lambda x: abs(x - wn), default=wn)
+    needed_hz = NARROW[1] * wn / USABLE / math.pi
+    return (
+        (share < SHARE, "only_feedback", f"turns make {share:.1%} of the roll rate near the mode, "
+         f"{SHARE:.0%} are needed", _TURN),
+        (needed_hz > nyquist_hz, "rate_too_low", f"the attitude comes at {nyquist_hz:.2g} Hz, for "
+         f"a mode of {wn:.2g} rad/s {needed_hz:.2g} Hz are needed", "Record ATTITUDE faster."),
+        (not 0.0 < mode[1] <= MOST_DAMPED, "too_damped", f"zeta is {mode[1]:.2f}: outside 0 to "
+         f"{MOST_DAMPED:g} neither gusts nor turns show the mode", _DOUBLETS),
+        (apart is not None and apart > MOST_APART, "turns_differ", "what the turns alone show is "
+         f"{apart or 0.0:.1f} sigma away, {MOST_APART:g} are the most: an oscillation in it is not "
+         "the aircraft's", _DOUBLETS),
+        (apart is None and line > LINES, "line", f"an oscillation near the mode stands out by "
+         f"{line:.1f} sigma, {LINES:g} are the most: a vibration, or a limit cycle of the roll "
+         "hold", _DOUBLETS),
+        (apart is None and not mode[3] >= LEAST_FLOWN, "limit_cycle", "as flown zeta is "
+         f"{mode[3]:.2f}, {LEAST_FLOWN:g} is needed: the roll hold may oscillate by itself",
+         _DOUBLETS),
+        (above < ABOVE_NOISE, "too_quiet", f"the yaw rate has {above:.1f} times the gyro's noise, "
+         f"{ABOVE_NOISE:g} are needed", _TURN),
+        (abs(other / wn - 1.0) > APART, "two_answers", f"wn may as well be {other:.2f} as {wn:.2f} "
+         "rad/s", _TURN),
+        (band_leaves < 0.0, "band_differs", "a narrower band has another wn", _TURN),
+    )  # fmt: skip
 
 
 def _with_sigma(search: Search, best: Fitted, wn: float) -> tuple[Floats, Floats, Floats, Floats]:
