@@ -115,7 +115,7 @@ def _of_fits(facts: OrdinaryAnswer, search: Search, fits: list[Fitted]) -> Ordin
     best, law, wn = fits[0], search.law, wn_of(fits[0])
     mode, std, total, off = _with_sigma(search, best, wn)
     share = share_of_turns(best, _near(best, NEAR))
-    gates = _gates(search, fits, share, mode, max(0.06 * wn, 2.5 * IN_GUSTS * std[0]) - off[0])
+    gates = _gates(search, fits, share, mode, std[0], off[0])
     no_law = (
         search.explained < LEAST_LAW, "no_roll_law",
         f"roll and p explain {search.explained:.2f} of the aileron, {LEAST_LAW:g} are needed",
@@ -148,9 +148,9 @@ def _of_fits(facts: OrdinaryAnswer, search: Search, fits: list[Fitted]) -> Ordin
 
 
 def _gates(
-    search: Search, fits: list[Fitted], share: float, mode: Floats, band_leaves: float
+    search: Search, fits: list[Fitted], share: float, mode: Floats, std: float, off: float
 ) -> tuple[tuple[bool, str, str, str], ...]:
-    """Return the gates of fits but that of sigma; ``band_leaves`` below 0 is a band that differs."""
+    """Return the gates of fits but that of sigma; ``std`` of wn is noise, ``off`` a band's."""
     best, wn = fits[0], wn_of(fits[0])
     near, nyquist_hz = _near(best, NEAR), search.limit / USABLE / math.pi
     line = largest_line(best)
@@ -180,7 +180,8 @@ def _gates(
          f"{ABOVE_NOISE:g} are needed", _TURN),
         (abs(other / wn - 1.0) > APART, "two_answers", f"wn may as well be {other:.2f} as {wn:.2f} "
          "rad/s", _TURN),
-        (band_leaves < 0.0, "band_differs", "a narrower band has another wn", _TURN),
+        (off > max(0.06 * wn, 2.5 * IN_GUSTS * std), "band_differs",
+         f"a narrower band changes wn by {off / wn:.1%}", _TURN),
     )  # fmt: skip
 
 
