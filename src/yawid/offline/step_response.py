@@ -9,10 +9,10 @@ After a step of height u0 at t = 0, with K and k in y per u::
 with root = sqrt(1 - D^2). Read off the curve: K = y_end/u0 and T where it passes 63 % (eq. 5-6);
 k = y_end/u0, and D and q from the overshoot and the time T1 of the first extremum (eq. 8-16).
 
-The record is scaled to run from 0 to 1. The formulas, applied to it as it is and averaged over a
-few samples, give the paper's answer; of the widths that one is kept whose response misses the
-record least. From it ``scipy.optimize.curve_fit`` fits the closed form with a free offset, and
-gives the sigmas.
+The record is scaled to run from 0 to 1. The formulas, applied to its moving average, give the
+paper's answer. From it ``scipy.optimize.curve_fit`` fits the closed form with a free offset, and
+gives the sigmas. A parameter must be clear of its bounds by 3 sigma, as one on a bound is that of
+another form: without an overshoot D of eq. 7 is 1.
 
 Printed slips: the limit of eq. 8 is s -> 0; eq. 15 repeats the letters of eq. 12, Delta h/k, and
 means Delta y/(k u0).
@@ -40,10 +40,10 @@ MISFIT = 0.05
 """A form is refused where its systematic misfit exceeds this share of the step."""
 FEWEST_SAMPLES = 10
 """The fewest samples after the step."""
-SMOOTHING = (0.0, 0.01, 0.03)
-"""Widths of the moving average before the reading, as shares of the record."""
+SMOOTHING = 0.01
+"""Width of the moving average before the reading, as a share of the record."""
 CLEAR = 3.0
-"""The number of sigma by which the response, an overshoot or a misfit must exceed the noise."""
+"""The sigmas by which the response or a misfit must exceed the noise, and a bound its parameter."""
 
 
 def first_order_response(t: Floats, K: float, T: float) -> Floats:
@@ -190,12 +190,11 @@ def read_step(
         raise SourceError(f"{path}: cannot be read: {why}; give a CSV with t and y") from error
     header, *rows = [line for line in text.splitlines() if line.strip()] or [""]
     names = [name.strip().lower() for name in header.split(",")]
-    for name, of_record in (("y", "r"), ("u", "rudder")):
-        if name not in names:
-            names = [name if each == of_record else each for each in names]
-    if names.count("t") != 1 or names.count("y") != 1:
+    roles = ("t",), ("y", "r"), ("u", "rudder")
+    columns = [next((each for each in role if each in names), "") for role in roles]
+    if any(not each or names.count(each) > 1 for each in columns[:2]):
         raise ConfigError(f"{path}: the first line must name one column t and one y: {names}")
-    places = [names.index(name) for name in ("t", "y", "u") if name in names]
+    places = [names.index(each) for each in columns if each]
     if rows and not any(map(str.isdigit, rows[0].split(",")[places[0]])):
         del rows[0]  # of units
     try:
@@ -239,8 +238,8 @@ def fit_step(
     def response(t: Floats, offset: float, *p: float) -> Floats:
         return offset + form.response(t, *p)
 
-    read = _read(form, t, y)
-    bounds = ([-np.inf, -np.inf, *form.low], [np.inf, np.inf, *form.high])
+    read = form.read(*_smoothed(t, y))
+    bounds = np.array([[-np.inf, -np.inf, *form.low], [np.inf, np.inf, *form.high]])
     start = np.clip([0.0, 1.0, *read], *bounds)
     exact: Any = {"jac": "3-point", "xtol": 1e-14, "ftol": 1e-14, "gtol": 1e-14}
     exact |= {"x_scale": np.maximum(np.abs(start), 1e-3), "full_output": True}
@@ -258,11 +257,16 @@ def fit_step(
     correlation = float(residual[1:] @ residual[:-1]) / max(power, 1e-300)
     if correlation > 2.0 / math.sqrt(len(t)):  # the samples count for fewer than white noise's
         covariance = covariance * (1.0 + correlation) / max(1.0 - correlation, 1e-3)
-    _check(model, t, residual, noise / abs(scale), p, covariance)
-    found = [
-        Told(value=float(value), std=math.sqrt(variance))
-        for value, variance in zip(p, np.diag(covariance), strict=True)
-    ]
+    _check(form, t, residual, noise / abs(scale), p)
+    std, size = np.sqrt(np.diag(covariance)), np.abs(p) + 1e-3
+    clear = np.minimum(p - bounds[0], bounds[1] - p) > CLEAR * std
+    is_known = clear.all() and np.linalg.cond(covariance / np.outer(size, size)) < 1e14
+    if not is_known or not std[1] < abs(p[1]) / CLEAR:
+        text = (
+            f"the record shows too little of the transient to find all parameters of {form.words}"
+        )
+        raise NotIdentifiable(text)
+    found = [Told(value=float(x), std=float(sigma)) for x, sigma in zip(p, std, strict=True)]
     gain = scale / u0
     found[1] = Told(value=found[1].value * gain, std=found[1].std * abs(gain))
     formula = dict(zip(form.names, map(float, (gain, *read)), strict=True))
@@ -306,22 +310,12 @@ def _scale(t: Floats, y: Floats) -> tuple[float, float, float]:
     return low, scale, noise
 
 
-def _read(form: Form, t: Floats, y: Floats) -> tuple[float, ...]:
-    """Return the parameters but the gain as the formulas read them off the scaled curve."""
+def _smoothed(t: Floats, y: Floats) -> tuple[Floats, Floats]:
+    """Return the times after the step and the moving average of y over them."""
     t, y = t[t >= 0.0], y[t >= 0.0]
-    found, refusal = [], None
-    for width in sorted({2 * round(0.5 * share * len(y)) + 1 for share in SMOOTHING}):
-        half = width // 2
-        mean = np.convolve(y, np.ones(width) / width, mode="valid")
-        try:
-            read = form.read(t[half : len(t) - half], mean)
-        except NotIdentifiable as error:
-            refusal = error
-            continue
-        found.append((float(np.linalg.norm(y - form.response(t, 1.0, *read))), read))
-    if not found and refusal is not None:
-        raise refusal
-    return min(found)[1]
+    half = round(0.5 * SMOOTHING * len(y))
+    width = 2 * half + 1
+    return t[half : len(t) - half], np.convolve(y, np.ones(width) / width, mode="valid")
 
 
 def _settling(form: Form, tolerance: float, p: Floats, covariance: Floats) -> Told:
@@ -334,20 +328,9 @@ def _settling(form: Form, tolerance: float, p: Floats, covariance: Floats) -> To
     return Told(value=float(settling(p)), std=math.sqrt(slope @ covariance @ slope))
 
 
-def _check(
-    model: str, t: Floats, residual: Floats, noise: float, p: Floats, covariance: Floats
-) -> None:
+def _check(form: Form, t: Floats, residual: Floats, noise: float, p: Floats) -> None:
     """Raise NotIdentifiable where the fitted form does not describe the scaled record."""
-    step, std = abs(float(p[1])), np.sqrt(np.diag(covariance))
-    if model == "second":
-        D = float(p[2])
-        # d ln(overshoot) / dD = -pi / root^3; it is clear where its logarithm is known to 1/CLEAR.
-        unsure = math.pi / (1.0 - D * D) ** 1.5 * std[2]
-        if not overshoot(D) > 1e-6 or not unsure < 1.0 / CLEAR:
-            raise NotIdentifiable(
-                f"not the form of eq. 7: its overshoot of {100.0 * overshoot(D):.2g} % is not clear"
-            )
-    settling_s = FORMS[model].settling(SETTLED, *p[2:])
+    step, settling_s = abs(float(p[1])), form.settling(SETTLED, *p[2:])
     # The mean product of neighbours is the systematic part; that of white noise is about 0.
     power = 0.0
     for rows in (t >= 0.0, (t >= 0.0) & (t <= 1.5 * settling_s)):
@@ -365,6 +348,3 @@ def _check(
             f"the record does not reach a steady state: it ends {t[-1]:.3g} s after the "
             f"step, the response needs {settling_s:.3g} s"
         )
-    size, is_known = np.abs(p) + 1e-3, std[1] < step / CLEAR and std[-1] < p[-1] / CLEAR
-    if not is_known or not np.linalg.cond(covariance / np.outer(size, size)) < 1e14:
-        raise NotIdentifiable("the record shows too little of the transient to find gain and time")
