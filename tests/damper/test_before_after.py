@@ -18,8 +18,9 @@ from yawid.answers.heard import GainSeen, VehicleSeen
 from yawid.cli import main as command_line
 from yawid.damper.autopilots import Law
 from yawid.damper.before_after import before_after
-from yawid.damper.decay import damped_sine, decays_in, pilots_rudder
+from yawid.damper.decay import damped_sine, decays_in
 from yawid.damper.identified import Facts
+from yawid.damper.loop import pilots_rudder
 from yawid.damper.refusals import gain_flown
 from yawid.trend.diff import DamperDiff, Diff
 from yawid.trend.table import print_diff

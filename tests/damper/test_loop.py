@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from yawid.damper.advice import Closed
-from yawid.damper.autopilots import AUTOPILOTS, Law, law_at
+from yawid.damper.advice import spread
+from yawid.damper.autopilots import AUTOPILOTS, Autopilot, Law
 from yawid.damper.loop import closed_dutch_roll, known_frequencies, margins
 from yawid.physics.continuous import Transfer
 
@@ -124,20 +124,19 @@ def test_a_pair_that_becomes_two_real_poles_is_left_out() -> None:
 def test_a_draw_whose_pair_becomes_real_stays_in_sigma_with_its_last_value() -> None:
     zeta = np.array([[0.5, 0.6, 0.7, 0.5, 0.7, 0.6], [0.5, 0.6, 0.7, 0.5, 0.9, 0.6]])
     after = np.array([0.5, 0.6, 0.7, 0.5, np.nan, 0.6])
-    zeta = np.vstack([zeta, after])[None]
-    s = 10.0 * (-zeta + 1j * np.sqrt(1.0 - zeta**2))
-    closed = Closed(np.array([0.0, 0.2, 0.4]), [20.0], s, s.real, s.real, s.real > 0.0)
+
+    middle, std = spread(np.vstack([zeta, after]))
 
     # The median is .6 with the fifth draw and without it.
-    assert closed.middle(closed.zeta)[0] == pytest.approx([0.6, 0.6, 0.6])
+    assert middle == pytest.approx([0.6, 0.6, 0.6])
     squares = [0.01 + 0.01 + 0.01 + late**2 for late in (0.1, 0.3, 0.3)]
-    assert closed.std(closed.zeta)[0] == pytest.approx(np.sqrt(np.array(squares) / 6.0))
+    assert std == pytest.approx(np.sqrt(np.array(squares) / 6.0))
 
 
 @pytest.mark.parametrize("loop_hz", [50.0, 400.0])
 def test_arduplanes_damper_is_the_one_of_its_source(loop_hz: float) -> None:
     values = PLANE | {"YAW2SRV_DAMP": 0.3, "YAW2SRV_INT": 0.5}
-    law = law_at(AUTOPILOTS["ardupilot"], values, loop_hz, 20.0)
+    law = AUTOPILOTS["ardupilot"].law(values, loop_hz, 20.0)
     scaler, w = 15.0 / 20.0, 4.0
 
     # The source's steps, at the loop's rate, for a yaw rate of sin(w t); see AP_YawController.cpp.
@@ -163,19 +162,25 @@ def test_the_scaling_is_held_as_in_the_sources() -> None:
     plane, px4 = AUTOPILOTS["ardupilot"], AUTOPILOTS["px4"]
     speeds = (1.0, 15.0, 22.0, 100.0)
 
-    assert [plane.scaling(PLANE, v) for v in speeds] == pytest.approx(
+    def scaling(autopilot: Autopilot, values: dict[str, float], speed: float) -> float:
+        """Return S: a gain of 1 counts as S^2 times that at S = 1."""
+        unit = math.degrees(1.0) / 45.0 if autopilot is plane else 1.0
+        return math.sqrt(autopilot.law(values, 50.0, speed).scaling / unit)
+
+    assert [scaling(plane, PLANE, v) for v in speeds] == pytest.approx(
         [15.0 / 7.0, 1.0, 15.0 / 22.0, 0.25]
     )
     old = {"SCALING_SPEED": 15.0, "ARSPD_FBW_MIN": 10.0, "ARSPD_FBW_MAX": 30.0}
-    assert plane.scaling(old, 22.0) == pytest.approx(15.0 / 22.0)
+    assert scaling(plane, old, 22.0) == pytest.approx(15.0 / 22.0)
     trim = {"FW_AIRSPD_TRIM": 15.0, "FW_AIRSPD_STALL": 7.0, "FW_AIRSPD_MAX": 20.0}
-    assert [px4.scaling(trim, v) for v in (3.0, 10.0, 40.0)] == [15.0 / 7.0, 1.5, 0.75]
-    assert px4.scaling(trim | {"FW_ARSP_SCALE_EN": 0.0}, 10.0) == 1.0
+    found = [scaling(px4, trim, v) for v in (3.0, 10.0, 40.0)]
+    assert found == pytest.approx([15.0 / 7.0, 1.5, 0.75])
+    assert scaling(px4, trim | {"FW_ARSP_SCALE_EN": 0.0}, 10.0) == 1.0
 
 
 def test_px4s_integrator_stays_as_it_is_while_p_is_raised() -> None:
     values = {"FW_YR_I": 0.1, "FW_AIRSPD_TRIM": 15.0}
-    law = law_at(AUTOPILOTS["px4"], values, 400.0, 10.0)
+    law = AUTOPILOTS["px4"].law(values, 400.0, 10.0)
 
     assert law.at(np.array([2.0j]), 0.3)[0] == pytest.approx(
         2.25 * (0.3 + 0.1 / 2.0j) * np.exp(-2.0j * 0.00125)

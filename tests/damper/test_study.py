@@ -14,8 +14,8 @@ from scipy.signal import cont2discrete, invres, lfilter
 
 import yawid
 from yawid.cli import main as command_line
-from yawid.damper.autopilots import AUTOPILOTS, READ, law_at
-from yawid.damper.response import closed_response
+from yawid.damper.autopilots import AUTOPILOTS, READ
+from yawid.damper.loop import closed_response
 from yawid.tables.run import Run
 
 WN, ZETA, V = 5.0, 0.1, 20.0
@@ -216,7 +216,7 @@ def test_a_turn_that_the_damper_feeds_back_is_refused(tmp_path: Path) -> None:
 
 def test_the_damped_response_is_that_of_the_steps_of_the_autopilot(run: Run) -> None:
     found = run.damper(autopilot="ardupilot", parameters=PLANE, gains=[0.3])
-    G, law = found.predicted.aircraft.central, law_at(AUTOPILOTS["ardupilot"], PLANE, 200.0, V)
+    G, law = found.predicted.aircraft.central, AUTOPILOTS["ardupilot"].law(PLANE, 200.0, V)
     u = np.zeros(400)
     u[20:40], u[40:60] = 0.2, -0.2
 
@@ -295,7 +295,7 @@ def test_every_parameter_of_a_loop_may_be_given() -> None:
         values = Seen(
             SCALING_SPEED=15.0, AIRSPEED_MIN=10.0, AIRSPEED_MAX=30.0, YAW2SRV_INT=0.5
         )  # fmt: skip
-        law_at(each, values, 100.0, 20.0)
+        each.law(values, 100.0, 20.0)
         each.against(values)
         read |= {each.gain, each.loop_rate, each.mix, *filter(None, [each.turn])}
         read |= {name for names in each.needs(values) for name in names}

@@ -34,7 +34,7 @@ from flights.truth import after_lead_in, linear_dutch_rolls, mean_plan
 
 from bench.table import FLOWN, all_rows, head, known, line, options_of
 from yawid.damper.decay import damped_sine
-from yawid.damper.response import closed_response
+from yawid.damper.loop import closed_response
 from yawid.damper.study import Study
 from yawid.tables.replay import replay
 from yawid.tables.run import Run
@@ -131,8 +131,8 @@ def _compared(found: Study, before: Run, log: Path, truth: dict[str, Any]) -> Ro
     closed = found.predicted.closed if found.predicted is not None else None
     assert closed is not None
     row = int(np.argmin(np.abs(closed.gains - truth["gain"])))
-    zeta, std = float(closed.middle(closed.zeta)[0, row]), float(closed.std(closed.zeta)[0, row])
-    wn = float(closed.middle(closed.wn)[0, row])
+    zeta, std = float(closed.zeta[0, row]), float(closed.zeta_std[0, row])
+    wn = float(closed.wn_rad_s[0, row])
     result: Row = {"wn": wn, "zeta": zeta, "zeta_std": std, "refused": "", **_advice(found, truth)}
     after = replay(log)
     result["z"] = _apart(before, after)

@@ -18,7 +18,6 @@ from yawid.damper.autopilots import Law
 from yawid.damper.loop import closed_dutch_roll, known_frequencies, margins
 from yawid.models.draws import Aircraft
 from yawid.models.flown import Flown
-from yawid.physics.modes import Complexes
 
 LEAST_PHASE_DEG, LEAST_GAIN_DB = 45.0, 6.0
 BOUND_PCT: Final = 5.0
@@ -40,75 +39,23 @@ LEAST_KNOWN: Final = 0.8
 
 @dataclass(frozen=True, slots=True)
 class Closed:
-    """Predictions for gains (m,) at airspeeds (v,), of n draws each: (v, m, n).
+    """Predictions for gains (m,), ascending, at airspeeds (v,): of each number an array (v, m).
 
-    ``s`` is the closed Dutch roll; ``phase_deg``, ``gain_db`` and ``beyond`` are the margins.
+    wn in rad/s and zeta are the draws' medians with their sigmas, NaN where too few draws have the
+    pair. The margins are their 5th percentiles, NaN where more than 5 % of the draws cross |L| = 1
+    where the model is not known. ``damps`` says whether a gain adds damping in 95 % of the draws,
+    True at the least gain, which is 0 or the flown one.
     """
 
     gains: Floats
     airspeeds_m_s: Sequence[float]
-    s: Complexes
-    phase_deg: Floats
-    gain_db: Floats
-    beyond: Bools
-
-    @property
-    def wn(self) -> Floats:
-        """The natural frequencies (v, m, n) in rad/s."""
-        return np.asarray(np.abs(self.s))
-
-    @property
-    def zeta(self) -> Floats:
-        """The damping ratios (v, m, n)."""
-        return np.asarray(-self.s.real / np.abs(self.s))
-
-    def middle(self, values: Floats) -> Floats:
-        """Return the medians (v, m) of the draws."""
-        known: Bools = np.isfinite(values)
-        found = np.nanmedian(np.where(known.any(axis=-1, keepdims=True), values, 0.0), axis=-1)
-        return np.where(known.mean(axis=-1) >= LEAST_KNOWN, found, np.nan)
-
-    def std(self, values: Floats) -> Floats:
-        """Return the sigmas (v, m) of all draws about those medians.
-
-        A draw whose pair has become two real poles counts with its last value as a pair: without
-        it sigma would fall at that gain.
-        """
-        rows = np.arange(len(self.gains))[:, None]
-        last = np.maximum.accumulate(np.where(np.isfinite(values), rows, 0), axis=-2)
-        apart = np.take_along_axis(values, last, axis=-2) - self.middle(values)[..., None]
-        known = np.isfinite(apart)
-        count = np.maximum(known.sum(axis=-1), 1)
-        total = np.sqrt(np.where(known, apart**2, 0.0).sum(axis=-1) / count)
-        return np.where(np.isfinite(self.middle(values)), total, np.nan)
-
-    def bound(self, values: Floats) -> Floats:
-        """Return the 5th percentiles (v, m) of the draws."""
-        found: Floats = np.percentile(values, BOUND_PCT, axis=-1, method="lower")
-        return found
-
-    @property
-    def margins_known(self) -> Bools:
-        """Whether 95 % of the draws (v, m) cross |L| = 1 only where the model is known."""
-        return np.asarray(self.beyond.mean(axis=-1) <= BOUND_PCT / 100.0)
-
-    @property
-    def stable_enough(self) -> Bools:
-        """Whether the margins suffice, (v, m)."""
-        phase = np.asarray(self.bound(self.phase_deg) >= LEAST_PHASE_DEG)
-        gain = np.asarray(self.bound(self.gain_db) >= LEAST_GAIN_DB)
-        return phase & gain & self.margins_known
-
-    @property
-    def damps(self) -> Bools:
-        """Whether the gain adds damping to the pair in 95 % of the draws, (v, m); True at 0."""
-        zeta = self.zeta
-        none = int(np.argmin(self.gains))  # the least gain is 0 or the flown one
-        start = zeta[:, none : none + 1]
-        # A pair that has become two real poles is damped more than any pair.
-        more = np.where(np.isnan(zeta) & np.isfinite(start), np.inf, zeta) - start
-        enough = self.bound(np.where(np.isnan(more), -np.inf, more)) > 0.0
-        return np.asarray(enough | (self.gains == self.gains[none]))
+    wn_rad_s: Floats
+    wn_std: Floats
+    zeta: Floats
+    zeta_std: Floats
+    gain_margin_db: Floats
+    phase_margin_deg: Floats
+    damps: Bools
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,10 +88,35 @@ def closed_with(
         wn = float(np.median(np.abs(G.dutch_roll)))
         found = margins(G, law, gains, known_frequencies(wn, sample_time_s))
         s = closed_dutch_roll(G, law, gains)
-        rows.append((s, found.phase_deg, found.gain_db, found.beyond))
-    columns = [np.stack(column) for column in zip(*rows, strict=True)]
-    s, phase, gain_db, beyond = columns
-    return Closed(gains, airspeeds_m_s, s, phase, gain_db, beyond)
+        zeta = -s.real / np.abs(s)
+        # A pair that has become two real poles is damped more than any pair.
+        more = np.where(np.isnan(zeta) & np.isfinite(zeta[0]), np.inf, zeta) - zeta[0]
+        damps = _bound(np.where(np.isnan(more), -np.inf, more)) > 0.0
+        unknown = np.where(found.beyond.mean(axis=1) > BOUND_PCT / 100.0, np.nan, 0.0)
+        least = [_bound(each) + unknown for each in (found.gain_db, found.phase_deg)]
+        rows.append((*spread(np.abs(s)), *spread(zeta), *least, damps | (gains == gains[0])))
+    return Closed(gains, airspeeds_m_s, *(np.stack(each) for each in zip(*rows, strict=True)))
+
+
+def _bound(values: Floats) -> Floats:
+    found: Floats = np.percentile(values, BOUND_PCT, axis=-1, method="lower")
+    return found
+
+
+def spread(values: Floats) -> tuple[Floats, Floats]:
+    """Return the medians (m,) of draws (m, n), and the sigmas of all draws about them.
+
+    A draw whose pair has become two real poles, NaN, counts in sigma with its last value as a pair:
+    without it sigma would fall at that gain.
+    """
+    known = np.isfinite(values)
+    some = np.where(known.any(axis=1, keepdims=True), values, 0.0)
+    middle = np.where(known.mean(axis=1) >= LEAST_KNOWN, np.nanmedian(some, axis=1), np.nan)
+    last = np.maximum.accumulate(np.where(known, np.arange(len(values))[:, None], 0), axis=0)
+    apart = np.take_along_axis(values, last, axis=0) - middle[:, None]
+    count = np.maximum(np.isfinite(apart).sum(axis=1), 1)
+    std = np.sqrt(np.nansum(apart**2, axis=1) / count)
+    return middle, np.where(np.isfinite(middle), std, np.nan)
 
 
 def largest_gain(aircraft: Aircraft, laws: Sequence[Law], airspeeds_m_s: Sequence[float]) -> float:
@@ -177,8 +149,10 @@ def recommended(closed: Closed, flown: float, aim: float | None) -> Recommended 
     """
     low_aim, high_aim = aimed(aim)
     gains = closed.gains
-    allowed = np.logical_and.accumulate((closed.stable_enough & closed.damps).all(axis=0))
-    zeta = np.where(np.isnan(closed.middle(closed.zeta)), np.inf, closed.middle(closed.zeta))
+    stable = closed.phase_margin_deg >= LEAST_PHASE_DEG  # NaN is not
+    stable &= closed.gain_margin_db >= LEAST_GAIN_DB
+    allowed = np.logical_and.accumulate((stable & closed.damps).all(axis=0))
+    zeta = np.where(np.isnan(closed.zeta), np.inf, closed.zeta)
     most = int(np.count_nonzero(allowed)) - 1
     if most < 1:
         return None
@@ -201,26 +175,16 @@ def recommended(closed: Closed, flown: float, aim: float | None) -> Recommended 
 
 def table(closed: Closed) -> list[DamperGain]:
     """Return the predictions as they are printed."""
-    wn, zeta = closed.wn, closed.zeta
-    shown = [closed.middle(wn), closed.std(wn), closed.middle(zeta), closed.std(zeta)]
-    margins_at = (closed.bound(closed.gain_db), closed.bound(closed.phase_deg))
-    bounds = [np.where(closed.margins_known, each, np.nan) for each in margins_at]
+
+    def at(v: int, m: int) -> DamperAt:
+        numbers = {name: float(getattr(closed, name)[v, m]) for name in _NAMES}
+        return DamperAt(airspeed_m_s=float(closed.airspeeds_m_s[v]), **finite(numbers))
+
+    speeds = range(len(closed.airspeeds_m_s))
     return [
-        DamperGain(
-            value=float(gain),
-            at=[
-                DamperAt(
-                    airspeed_m_s=float(speed),
-                    **finite({
-                        name: float(values[v, m])
-                        for name, values in zip(_NAMES, [*shown, *bounds], strict=True)
-                    }),
-                )
-                for v, speed in enumerate(closed.airspeeds_m_s)
-            ],
-        )
+        DamperGain(value=float(gain), at=[at(v, m) for v in speeds])
         for m, gain in enumerate(closed.gains)
-    ]  # fmt: skip
+    ]
 
 
 _NAMES = ("wn_rad_s", "wn_std", "zeta", "zeta_std", "gain_margin_db", "phase_margin_deg")

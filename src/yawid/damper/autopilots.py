@@ -16,7 +16,7 @@ within [FW_AIRSPD_STALL, FW_AIRSPD_MAX]; S = 1 where FW_ARSP_SCALE_EN is 0. Half
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -77,9 +77,10 @@ class Autopilot:
 
     ``gain`` is the parameter that is advised, ``loop_rate`` the one with the loop's rate in Hz.
     ``needs`` returns the parameters that the loop needs, each by its newest name with older ones
-    after it. ``against`` returns why the loop cannot be modelled, ``law`` the loop at an airspeed
-    in m/s, ``turn`` is the parameter of the turn's term, None without one. ``mix`` is the part of
-    the aileron that the rudder gets.
+    after it. ``against`` returns why the loop cannot be modelled, ``law`` the loop of a rate in Hz
+    at an equivalent airspeed in m/s; its delay is half a period of the loop, the mean age of a
+    command held until the next call. ``turn`` is the parameter of the turn's term, None without
+    one. ``mix`` is the part of the aileron that the rudder gets.
     """
 
     name: str
@@ -89,10 +90,13 @@ class Autopilot:
     loop_rate: str
     needs: Callable[[Parameters], tuple[tuple[str, ...], ...]]
     against: Callable[[Parameters], str | None]
-    scaling: Callable[[Parameters, float], float]
-    law: Callable[[Parameters, float], Law]
+    law: Callable[[Parameters, float, float], Law]
     turn: str | None
     mix: str
+
+    def turn_factor(self, known: Parameters) -> float | None:
+        """Return the parameter of the wanted turn, None where the damper has no such term."""
+        return None if self.turn is None else known.get(self.turn, 1.0)
 
 
 def first(values: Parameters, names: tuple[str, ...]) -> float | None:
@@ -108,17 +112,14 @@ SCALING, LOWEST, HIGHEST = (
 )
 
 
-def _arduplane_scaling(values: Parameters, airspeed_m_s: float) -> float:
+def _arduplane_law(values: Parameters, loop_hz: float, airspeed_m_s: float) -> Law:
     speed, low, high = (first(values, each) or math.nan for each in (SCALING, LOWEST, HIGHEST))
     least = min(0.5, speed / (2.0 * high))
     most = max(2.0, speed / (0.7 * max(low, LEAST_AIRSPEED_MIN)))
-    return min(max(speed / airspeed_m_s, least), most)
-
-
-def _arduplane_law(values: Parameters, loop_hz: float) -> Law:
+    S = min(max(speed / airspeed_m_s, least), most)  # noqa: N806
     washout = -math.log(KEPT_A_CALL) * loop_hz
     integral = values.get("YAW2SRV_INT", 0.0)
-    return Law(math.degrees(1.0) / 45.0, washout, integral, 0.0, 0.5 / loop_hz)
+    return Law(math.degrees(1.0) / 45.0 * S**2, washout, integral, 0.0, 0.5 / loop_hz)
 
 
 def _arduplane_against(values: Parameters) -> str | None:
@@ -132,16 +133,12 @@ def _arduplane_against(values: Parameters) -> str | None:
     return None
 
 
-def _px4_scaling(values: Parameters, airspeed_m_s: float) -> float:
-    if not values.get("FW_ARSP_SCALE_EN", 1.0):
-        return 1.0
+def _px4_law(values: Parameters, loop_hz: float, airspeed_m_s: float) -> Law:
     low = first(values, ("FW_AIRSPD_STALL", "FW_AIRSPD_MIN")) or 0.1
     high = values.get("FW_AIRSPD_MAX", math.inf)
-    return values.get("FW_AIRSPD_TRIM", math.nan) / min(max(airspeed_m_s, low), high)
-
-
-def _px4_law(values: Parameters, loop_hz: float) -> Law:
-    return Law(1.0, 0.0, 0.0, values.get("FW_YR_I", 0.0), 0.5 / loop_hz)
+    S = values.get("FW_AIRSPD_TRIM", math.nan) / min(max(airspeed_m_s, low), high)  # noqa: N806
+    S = S if values.get("FW_ARSP_SCALE_EN", 1.0) else 1.0  # noqa: N806
+    return Law(S**2, 0.0, 0.0, values.get("FW_YR_I", 0.0), 0.5 / loop_hz)
 
 
 def _px4_against(values: Parameters) -> str | None:
@@ -168,11 +165,11 @@ AUTOPILOTS: Final = {
         Autopilot(
             "ardupilot", "ArduPlane", ARDUPILOT, "YAW2SRV_DAMP", "SCHED_LOOP_RATE",
             lambda values: (("YAW2SRV_DAMP",), SCALING, LOWEST, HIGHEST),
-            _arduplane_against, _arduplane_scaling, _arduplane_law, "YAW2SRV_RLL", "KFF_RDDRMIX",
+            _arduplane_against, _arduplane_law, "YAW2SRV_RLL", "KFF_RDDRMIX",
         ),
         Autopilot(
             "px4", "PX4", PX4, "FW_YR_P", "IMU_GYRO_RATEMAX",
-            _px4_needs, _px4_against, _px4_scaling, _px4_law, None, "FW_RLL_TO_YAW_FF",
+            _px4_needs, _px4_against, _px4_law, None, "FW_RLL_TO_YAW_FF",
         ),
     )
 }  # fmt: skip
@@ -186,12 +183,3 @@ READ: Final = (
     "IMU_GYRO_RATEMAX", "FW_RLL_TO_YAW_FF",
 )  # fmt: skip
 """The parameters that a user may give; how surfaces share the yaw torque only the log says."""
-
-
-def law_at(autopilot: Autopilot, values: Parameters, loop_hz: float, airspeed_m_s: float) -> Law:
-    """Return the damper at an equivalent airspeed in m/s, for a loop of ``loop_hz``.
-
-    Its delay is half a period of the loop: the mean age of a command held until the next call.
-    """
-    law, scaling = autopilot.law(values, loop_hz), autopilot.scaling(values, airspeed_m_s)
-    return replace(law, scaling=law.scaling * scaling**2)

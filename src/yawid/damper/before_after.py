@@ -9,14 +9,16 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+from msgspec.structs import replace
 
 from yawid.answers.damper_report import Decay, FlownGain
 from yawid.answers.run_summary import Manoeuvre, Value
 from yawid.blocks import Floats, finite
 from yawid.damper.advice import closed_with
 from yawid.damper.autopilots import Autopilot, Law
-from yawid.damper.decay import Sine, damped_sine, decays_in, pilots_rudder
+from yawid.damper.decay import damped_sine, decays_in, pilots_part
 from yawid.damper.identified import Facts, Identified, identified
+from yawid.damper.loop import closed_response
 from yawid.damper.refusals import (
     Refused,
     autopilot_of,
@@ -26,10 +28,9 @@ from yawid.damper.refusals import (
     gain_flown,
     usable_flight,
 )
-from yawid.damper.response import closed_response
-from yawid.models.flown import Rows
+from yawid.models.flown import flown_in
 
-ROWS: Final = 9
+ROWS: Final = 17
 """The gains, from 0 to the flown one, over which the closed pole is followed."""
 MOST_WN_STD, MOST_GAIN_STD = 0.1, 0.4
 """Twice the sigmas that an advice may have: here each prediction stands next to what was flown."""
@@ -53,13 +54,12 @@ class BeforeAfter:
 
 @dataclass(frozen=True, slots=True)
 class _Side:
-    """One flight: its manoeuvres by the gain flown, and their samples."""
+    """One flight, and its manoeuvres by the gain flown."""
 
     name: str
     facts: Facts
     autopilot: Autopilot
     by_gain: Mapping[float, Sequence[Manoeuvre]]
-    rows: Mapping[int, Rows]
 
     def model(self) -> Identified:
         """Return the aircraft identified.
@@ -67,17 +67,11 @@ class _Side:
         Raises:
             Refused: the answer is not usable, or not good enough for a prediction.
         """
-        flight = usable_flight(self.facts.summary)
+        facts, flight = self.facts, usable_flight(self.facts.summary)
         check_known(flight, MOST_WN_STD)
-        check_input(self.facts.summary, self.facts.config)
-        rows = [self.rows[each.n] for each in _used(self.facts)]
-        return identified(self.facts, flight, rows, self.turn_factor, MOST_GAIN_STD)
-
-    @property
-    def turn_factor(self) -> float | None:
-        """The damper's parameter of the wanted turn, None where it has no such term."""
-        name = self.autopilot.turn
-        return None if name is None else self.facts.parameters.get(name, 1.0)
+        check_input(facts.summary, facts.config)
+        factor = self.autopilot.turn_factor(facts.parameters)
+        return identified(facts, flight, facts.rows(facts.used), factor, MOST_GAIN_STD)
 
 
 def before_after(a: Facts, b: Facts) -> BeforeAfter | None:
@@ -121,25 +115,17 @@ def _side(name: str, facts: Facts) -> _Side | None:
     last = facts.parameters.get(autopilot.gain)
     if last is None:
         return None
-    summary, used = facts.summary, _used(facts)
     by_gain: dict[float, list[Manoeuvre]] = {}
-    for each in summary.manoeuvres or ():
-        gain = gain_flown(summary, each, autopilot.gain, last)
+    for each in facts.summary.manoeuvres or ():
+        gain = gain_flown(facts.summary, each, autopilot.gain, last)
         if gain is not None and each.airspeed_m_s is not None:
             by_gain.setdefault(round(gain, 6), []).append(each)
     # Of each gain those that the answer uses, where it uses any.
-    numbers = {each.n for each in used}
-    kept = {gain: [each for each in some if each.n in numbers] or some
-            for gain, some in by_gain.items()}  # fmt: skip
-    needed = {each.n: each for some in (used, *kept.values()) for each in some}
-    rows = dict(zip(needed, facts.rows([*needed.values()]), strict=True))
-    return _Side(name, facts, autopilot, dict(sorted(kept.items())), rows)
-
-
-def _used(facts: Facts) -> list[Manoeuvre]:
-    flight = facts.summary.flight
-    used = set(flight.used) if flight is not None else set()
-    return [each for each in facts.summary.manoeuvres or () if each.n in used]
+    kept = {
+        gain: [each for each in some if each in facts.used] or some
+        for gain, some in sorted(by_gain.items())
+    }
+    return _Side(name, facts, autopilot, kept)
 
 
 def _flown(side: _Side, by: Identified | None) -> Iterator[FlownGain]:
@@ -151,25 +137,17 @@ def _flown(side: _Side, by: Identified | None) -> Iterator[FlownGain]:
     for gain, manoeuvres in side.by_gain.items():
         speed = float(np.mean([each.airspeed_m_s or 0.0 for each in manoeuvres]))
         (law,) = facts.laws(side.autopilot, known, loop_hz, [speed])
-        if by is None:
-            yield FlownGain(flight=side.name, gain=gain, airspeed_m_s=speed)
-            continue
-        closed = closed_with(
-            by.aircraft, [law], gain * np.linspace(0.0, 1.0, ROWS), [speed], facts.sample_time_s
-        )
-        wn, wn_std, zeta, zeta_std = (
-            float(each[0, -1])
-            for values in (closed.wn, closed.zeta)
-            for each in (closed.middle(values), closed.std(values))
-        )
-        if not np.isfinite(zeta):
-            yield FlownGain(flight=side.name, gain=gain, airspeed_m_s=speed)
-            continue
-        found = _decays(side, law, gain, manoeuvres, by, wn)
-        yield FlownGain(
-            flight=side.name, gain=gain, airspeed_m_s=speed, wn_rad_s=wn, wn_std=wn_std, zeta=zeta,
-            zeta_std=zeta_std, **found, agrees=_agrees(zeta_std, found),
-        )  # fmt: skip
+        row = FlownGain(flight=side.name, gain=gain, airspeed_m_s=speed)
+        if by is not None:
+            gains = gain * np.linspace(0.0, 1.0, ROWS)
+            closed = closed_with(by.aircraft, [law], gains, [speed], facts.sample_time_s)
+            names = ("wn_rad_s", "wn_std", "zeta", "zeta_std")
+            pair = finite({name: float(getattr(closed, name)[0, -1]) for name in names})
+            if "zeta" in pair:
+                found = _decays(side, law, gain, manoeuvres, by, pair["wn_rad_s"])
+                agrees = _agrees(pair["zeta_std"], found)
+                row = replace(row, **pair, **found, agrees=agrees)
+        yield row
 
 
 def _decays(
@@ -178,22 +156,15 @@ def _decays(
     """Return the damped sine of the decays as flown and as predicted, nothing without a decay."""
     flown: list[Floats] = []
     predicted: list[Floats] = []
-    step = side.facts.sample_time_s
-    for each in manoeuvres if side.facts.config.output != "yaw" else ():
-        then = side.rows[each.n].flown(side.facts.config)
-        if then is None:
+    facts, step = side.facts, side.facts.sample_time_s
+    factor = side.autopilot.turn_factor(facts.parameters)
+    for then in flown_in(facts.rows(manoeuvres), facts.config):
+        if facts.config.output == "yaw" or np.mean(then.known) < 0.5:
             continue
-        good, y = then.known, then.y
-        t = np.arange(len(y))
-        if np.count_nonzero(good) < len(y) / 2:
-            continue
-        rudder, r = (np.interp(t, t[good], x[good]) for x in (then.u[:, 0], y))
-        left = side.facts.turn_left(each, side.turn_factor)
-        error = r - left * np.nan_to_num(then.turn_rate)
-        v = pilots_rudder(law, gain, rudder, error, step)
-        speed = each.airspeed_m_s or by.aircraft.airspeed_m_s
+        v, error = pilots_part(then, law, gain, facts.turn_left(then.found, factor))
+        speed = then.found.airspeed_m_s or by.aircraft.airspeed_m_s
         G = by.aircraft.central.faster(speed / by.aircraft.airspeed_m_s)  # noqa: N806
-        decays = [rows for rows in decays_in(v, step, wn) if good[rows].all()]
+        decays = [rows for rows in decays_in(v, step, wn) if then.known[rows].all()]
         # What a wrong gain leaves of v in a decay would make the response that flown.
         for rows in decays:
             v[rows.start - 1 : rows.stop] = 0.0
@@ -203,12 +174,7 @@ def _decays(
     sines = damped_sine(flown, step, wn), damped_sine(predicted, step, wn)
     if sines[0] is None or sines[1] is None:
         return {}
-    return {"decay": _decay(sines[0], len(flown)), "decay_predicted": _decay(sines[1], len(flown))}
-
-
-def _decay(sine: Sine, count: int) -> Decay:
-    known = finite({"wn_std": sine.wn_std, "zeta_std": sine.zeta_std})
-    return Decay(wn_rad_s=sine.wn_rad_s, zeta=sine.zeta, decays=count, **known)
+    return {"decay": sines[0], "decay_predicted": sines[1]}
 
 
 def _agrees(zeta_std: float, found: Mapping[str, Decay]) -> bool | None:
@@ -224,7 +190,6 @@ def _agrees(zeta_std: float, found: Mapping[str, Decay]) -> bool | None:
 
 def _effect(model: Identified) -> Value:
     """Return the rudder's effect over V^2, with the sigma of the draws."""
-    aircraft = model.aircraft
-    effect = aircraft.G.effect / aircraft.airspeed_m_s**2
+    effect = model.aircraft.G.effect / model.aircraft.airspeed_m_s**2
     middle = float(np.median(effect))
     return Value(value=middle, std=float(np.sqrt(np.mean((effect - middle) ** 2))))

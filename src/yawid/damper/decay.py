@@ -1,21 +1,24 @@
 """The free decay after the pilot's rudder: the damped sine that fits it.
 
-The servo's output holds the damper's part, so the pilot's is what is left of it: v = u + K e, with
-e the yaw rate less the wanted turn. The decay is where v rests again. Where a servo's lag is near
+The decay is where the pilot's rudder rests again. Where a servo's lag is near
 wn the damped sine is not the Dutch roll: it is compared with that of a predicted response only.
 """
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from itertools import pairwise
-from math import pi, sqrt, tau
+from math import tau
 from typing import Final
 
 import numpy as np
+from msgspec.structs import replace
 from scipy.optimize import least_squares
 
+from yawid.answers.damper_report import Decay
 from yawid.blocks import Floats
 from yawid.damper.autopilots import Law
+from yawid.damper.loop import pilots_rudder
+from yawid.models.flown import Flown
+from yawid.physics.continuous import pole_of
 
 RESTS: Final = 0.15
 """The pilot's rudder rests where it is within this part of its largest movement of its median."""
@@ -26,29 +29,15 @@ GROUPS: Final = 8
 """The groups of decays that are left out one after the other: their scatter gives sigma."""
 
 
-@dataclass(frozen=True, slots=True)
-class Sine:
-    """A damped sine: wn in rad/s, zeta, and their sigmas; NaN where there are too few decays."""
+def pilots_part(flown: Flown, law: Law, gain: float, turn: float) -> tuple[Floats, Floats]:
+    """Return the rudder that the pilot moved in a manoeuvre, and what the damper fed back, (n,).
 
-    wn_rad_s: float
-    zeta: float
-    wn_std: float = np.nan
-    zeta_std: float = np.nan
-
-
-def pilots_rudder(law: Law, gain: float, u: Floats, error: Floats, sample_time_s: float) -> Floats:
-    """Return the rudder (n,) that the pilot moved, less its rest, from the servo's output u (n,).
-
-    ``error`` (n,) is what the damper feeds back, in rad/s. u is the mean over the sample that
-    follows, and so is the damper's part.
+    ``turn`` is the part of the turn rate taken off the yaw rate. Over gaps both are on lines.
     """
-    n = 1 << int(np.ceil(np.log2(2 * len(u))))
-    w = 2.0 * pi * np.fft.rfftfreq(n, sample_time_s)
-    mean = np.sinc(w * sample_time_s / (2.0 * pi)) * np.exp(0.5j * w * sample_time_s)
-    spectrum = np.fft.rfft(error - np.median(error), n)
-    spectrum = spectrum * law.at(1j * np.maximum(w, 1e-6), gain) * mean
-    v: Floats = u + np.fft.irfft(spectrum, n)[: len(u)]
-    return v - np.median(v)
+    t, good = np.arange(len(flown.y)), flown.known
+    u, r = (np.interp(t, t[good], x[good]) for x in (flown.u[:, 0], flown.y))
+    error = r - turn * np.nan_to_num(flown.turn_rate)
+    return pilots_rudder(law, gain, u, error, flown.sample_time_s), error
 
 
 def decays_in(v: Floats, sample_time_s: float, wn: float) -> list[slice]:
@@ -61,7 +50,7 @@ def decays_in(v: Floats, sample_time_s: float, wn: float) -> list[slice]:
     return [slice(i, min(j, i + most)) for i, j in starts]
 
 
-def damped_sine(parts: Sequence[Floats], sample_time_s: float, wn: float) -> Sine | None:
+def damped_sine(parts: Sequence[Floats], sample_time_s: float, wn: float) -> Decay | None:
     """Return the one damped sine, with an offset, that fits all these decays; None without any.
 
     Each part (k,) has its own amplitude, phase and offset. ``wn`` is where to begin, in rad/s.
@@ -70,38 +59,28 @@ def damped_sine(parts: Sequence[Floats], sample_time_s: float, wn: float) -> Sin
     if not parts:
         return None
     wn_found, zeta = _fitted(parts, sample_time_s, wn)
-    groups = [parts[i::GROUPS] for i in range(GROUPS)] if len(parts) > GROUPS else [
-        [each] for each in parts
-    ]  # fmt: skip
-    if len(groups) < 3:
-        return Sine(wn_found, zeta)
-    left = np.array([
-        _fitted([each for other in groups if other is not group for each in other],
-                sample_time_s, wn_found)
-        for group in groups
-    ])  # fmt: skip
-    std = np.sqrt((len(groups) - 1) * left.var(axis=0))
-    return Sine(wn_found, zeta, *std.tolist())
+    found = Decay(wn_rad_s=wn_found, zeta=zeta, decays=len(parts))
+    groups = min(GROUPS, len(parts))
+    if groups < 3:
+        return found
+    left = [
+        _fitted([each for j, each in enumerate(parts) if j % groups != i], sample_time_s, wn_found)
+        for i in range(groups)
+    ]
+    wn_std, zeta_std = np.sqrt((groups - 1) * np.var(left, axis=0)).tolist()
+    return replace(found, wn_std=wn_std, zeta_std=zeta_std)
 
 
 def _fitted(parts: Sequence[Floats], sample_time_s: float, wn: float) -> tuple[float, float]:
     def left(point: Floats) -> Floats:
-        return np.concatenate([*_residuals(parts, sample_time_s, float(point[0]), float(point[1]))])
+        pole, rows = pole_of(float(point[0]), point[1]), []
+        for part in parts:
+            swing = np.exp(pole * sample_time_s * np.arange(len(part)))
+            columns = np.column_stack([swing.real, swing.imag, np.ones(len(part))])
+            rows.append(columns @ np.linalg.lstsq(columns, part, rcond=None)[0] - part)
+        return np.concatenate(rows)
 
     bounds = [0.3 * wn, -0.2], [3.0 * wn, 0.99]
     fits = [least_squares(left, [wn, zeta], bounds=bounds) for zeta in (0.15, 0.5)]
-    best = min(fits, key=lambda each: float(each.cost))
+    best = min(fits, key=lambda each: each.cost)
     return float(best.x[0]), float(best.x[1])
-
-
-def _residuals(
-    parts: Sequence[Floats], sample_time_s: float, wn: float, zeta: float
-) -> Iterator[Floats]:
-    root = wn * sqrt(max(1.0 - zeta**2, 1e-6))
-    for part in parts:
-        t = sample_time_s * np.arange(len(part))
-        envelope = np.exp(-zeta * wn * t)
-        columns = np.stack(
-            [envelope * np.cos(root * t), envelope * np.sin(root * t), np.ones(len(t))], axis=1
-        )
-        yield columns @ np.linalg.lstsq(columns, part, rcond=None)[0] - part

@@ -4,9 +4,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import radians
 
-from yawid.answers.more_manoeuvres import MORE, of_mean
+from yawid.answers.more_manoeuvres import of_mean
 from yawid.answers.run_summary import Flight, Manoeuvre
-from yawid.damper.autopilots import Autopilot, Law, law_at
+from yawid.damper.autopilots import Autopilot, Law
 from yawid.damper.refusals import MOST_GAIN_STD, Refused, check_turn, gain_uncertain
 from yawid.errors import NotIdentifiable
 from yawid.models.answered import Answered
@@ -23,8 +23,14 @@ class Facts(Recorded):
         airspeeds_m_s: Sequence[float],
     ) -> list[Law]:  # fmt: skip
         """Return the damper at each airspeed, for the unit that this run's rudder has."""
-        laws = [law_at(autopilot, known, loop_hz, speed) for speed in airspeeds_m_s]
+        laws = [autopilot.law(known, loop_hz, speed) for speed in airspeeds_m_s]
         return [replace(law, scaling=law.scaling * self.half_travel) for law in laws]
+
+    @property
+    def used(self) -> list[Manoeuvre]:
+        """The manoeuvres that the flight's answer uses."""
+        of = self.summary.flight.used if self.summary.flight is not None else ()
+        return [each for each in self.summary.manoeuvres or () if each.n in of]
 
     @property
     def half_travel(self) -> float:
@@ -87,13 +93,13 @@ def identified(
         raise Refused("not_fitted", "its samples are not in the file", "replay the log again")
     n = len(flight.used)
     if (std := aircraft.effect_std(n)) > most_gain_std:
-        later = {more: drawn(more) for more in MORE}
-        # Draws are few: what they say of later may be more than now, and sigma does not grow.
-        falls = {
-            more: None if each is None else min(std, each.effect_std(n + more))
-            for more, each in later.items()
-        }
-        raise gain_uncertain(std, falls, most_gain_std)
+
+        def after(more: int) -> float | None:
+            later = drawn(more)
+            # Draws are few: what they say of later may be more than now, and sigma does not grow.
+            return None if later is None else min(std, later.effect_std(n + more))
+
+        raise gain_uncertain(std, after, most_gain_std)
     return Identified(aircraft, flown[0], left[0])
 
 

@@ -1,4 +1,4 @@
-"""The damper's loop in continuous time: margins of the open loop, and the closed Dutch roll.
+"""The damper's loop in continuous time: its margins, its Dutch roll, its response to a rudder.
 
 With G from rudder to yaw rate (without the damper: see the manual) and the damper K, the open loop
 is L(s) = K(s) G(s), and margins come from L(jw), with the exact delay. The closed poles are the
@@ -10,7 +10,8 @@ R, K as (A, B, C, D), and u = -K r,
 The Dutch roll is followed from gain 0, as the eigenvalue nearest to where it was going.
 """
 
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -20,13 +21,13 @@ from yawid.damper.autopilots import Law
 from yawid.physics.continuous import Transfer
 from yawid.physics.modes import Complexes
 
-STEPS: Final = 2
-"""The steps of the gain from one row to the next, in which the pole is followed."""
 REAL: Final = 1e-3
 """A pair whose imaginary part is less than this share of |s| has become two real poles."""
 LOWEST, HIGHEST_OF_WN, HIGHEST_OF_RATE = 0.1, 3.0, 0.2
 """Where G is known: from this part of wn to this multiple of wn, and to this part of the rate."""
 POINTS: Final = 300
+FINER: Final = 8
+"""The steps of a sample in a response: the rudder is held over each sample."""
 
 
 def closed_dutch_roll(G: Transfer, law: Law, gains: Floats) -> Complexes:  # noqa: N803  as in text
@@ -36,18 +37,14 @@ def closed_dutch_roll(G: Transfer, law: Law, gains: Floats) -> Complexes:  # noq
     """
     s: Complexes = G.dutch_roll
     found = np.full((len(gains), len(G)), np.nan, complex)
-    move, last, lost = np.zeros(len(G), complex), 0.0, ~np.isfinite(s)
-    each = np.arange(len(G))
+    move, lost, each = np.zeros(len(G), complex), ~np.isfinite(s), np.arange(len(G))
     for row, gain in enumerate(gains.tolist()):
-        for part in np.arange(1, STEPS + 1) / STEPS:
-            # Before the first gain there is no damper at all, without its fixed integrator.
-            here = law if row else replace(law, scaling=law.scaling * part)
-            poles = _closed_poles(G, here, last + part * (gain - last) if row else gain)
-            nearest = np.argmin(np.abs(poles - (s + move)[:, None]), axis=1)
-            before, s = s, poles[each, nearest]
-            move = s - before
-            lost |= ~(s.imag > REAL * np.abs(s))
-        last, found[row] = gain, np.where(lost, np.nan, s)
+        poles = _closed_poles(G, law, gain)
+        nearest = np.argmin(np.abs(poles - (s + move)[:, None]), axis=1)
+        before, s = s, poles[each, nearest]
+        move = s - before
+        lost |= ~(s.imag > REAL * np.abs(s))
+        found[row] = np.where(lost, np.nan, s)
     return found
 
 
@@ -84,7 +81,12 @@ def known_frequencies(wn_rad_s: float, sample_time_s: float) -> Floats:
 
 
 def margins(G: Transfer, law: Law, gains: Floats, w: Floats) -> Margins:  # noqa: N803
-    """Return the margins for gains (m,) over the frequencies w (k,) in rad/s."""
+    """Return the margins for gains (m,) over the frequencies w (k,) in rad/s.
+
+    The angle of L is continuous, and nearest to 0 at the mode: where |L| is 1 the loop is stable as
+    long as it lies between -180 and 180 degrees. At the lowest frequency it is not known: the sign
+    of the gain there is that of a zero near 0, which no doublet shows.
+    """
     s: Complexes = (1j * w).astype(np.complex128)
     aircraft = G.at(s)
     shape, each = (len(gains), len(G)), np.arange(len(G))
@@ -96,32 +98,63 @@ def margins(G: Transfer, law: Law, gains: Floats, w: Floats) -> Margins:  # noqa
             continue
         over, angle = np.log(np.abs(L)), np.unwrap(np.angle(L), axis=1)
         angle -= 2.0 * np.pi * np.round(angle[each, mode] / (2.0 * np.pi))[:, None]
-        phase[row], gain_db[row] = _phase_margin(over, angle), _gain_margin(over, angle)
-        beyond[row] = over[:, -1] > 0.0
+        left = 180.0 - np.abs(np.degrees(_where(over, angle)))
+        phase[row] = np.fmin.reduce(left, axis=1, initial=np.inf)
+        is_negative = _where(np.sin(angle), np.cos(angle)) < 0.0
+        largest = np.where(is_negative, _where(np.sin(angle), over), -np.inf).max(axis=1)
+        gain_db[row], beyond[row] = -20.0 / np.log(10.0) * largest, over[:, -1] > 0.0
     return Margins(phase, gain_db, beyond)
 
 
-def _phase_margin(over: Floats, angle: Floats) -> Floats:
-    """Return the least phase margin (n,) in degrees; ``over`` is ln |L|, both (n, k).
+def _where(level: Floats, other: Floats) -> Floats:
+    """Return ``other`` (n, k) where ``level`` (n, k) passes 0, between k points; NaN elsewhere."""
+    before, after = level[:, :-1], level[:, 1:]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        found = other[:, :-1] + before / (before - after) * np.diff(other, axis=1)
+    return np.where((before > 0.0) != (after > 0.0), found, np.nan)
 
-    ``angle`` is continuous, and nearest to 0 at the mode: where |L| is 1 the loop is stable as long
-    as it lies between -180 and 180 degrees. At the lowest frequency it is not known: the sign of
-    the gain there is that of a zero near 0, which no doublet shows.
+
+def through(x: Floats, step_s: float, response: Callable[[Complexes], Complexes]) -> Floats:
+    """Return x (n,) after a linear system, from rest; by its response, whose delays are exact."""
+    n = 1 << int(np.ceil(np.log2(4 * len(x))))
+    s = (2j * np.pi * np.fft.rfftfreq(n, step_s)).astype(np.complex128)
+    s[0] = 1e-6j
+    return np.asarray(np.fft.irfft(np.fft.rfft(x, n) * response(s), n)[: len(x)])
+
+
+def closed_response(
+    G: Transfer,  # noqa: N803
+    law: Law,
+    gain: float | None,
+    u: Floats,
+    sample_time_s: float,
+) -> Floats:
+    """Return the yaw rate (n,) in rad/s of G / (1 + K G) for the rudder u (n,), from rest.
+
+    Without a ``gain`` it is that of G alone. It is valid only where the loop is stable.
     """
-    crosses = (over[:, :-1] > 0.0) != (over[:, 1:] > 0.0)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        part = np.where(crosses, over[:, :-1] / (over[:, :-1] - over[:, 1:]), 0.0)
-    at = angle[:, :-1] + part * np.diff(angle, axis=1)
-    margin = 180.0 - np.abs(np.degrees(at))
-    return np.asarray(np.min(np.where(crosses, margin, np.inf), axis=1))
+    step = sample_time_s / FINER
+
+    def response(s: Complexes) -> Complexes:
+        aircraft = G.at(s)[0]
+        loop = 0.0 if gain is None else law.at(s, gain) * aircraft
+        held = -np.expm1(-s * step) / (s * step)
+        return np.asarray(held * aircraft / (1.0 + loop))
+
+    return through(np.repeat(u, FINER), step, response)[::FINER]
 
 
-def _gain_margin(over: Floats, angle: Floats) -> Floats:
-    """Return the least gain margin (n,) in dB, at the frequencies where L is negative."""
-    turns = np.floor((angle - np.pi) / (2.0 * np.pi))
-    crosses = turns[:, :-1] != turns[:, 1:]
-    goal = (np.maximum(turns[:, :-1], turns[:, 1:]) * 2.0 + 1.0) * np.pi
-    with np.errstate(divide="ignore", invalid="ignore"):
-        part = np.where(crosses, (goal - angle[:, :-1]) / np.diff(angle, axis=1), 0.0)
-    at = over[:, :-1] + part * np.diff(over, axis=1)
-    return np.asarray(-20.0 / np.log(10.0) * np.max(np.where(crosses, at, -np.inf), axis=1))
+def pilots_rudder(law: Law, gain: float, u: Floats, error: Floats, sample_time_s: float) -> Floats:
+    """Return the rudder (n,) that the pilot moved, less its rest, from the servo's output u (n,).
+
+    The output holds the damper's part, so the pilot's is what is left of it, u + K e: ``error``
+    (n,) is what the damper feeds back, in rad/s. u is the mean over the sample that follows, and so
+    is the damper's part.
+    """
+
+    def fed_back(s: Complexes) -> Complexes:
+        mean = np.expm1(s * sample_time_s) / (s * sample_time_s)
+        return np.asarray(law.at(s, gain) * mean)
+
+    v = u + through(error - np.median(error), sample_time_s, fed_back)
+    return v - np.median(v)

@@ -1,6 +1,6 @@
 """Why a run gives no advice on its damper: what must be known, each check with what to do."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from math import isfinite, pi
 from typing import Final
 
@@ -28,8 +28,8 @@ MOST_WN_STD, MOST_GAIN_STD, MOST_TURN = 0.05, 0.2, 0.2
 NEAR_WN: Final = (0.7, 1.4)
 """The frequencies, over wn, at which the turn's term is compared with the yaw rate."""
 CARD: Final = "fly more manoeuvres at this airspeed: yawid inspect LOG --card says which"
-Falls = Mapping[int, float | None]
-"""A sigma, as a part of its number, after so many more manoeuvres; None where that is unknown."""
+Falls = Callable[[int], float | None]
+"""Returns a sigma, as a part of its number, after so many more manoeuvres; None if unknown."""
 
 
 class Refused(Exception):  # noqa: N818  it names a finding, not a fault
@@ -62,35 +62,28 @@ def check_known(flight: Flight, most_wn_std: float = MOST_WN_STD) -> None:
     Raises:
         Refused: it has not.
     """
-    roll = of_mean(flight).dutch_roll
-    assert roll is not None  # usable_flight() has seen to it
-    if roll.wn_std is None or not roll.wn_std <= most_wn_std * roll.wn_rad_s:
-        part = roll.wn_std and roll.wn_std / roll.wn_rad_s
+
+    def part_after(more: int) -> float | None:
+        roll = of_mean(flight, more).dutch_roll
+        return None if roll is None or roll.wn_std is None else roll.wn_std / roll.wn_rad_s
+
+    if (part := part_after(0)) is None or not part <= most_wn_std:
         known = "no sigma" if part is None else f"a sigma of {percent(part)} %"
         text = f"wn has {known}, and at most {100 * most_wn_std:g} % is needed"
-        raise Refused("wn_uncertain", text, fly_more(_wn_after(flight), most_wn_std))
+        raise Refused("wn_uncertain", text, fly_more(part_after, most_wn_std))
     if flight.airspeed_m_s is None or flight.airspeed_source != "airspeed":
         text = "the airspeed of the manoeuvres is not known, and the damper is scaled by it"
         raise Refused("airspeed_unknown", text, "fly with an airspeed in the log")
 
 
-def _wn_after(flight: Flight) -> Falls:
-    rolls = {more: of_mean(flight, more).dutch_roll for more in MORE}
-    return {
-        more: None if roll is None or roll.wn_std is None else roll.wn_std / roll.wn_rad_s
-        for more, roll in rolls.items()
-    }
-
-
 def fly_more(falls: Falls, most: float) -> str:
     """Return whether more manoeuvres would bring a sigma to ``most``, and what to do."""
-    for more, std in falls.items():
-        if std is not None and std <= most:
+    for more in MORE:
+        if (std := falls(more)) is not None and std <= most:
             return f"{CARD}; {more} more should bring this sigma to {percent(std)} %"
-    last = max(falls)
-    if (std := falls[last]) is None:
+    if std is None:
         return CARD
-    left = f"{last} more manoeuvres like these would leave this sigma at {percent(std)} %"
+    left = f"{more} more manoeuvres like these would leave this sigma at {percent(std)} %"
     return f"{left}: keep the gain that was flown"
 
 
@@ -107,10 +100,9 @@ def autopilot_of(summary: RunSummary, name: str | None) -> Autopilot:
     """
     if name is not None:
         return AUTOPILOTS[name]
-    vehicle = summary.vehicle
-    for row in AUTOPILOTS.values():
-        if vehicle is not None and row.number == vehicle.autopilot:
-            return row
+    vehicle, known = summary.vehicle, {row.number: row for row in AUTOPILOTS.values()}
+    if vehicle is not None and vehicle.autopilot in known:
+        return known[vehicle.autopilot]
     found = "names no autopilot" if vehicle is None else f"is of {vehicle.autopilot_name}"
     text = f"the log {found}, and only the dampers of ArduPlane and PX4 are known"
     raise Refused("no_autopilot", text, "name the autopilot: --autopilot ardupilot or px4")
@@ -190,6 +182,8 @@ def check_turn(flown: Sequence[Flown], wn: float, factor: float) -> None:
     Raises:
         Refused: it is above 20 %, or the bank is not known.
     """
+    from scipy.signal import periodogram  # takes long to load, and every command reads this file
+
     total = np.zeros(2)
     for each in flown:
         good = np.isfinite(each.y) & np.isfinite(each.turn_rate)
@@ -197,12 +191,9 @@ def check_turn(flown: Sequence[Flown], wn: float, factor: float) -> None:
             text = "bank or airspeed is not known: the damper also feeds back the wanted turn"
             raise Refused("roll_term", text, "log ATTITUDE and the airspeed")
         t = np.arange(len(good))
-        w = 2.0 * pi * np.fft.rfftfreq(len(t), each.sample_time_s)
-        near = (w >= NEAR_WN[0] * wn) & (w <= NEAR_WN[1] * wn)
-        for i, signal in enumerate((each.y, factor * each.turn_rate)):
-            whole = np.interp(t, t[good], signal[good])
-            spectrum = np.fft.rfft((whole - whole.mean()) * np.hanning(len(t)))
-            total[i] += np.sum(np.abs(spectrum[near]) ** 2)
+        whole = [np.interp(t, t[good], x[good]) for x in (each.y, factor * each.turn_rate)]
+        w, power = periodogram(whole, 2.0 * pi / each.sample_time_s, "hann")
+        total += power[:, (w >= NEAR_WN[0] * wn) & (w <= NEAR_WN[1] * wn)].sum(axis=1)
     share = float(np.sqrt(total[1] / total[0])) if total[0] > 0.0 else np.inf
     if share > MOST_TURN:
         text = (

@@ -79,8 +79,7 @@ def warnings(
 
 def takes_damping(closed: Closed) -> bool:
     """Return whether a gain that is tried lowers zeta below that of no damper, at any airspeed."""
-    zeta = closed.middle(closed.zeta)
-    return bool((zeta < zeta[:, :1]).any()) or not closed.damps[:, 1].all()
+    return bool((closed.zeta < closed.zeta[:, :1]).any()) or not closed.damps[:, 1].all()
 
 
 def sentences(
@@ -89,7 +88,7 @@ def sentences(
 ) -> Iterable[str]:  # fmt: skip
     """Yield what the predictions mean: the band, the next step, and what to look for in flight."""
     closed = predicted.closed
-    zeta, std, wn = closed.middle(closed.zeta), closed.std(closed.zeta), closed.middle(closed.wn)
+    zeta, wn = closed.zeta, closed.wn_rad_s
     low_aim, _ = aimed(aim)
     at = int(np.argmin(np.abs(closed.gains - flown)))
     felt = f"wn {wn[0, at]:.3g} rad/s and zeta {zeta[0, at]:.2f}"
@@ -118,7 +117,7 @@ def sentences(
     for v, speed in enumerate(closed.airspeeds_m_s):
         yield (
             f"There the Dutch roll at {speed:.1f} m/s should have wn {wn[v, row]:.3g} rad/s and "
-            f"zeta {zeta[v, row]:.2f} ± {std[v, row]:.2f}."
+            f"zeta {zeta[v, row]:.2f} ± {closed.zeta_std[v, row]:.2f}."
         )
     yield (
         "A replay of that flight should find the same wn and zeta as now: those without damper. "
@@ -142,7 +141,7 @@ def _why_none(closed: Closed, name: str, without: Without | None) -> str:
 def _with_more_gain(predicted: Predicted, name: str) -> str:
     """Return what more gain does where it takes damping from the pair."""
     closed = predicted.closed
-    zeta, wn = closed.middle(closed.zeta), closed.middle(closed.wn)
+    zeta, wn = closed.zeta, closed.wn_rad_s
     v, row = (int(i) for i in np.unravel_index(np.nanargmin(zeta - zeta[:, :1]), zeta.shape))
     G = predicted.aircraft.at(closed.airspeeds_m_s[v])  # noqa: N806
     lagging = predicted.aircraft.lag >= 0

@@ -21,8 +21,8 @@ from yawid.damper.advice import (
     recommended,
     table,
 )
-from yawid.damper.autopilots import AUTOPILOTS, Autopilot, Law
-from yawid.damper.decay import pilots_rudder
+from yawid.damper.autopilots import AUTOPILOTS, Autopilot
+from yawid.damper.decay import pilots_part
 from yawid.damper.identified import Facts, identified
 from yawid.damper.mix import mix_of
 from yawid.damper.refusals import (
@@ -37,7 +37,6 @@ from yawid.damper.refusals import (
 )
 from yawid.damper.sentences import Without, leave_out, sentences, warnings, without_damper
 from yawid.errors import ConfigError
-from yawid.models.flown import Flown
 
 DIGITS: Final = 6
 """Decimal places of a gain."""
@@ -115,7 +114,7 @@ def study(facts: Facts, asked: Asked) -> Study:
         said["mix"] = mix_of(facts.summary, autopilot, known.get(autopilot.mix), facts.half_travel)
         loop_hz = asked.loop_rate_hz or known.get(autopilot.loop_rate, 0.0)
         check_loop(autopilot, known, loop_hz)
-        used = [each for each in facts.summary.manoeuvres or () if each.n in flight.used]
+        used = facts.used
         flown, seen = known[autopilot.gain], list[float | None]()
         if autopilot.gain not in asked.parameters:
             seen = [gain_flown(facts.summary, each, autopilot.gain, flown) for each in used]
@@ -157,23 +156,15 @@ def _predicted(
     facts: Facts, flight: Flight, used: Sequence[Manoeuvre], autopilot: Autopilot,
     known: Mapping[str, float], loop_hz: float, asked: Asked,
 ) -> Predicted:  # fmt: skip
-    turn = None if autopilot.turn is None else known.get(autopilot.turn, 1.0)
-    found = identified(facts, flight, facts.rows(used), turn)
+    found = identified(facts, flight, facts.rows(used), autopilot.turn_factor(known))
     speeds = _airspeeds(flight, used, asked)
     laws = facts.laws(autopilot, known, loop_hz, speeds)
     largest = largest_gain(found.aircraft, laws, speeds)
     gains = _gains(largest, known[autopilot.gain], asked.gains)
     closed = closed_with(found.aircraft, laws, gains, speeds, facts.sample_time_s)
     near = int(np.argmin(np.abs(np.array(speeds) - found.aircraft.airspeed_m_s)))
-    pilot = _pilots(found.manoeuvre, laws[near], known[autopilot.gain], found.turn)
+    pilot, _ = pilots_part(found.manoeuvre, laws[near], known[autopilot.gain], found.turn)
     return Predicted(found.aircraft, tuple(laws), closed, found.manoeuvre, pilot)
-
-
-def _pilots(flown: Flown, law: Law, gain: float, turn: float) -> Floats:
-    """Return the rudder that the pilot moved; ``turn`` is the part of the turn rate taken off."""
-    rudder, r = (np.nan_to_num(x - np.nanmedian(x)) for x in (flown.u[:, 0], flown.y))
-    error = r - turn * np.nan_to_num(flown.turn_rate)
-    return pilots_rudder(law, gain, rudder, error, flown.sample_time_s)
 
 
 def _airspeeds(flight: Flight, used: Sequence[Manoeuvre], asked: Asked) -> list[float]:

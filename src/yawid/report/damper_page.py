@@ -10,8 +10,7 @@ from matplotlib.figure import Figure
 from yawid.answers.damper_report import DamperReport
 from yawid.blocks import Floats
 from yawid.damper.advice import LEAST_PHASE_DEG, Predicted
-from yawid.damper.loop import closed_dutch_roll, known_frequencies
-from yawid.damper.response import closed_response
+from yawid.damper.loop import closed_dutch_roll, closed_response, known_frequencies
 from yawid.damper.study import Study
 from yawid.physics.continuous import Transfer
 from yawid.physics.modes import Complexes
@@ -96,10 +95,10 @@ def _over_gain(report: DamperReport, predicted: Predicted) -> Picture:
 
     def draw(figure: Figure) -> None:
         axes = figure.subplots(2, 1, sharex=True)
-        for ax, values, label in zip(
-            axes, (closed.zeta, np.abs(closed.s)), ("ζ", "ωn [rad/s]"), strict=True
+        of_zeta, of_wn = (closed.zeta, closed.zeta_std), (closed.wn_rad_s, closed.wn_std)
+        for ax, (middle, std), label in zip(
+            axes, (of_zeta, of_wn), ("ζ", "ωn [rad/s]"), strict=True
         ):
-            middle, std = closed.middle(values), closed.std(values)
             for v, speed in enumerate(closed.airspeeds_m_s):
                 shade = SHADES[v % len(SHADES)]
                 ax.plot(closed.gains, middle[v], color=shade, label=f"{speed:.1f} m/s")
