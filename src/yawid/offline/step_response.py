@@ -257,15 +257,8 @@ def fit_step(
     correlation = float(residual[1:] @ residual[:-1]) / max(power, 1e-300)
     if correlation > 2.0 / math.sqrt(len(t)):  # the samples count for fewer than white noise's
         covariance = covariance * (1.0 + correlation) / max(1.0 - correlation, 1e-3)
-    _check(form, t, residual, noise / abs(scale), p)
-    std, size = np.sqrt(np.diag(covariance)), np.abs(p) + 1e-3
-    clear = np.minimum(p - bounds[0], bounds[1] - p) > CLEAR * std
-    is_known = clear.all() and np.linalg.cond(covariance / np.outer(size, size)) < 1e14
-    if not is_known or not std[1] < abs(p[1]) / CLEAR:
-        text = (
-            f"the record shows too little of the transient to find all parameters of {form.words}"
-        )
-        raise NotIdentifiable(text)
+    std = np.sqrt(np.diag(covariance))
+    _check(form, t, residual, noise / abs(scale), p, covariance)
     found = [Told(value=float(x), std=float(sigma)) for x, sigma in zip(p, std, strict=True)]
     gain = scale / u0
     found[1] = Told(value=found[1].value * gain, std=found[1].std * abs(gain))
@@ -328,7 +321,9 @@ def _settling(form: Form, tolerance: float, p: Floats, covariance: Floats) -> To
     return Told(value=float(settling(p)), std=math.sqrt(slope @ covariance @ slope))
 
 
-def _check(form: Form, t: Floats, residual: Floats, noise: float, p: Floats) -> None:
+def _check(
+    form: Form, t: Floats, residual: Floats, noise: float, p: Floats, covariance: Floats
+) -> None:
     """Raise NotIdentifiable where the fitted form does not describe the scaled record."""
     step, settling_s = abs(float(p[1])), form.settling(SETTLED, *p[2:])
     # The mean product of neighbours is the systematic part; that of white noise is about 0.
@@ -348,3 +343,11 @@ def _check(form: Form, t: Floats, residual: Floats, noise: float, p: Floats) -> 
             f"the record does not reach a steady state: it ends {t[-1]:.3g} s after the "
             f"step, the response needs {settling_s:.3g} s"
         )
+    std, size = np.sqrt(np.diag(covariance)), np.abs(p) + 1e-3
+    clear = np.minimum(p[2:] - form.low, form.high - p[2:]) > CLEAR * std[2:]
+    is_known = clear.all() and std[1] < step / CLEAR
+    if not is_known or not np.linalg.cond(covariance / np.outer(size, size)) < 1e14:
+        text = (
+            f"the record shows too little of the transient to find all parameters of {form.words}"
+        )
+        raise NotIdentifiable(text)
