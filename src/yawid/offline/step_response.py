@@ -347,7 +347,5 @@ def _check(
     clear = np.minimum(p[2:] - form.low, form.high - p[2:]) > CLEAR * std[2:]
     is_known = clear.all() and std[1] < step / CLEAR
     if not is_known or not np.linalg.cond(covariance / np.outer(size, size)) < 1e14:
-        text = (
-            f"the record shows too little of the transient to find all parameters of {form.words}"
-        )
-        raise NotIdentifiable(text)
+        lacks = "an overshoot" if (np.isfinite(form.high) & ~clear).any() else "the transient"
+        raise NotIdentifiable(f"the record shows too little of {lacks} for the {form.words}")
