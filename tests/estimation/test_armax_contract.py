@@ -144,7 +144,7 @@ def test_inputs_that_do_not_fit_are_named():
         one.run(np.zeros(3), np.zeros((3, 1)))
     with pytest.raises(ValueError, match=r"u must have shape \(3, 2\)"):
         two.run(np.zeros(3), np.zeros(3))
-    with pytest.raises(ValueError, match="2 inputs"):
+    with pytest.raises(ValueError, match=r"u must have shape \(1, 2\)"):
         two.update(1.0, 1.0)
     with pytest.raises(ValueError, match="keep"):
         one.run(np.zeros(3), np.zeros(3), keep="some")

@@ -89,7 +89,7 @@ from numpy.typing import ArrayLike
 from yawid.blocks import EstimateBlock, Floats, Status, estimate_width
 from yawid.config.estimator import ArmaxOrders, EstimatorConfig
 from yawid.errors import ConfigError
-from yawid.estimation.checks import checked_samples, checked_u
+from yawid.estimation.checks import checked_samples
 from yawid.estimation.kernel import state as slots
 from yawid.estimation.kernel.recursion import entry_of_p
 from yawid.estimation.kernel.state import new_state, restart
@@ -205,8 +205,7 @@ class RecursiveArmax(Estimate):
                     raise ConfigError(f"u and y must not be infinite, got u = {u!r}, y = {y!r}")
                 self._after_stop()
         else:
-            row = checked_u(u, y, self._inputs)
-            self.run(row.reshape(1, -1), [y], keep="last")
+            self.run(u, [y], keep="last")
         return Estimate(self._moving.tobytes())
 
     def run(
@@ -294,7 +293,9 @@ class RecursiveArmax(Estimate):
         """
         row, nk = np.zeros((1, self._inputs)), np.array(self.config.orders.nk)
         if not nk.all():
-            row[:] = np.where(nk > 0, 0.0, checked_u(u, 0.0, self._inputs))
+            row[:] = np.where(
+                nk > 0, 0.0, checked_samples(u, [0.0], self._inputs, finite_or_nan=True)[0]
+            )
         if self._header.phase != slots.RUNNING:
             return math.nan
         scratch = self._moving.copy()

@@ -20,7 +20,6 @@ from yawid.blocks import Floats
 from yawid.config.estimator import Engine, EstimatorConfig
 from yawid.errors import ConfigError
 from yawid.estimation.armax import Estimate, RecursiveArmax
-from yawid.estimation.checks import checked_u
 from yawid.estimation.kernel import entry_points
 from yawid.estimation.kernel import recursion as steps
 from yawid.estimation.kernel.state import Unpacked
@@ -44,7 +43,7 @@ class ReferenceArmax(RecursiveArmax):
 
     def update(self, u: ArrayLike, y: float) -> Estimate:
         """Take one sample and return the estimate, as :meth:`RecursiveArmax.update`."""
-        self.run(checked_u(u, y, self.config.orders.n_inputs).reshape(1, -1), [y], keep="last")
+        self.run(u, [y], keep="last")
         return Estimate(self._moving.tobytes())
 
     def _run(self, u: Floats, y: Floats, rows: Floats, first: int) -> int:
