@@ -157,9 +157,8 @@ class Estimate:
         return Status(int(self._block().status[0]))
 
     def __repr__(self) -> str:
-        return (
-            f"Estimate(theta={self.theta}, theta_std={self.theta_std}, status={self.status.name})"
-        )
+        name, status = type(self).__name__, self.status.name
+        return f"{name}(theta={self.theta}, theta_std={self.theta_std}, status={status})"
 
 
 def _reading(state: Floats, *, covariance: bool) -> EstimateBlock:
