@@ -73,7 +73,7 @@ def dutch_roll_closed(theta: Floats, airspeed_m_s: float, law: Law) -> Floats:
     Of several pairs of poles it is the one with the most energy in the yaw rate's answer to the
     rudder; NaN where no pair oscillates.
     """
-    whole, drive = _closed(theta, airspeed_m_s, law)
+    whole, drive = closed(theta, airspeed_m_s, law)
     poles, vectors = np.linalg.eig(whole)
     residues = vectors[:, R] * np.linalg.solve(vectors, drive.astype(complex))[..., 0]
     energy = np.abs(residues) ** 2 / (2.0 * np.abs(poles.real) + np.finfo(float).tiny)
@@ -92,7 +92,7 @@ def yaw_rate_closed(theta: Floats, record: Record, law: Law) -> Floats:
     Raises:
         numpy.linalg.LinAlgError: the model is not finite.
     """
-    whole, drive = _closed(theta[None], record.airspeed_m_s, law)
+    whole, drive = closed(theta[None], record.airspeed_m_s, law)
     Ts = record.sample_time_s
     Phi, area, moment = exponential(whole, Ts)
     inputs = record.inputs(float(theta[AT["servo_lag"]]), float(theta[AT["delay"]]))
@@ -106,7 +106,7 @@ def yaw_rate_closed(theta: Floats, record: Record, law: Law) -> Floats:
     return np.asarray(states[:, R], np.float64)
 
 
-def _closed(theta: Floats, airspeed_m_s: float, law: Law) -> tuple[Floats, Floats]:
+def closed(theta: Floats, airspeed_m_s: float, law: Law) -> tuple[Floats, Floats]:
     """Return A (v, 7, 7) and the rudder's B (v, 7, 1) under a roll law.
 
     The states are beta, p, r, roll, the aileron behind its servo, the law's roll angle and its

@@ -34,7 +34,7 @@ from yawid.lateral.roll_law import dutch_roll_closed
 from yawid.ordinary.fit import Fitted, left_over
 from yawid.ordinary.model import FREE_AT, OUTPUTS, full
 from yawid.ordinary.pieces import Ordinary
-from yawid.ordinary.search import USABLE, Search, wn_of
+from yawid.ordinary.search import USABLE, Search, around, wn_of
 from yawid.ordinary.spectra import INDEPENDENT, P, R
 
 IN_GUSTS, OF_BAND = 1.3, 0.5
@@ -250,30 +250,28 @@ def _floor(floors: Floats, mode: Floats) -> Floats:
 def share_of_turns(found: Fitted, near: np.ndarray) -> float:
     """Return the part of p's power near the mode that the aileron's own part makes."""
     band, asked = found.band, found.model.inputs()[:, 0]
-    made = np.abs(found.model.predict(found.x, slopes=False).G[:, P, 0]) ** 2
+    made = np.abs(found.model.at(found.x)[0][:, P, 0]) ** 2
     made = made * np.einsum("bi,bij,bj->b", asked, band.Z, asked.conj()).real
     return float(made[near].sum() / band.Z[near, P, P].real.sum())
 
 
 def largest_line(found: Fitted) -> float:
     """Return the largest line in p and r near the mode, in sigmas."""
-    band, U, at = found.band, found.model.inputs(), found.model.predict(found.x, slopes=False)
-    Z = np.sum([np.pad(band.Z, ((i, 2 - i), (0, 0), (0, 0))) for i in range(3)], axis=0)[1:-1]
-    count = np.convolve(band.n, np.ones(3), "same")
-    M, _ = left_over(band, found.model, at.G)
+    band, U, (G, S) = found.band, found.model.inputs(), found.model.at(found.x)
+    Z, count, (M, _) = around(band.Z, 3), around(band.n, 3), left_over(band, found.model, G)
     back = U.conj().swapaxes(-1, -2)
     inputs, along = U @ Z @ back, M @ Z @ back
     inputs += 1e-9 * np.eye(3) * (np.einsum("bii->bi", inputs)[:, :, None] + 1e-20)
     E = M @ Z @ M.conj().swapaxes(-1, -2)
     driven = along @ np.linalg.inv(inputs) @ along.conj().swapaxes(-1, -2)
-    whiten = np.linalg.inv(np.linalg.cholesky(at.S))
+    whiten = np.linalg.inv(np.linalg.cholesky(S))
     most = 0.0
     for part in (0.0, 1.0):
         white = whiten @ (E - part * driven) @ whiten.conj().swapaxes(-1, -2)
         mean = np.einsum("bii->ib", white).real[: R + 1]
         mean /= np.maximum(count - part * 3.0 * INDEPENDENT, 0.5)
-        around = np.pad(mean, ((0, 0), (ABOUT, ABOUT)), mode="reflect")
-        median = np.median(sliding_window_view(around, 2 * ABOUT + 1, axis=1), axis=-1)
+        wide = np.pad(mean, ((0, 0), (ABOUT, ABOUT)), mode="reflect")
+        median = np.median(sliding_window_view(wide, 2 * ABOUT + 1, axis=1), axis=-1)
         lines = (mean / median - 1.0) * np.sqrt(count)
         most = max(most, float(lines[:, _near(found, SEARCHED)].max(initial=0.0)))
     return most
@@ -281,9 +279,10 @@ def largest_line(found: Fitted) -> float:
 
 def spectrum_of(found: Fitted) -> OrdinarySpectrum:
     """Return the spectra measured, and those of the fit with the inputs as they were."""
-    band, at, U = found.band, found.model.predict(found.x, slopes=False), found.model.inputs()
-    driven = at.G @ U @ band.Z @ U.conj().swapaxes(-1, -2) @ at.G.conj().swapaxes(-1, -2)
-    both = OUTPUTS @ band.Z @ OUTPUTS.T, driven + band.n[:, None, None] * at.S
+    band, (G, S) = found.band, found.model.at(found.x)
+    by = G @ found.model.inputs()
+    driven = by @ band.Z @ by.conj().swapaxes(-1, -2)
+    both = OUTPUTS @ band.Z @ OUTPUTS.T, driven + band.n[:, None, None] * S
     measured, modelled = (
         {name: (x[:, i, i].real / band.n).tolist() for i, name in enumerate(("p", "r", "roll"))}
         for x in both

@@ -20,8 +20,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from yawid.blocks import Floats
-from yawid.lateral.model import AILERON as BY_AILERON
-from yawid.lateral.model import Guess, airframe
+from yawid.lateral.model import AT, Guess
+from yawid.lateral.roll_law import closed
 from yawid.ordinary.model import FREE, FREE_AT, FROZEN, OUTPUTS, SPAN, Model, full, prior_of
 from yawid.ordinary.spectra import ROLL, Band, Complex, R
 from yawid.ordinary.spectra import P as ROLL_RATE
@@ -31,7 +31,8 @@ LEAST_GAIN = 1e-2
 """The gain of the likelihood's logarithm below which a fit has settled."""
 MOST_STEP = 2.0
 """The largest step, in scales of the parameters: beyond it the first steps leave all aircraft."""
-LEAST_LAG_S, MOST_GROWTH = 0.002, 0.3
+MOST_GROWTH = 0.3
+_DIFFERENCE = 1e-6
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,12 +55,12 @@ def left_over(band: Band, model: Model, G: Complex) -> tuple[Complex, Complex]:
 
 def loss_of(x: Floats, band: Band, model: Model, prior: tuple[Floats, Floats]) -> float:
     """Return L of parameters x (n,)."""
-    found = model.predict(x, slopes=False)
-    _, E = left_over(band, model, found.G)
-    sign, log = np.linalg.slogdet(found.S)
+    G, S = model.at(x)
+    _, E = left_over(band, model, G)
+    sign, log = np.linalg.slogdet(S)
     if not (np.isfinite(log).all() and (sign.real > 0.0).all()):
         return math.inf
-    fit = band.n * log + np.einsum("bij,bji->b", np.linalg.inv(found.S), E).real
+    fit = band.n * log + np.einsum("bij,bji->b", np.linalg.inv(S), E).real
     return float(fit.sum() + 0.5 * np.sum(((x - prior[0]) / prior[1]) ** 2))
 
 
@@ -67,13 +68,13 @@ def slope_of(
     x: Floats, band: Band, model: Model, prior: tuple[Floats, Floats]
 ) -> tuple[Floats, Floats]:
     """Return the slope (n,) of L by x, and the information (n, n)."""
-    found = model.predict(x)
-    M, E = left_over(band, model, found.G)
-    dM, inverse = -found.dG @ model.inputs(), np.linalg.inv(found.S)
-    T = inverse @ found.dS
+    n = len(x)
+    G, S = model.predict(np.vstack([x, x + _DIFFERENCE * np.eye(n)]))
+    M, E = left_over(band, model, G[0])
+    dM, inverse = -(G[1:] - G[0]) @ model.inputs() / _DIFFERENCE, np.linalg.inv(S[0])
+    T = inverse @ (S[1:] - S[0]) / _DIFFERENCE
     slope = np.einsum("vbii,b->v", T, band.n) - np.einsum("vbij,bji->v", T, inverse @ E)
     slope += 2.0 * np.einsum("vbij,bji->v", dM, band.Z @ M.conj().swapaxes(-1, -2) @ inverse)
-    n = len(x)
     one = (band.n[:, None, None] * T).reshape(n, -1)
     F = (one @ T.swapaxes(-1, -2).reshape(n, -1).T).real
     bent = (inverse @ dM @ band.Z).reshape(n, -1)
@@ -113,22 +114,15 @@ def fit(x: Floats, band: Band, model: Model, guess: Guess, steps: int = 60) -> F
 def is_stable(x: Floats, model: Model) -> bool:
     """Return whether the aircraft under its roll law is stable, but for a slow spiral.
 
-    The delay is Pade's of first order. Its aileron rolls to the side that it is called by: without
-    that, small aircraft in gusts ended with L_delta_a below 0, and wn up to 18 % off.
+    The delay counts as a lag. Its aileron rolls to the side that it is called by: without that,
+    small aircraft in gusts ended with L_delta_a below 0, and wn up to 18 % off.
     """
-    A, B = airframe(full(x[None]), model.airspeed_m_s)
-    k = np.array([0.0, model.law.rate_gain, 0.0, model.law.roll_gain])
-    lag, delay = (max(float(x[FREE_AT[name]]), LEAST_LAG_S) for name in ("servo_lag", "delay"))
-    whole = np.zeros((7, 7))
-    whole[:4, :4], whole[:4, 4] = A[0, :4, :4], B[0, :4, BY_AILERON]
-    whole[4, :4], whole[4, 4], whole[4, 5] = k / lag, -1.0 / lag, -2.0 / lag
-    whole[5, :4], whole[5, 5] = 2.0 / delay * k, -2.0 / delay
-    whole[4:6, 6] = model.law.integral_gain * np.array([1.0 / lag, 2.0 / delay])
-    whole[6, 3] = 1.0
-    signs = x[FREE_AT["L_p"]] < 0.0 < x[FREE_AT["L_delta_a"]]
-    if not np.isfinite(whole).all() or not signs:
+    theta = full(x[None])
+    theta[:, AT["servo_lag"]] += theta[:, AT["delay"]]
+    whole = closed(theta, model.airspeed_m_s, model.law)[0]
+    if not np.isfinite(whole).all() or not x[FREE_AT["L_p"]] < 0.0 < x[FREE_AT["L_delta_a"]]:
         return False
-    poles = np.linalg.eigvals(whole)
+    poles = np.linalg.eigvals(whole)[0]
     return not ((poles[poles.imag > 0.05].real > 0.0).any() or (poles.real > MOST_GROWTH).any())
 
 

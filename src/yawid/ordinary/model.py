@@ -1,4 +1,4 @@
-"""What gusts, turns and noise make of p, r and roll, frequency by frequency, with its slopes.
+"""What gusts, turns and noise make of p, r and roll, frequency by frequency.
 
 A is the airframe's of ``lateral/model.py``. With s = j w, and D(s) the servo after a command,
 
@@ -32,20 +32,16 @@ STRUCTURE = (
     "log_Y_beta", "L_beta", "L_p", "L_r", "L_delta_a", "N_beta", "N_p", "N_r", "N_delta_a",
     "alpha", "delay", "servo_lag",
 )  # fmt: skip
-"""The parameters that are free and on which G depends."""
-SIZES = {
-    "log_gust": 0,
-    "log_roll_gust": 1,
-    "log_yaw_gust": 2,
-    "log_sigma_p": 3,
-    "log_sigma_roll": 4,
-}
-"""The logarithms of sizes, and the column of H that each scales."""
+"""The parameters that are free and of which G is made."""
 FREE = (
     *STRUCTURE,
     "frozen",
     "log_span_lag",
-    *SIZES,
+    "log_gust",
+    "log_roll_gust",
+    "log_yaw_gust",
+    "log_sigma_p",
+    "log_sigma_roll",
     "log_sigma_r",
     "log_gust_rate",
     "log_roll_gust_rate",
@@ -59,7 +55,6 @@ UNKNOWN_SIZES = "log_gust", "log_roll_gust", "log_yaw_gust", "log_sigma_p"
 SIZE_STD = 3.0
 """Sigma of a size's logarithm: without it one that is 0, as a gust in calm air, has no end, and the
 step towards it stops every other parameter: 11 of 20 fits ended in a false place."""
-_DIFFERENCE = 1e-4
 _PARAMETER = {each.name: each for each in PARAMETERS}
 Prior = tuple[Floats, Floats]
 
@@ -97,16 +92,6 @@ def full(x: Floats) -> Floats:
 
 
 @dataclass(frozen=True, slots=True)
-class Predicted:
-    """G (b, 3, 3) from [a, f1, f2] to [p, r, roll], S (b, 3, 3), and slopes (n, b, 3, 3) by x."""
-
-    G: Complex
-    S: Complex
-    dG: Complex
-    dS: Complex
-
-
-@dataclass(frozen=True, slots=True)
 class Model:
     """The model at frequencies ``w`` (b,) in rad/s, at one airspeed and under one roll law.
 
@@ -118,81 +103,41 @@ class Model:
     law: Law
     noise: Complex | None = None
 
-    def predict(self, x: Floats, *, slopes: bool = True) -> Predicted:
-        """Return what is predicted of parameters x (n,); without ``slopes`` these are empty."""
-        o, s, w = dict(zip(FREE, x, strict=True)), 1j * self.w, self.w
-        A, B, dA, dB = self._airframe(x)
+    def predict(self, x: Floats) -> tuple[Complex, Complex]:
+        """Return G (v, b, 3, 3) from [a, f1, f2] to p, r, roll, and S (v, b, 3, 3), of x (v, n)."""
+        o, s, w = dict(zip(FREE, x.T[:, :, None], strict=True)), 1j * self.w, self.w
+        A, B = airframe(full(x), self.airspeed_m_s)
+        A, k = A[:, None, :4, :4], self.feedback()
         servo = np.exp(-s * o["delay"]) / (1.0 + s * o["servo_lag"])
-        k = self._feedback()
-        Bs = servo[:, None] * B
-        inverse = np.linalg.inv(s[:, None, None] * np.eye(4) - A + Bs[:, :, None] * k[:, None])
-        logs = "log_gust", "log_gust_rate", "log_roll_gust_rate", "log_span_lag"
-        b0, rate, roll_rate, span = (np.exp(o[x]) for x in logs)
-        passing = b0 * np.sqrt(2.0 * rate / (w**2 + rate**2))
+        rate, roll_rate = np.exp(o["log_gust_rate"]), np.exp(o["log_roll_gust_rate"])
+        passing = np.exp(o["log_gust"]) * np.sqrt(2.0 * rate / (w**2 + rate**2))
         rolling = np.exp(o["log_roll_gust"]) / np.sqrt(1.0 + (w / roll_rate) ** 2)
-        noise = np.exp([o["log_sigma_p"], o["log_sigma_roll"]])
-        fed_back = (noise * k[:, [P, ROLL_ANGLE]])[:, None]
-        slope = s / (1.0 + s * span)
-
-        def gusts(A: Floats) -> Complex:
-            yawing = A[:, 0] + o["frozen"] * slope[:, None] * A[:, 2] * [0.0, 1.0, 1.0, 0.0]
-            return np.stack(
-                [passing[:, None] * yawing, rolling[:, None] * A[:, 1] * [0.0, 1.0, 1.0, 0.0]], 2
-            )
-
-        D = np.zeros((len(w), 4, 8), complex)
-        D[:, :, 0], D[:, 0, 1], D[:, 3, 2] = Bs, GRAVITY / self.airspeed_m_s, 1.0
-        D[:, :, 3:5], D[:, 2, 5] = gusts(A), np.exp(o["log_yaw_gust"])
-        D[:, :, 6:] = -fed_back * Bs[:, :, None]
-        X = inverse @ D
-        H = X[:, 1:, 3:].copy()
-        H[:, 0, 3] += noise[0]
-        H[:, 2, 4] += noise[1]
+        turning = o["frozen"] * s / (1.0 + s * np.exp(o["log_span_lag"]))
+        moments = np.array([0.0, 1.0, 1.0, 0.0])
+        D = np.zeros((*servo.shape, 4, 6), complex)
+        D[..., 0] = servo[..., None] * B[:, None, :4, 0]
+        D[..., 0, 1], D[..., 3, 2] = GRAVITY / self.airspeed_m_s, 1.0
+        D[..., 3] = passing[..., None] * (A[..., 0] + turning[..., None] * moments * A[..., 2])
+        D[..., 4] = rolling[..., None] * moments * A[..., 1]
+        D[..., 2, 5] = np.exp(o["log_yaw_gust"])
+        X = np.linalg.solve(s[:, None, None] * np.eye(4) - A + D[..., :1] * k[:, None], D)[
+            ..., 1:, :
+        ]
+        fed_back = [(0, P, np.exp(o["log_sigma_p"])), (2, ROLL_ANGLE, np.exp(o["log_sigma_roll"]))]
+        H = np.concatenate([X[..., 3:], np.zeros((*servo.shape, 3, 2))], axis=-1)
+        for i, (row, at, sigma) in enumerate(fed_back, start=3):
+            H[..., i] = -(sigma * k[:, at])[..., None] * X[..., 0]
+            H[..., row, i] += sigma
         S = H @ H.conj().swapaxes(-1, -2)
-        S[:, 1, 1] += np.exp(2.0 * o["log_sigma_r"])
-        S = S if self.noise is None else self.noise
-        if not slopes:
-            empty = np.zeros((0, len(w), 3, 3), complex)
-            return Predicted(X[:, 1:, :3], S, empty, empty)
-        inner = len(STRUCTURE) + 2
-        dX = np.zeros((inner, len(w), 4, 8), complex)
-        dservo = {"delay": -s * servo, "servo_lag": -s * servo / (1.0 + s * o["servo_lag"])}
-        for i, name in enumerate(STRUCTURE):
-            dBs = servo[:, None] * dB[i] + dservo.get(name, np.zeros(1))[:, None] * B
-            dX[i] = dA[i] @ X - dBs[:, :, None] * (k[:, None] @ X)
-            dX[i, :, :, 0] += dBs
-            dX[i, :, :, 3:5] += gusts(dA[i])
-            dX[i, :, :, 6:] -= fed_back * dBs[:, :, None]
-        dX[-2, :, 1:3, 3] = (passing * slope)[:, None] * A[1:3, 2]
-        dX[-1] = -o["frozen"] * (span * slope)[:, None, None] * dX[-2]
-        dX = inverse @ dX
-        dG, dH = (np.zeros((len(FREE), len(w), 3, m), complex) for m in (3, 5))
-        dG[:inner], dH[:inner] = dX[..., 1:, :3], dX[..., 1:, 3:]
-        for name, column in SIZES.items():
-            dH[FREE_AT[name], :, :, column] = H[:, :, column]
-        by_rate = 0.5 - rate**2 / (w**2 + rate**2), w**2 / (w**2 + roll_rate**2)
-        for i, (column, bent) in enumerate(enumerate(by_rate), start=len(FREE) - 2):
-            dH[i, :, :, column] = H[:, :, column] * bent[:, None]
-        dS = dH @ H.conj().swapaxes(-1, -2)
-        dS += dS.conj().swapaxes(-1, -2)
-        dS[FREE_AT["log_sigma_r"], :, 1, 1] += 2.0 * np.exp(2.0 * o["log_sigma_r"])
-        dS *= self.noise is None
-        return Predicted(X[:, 1:, :3], S, dG, dS)
+        S[..., 1, 1] += np.exp(2.0 * o["log_sigma_r"])
+        return X[..., :3], S if self.noise is None else np.broadcast_to(self.noise, S.shape)
 
-    def _airframe(self, x: Floats) -> tuple[Floats, Floats, Floats, Floats]:
-        """Return A (4, 4), B (4,), and their slopes by the parameters of STRUCTURE."""
-        change = _DIFFERENCE * np.eye(len(x))[: len(STRUCTURE)]
-        A, B = airframe(full(np.vstack([x, x + change, x - change])), self.airspeed_m_s)
-        A, B = A[:, :4, :4], B[:, :4, 0]
-        n = len(STRUCTURE) + 1
-        return (
-            A[0],
-            B[0],
-            (A[1:n] - A[n:]) / (2.0 * _DIFFERENCE),
-            (B[1:n] - B[n:]) / (2.0 * _DIFFERENCE),
-        )
+    def at(self, x: Floats) -> tuple[Complex, Complex]:
+        """Return G (b, 3, 3) and S (b, 3, 3) of one x (n,)."""
+        G, S = self.predict(x[None])
+        return G[0], S[0]
 
-    def _feedback(self) -> Complex:
+    def feedback(self) -> Complex:
         """Return k (b, 4)."""
         k = np.zeros((len(self.w), 4), complex)
         k[:, P] = self.law.rate_gain
@@ -201,7 +146,7 @@ class Model:
 
     def inputs(self) -> Complex:
         """Return U (b, 3, 6), which makes [a, f1, f2] of the six signals."""
-        U, k = np.zeros((len(self.w), 3, 6), complex), self._feedback()
+        U, k = np.zeros((len(self.w), 3, 6), complex), self.feedback()
         U[:, 0, 0], U[:, 0, ROLL], U[:, 0, AILERON] = k[:, P], k[:, ROLL_ANGLE], 1.0
         U[:, 1, 4] = U[:, 2, 5] = 1.0
         return U

@@ -81,7 +81,7 @@ class Search:
         for _ in range(ROUNDS):
             if found is None:
                 return None
-            _, E = left_over(start.band, start.model, start.model.predict(found.x, slopes=False).G)
+            _, E = left_over(start.band, start.model, start.model.at(found.x)[0])
             noise = (
                 around(E, 2 * NOISE_BINS + 1)
                 / around(start.band.n, 2 * NOISE_BINS + 1)[:, None, None]
