@@ -163,6 +163,16 @@ def test_the_angle_of_attack_of_a_turn_is_in_what_it_does_to_sideslip() -> None:
     assert power < 1e-5 * data.Z[:, 1, 1].real.sum()
 
 
+def test_a_record_that_begins_in_flight_before_its_first_command_loses_a_second_of_it() -> None:
+    flight = flown(17, seconds=400.0)
+    flight[:, 0] += 10.0  # at 40 s a piece begins
+
+    stream = streamed(flight)
+
+    assert stream.sums().seconds == pytest.approx(400.0)
+    assert sum(stream.lost_s.values()) == 0.0
+
+
 def test_an_unstable_aircraft_is_never_reached_although_the_spectra_are_the_same() -> None:
     data, model = model_at(streamed(flown(7, seconds=400.0)).sums(), 0.6, 7.0)
     mirrored = X.copy()

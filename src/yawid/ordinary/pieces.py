@@ -152,6 +152,9 @@ class Ordinary:
         rows = SampleBlock.joined(self._row)
         motion, new_s = self._store.cut(rows), self._new * PIECE_S
         self._new = 0
+        if isinstance(motion, str):  # a record may begin before its first command
+            rows = rows.select(rows.boot_us >= rows.boot_us[0] + SETTLED_US)
+            motion = self._store.cut(rows)
         if isinstance(motion, str) or not motion.aileron_known:
             self.lost_s["without motion or aileron"] += new_s
             return
