@@ -120,9 +120,8 @@ class Model:
         D[..., 3] = passing[..., None] * (A[..., 0] + turning[..., None] * moments * A[..., 2])
         D[..., 4] = rolling[..., None] * moments * A[..., 1]
         D[..., 2, 5] = np.exp(o["log_yaw_gust"])
-        X = np.linalg.solve(s[:, None, None] * np.eye(4) - A + D[..., :1] * k[:, None], D)[
-            ..., 1:, :
-        ]
+        whole = s[:, None, None] * np.eye(4) - A + D[..., :1] * k[:, None]
+        X = np.linalg.solve(whole, D)[..., 1:, :]
         fed_back = [(0, P, np.exp(o["log_sigma_p"])), (2, ROLL_ANGLE, np.exp(o["log_sigma_roll"]))]
         H = np.concatenate([X[..., 3:], np.zeros((*servo.shape, 3, 2))], axis=-1)
         for i, (row, at, sigma) in enumerate(fed_back, start=3):
@@ -130,7 +129,9 @@ class Model:
             H[..., row, i] += sigma
         S = H @ H.conj().swapaxes(-1, -2)
         S[..., 1, 1] += np.exp(2.0 * o["log_sigma_r"])
-        return X[..., :3], S if self.noise is None else np.broadcast_to(self.noise, S.shape)
+        if self.noise is not None:
+            S[:] = self.noise
+        return np.asarray(X[..., :3], np.complex128), np.asarray(S, np.complex128)
 
     def at(self, x: Floats) -> tuple[Complex, Complex]:
         """Return G (b, 3, 3) and S (b, 3, 3) of one x (n,)."""
