@@ -89,12 +89,10 @@ class Columns:
 
     def select(self, rows: Array | slice) -> Self:
         """Return the rows chosen by a mask (n,), an index array (m,) or a slice."""
-        if (
-            isinstance(rows, np.ndarray)
-            and rows.dtype == bool
-            and np.count_nonzero(rows) == len(rows)
-        ):
-            return self  # a live block is usually taken as a whole: copies would cost too much
+        if isinstance(rows, np.ndarray) and rows.dtype == bool:
+            count, rows = len(rows), np.flatnonzero(rows)
+            if len(rows) == count:
+                return self  # a live block is usually taken as a whole: copies would cost too much
         values = [getattr(self, name) for name in self.__slots__]
         for i, v in enumerate(values):
             if isinstance(v, np.ndarray):

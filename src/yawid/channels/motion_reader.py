@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from yawid.blocks import Array, Floats, MessageBlock, MotionBlock, RecordBlock, StampedRows
+from yawid.blocks import Floats, MessageBlock, MotionBlock, RecordBlock, StampedRows
 from yawid.channels.series import Piece, Series, boot_us
 from yawid.config.run import RunConfig
 from yawid.quantities.airspeed import GRAVITY
@@ -30,14 +30,6 @@ APART_US = 2_000_000
 ABSURD_M_S2 = 500.0
 MOST_WAITING = 20_000
 """The most accelerations kept while no attitude comes."""
-
-
-def attitude_columns(source: str, fields: Array, known: Mapping[str, Floats]) -> Floats:
-    """Return the columns of attitudes (n, 5), NaN where the ``source`` does not report them."""
-    p = np.full(len(fields), np.nan)
-    if source.startswith("ATTITUDE"):
-        p = np.asarray(fields["rollspeed"], float)
-    return np.column_stack([p if name == "p" else known[name] for name in COLUMNS])
 
 
 def record_columns(rows: RecordBlock) -> Floats:

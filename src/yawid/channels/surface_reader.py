@@ -82,11 +82,10 @@ class SurfaceReader:
         messages: Mapping[str, MessageBlock],
         surfaces: tuple[Surface, ...],
         aileron: Surface | None,
-        own_clock: bool = False,
     ) -> Series:
         """Return one row for each message, with the deflection of every surface, (n, columns + 1).
 
-        Its time is unwrapped by the yaw source's clock or, with ``own_clock``, by itself.
+        Its time is unwrapped by the yaw source's clock.
         """
         # The aileron's own message may be another one than that of the inputs.
         if aileron is not None and (block := messages.get(aileron.message)) is not None:

@@ -9,7 +9,7 @@ import numpy as np
 
 from yawid.blocks import Array, Floats, Held, Ints, MessageBlock, RecordBlock, euler
 from yawid.channels.flight_state import LEAST_AIRSPEED, FlightState, SlowFlight, TakeOff
-from yawid.channels.motion_reader import COLUMNS, attitude_columns, record_columns
+from yawid.channels.motion_reader import COLUMNS, record_columns
 from yawid.channels.series import Series, boot_us
 from yawid.quantities.airspeed import GRAVITY, known, over_ground
 from yawid.quantities.table import of_kind
@@ -26,25 +26,27 @@ message. ``by_ground`` is 1 where the airspeed is the ground speed; ``barred`` h
 :class:`yawid.blocks.Held` for which a row must not update the estimators."""
 ON_GROUND, MODE = ROW.index("on_ground"), ROW.index("mode")
 
+RATES = ("rollspeed", "pitchspeed", "yawspeed")
+
 Fields = Array
 
 
 def _attitude(f: Fields) -> Floats:
-    return _angles(f["roll"], f["pitch"], f["yaw"], f["pitchspeed"], f["yawspeed"])
+    return _angles(f["roll"], f["pitch"], f["yaw"], *(f[name] for name in RATES))
 
 
 def _quaternion(f: Fields) -> Floats:
     w, x, y, z = (np.asarray(f[f"q{i}"], float) for i in range(1, 5))
-    return _angles(*euler(w, x, y, z), f["pitchspeed"], f["yawspeed"])
+    return _angles(*euler(w, x, y, z), *(f[name] for name in RATES))
 
 
 def _gyro(f: Fields, scale: float = 1.0) -> Floats:
     rates = (scale * np.asarray(f[name], float) for name in ("ygyro", "zgyro"))
-    return _angles(*np.full((3, len(f)), np.nan), *rates)
+    return _angles(*np.full((4, len(f)), np.nan), *rates)
 
 
 def _angles(*rows: Any) -> Floats:
-    """Return the rows as (5, n), NaN where a value is absurd or not finite."""
+    """Return the rows as (6, n), NaN where a value is absurd or not finite."""
     angles = np.array(rows, float)
     return np.where(np.abs(angles) < ABSURD_RAD_S, angles, np.nan)
 
@@ -58,7 +60,7 @@ SOURCES: dict[str, tuple[str, Callable[[Fields], Floats]]] = {
 }
 """By message, the field and its reader, the best first; RAW_IMU is in mrad/s as ArduPilot sends it.
 
-A reader returns (5, n): roll, pitch and yaw in rad, pitch and yaw rate about the body's axes in
+A reader returns (6, n): roll, pitch and yaw in rad, the rates p, q, r about the body's axes in
 rad/s; NaN where unknown."""
 
 
@@ -98,9 +100,7 @@ class YawReader:
         if self.source is None or self.source not in messages:
             return Series.empty(len(ROW) + self.motion * len(COLUMNS))
         block = messages[self.source]
-        with np.errstate(over="ignore", invalid="ignore"):
-            # A float may hold any bits: an absurd value becomes NaN, and its sample is held.
-            roll, pitch, yaw, q, r = SOURCES[self.source][1](block.fields)
+        roll, pitch, yaw, p, q, r = SOURCES[self.source][1](block.fields)
         unwrapped = self._unwrap(yaw)
         row = context.at(block.order) | {"r": r, "yaw": unwrapped, "roll": roll}
         row["turn_rate"] = _turn_rate(row["airspeed"], roll, pitch)
@@ -110,9 +110,7 @@ class YawReader:
         self.rows += len(block)
         values = np.column_stack([row[name] for name in ROW])
         if self.motion:
-            known = {"roll": roll, "pitch": pitch, "q": q, "r": r}
-            columns = attitude_columns(self.source, block.fields, known)
-            values = np.hstack([values, np.where(np.abs(columns) < ABSURD_RAD_S, columns, np.nan)])
+            values = np.column_stack([values, roll, pitch, p, q, r])
         return Series(block.order, block.received_us, boot_us(block.fields), values)
 
     def read_record(self, block: RecordBlock, lost: Ints) -> Series:

@@ -20,7 +20,7 @@ from yawid.runs.job import feed_all
 from yawid.runs.outputs import Outputs, finish, open_mcap, parameters_of, whole_or_none
 from yawid.sinks.door import print_text
 from yawid.sources.open_log import in_memory
-from yawid.sources.simulated_tlog import SimulatedFlight, tlog_of
+from yawid.sources.simulated_tlog import tlog_of
 from yawid.system.part_file import check_free, write_whole
 
 FULL_RUDDER_RAD = np.deg2rad(25.0)
@@ -136,7 +136,7 @@ def _tlog(simulation: Simulation) -> bytes:
             "the rudder exceeds 25 degrees, its full travel in a tlog: choose a smaller --amplitude"
         )
     y, yaw, roll = simulation.y, simulation.yaw, simulation.roll
-    return tlog_of(SimulatedFlight(simulation.t, share, y, yaw, roll, SPEED_M_S, simulation.p))
+    return tlog_of(simulation.t, share, y, yaw, roll, SPEED_M_S, simulation.p)
 
 
 def _mcap(simulation: Simulation, out: Path, rate_hz: float, force: bool) -> None:

@@ -175,11 +175,11 @@ def test_estimates_that_fall_behind_the_link_are_said_and_that_they_have_caught_
     with UdpTap(Endpoint("127.0.0.1", 0), stamps=stamps) as tap:
         overload = Overload(tap)
         send(frames(1.0)[:2], tap.address[1])
-        assert tap.inbox.wait(60.0)
+        assert tap.inbox.arrived.wait(60.0)
         tap.read(1.0)
         assert list(overload.lines()) == []
         came_us = stamps.now()
-        tap.inbox.put([came_us], [b""], [("127.0.0.1", 1)])
+        tap.inbox.put([(came_us, b"", ("127.0.0.1", 1))])
         assert tap.reached_us() == came_us  # until then a vehicle is not called silent
         ahead_ns[0] = 5_000_000_000
         [line] = overload.lines()

@@ -115,8 +115,7 @@ def test_what_a_full_queue_cannot_take_is_counted(vehicle: socket.socket) -> Non
 
 def put(inbox: Inbox, *sizes: int) -> None:
     """Receive datagrams of these sizes, all of one read."""
-    count = len(sizes)
-    inbox.put([1] * count, [bytes(size) for size in sizes], [("127.0.0.1", 1)] * count)
+    inbox.put([(1, bytes(size), ("127.0.0.1", 1)) for size in sizes])
 
 
 def test_the_queue_is_bounded_in_bytes_and_what_is_too_long_is_counted() -> None:
@@ -177,7 +176,7 @@ def test_what_comes_while_nobody_reads_waits(tap: UdpTap, vehicle: socket.socket
 def test_a_backlog_is_taken_without_a_pause(tap: UdpTap, monkeypatch: pytest.MonkeyPatch) -> None:
     count, parts = MOST_AT_ONCE // 8, 20
     for _ in range(parts):
-        tap.inbox.put([1] * count, [FRAMES[0]] * count, [("127.0.0.1", 1)] * count)
+        tap.inbox.put([(1, FRAMES[0], ("127.0.0.1", 1))] * count)
     pauses: list[float] = []
     monkeypatch.setattr("yawid.sources.link.tap.time.sleep", pauses.append)
     data = b""

@@ -2,17 +2,18 @@
 
 import threading
 import time
+from bisect import bisect_right
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
-from itertools import accumulate, chain, compress, takewhile
+from itertools import accumulate, chain
 
 from yawid.sources.link.endpoints import written
 from yawid.system.processes import steady_ns
 
 Address = tuple[str, int]
 """Host and port; a link-local IPv6 host has the number of its link: ``fe80::1%2``."""
-Batch = tuple[list[int], list[bytes], list[Address]]
-"""Stamps, datagrams and senders, lists of equal length."""
+Arrived = tuple[int, bytes, Address]
+"""The stamp of a datagram, itself, and its sender."""
 QUEUE, QUEUE_BYTES = 200_000, 64 << 20
 """The most datagrams, and bytes of them, that may wait: more than a minute of a busy link."""
 LONGEST = 9000
@@ -48,16 +49,13 @@ class Stamps:
         """Return the stamp of this instant."""
         return (self._base_ns + self._steady_ns()) // 1000
 
-    def ahead_us(self) -> int:
-        """Return by how many us the wall clock is ahead of the stamps now."""
-        return self._ahead_ns() // 1000
-
-    def _ahead_ns(self) -> int:
+    def ahead_ns(self) -> int:
+        """Return by how many ns the wall clock is ahead of the stamps now."""
         return self._wall_ns() - self._steady_ns() - self._base_ns
 
     def jump(self) -> float | None:
         """Return the wall clock's jump in s since the last one returned, None without one."""
-        ahead_ns = self._ahead_ns()
+        ahead_ns = self.ahead_ns()
         moved_s = (ahead_ns - self._reported_ns) / 1e9
         if abs(moved_s) < JUMP_S:
             return None
@@ -70,7 +68,8 @@ class Inbox:
 
     ``received`` counts all datagrams, ``dropped`` those for which there was no room, ``too_long``
     those of more than ``LONGEST`` bytes and ``skipped`` those that :meth:`skip` removed. One thread
-    puts them in, another takes them; ``last_us`` is the stamp of the newest one received, 0 before.
+    puts them in, another takes them and waits for ``arrived``; ``last_us`` is the stamp of the
+    newest one received, 0 before.
     """
 
     def __init__(self, size: int, most_bytes: int = QUEUE_BYTES) -> None:
@@ -83,8 +82,8 @@ class Inbox:
         self._taken = 0
         # Each is counted by one thread only: the queue holds the difference.
         self._bytes_put = self._bytes_taken = 0
-        self._queue: deque[Batch] = deque()
-        self._arrived = threading.Event()
+        self._queue: deque[list[Arrived]] = deque()
+        self.arrived = threading.Event()
 
     def __len__(self) -> int:
         # The other thread is counting: for an instant "dropped" may be ahead of "received".
@@ -95,53 +94,38 @@ class Inbox:
         """The stamp of the oldest datagram that waits, None without any; for the taking thread."""
         return self._queue[0][0][0] if self._queue else None
 
-    def put(self, stamps: list[int], datagrams: list[bytes], senders: list[Address]) -> None:
-        """Queue the datagrams for which there is room; count the others."""
-        count, self.last_us = len(datagrams), stamps[-1]
-        sizes = list(map(len, datagrams))
-        if max(sizes) > LONGEST:
-            fits = [size <= LONGEST for size in sizes]
-            stamps, sizes = list(compress(stamps, fits)), list(compress(sizes, fits))
-            datagrams, senders = list(compress(datagrams, fits)), list(compress(senders, fits))
-            self.too_long += count - len(sizes)
-        room, room_bytes = self._size - len(self), self._most_bytes - self._waiting_bytes
-        if len(sizes) > room or sum(sizes) > room_bytes:
-            least = takewhile(room_bytes.__ge__, accumulate(sizes))
-            room = min(max(room, 0), len(list(least)))
-            self.dropped += len(sizes) - room
-            stamps, datagrams, senders = stamps[:room], datagrams[:room], senders[:room]
-            sizes = sizes[:room]
-        if stamps:
-            self._bytes_put += sum(sizes)
-            self._queue.append((stamps, datagrams, senders))
-        self.received += count
-        self._arrived.set()
+    def put(self, arrived: list[Arrived]) -> None:
+        """Queue the datagrams, n >= 1, for which there is room; count the others."""
+        self.last_us = arrived[-1][0]
+        fits = [each for each in arrived if len(each[1]) <= LONGEST]
+        self.too_long += len(arrived) - len(fits)
+        sizes = list(accumulate(len(datagram) for _, datagram, _ in fits))
+        room = bisect_right(sizes, self._most_bytes - self._waiting_bytes)
+        taken = fits[: min(max(self._size - len(self), 0), room)]
+        self.dropped += len(fits) - len(taken)
+        if taken:
+            self._bytes_put += sizes[len(taken) - 1]
+            self._queue.append(taken)
+        self.received += len(arrived)
+        self.arrived.set()
 
     @property
     def _waiting_bytes(self) -> int:
         return self._bytes_put - self._bytes_taken
 
-    def wake(self) -> None:
-        """End the wait of the other thread, for another cause than a datagram."""
-        self._arrived.set()
-
-    def wait(self, timeout_s: float) -> bool:
-        """Wait until there is something; return whether there is."""
-        return self._arrived.wait(timeout_s)
-
-    def get(self) -> Iterator[tuple[int, bytes, Address]]:
-        """Return queued (stamp, datagram, sender), the oldest first, up to a bound."""
-        self._arrived.clear()
+    def get(self) -> Iterator[Arrived]:
+        """Return what is queued, the oldest first, up to a bound."""
+        self.arrived.clear()
         taken, count, size = [], 0, 0
         while self._queue and count < MOST_AT_ONCE and size < MOST_BYTES_AT_ONCE:
             taken.append(self._queue.popleft())
-            count += len(taken[-1][0])
-            size += sum(map(len, taken[-1][1]))
+            count += len(taken[-1])
+            size += sum(len(datagram) for _, datagram, _ in taken[-1])
         self._taken += count
         self._bytes_taken += size
         if self._queue:
-            self._arrived.set()
-        return chain.from_iterable(zip(*received, strict=True) for received in taken)
+            self.arrived.set()
+        return chain.from_iterable(taken)
 
     def skip(self) -> int:
         """Remove and count all that waits; return its bytes. No thread may put any more."""

@@ -4,11 +4,10 @@ import re
 import struct
 import threading
 import time
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections import deque
 from collections.abc import Iterator
-from types import TracebackType
-from typing import Self
+from contextlib import AbstractContextManager
 
 from yawid.errors import SourceError
 from yawid.sources.link.endpoints import Endpoint
@@ -22,7 +21,7 @@ _HEAD = re.compile(rb"\xfe..|\xfd.[\0\1]", re.DOTALL)
 _STAMP = struct.Struct(">Q")
 
 
-class Tap(ABC):
+class Tap(AbstractContextManager["Tap"]):
     """A listener on one endpoint that returns what it receives as tlog records.
 
     A thread takes datagrams, stamps and queues them; :meth:`read` makes records from them. All
@@ -99,7 +98,7 @@ class Tap(ABC):
         Raises:
             SourceError: the endpoint failed; what was received before has been returned.
         """
-        if self.inbox.wait(timeout_s) and not self._closing.is_set():
+        if self.inbox.arrived.wait(timeout_s) and not self._closing.is_set():
             early_s = self._next_read_s - time.monotonic()
             if early_s > 0.0 and len(self.inbox) < MOST_AT_ONCE:
                 time.sleep(min(early_s, max(timeout_s, BATCH_S)))
@@ -140,17 +139,14 @@ class Tap(ABC):
         """
         if not self.may_transmit:
             raise RuntimeError("a passive tap does not transmit")
-        address = self._destination(sysid)
-        if address is None:
-            return False
         try:
-            self._send(frame, address)
-        except OSError:
+            self._send(frame, self._destination(sysid))
+        except (OSError, KeyError):
             return False  # like a lost datagram: the request has no answer and is repeated
         return True
 
-    def _destination(self, sysid: int) -> Address | None:
-        return self.senders.first.get(sysid)
+    def _destination(self, sysid: int) -> Address:
+        return self.senders.first[sysid]
 
     def close(self) -> None:
         """Stop listening; what is queued can still be read."""
@@ -159,15 +155,7 @@ class Tap(ABC):
             self._thread.join()
             self._close()
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def _run(self) -> None:
@@ -175,7 +163,7 @@ class Tap(ABC):
             self._receive()
         except Exception as error:  # raised by read(); a thread would print a traceback
             self._failure = error
-            self.inbox.wake()
+            self.inbox.arrived.set()
 
 
 def split_datagram(datagram: bytes) -> Iterator[bytes]:

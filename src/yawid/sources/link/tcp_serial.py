@@ -48,7 +48,7 @@ class StreamTap(Tap):
             tail += data
             whole = complete_until(tail)
             if whole:
-                self.inbox.put([self.stamps.now()], [tail[:whole]], [self._peer])
+                self.inbox.put([(self.stamps.now(), tail[:whole], self._peer)])
                 tail = tail[whole:]
 
     def _take(self) -> bytes:
@@ -85,9 +85,7 @@ class StreamTap(Tap):
         port = self._connection.port
         if not hasattr(port, "fd"):  # Windows
             return int(port.write(data))
-        if port.fd is None:
-            raise OSError(errno.ENOTCONN, "the port is closed")
-        return os.write(port.fd, data)  # pyserial's own write would wait
+        return os.write(port.fileno(), data)  # pyserial's own write would wait
 
     def _close(self) -> None:
         self._connection.close()
@@ -128,8 +126,8 @@ def complete_until(data: bytes) -> int:
 
 
 def _remedy(error: OSError) -> str:
-    if error.errno == errno.ECONNREFUSED:
-        return "nothing listens there: start the vehicle or the router first"
-    if error.errno == errno.ENOENT:
-        return "there is no such device"
-    return error.strerror or str(error)
+    known = {
+        errno.ECONNREFUSED: "nothing listens there: start the vehicle or the router first",
+        errno.ENOENT: "there is no such device",
+    }
+    return known.get(error.errno or 0) or error.strerror or str(error)

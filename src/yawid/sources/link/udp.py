@@ -5,6 +5,7 @@ import os
 import socket
 import struct
 import time
+from itertools import accumulate, islice
 
 from yawid.errors import SourceError
 from yawid.sources.link.endpoints import Endpoint
@@ -70,23 +71,17 @@ class UdpTap(Tap):
         decrease. Since the operating system's clock may have been set, its time is only believed
         between the previous stamp and now.
         """
-        last_us, now_us, ahead_us = self.inbox.last_us, self.stamps.now(), self.stamps.ahead_us()
-        stamps = []
-        for system_us in arrived.system_us:
-            arrived_us = system_us - ahead_us
-            if arrived_us > now_us or not system_us:
-                arrived_us = now_us
-            if arrived_us > last_us:
-                last_us = arrived_us
-            stamps.append(last_us)
-        if stamps:
-            self.inbox.put(stamps, arrived.datagrams, arrived.senders)
-        return len(stamps)
+        now_us, ahead_us = self.stamps.now(), self.stamps.ahead_ns() // 1000
+        times = (min(us - ahead_us, now_us) if us else now_us for us in arrived.system_us)
+        stamps = islice(accumulate(times, max, initial=self.inbox.last_us), 1, None)
+        if rows := list(zip(stamps, arrived.datagrams, arrived.senders, strict=True)):
+            self.inbox.put(rows)
+        return len(rows)
 
     def _send(self, frame: bytes, address: Address) -> None:
         self._socket.sendto(frame, _AT_ONCE, address)
 
-    def _destination(self, sysid: int) -> Address | None:
+    def _destination(self, sysid: int) -> Address:
         if self.endpoint.kind == "udpout":
             return self._socket.getpeername()  # type: ignore[no-any-return] # untyped: (host, port)
         return super()._destination(sysid)
@@ -143,10 +138,10 @@ def _remedy(endpoint: Endpoint, error: OSError) -> str:
     if unknown and endpoint.kind == "udpin":
         own = "::1 or ::" if endpoint.is_ipv6 else "127.0.0.1 or 0.0.0.0"
         return f"{endpoint.host} is not an address of this machine: use {own}"
-    if error.errno == errno.EADDRINUSE:
-        return f"port {endpoint.port} is in use: end the program that has it, or use another port"
-    if error.errno == errno.EAFNOSUPPORT:
-        return "this machine has no IPv6: use an address such as 127.0.0.1"
-    if error.errno == errno.EACCES:
-        return f"port {endpoint.port} needs privileges: use a port above 1023"
-    return error.strerror or str(error)
+    port = f"port {endpoint.port}"
+    known = {
+        errno.EADDRINUSE: f"{port} is in use: end the program that has it, or use another port",
+        errno.EAFNOSUPPORT: "this machine has no IPv6: use an address such as 127.0.0.1",
+        errno.EACCES: f"{port} needs privileges: use a port above 1023",
+    }
+    return known.get(error.errno or 0) or error.strerror or str(error)

@@ -101,13 +101,6 @@ def steady(t_us: Ints) -> Bools:
     return away <= STRAY_US
 
 
-def fill_forward(values: Floats) -> Floats:
-    """Return the values (n,) with each NaN replaced by the last known one before it."""
-    rows = np.where(np.isnan(values), -1, np.arange(len(values)))
-    rows = np.maximum.accumulate(rows)
-    return np.where(rows < 0, np.nan, values[rows])
-
-
 def hold_last(opening: tuple[float, ...], *parts: tuple[Ints, Floats]) -> tuple[Ints, list[Floats]]:
     """Return columns that have places of their own as columns at all places, the last value held.
 
@@ -121,7 +114,9 @@ def hold_last(opening: tuple[float, ...], *parts: tuple[Ints, Floats]) -> tuple[
     for first, (own, values) in zip(opening, parts, strict=True):
         column = np.full(len(places), np.nan)
         column[0], column[start : start + len(own)] = first, values
-        columns.append(fill_forward(column[in_place]))
+        known = np.where(np.isnan(column[in_place]), -1, np.arange(len(places)))
+        rows = np.maximum.accumulate(known)
+        columns.append(np.where(rows < 0, np.nan, column[in_place][rows]))
         start += len(own)
     places = places[in_place]
     last = np.append(np.diff(places) != 0, True)

@@ -151,12 +151,9 @@ class DataflashReader:
 
     def _outputs(self, name: str, prefix: str, log: str, offsets: Ints) -> MessageBlock:
         rows = self._index.rows(log, offsets)
-        columns = {}
-        for column in rows.dtype.names or ():
-            # The columns are C1 to C14; in older logs Ch1 or Chan1.
-            field = f"{prefix}{column.lstrip('Chan')}_raw"
-            if field in (DTYPES[name].names or ()):
-                columns[field] = rows[column]
+        # The columns are C1 to C14; in older logs Ch1 or Chan1.
+        fields = {f"{prefix}{c.lstrip('Chan')}_raw": rows[c] for c in rows.dtype.names or ()}
+        columns = {field: fields[field] for field in DTYPES[name].names or () if field in fields}
         return self._timed(name, log, offsets, **columns)
 
     def _attitude(self, offsets: Ints, low: int, high: int) -> MessageBlock:
@@ -183,10 +180,10 @@ class DataflashReader:
 
     def _rate_source(self) -> str:
         """Return RATE, or IMU where that covers more of the flight, or "" without either."""
-        index, seconds = self._index, {}
-        for name, columns in _RATES.items():
-            covered = index.times(name, index.offsets[name]) if index.has(name, *columns) else _NONE
-            seconds[name] = len(np.unique(covered // 1_000_000))
+        index = self._index
+        known = [name for name, columns in _RATES.items() if index.has(name, *columns)]
+        times = {name: index.times(name, index.offsets[name]) for name in known}
+        seconds = {name: len(np.unique(times.get(name, _NONE) // 1_000_000)) for name in _RATES}
         if not any(seconds.values()):
             return ""
         return "RATE" if seconds["RATE"] >= _ENOUGH * seconds["IMU"] else "IMU"
@@ -225,11 +222,8 @@ def _parameters(index: DataflashIndex) -> tuple[PlacedFields, PlacedFields]:
 
 def _system_id(first: Array) -> int:
     """Return the system id from the PARAM_VALUE rows ``first`` (n,), 1 if it is missing."""
-    for name in _SYSID:
-        reported = first["param_value"][first["param_id"] == name]
-        if len(reported) and 1 <= reported[0] <= 255:
-            return int(reported[0])
-    return 1
+    reported = (first["param_value"][first["param_id"] == name] for name in _SYSID)
+    return next((int(values[0]) for values in reported if len(values) and 1 <= values[0] <= 255), 1)
 
 
 def _heartbeats(index: DataflashIndex) -> PlacedFields:

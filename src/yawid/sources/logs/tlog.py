@@ -112,15 +112,13 @@ def read_tlog(path: Path, chunk: int = CHUNK) -> Iterator[bytes]:
             while data:
                 yield data
                 data = file.read(chunk)
-    except FileNotFoundError as error:
-        raise SourceError(f"{path} does not exist: check the name of the log") from error
-    except PermissionError as error:
-        raise SourceError(f"{path} may not be read: ask for permission (chmod u+r)") from error
     except OSError as error:
-        reason = error.strerror or error
-        raise SourceError(
-            f"{path} cannot be read ({reason}): copy the log and try again"
-        ) from error
+        known = {
+            FileNotFoundError: "does not exist: check the name of the log",
+            PermissionError: "may not be read: ask for permission (chmod u+r)",
+        }
+        other = f"cannot be read ({error.strerror or error}): copy the log and try again"
+        raise SourceError(f"{path} {known.get(type(error), other)}") from error
 
 
 def record_at(tlog: bytes, at: int) -> bytes:

@@ -279,13 +279,13 @@ class UlogReader:
             )
             known = dict(zip(("roll", "pitch", "yaw"), angles, strict=True))
             known |= {rate: topic[c] for rate, c in zip(names, columns, strict=True)}
-            return _sampled("ATTITUDE", topic, **known)
+            return _timed("ATTITUDE", topic, sampled(topic), **known)
         return _NONE, table("ATTITUDE", 0)
 
     def _acceleration(self) -> PlacedFields:
         wanted = ("vehicle_acceleration", "xyz[1]"), ("sensor_combined", "accelerometer_m_s2[1]")
         for topic, (column,) in self._having(*wanted):
-            return _sampled("ACCELERATION", topic, yacc=topic[column])
+            return _timed("ACCELERATION", topic, sampled(topic), yacc=topic[column])
         return _NONE, table("ACCELERATION", 0)
 
     def _servos(self) -> PlacedFields:
@@ -322,14 +322,12 @@ class UlogReader:
         return 0
 
 
-def _timed(name: str, topic: UlogTopic, **columns: Any) -> PlacedFields:
-    t_us = published(topic)
-    return t_us, table(name, len(t_us), time_usec=t_us, **columns)
-
-
-def _sampled(name: str, topic: UlogTopic, **columns: Any) -> PlacedFields:
-    t_us = sampled(topic)
-    return published(topic), table(name, len(t_us), time_usec=t_us, **columns)
+def _timed(
+    name: str, topic: UlogTopic, t_us: Ints | None = None, /, **columns: Any
+) -> PlacedFields:
+    """Return a message at each row; its time is that of publication, where it is not ``t_us``."""
+    places = published(topic)
+    return places, table(name, len(places), time_usec=places if t_us is None else t_us, **columns)
 
 
 def parsed(path: Path, topics: Iterable[str]) -> Any:

@@ -115,9 +115,13 @@ class Decoder:
     def _columns(
         self, joined: bytes, buffer: Bytes, frames: Frames, order: Ints, stamps: Ints
     ) -> FrameBlock | None:
-        records = _records(buffer, frames, stamps)
-        used = self._tally.add(joined, buffer, records)
-        records, order = records.select(used), order[used]
+        header = frames.begin + _SEQUENCE_AT[frames.payload - frames.begin]
+        sysid, compid = buffer[header + 1], buffer[header + 2]
+        sender = sysid.astype(np.int64) * 256 + compid
+        records = Records(frames, stamps, buffer[header], sysid, compid, sender)
+        used = np.flatnonzero(self._tally.add(joined, buffer, records))
+        if len(used) < len(order):
+            records, order = records.select(used), order[used]
         frames = records.frames
         messages = {}
         counts = np.bincount(frames.row, minlength=len(self._known.names))
@@ -129,13 +133,6 @@ class Decoder:
                 columns = order[rows], records.stamps[rows], *of_sender, fields
                 messages[name] = MessageBlock(name, *columns)
         return FrameBlock(messages) if messages else None
-
-
-def _records(buffer: Bytes, frames: Frames, stamps: Ints) -> Records:
-    header = frames.begin + _SEQUENCE_AT[frames.payload - frames.begin]
-    sysid, compid = buffer[header + 1], buffer[header + 2]
-    sender = sysid.astype(np.int64) * 256 + compid
-    return Records(frames, stamps, buffer[header], sysid, compid, sender)
 
 
 @cache

@@ -12,7 +12,6 @@ _LONGEST = 128  # a larger step of the sequence is a restart, unless the time it
 _FITS = 2.0  # it fits if it is that of the lost frames within this factor
 _MOST_JUMPS = 1000  # further ones count as restarts
 _LATE = 32  # a step back by up to this much is a frame that came late, by more a restart
-_EARLIER = -1  # in place of a row: the frame came before these
 _TWICE_WITHIN_US = 2_000_000  # the longest time between a frame and its duplicate
 
 
@@ -61,9 +60,7 @@ class SenderCount:
         self.frames += len(steps)
         self._last, self._place = int(own.sequence[-1]), int(place[-1])
         if place[0] > self._highest and (steps[1:].view(np.int8) > 0).all():  # each is a later one
-            last_row = np.full(_CYCLE, -1)
-            last_row[own.sequence] = np.arange(len(steps))
-            self._keep(data, own, place, last_row[last_row >= 0])
+            self._keep(data, own, place)
             self._highest = self._place
             self._count_lost(own.sequence, own.stamps, None)
             return np.ones(len(steps), np.bool_)
@@ -109,32 +106,38 @@ class SenderCount:
         self._last_kept, self._last_kept_us = int(sequence[-1]), int(stamps[-1])
 
     def _compare(self, data: bytes, own: Records, place: Ints) -> tuple[Bools, Bools]:
-        """Return which frames (n,) have the place of the last one of their number, and equal it.
-
-        The frames are sorted by number, so that only those with an earlier one's place, which are
-        few, are looked at one by one.
-        """
+        """Return which frames (n,) have the place of the last one of their number, and equal it."""
         rows = np.argsort(own.sequence, kind="stable")
-        number, at, us = own.sequence[rows], place[rows], own.stamps[rows]
+        number, before = own.sequence[rows], np.roll(rows, 1)
         firsts = np.flatnonzero(np.diff(number, prepend=~number[:1]))
-        before, before_at, before_us = np.roll(rows, 1), np.roll(at, 1), np.roll(us, 1)
-        before_at[firsts], before_us[firsts] = self._at[number[firsts]], self._us[number[firsts]]
-        before[firsts] = _EARLIER
+        before[firsts] = len(rows) + number[firsts].astype(np.int64)  # those kept follow these
+        at, us = np.append(place, self._at), np.append(own.stamps, self._us)
         is_taken, is_twice = np.zeros((2, len(place)), np.bool_)
-        is_taken[rows] = before_at == at
-        near = (before_at == at) & (np.abs(us - before_us) <= _TWICE_WITHIN_US)
-        later, earlier, begin, end = rows[near], before[near], own.frames.begin, own.frames.end
-        spans = (begin[later], end[later], begin[earlier], end[earlier], earlier, number[near])
-        is_twice[later] = [
-            data[first:stop] == (self._frames[n] if row == _EARLIER else data[low:high])
-            for first, stop, low, high, row, n in zip(*(c.tolist() for c in spans), strict=True)
-        ]
-        self._keep(data, own, place, rows[np.append(firsts[1:], len(rows)) - 1])
+        is_taken[rows] = at[before] == place[rows]
+        near = is_taken[rows] & (np.abs(us[before] - own.stamps[rows]) <= _TWICE_WITHIN_US)
+        if near.any():
+            is_twice[rows[near]] = self._equal(data, own.frames, rows[near], before[near])
+        self._keep(data, own, place)
         return is_taken, is_twice
 
-    def _keep(self, data: bytes, own: Records, place: Ints, rows: Ints) -> None:
-        """Keep the frames in rows (m,), each the last one of its number."""
-        numbers = own.sequence[rows]
+    def _equal(self, data: bytes, frames: Frames, later: Ints, earlier: Ints) -> Bools:
+        """Return which pairs of frames (m,) are equal, by their rows; those kept follow them."""
+        both, kept = data + b"".join(self._frames), np.fromiter(map(len, self._frames), np.int64)
+        size = np.append(frames.end - frames.begin, kept)
+        begin = np.append(frames.begin, len(data) + np.cumsum(kept) - kept)
+        same: Bools = size[later] == size[earlier]
+        for length in np.flatnonzero(np.bincount(size[later[same]])).tolist():
+            pairs = np.flatnonzero(same & (size[later] == length))
+            frame_at = np.ndarray((len(both) - length + 1,), f"S{length}", both, 0, (1,))
+            same[pairs] = frame_at[begin[later[pairs]]] == frame_at[begin[earlier[pairs]]]
+        return same
+
+    def _keep(self, data: bytes, own: Records, place: Ints) -> None:
+        """Keep the last frame of each number."""
+        last_row = np.full(_CYCLE, -1)
+        last_row[own.sequence] = np.arange(len(place))
+        numbers = np.flatnonzero(last_row >= 0)
+        rows = last_row[numbers]
         self._at[numbers], self._us[numbers] = place[rows], own.stamps[rows]
         spans = numbers.tolist(), own.frames.begin[rows].tolist(), own.frames.end[rows].tolist()
         for number, first, stop in zip(*spans, strict=True):

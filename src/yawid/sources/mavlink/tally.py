@@ -70,9 +70,9 @@ class Tally:
     def _are_new(self, data: bytes, records: Records) -> Bools:
         is_new = np.empty(len(records.sender), np.bool_)
         for key in np.flatnonzero(np.bincount(records.sender)).tolist():
-            own = records.sender == key
-            count = self._senders.setdefault(key, SenderCount())
-            is_new[own] = count.add(data, records.select(own))
+            rows = np.flatnonzero(records.sender == key)
+            own = records if len(rows) == len(is_new) else records.select(rows)
+            is_new[rows] = self._senders.setdefault(key, SenderCount()).add(data, own)
         return is_new
 
     def _find_ground(self, buffer: Bytes, records: Records) -> None:

@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Mapping
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 
@@ -29,19 +29,10 @@ FAST_M_S: Final = 100.0
 """Below this, calibrated and equivalent airspeed differ by less than 1 % up to 3000 m."""
 
 
-class Airspeed(NamedTuple):
-    """The airspeed columns of each row, (n,): see :class:`yawid.blocks.RecordBlock`."""
-
-    airspeed: Floats
-    by_ground: Floats
-    ground_speed: Floats
-    airspeed_kind: Floats
-
-
 def airspeed_of(
     table: Table, found: Mapping[str, Found], have: Mapping[str, Floats], *, has_held: bool
-) -> Airspeed:
-    """Return the airspeed, and where the ground speed is used instead of it.
+) -> dict[str, Floats]:
+    """Return the columns of airspeed, (n,): see :class:`yawid.blocks.RecordBlock`.
 
     The ground speed is used if the file has no airspeed, and in a run's export where that says so.
     A column of zeros, from a missing sensor, is no airspeed.
@@ -60,13 +51,18 @@ def airspeed_of(
         air = _equivalent(table, found["airspeed"], given, air, have)
         kind = same(float(given), table.rows)
     if air is nothing and ground is nothing and "airspeed_kind" not in found:
-        return Airspeed(nothing, same(0.0, table.rows), nothing, nothing)
+        none = dict.fromkeys(("airspeed", "ground_speed", "airspeed_kind"), nothing)
+        return none | {"by_ground": same(0.0, table.rows)}
     stands_in = np.isnan(air) & np.isfinite(ground) & (has_held or not has_airspeed)
     if "airspeed_kind" in found:
         kind, by_ground = _named(table, found["airspeed_kind"])
         stands_in &= by_ground | ~np.full(table.rows, has_held)
     kind = np.where(stands_in, np.nan, kind)
-    return Airspeed(np.where(stands_in, ground, air), stands_in.astype(float), ground, kind)
+    speed = np.where(stands_in, ground, air)
+    return {
+        "airspeed": speed, "by_ground": stands_in.astype(float), "ground_speed": ground,
+        "airspeed_kind": kind,
+    }  # fmt: skip
 
 
 def _kind(found: Found) -> Kind:

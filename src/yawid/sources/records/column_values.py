@@ -127,11 +127,6 @@ def in_its_unit(table: Table, name: str, found: Found) -> Floats:
     return possible(name, values)
 
 
-def is_assumed(name: str, found: Found) -> bool:
-    """Return whether a column without a unit is assumed to be in rad or rad/s."""
-    return found.unit is None and CHANNELS[name].unit in ANGLES
-
-
 def possible(name: str, values: Floats) -> Floats:
     """Return values (n,), NaN where they are impossible, as in a damaged row."""
     most = IMPOSSIBLE.get(name, np.inf)

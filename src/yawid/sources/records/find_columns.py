@@ -177,12 +177,11 @@ def _missing(
 def _also_lacking(near: dict[str, Header], found: dict[str, Found], asked: Asked) -> dict[str, str]:
     """Return the options for units and sign that will be asked for once the columns are named."""
     units = {name: header.unit or by_suffix(header.name, name) for name, header in near.items()}
-    units |= {name: each.spelt for name, each in found.items()}
-    signs = {name: header.sign for name, header in near.items()}
-    signs |= {name: each.header.sign for name, each in found.items()}
-    unit = units.get("rudder") or asked.rudder_unit
+    rudder = near["rudder"] if "rudder" in near else found["rudder"].header
+    unit = (units | {name: each.spelt for name, each in found.items()})["rudder"]
+    unit = unit or asked.rudder_unit
     options = {} if unit else dict(RUDDER_UNIT)
-    if unit != HALF_TRAVEL and not (signs.get("rudder") or asked.rudder_sign):
+    if unit != HALF_TRAVEL and not (rudder.sign or asked.rudder_sign):
         options |= SIGN
     angles = [name for name in near if CHANNELS[name].unit in ANGLES]
     if asked.units is None and not all(units[name] for name in angles):

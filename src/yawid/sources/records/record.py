@@ -25,7 +25,6 @@ from yawid.sources.records.column_values import (
     flown_stroke_rad,
     held_of,
     in_its_unit,
-    is_assumed,
     kind_of,
     modes_of,
     place_of,
@@ -42,6 +41,7 @@ from yawid.sources.records.find_columns import (
     gathered,
     raise_all,
 )
+from yawid.sources.records.headers import ANGLES
 from yawid.sources.records.rows import Rows, same
 from yawid.sources.records.tables import MAGIC, CsvTable, ParquetTable, Table, offsets_us
 
@@ -89,8 +89,7 @@ class Record:
             ChannelError: time, rudder, yaw rate, or another column that is needed, is missing.
             SourceError: a cell is not understood.
         """
-        table = self._table
-        found = self._find_columns(asked)
+        table, found = self._table, self._find_columns(asked)
         t_us, unix_ns = times_of(table, found)
         own, nothing = _own_facts(table.facts), same(np.nan, table.rows)
         if "held" in found:  # a run's export, whose deflections are means over a sample
@@ -106,7 +105,7 @@ class Record:
         raise_all(self.path, lacking, asked.columns)
         airspeed = airspeed_of(table, found, have, has_held="held" in found)
         mode, whose = _modes(table, found, own.get("autopilot"))
-        measured = MEASURED.union(LATERAL) & {*RecordBlock.__slots__} - airspeed._asdict().keys()
+        measured = MEASURED.union(LATERAL) & {*RecordBlock.__slots__} - airspeed.keys()
         self._rows = Rows(
             RecordBlock(
                 called={name: each.label for name, each in found.items()}
@@ -124,7 +123,7 @@ class Record:
                 aileron=aileron_of(table, found["aileron"], t_us)
                 if "aileron" in found
                 else nothing,
-                **airspeed._asdict(),
+                **airspeed,
                 mode=mode,
                 **{name: have.get(name, nothing) for name in measured},
             )
@@ -170,7 +169,11 @@ class Record:
 def _assumed(found: dict[str, Found]) -> tuple[str, ...]:
     """Return the names of the used columns that are assumed to be in rad or rad/s."""
     used = (name for name in CHANNELS if name in MEASURED & found.keys())
-    return tuple(found[name].header.name for name in used if is_assumed(name, found[name]))
+    return tuple(
+        found[name].header.name
+        for name in used
+        if found[name].unit is None and CHANNELS[name].unit in ANGLES
+    )
 
 
 def _measured(found: dict[str, Found], settled: Settled, own: dict[str, str]) -> tuple[str, ...]:
