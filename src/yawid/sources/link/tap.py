@@ -4,10 +4,10 @@ import re
 import struct
 import threading
 import time
-from abc import abstractmethod
+from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Iterator
-from contextlib import AbstractContextManager
+from typing import Self
 
 from yawid.errors import SourceError
 from yawid.sources.link.endpoints import Endpoint
@@ -21,7 +21,7 @@ _HEAD = re.compile(rb"\xfe..|\xfd.[\0\1]", re.DOTALL)
 _STAMP = struct.Struct(">Q")
 
 
-class Tap(AbstractContextManager["Tap"]):
+class Tap(ABC):
     """A listener on one endpoint that returns what it receives as tlog records.
 
     A thread takes datagrams, stamps and queues them; :meth:`read` makes records from them. All
@@ -154,6 +154,9 @@ class Tap(AbstractContextManager["Tap"]):
             self._closing.set()
             self._thread.join()
             self._close()
+
+    def __enter__(self) -> Self:
+        return self
 
     def __exit__(self, *_: object) -> None:
         self.close()
