@@ -6,6 +6,7 @@ reader then says what is wrong.
 """
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
@@ -105,7 +106,10 @@ def recorded() -> str:
 
 def format_of(path: Path) -> Format:
     """Return the kind of a file by its first bytes; an unreadable file counts as telemetry log."""
-    head = _head(path)
+    head = b""  # of an unreadable file, too: its reader will say what is wrong
+    if path.is_file():
+        with suppress(OSError), path.open("rb") as file:
+            head = file.read(HEAD)
     for each in FORMATS:
         if each.magic and head.startswith(each.magic):
             return each
@@ -116,14 +120,3 @@ def format_of(path: Path) -> Format:
     from yawid.sources.records.csv_header import looks_like_csv  # a log needs nothing of it
 
     return CSV if looks_like_csv(head) else TLOG
-
-
-def _head(path: Path) -> bytes:
-    """Return the first bytes, none of an unreadable file: its reader will say what is wrong."""
-    if not path.is_file():
-        return b""
-    try:
-        with path.open("rb") as file:
-            return file.read(HEAD)
-    except OSError:
-        return b""

@@ -159,7 +159,10 @@ class Addresses:
         news = []
         for (sysid, address), is_trusted in pairs.items():
             if is_trusted:
-                self._choose(sysid, address, now_us)
+                if now_us - self._first_us.get(sysid, -SILENT_US) >= SILENT_US:
+                    self.first[sysid] = address
+                if self.first[sysid] == address:
+                    self._first_us[sysid] = now_us
             if sysid in self._reported:
                 continue
             known = self._received_us.setdefault(sysid, {})
@@ -176,9 +179,3 @@ class Addresses:
                     "estimated"
                 )
         return news
-
-    def _choose(self, sysid: int, address: Address, now_us: int) -> None:
-        if now_us - self._first_us.get(sysid, -SILENT_US) >= SILENT_US:
-            self.first[sysid] = address
-        if self.first[sysid] == address:
-            self._first_us[sysid] = now_us

@@ -147,7 +147,8 @@ def _what_it_is(path: Path, head: bytes) -> str:
             "is a text file, neither MAVLink (MSBuild calls its files .tlog too) nor a table with "
             "a line of names (t, rudder, r) above its numbers: give a log or such a table"
         )
-    if _has_bare_frames(head):
+    data = np.frombuffer(b"".join((bytes(SLACK), head, bytes(SLACK))), np.uint8)
+    if len(find_frames(data, SLACK, SLACK + len(head), definitions())[0]):
         return (
             "holds MAVLink frames without time stamps (.rlog, .raw): give the .tlog recorded with "
             "it"
@@ -161,13 +162,6 @@ def _is_text(head: bytes) -> bool:
         return True
     controls = set(range(32)) - set(b"\t\n\r\f\x1b")
     return not controls.intersection(sample)
-
-
-def _has_bare_frames(head: bytes) -> bool:
-    room = bytes(SLACK)
-    data = np.frombuffer(b"".join((room, head, room)), np.uint8)
-    found, _ = find_frames(data, SLACK, SLACK + len(head), definitions())
-    return len(found) > 0
 
 
 def foreign(path: Path, head: bytes) -> str | None:

@@ -65,13 +65,14 @@ def dtype_of(name: str) -> np.dtype[Any]:
     cls = next((cls for cls in _dialect().values() if cls.msgname == name), None)
     if cls is None:
         raise ConfigError(f"no MAVLink message is called {name!r}")
-    fields: list[tuple[str, Any]] = []
-    for field, code, length in _wire_fields(cls):
-        if code == "c":
-            fields.append((field, f"S{max(length, 1)}"))
-        else:
-            fields.append((field, (_SCALARS[code], (length,)) if length else _SCALARS[code]))
-    return np.dtype(fields)
+    return np.dtype(
+        [
+            (field, f"S{max(length, 1)}")
+            if code == "c"
+            else (field, _SCALARS[code], (length,) * bool(length))
+            for field, code, length in _wire_fields(cls)
+        ]
+    )
 
 
 def _dialect() -> dict[int, Any]:

@@ -142,10 +142,8 @@ def _is_text(cell: str) -> bool:
 
 def _separator(lines: Sequence[str]) -> str:
     """Return the separator of cells: a tab, a semicolon, a comma, a bar, else spaces."""
-    for separator in "\t;,|":
-        if sum(separator in line for line in lines) * 2 > len(lines):
-            return separator
-    return " "
+    in_most = (s for s in "\t;,|" if 2 * sum(s in line for line in lines) > len(lines))
+    return next(in_most, " ")
 
 
 def _split(line: str, separator: str) -> Row:

@@ -73,13 +73,8 @@ class Record:
             raise SourceError(f"cannot read {path}: {error.strerror}") from error
         self._table: Table = ParquetTable(path) if is_parquet else CsvTable(path)
         self._rows: Rows | None = None
-
-    @property
-    def link(self) -> LinkStats:
+        self.link = LinkStats()
         """The times of the first and the last row; a record has no other counts of a link."""
-        if self._rows is None:
-            return LinkStats()
-        return self._link
 
     def settle(self, asked: Asked) -> Settled:
         """Find the columns and their units by the file and the options; return what is settled.
@@ -137,7 +132,7 @@ class Record:
                 raise ChannelError(f"{place_of(table, found[name])}: it holds no value at all")
         times = [each.received_us for each in self._rows.pieces()]
         first_us, last_us = min(each.min() for each in times), max(each.max() for each in times)
-        self._link = LinkStats(first_us=int(first_us), last_us=int(last_us))
+        self.link = LinkStats(first_us=int(first_us), last_us=int(last_us))
         return settled
 
     def _find_columns(self, asked: Asked) -> dict[str, Found]:
