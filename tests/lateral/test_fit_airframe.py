@@ -93,7 +93,7 @@ def with_gap(motion: Motion) -> Motion:
     return replace(motion, **columns)
 
 
-def test_the_predictor_runs_on_through_a_gap() -> None:
+def test_a_gap_changes_no_answer() -> None:
     whole, gap = (fit_airframe([m], servo_lag_s=0.05) for m in
                   (flown(2, lag_s=0.05), with_gap(flown(2, lag_s=0.05))))  # fmt: skip
 

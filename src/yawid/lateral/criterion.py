@@ -96,15 +96,12 @@ class Criterion:
 class Part:
     """One manoeuvre at a point: its predictor, its start, trims and times ``own`` (8 + j,).
 
-    ``inputs`` (n, 8) are those of ``pair``, the servo lag and the delay in s, and of the times by
-    which its j jumps were later. ``e`` (3 n + j,) are the innovations and those times over their
+    ``e`` (3 n + j,) are the innovations and those times over their
     sigma, ``columns`` (3 n + j, 8 + j) what ``own`` adds to them, each of length 1, and ``power``
     their products.
     """
 
     predictor: Predictor
-    pair: tuple[float, float]
-    inputs: Floats
     own: Floats
     columns: Floats
     power: Floats
@@ -137,7 +134,7 @@ def _part(record: Record, theta: Floats) -> Part:
     y, u = (np.zeros((9 + len(later), *x.shape)) for x in (record.y, inputs))
     y[0], u[0], u[9:] = record.y, inputs, later
     own = np.eye(9 + len(later), 8, -1)  # one run with the record, one of each unit
-    runs = whitened(predictor, y, u, record.missing, own[:, :4], own[:, 4:]).reshape(len(u), -1)
+    runs = whitened(predictor, y, u, record.unused, own[:, :4], own[:, 4:]).reshape(len(u), -1)
     size = np.maximum(np.linalg.norm(runs[1:], axis=1), _NOTHING)
     e, columns = runs[0], np.ascontiguousarray((runs[1:] / size[:, None]).T)
     power = cross(columns, columns) + _RIDGE * np.eye(len(size))
@@ -148,8 +145,7 @@ def _part(record: Record, theta: Floats) -> Part:
         e, columns = np.append(e, np.zeros(len(later))), np.vstack([columns, known])
         power += known.T @ known
     found = -np.linalg.solve(power, slope)
-    inputs = inputs + np.tensordot(found[8:] / size[8:], later, 1)
-    return Part(predictor, pair, inputs, found / size, columns, power, e + columns @ found)
+    return Part(predictor, found / size, columns, power, e + columns @ found)
 
 
 def _pair(theta: Floats) -> tuple[float, float]:
@@ -159,17 +155,12 @@ def _pair(theta: Floats) -> tuple[float, float]:
 def _slopes(record: Record, theta: Floats, part: Part) -> Floats:
     """Return the slopes (3 n + j, v) of one manoeuvre's innovations to the parameters (v, ...)."""
     pairs = [_pair(each) for each in theta]
-    same = np.array([pair == part.pair for pair in pairs])
-    others = [record.inputs(*pair, part.own[8:]) for pair in pairs if pair != part.pair]
-    found = np.empty((len(theta), record.y.size))
-    for its, u in ((same, [part.inputs]), (~same, others)):
-        model = system(theta[its], record.airspeed_m_s, record.pitch)
-        predictor = Predictor.of(model, record.sample_time_s, part.predictor)
-        own = np.repeat(part.own[None, :8], np.count_nonzero(its), axis=0)
-        runs = whitened(
-            predictor, record.y[None], np.stack(u), record.missing, own[:, :4], own[:, 4:]
-        )
-        found[its] = runs.reshape(len(own), -1)
+    inputs = {pair: record.inputs(*pair, part.own[8:]) for pair in set(pairs)}
+    u, own = np.stack([inputs[pair] for pair in pairs]), np.tile(part.own[:8], (len(theta), 1))
+    model = system(theta, record.airspeed_m_s, record.pitch)
+    predictor = Predictor.of(model, record.sample_time_s, part.predictor)
+    runs = whitened(predictor, record.y[None], u, record.unused, own[:, :4], own[:, 4:])
+    found = runs.reshape(len(theta), -1)
     slopes = np.zeros((len(part.e), len(theta)))  # times stay, so their distances have none
     slopes[: found.shape[1]] = (found - part.e[: found.shape[1]]).T / _DIFFERENCE
     return slopes - part.columns @ np.linalg.solve(part.power, part.columns.T @ slopes)

@@ -11,7 +11,7 @@ from yawid.estimation.machine.products import cross
 from yawid.lateral.criterion import Criterion, Point
 from yawid.lateral.model import NAMES, Guess
 from yawid.lateral.record import Record
-from yawid.lateral.start import band, equation_error, plain
+from yawid.lateral.start import equation_error, middle_of, plain
 
 START_LAGS_S = (0.04, 0.1, 0.16)
 """Servo lags from which the fit starts. The aircraft of the second start is a plain one."""
@@ -30,19 +30,18 @@ class Fit:
     """Where the steps ended: the point in scales (n,), its covariance (n, n), and the criterion.
 
     ``criterion`` is twice the negative logarithm of likelihood and priors. ``errors`` (l,) are the
-    innovations and the jumps' times over their ``scale``; ``noise_scale`` is that of all sizes of
-    noise in ``x``.
+    innovations and the jumps' times over their scale, and ``slopes`` (l, n) theirs;
+    ``noise_scale`` is that of all sizes of noise in ``x``.
     """
 
     of: Criterion
     x: Floats
     covariance: Floats
     criterion: float
-    scale: float
     noise_scale: float
     errors: Floats
+    slopes: Floats
     settled: bool
-    steps: int
 
 
 def guesses(records: Sequence[Record], servo_lag_s: float | None) -> list[Guess]:
@@ -52,9 +51,9 @@ def guesses(records: Sequence[Record], servo_lag_s: float | None) -> list[Guess]
     r from the middle of its power. What is known beforehand is the same for all, so that their
     likelihoods compare. A servo lag that is given is that of all.
     """
-    middle, w = band(records)
+    middle = middle_of(records)
     lags = START_LAGS_S if servo_lag_s is None else (servo_lag_s, servo_lag_s, START_LAGS_S[-1])
-    starts = [equation_error(records, lag_s, w, middle) for lag_s in lags]
+    starts = [equation_error(records, lag_s, middle) for lag_s in lags]
     wn = max(math.sqrt(abs(starts[1]["N_beta"])), 0.5)
     starts[1] |= plain(middle)
     return [
@@ -102,7 +101,8 @@ def fit(criterion: Criterion) -> Fit:
     at, damping = criterion.at(criterion.start()), _DAMPING
     for step in range(ITERATIONS + 1):
         variance = float(at.e @ at.e) / criterion.count
-        H, score = _curvature(criterion, at, variance)
+        J = criterion.slopes(at)
+        H, score = _curvature(criterion, at, J, variance)
         free = (at.x > criterion.least) | (score <= 0.0)
         while (below := free & (at.x <= criterion.least) & (_step(H, score, free) < 0.0)).any():
             free &= ~below
@@ -118,10 +118,10 @@ def fit(criterion: Criterion) -> Fit:
         if better is None or step == ITERATIONS:
             break
         at = better
-    return _ended(criterion, at, H, settled, step)
+    return _ended(criterion, at, J, H, settled)
 
 
-def _ended(criterion: Criterion, at: Point, H: Floats, settled: bool, steps: int) -> Fit:
+def _ended(criterion: Criterion, at: Point, J: Floats, H: Floats, settled: bool) -> Fit:
     variance, n = float(at.e @ at.e) / criterion.count, len(at.x)
     size = np.sqrt(np.diag(H))
     inverse = np.linalg.inv(H / np.outer(size, size) + 1e-12 * np.eye(n))
@@ -130,7 +130,7 @@ def _ended(criterion: Criterion, at: Point, H: Floats, settled: bool, steps: int
     total = criterion.count * math.log(variance) + float(at.surprise @ at.surprise)
     scale = math.sqrt(variance)
     noise_scale = scale / math.exp(float(at.parts[0].predictor.log_det[0]) / 3.0)
-    return Fit(criterion, at.x, covariance, total, scale, noise_scale, at.e / scale, settled, steps)
+    return Fit(criterion, at.x, covariance, total, noise_scale, at.e / scale, J / scale, settled)
 
 
 def _at_or_none(criterion: Criterion, x: Floats) -> Point | None:
@@ -140,13 +140,14 @@ def _at_or_none(criterion: Criterion, x: Floats) -> Point | None:
         return None
 
 
-def _curvature(criterion: Criterion, at: Point, variance: float) -> tuple[Floats, Floats]:
+def _curvature(
+    criterion: Criterion, at: Point, J: Floats, variance: float
+) -> tuple[Floats, Floats]:
     """Return the Hessian (n, n) and the slope (n,) of half the criterion, over the variance.
 
-    The Hessian's block of the noise parameters is doubled: Gauss and Newton's has half of their
-    information.
+    ``J`` (l, n) are the slopes of the innovations. The Hessian's block of the noise parameters is
+    doubled: Gauss and Newton's has half of their information.
     """
-    J = criterion.slopes(at)
     H, score = cross(J, J) / variance, cross(J, at.e) / variance
     H[np.ix_(criterion.is_noise, criterion.is_noise)] *= 2.0
     H += np.diag(1.0 / (criterion.spread / criterion.scale) ** 2)

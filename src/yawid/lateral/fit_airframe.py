@@ -4,12 +4,13 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 
 from yawid.blocks import Floats
+from yawid.estimation.machine.products import cross
 from yawid.lateral.airframe import Airframe, AsFlown, FailedGate, Known
-from yawid.lateral.constancy import parts_of
 from yawid.lateral.criterion import Criterion
 from yawid.lateral.fit import Fit, fit, guesses
 from yawid.lateral.gates import failed_gates
@@ -51,6 +52,11 @@ OF_PRIOR = 0.7
 than the prior's information."""
 ANSWERED = (*DERIVATIVES, "alpha_rad", "servo_lag_s")
 """The numbers whose correlations are answered."""
+HELD = 1.0
+"""Sigma in scales by which a parameter of a part is held where the fit of the whole ended: half a
+manoeuvre, in which the rudder rests, shows nothing of some."""
+NUMBERS = ("wn_rad_s", "zeta", "roll_mode", "spiral", *NAMES)
+"""What a fit's numbers are, with Y_beta as itself under its logarithm's name."""
 _OF = {"Y_beta": "log_Y_beta", "alpha_rad": "alpha", "servo_lag_s": "servo_lag"}
 """The parameters that they are made of, where they have other names."""
 _STEP = 1e-4
@@ -105,21 +111,38 @@ def _free_lag(found: Fit, guess: Guess) -> Known:
 
 
 def _most_apart(found: Fit, airspeed_m_s: float) -> float:
-    """Return by how many sigmas a part of the record differs in COMPARED from all parts."""
-    names = ("wn_rad_s", "zeta", "roll_mode", "spiral", *NAMES)
-    rows = []
-    for part in parts_of(found):
-        values, slopes = _values(part, airspeed_m_s)
-        slopes = _in_gusts(names)[:, None] * slopes
-        variance = np.einsum("ij,jk,ik->i", slopes, part.covariance, slopes)
-        rows.append((values, _at_least(names, values, variance)))
-    if not rows:
-        return 0.0
-    value, std = np.array(rows)[:, :, [names.index(name) for name in COMPARED]].swapaxes(0, 1)
+    """Return by how many sigmas a part of the record differs in COMPARED from all parts.
+
+    A fit of a manoeuvre in which flaps moved lies between two airframes, and noise that it takes
+    for gusts explains the rest, so that its sigma does not show it. Each part takes one step of the
+    motion's parameters from where the fit ended, by its own innovations and their slopes there.
+    """
+    motion, of = ~found.of.is_noise, found.of
+    values, slopes = (each[[NUMBERS.index(name) for name in COMPARED]]
+                      for each in _values(found, airspeed_m_s))  # fmt: skip
+    held, rows = np.diag(np.minimum(of.spread / of.scale, HELD)[motion] ** -2.0), []
+    for part in _parts(of.records):
+        J = found.slopes[part][:, motion]
+        covariance = np.asarray(np.linalg.inv(cross(J, J) + held), np.float64)
+        moved = values - slopes[:, motion] @ covariance @ (J.T @ found.errors[part])
+        rows.append((moved, _stds(COMPARED, values, slopes[:, motion], covariance)))
+    value, std = np.array(rows).swapaxes(0, 1)
     weights = std**-2.0
     away = value - (weights * value).sum(axis=0) / weights.sum(axis=0)
     apart = np.abs(away) / np.sqrt(std**2 - 1.0 / weights.sum(axis=0))
     return float(np.nanmax(apart, initial=0.0))
+
+
+def _parts(records: Sequence[Record]) -> list[slice]:
+    """Return the rows of a fit's errors that are one manoeuvre's, of a single one both halves'.
+
+    Each half has half of the yaw motion.
+    """
+    ends = np.cumsum([3 * len(each.y) + len(each.jumps) for each in records]).tolist()
+    if len(records) == 1:
+        energy = np.cumsum(records[0].y[:, 1] ** 2)
+        ends.insert(0, 3 * int(np.searchsorted(energy, 0.5 * energy[-1])))
+    return [slice(*pair) for pair in pairwise([0, *ends])]
 
 
 def floor(name: str, value: float) -> float:
@@ -150,16 +173,27 @@ def _in_gusts(names: Sequence[str]) -> Floats:
     return np.array([OTHERS_IN_GUSTS.get(name, IN_GUSTS) for name in names])
 
 
+def _stds(names: Sequence[str], values: Floats, slopes: Floats, covariance: Floats) -> Floats:
+    """Return sigma (m,) of numbers by the delta method, in gusts, with what a model is worth."""
+    variances = _in_gusts(names) ** 2 * np.einsum("ij,jk,ik->i", slopes, covariance, slopes)
+    return _at_least(names, values, variances)
+
+
 def _at_least(names: Sequence[str], values: Floats, variances: Floats) -> Floats:
-    """Return sigma (n,) of numbers with these variances, and with what a linear model is worth."""
+    """Return sigma (m,) of numbers with these variances, and with what a linear model is worth."""
     least = [floor(*each) for each in zip(names, values.tolist(), strict=True)]
     return np.asarray(np.sqrt(variances + np.square(least)), np.float64)
 
 
 def _values(found: Fit, airspeed_m_s: float) -> tuple[Floats, Floats]:
-    """Return modes and parameters (4 + len(PARAMETERS),), Y_beta as itself, and their slopes."""
+    """Return NUMBERS (m,) of a fit, and their slopes (m, n)."""
+    return _of_theta(found, lambda theta: _numbers(theta, airspeed_m_s))
+
+
+def _of_theta(found: Fit, function: Callable[[Floats], Floats]) -> tuple[Floats, Floats]:
+    """Return a function (v, l) -> (v, m) of the parameters (m,), and its slopes (m, n) to x."""
     points = np.vstack([found.x, found.x + _STEP * np.eye(len(found.x))])
-    values = _numbers(found.of.theta(points), airspeed_m_s)
+    values = function(found.of.theta(points))
     return values[0], (values[1:] - values[0]).T / _STEP
 
 
@@ -188,12 +222,11 @@ def _airframe(fits: Sequence[Fit], records: Sequence[Record], airspeed_m_s: floa
     values, slopes = _values(best, airspeed_m_s)
     near = [each for each in fits if each.criterion - best.criterion < 2.0 * NATS]
     others = np.array([_values(each, airspeed_m_s)[0] for each in near]) - values
-    names = ("wn_rad_s", "zeta", "roll_mode", "spiral", *NAMES)
-    slopes = _in_gusts(names)[:, None] * slopes
+    slopes = _in_gusts(NUMBERS)[:, None] * slopes
     whole = slopes @ best.covariance @ slopes.T + others.T @ others / len(near)
     side = _to_prior(best, "Y_delta_r", airspeed_m_s)[4:] - values[4:]
     whole[4:, 4:] += np.outer(side, side)
-    stds = _at_least(names, values, np.diag(whole))
+    stds = _at_least(NUMBERS, values, np.diag(whole))
     wn, zeta, roll, spiral = map(Known, values[:4].tolist(), stds[:4].tolist())
     by_name = dict(zip(NAMES, map(Known, values[4:].tolist(), stds[4:].tolist()), strict=True))
     by_name["Y_beta"] = by_name["log_Y_beta"]
@@ -216,8 +249,9 @@ def _airframe(fits: Sequence[Fit], records: Sequence[Record], airspeed_m_s: floa
 
 def _mix(found: Fit, airspeed_m_s: float) -> Known:
     """Return the rudder mix; its sigma also has the scatter between rolls of different lengths."""
-    rolls, covariance = _of_theta(found, lambda theta: rudder_mixes(theta, airspeed_m_s))
-    variance = IN_GUSTS**2 * covariance.mean() + np.var(rolls, ddof=1)
+    rolls, slopes = _of_theta(found, lambda theta: rudder_mixes(theta, airspeed_m_s))
+    mean = slopes.mean(axis=0)
+    variance = IN_GUSTS**2 * mean @ found.covariance @ mean + np.var(rolls, ddof=1)
     return Known(float(rolls.mean()), math.sqrt(max(float(variance), 0.0)))
 
 
@@ -226,22 +260,13 @@ def _as_flown(found: Fit, record: Record) -> AsFlown | None:
     law = roll_law(record)
     if law is None:
         return None
-    pair, covariance = _of_theta(
+    pair, slopes = _of_theta(
         found, lambda theta: dutch_roll_closed(theta, record.airspeed_m_s, law)
     )
-    names = ("wn_rad_s", "zeta")
-    stds = _at_least(names, pair, _in_gusts(names) ** 2 * np.diag(covariance))
+    stds = _stds(("wn_rad_s", "zeta"), pair, slopes, found.covariance)
     wn, zeta = map(Known, pair.tolist(), stds.tolist())
     yaw_rate = yaw_rate_closed(found.of.theta(found.x[None])[0], record, law)
     return AsFlown(wn, zeta, record.inputs(0.0, 0.0)[:, RUDDER], yaw_rate)
-
-
-def _of_theta(found: Fit, function: Callable[[Floats], Floats]) -> tuple[Floats, Floats]:
-    """Return a function (v, n) -> (v, m) of the parameters (m,), and its covariance (m, m)."""
-    points = np.vstack([found.x, found.x + _STEP * np.eye(len(found.x))])
-    values = function(found.of.theta(points))
-    slopes = (values[1:] - values[0]).T / _STEP
-    return values[0], slopes @ found.covariance @ slopes.T
 
 
 def _correlations(covariance: Floats) -> Floats:

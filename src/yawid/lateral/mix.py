@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 
 from yawid.blocks import Floats
-from yawid.lateral.model import AILERON, BETA, ROLL, RUDDER, airframe
+from yawid.lateral.model import AILERON, BETA, RUDDER, airframe
 
 ROLLS_S: Final = (0.5, 1.0, 2.0)
 """Rolls: the aileron is held for so long to one side, and then to the other."""
@@ -25,23 +25,19 @@ def rudder_mixes(theta: Floats, airspeed_m_s: float) -> Floats:
     """
     from scipy.linalg import expm  # it takes long to load, and few runs need it
 
-    A, B = (each[:, :4, :] for each in airframe(theta, airspeed_m_s))
-    found = np.full((len(theta), len(ROLLS_S)), np.nan)
-    whole = np.zeros((len(theta), 6, 6))
-    whole[:, :4, :4], whole[:, :4, 4:] = A[:, :, : ROLL + 1], B[:, :, (AILERON, RUDDER)]
-    known = np.isfinite(whole).all(axis=(1, 2))
-    if not known.any():
-        return found
-    step = expm(whole[known] * STEP_S)
-    for column, length_s in enumerate(ROLLS_S):
-        samples = round(length_s / STEP_S)
-        x = np.zeros((len(step), 4, 2))
-        sums = np.zeros((2, len(step)))
-        for k in range(2 * samples):
-            x = step[:, :4, :4] @ x + (1.0 if k < samples else -1.0) * step[:, :4, 4:]
-            by_aileron, by_rudder = x[:, BETA, 0], x[:, BETA, 1]
-            with np.errstate(over="ignore", invalid="ignore"):  # an airframe that diverges fast
-                sums += by_aileron * by_rudder, by_rudder**2
-        with np.errstate(invalid="ignore"):
-            found[known, column] = -sums[0] / sums[1]
-    return found
+    A, B = airframe(theta, airspeed_m_s)
+    whole, x = np.zeros((len(theta), 6, 6)), np.zeros((len(theta), 4, 2))
+    whole[:, :4, :4], whole[:, :4, 4:] = A[:, :4, :4], B[:, :4, (AILERON, RUDDER)]
+    step, held = expm(whole * STEP_S), []
+    with np.errstate(over="ignore", invalid="ignore"):  # an airframe that diverges fast
+        for _ in range(round(2.0 * ROLLS_S[-1] / STEP_S)):
+            x = step[:, :4, :4] @ x + step[:, :4, 4:]
+            held.append(x[:, BETA])
+        found = []
+        for length in (round(each / STEP_S) for each in ROLLS_S):
+            beta = np.array(held[: 2 * length])
+            beta[length:] -= 2.0 * np.array(held[:length])  # held to one side, then to the other
+            found.append(
+                -(beta[..., 0] * beta[..., 1]).sum(axis=0) / (beta[..., 1] ** 2).sum(axis=0)
+            )
+    return np.stack(found, axis=1)

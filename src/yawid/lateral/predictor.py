@@ -5,9 +5,7 @@ parameter. A leading axis of 1 stands for all v.
 """
 
 import math
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
-from itertools import pairwise
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -108,73 +106,52 @@ def _gain(Phi: Floats, C: Floats, P: Floats, R: Floats) -> tuple[Floats, Floats,
     return K, whiten, np.log(np.diagonal(factor, axis1=1, axis2=2)).sum(axis=1)
 
 
-def whitened(
-    predictor: Predictor, y: Floats, u: Floats, missing: Flags, start: Floats, trim: Floats
-) -> Floats:
-    """Return the whitened innovations (v, n, 3), 0 where the measurement is missing.
-
-    ``y`` (v, n, 3) are p, r and roll, ``u`` (v, n, 8) the inputs' means and slopes over each step,
-    ``missing`` (n,) is True where y is not known, ``start`` (v, 4) are the first four states of the
-    first sample and ``trim`` (v, 4) the trims, whose number of rows is v. In a gap the predictor
-    runs on, and so many samples after it as were lost are not used. The whitening has a mean
-    determinant of 1, so that the sum of squares has its least where the likelihood is largest,
-    whatever the scale of the noise.
-    """
-    found = np.zeros((len(start), y.shape[1], 3))
-    X = np.hstack([start, np.zeros((len(start), 2))])[:, None]
-    push = trim[:, None] @ predictor.trim.swapaxes(1, 2)
-    blind = replace(predictor, K=np.zeros_like(predictor.K))
-    for begin, stop in _runs(missing):
-        its, of = slice(begin, stop), blind if missing[begin] else predictor
-        found[:, its], X = _steady(of, y[:, its], u[:, its], push, X)
-    found[:, unused(missing)] = 0.0
-    return found * np.exp(predictor.log_det / 3.0)[:, None, None]
-
-
 def unused(missing: Flags) -> Flags:
     """Return which samples (n,) show nothing: those of a gap, and as many after it.
 
-    The steady filter has lost the state in a gap, and its innovations after it are larger.
+    The filter sees lines over a gap, and its innovations after it are larger.
     """
     found = missing.copy()
-    for begin, stop in _runs(missing):
-        if missing[begin]:
-            found[begin : 2 * stop - begin] = True
+    for begin, end in np.flatnonzero(np.diff(missing, prepend=False, append=False)).reshape(-1, 2):
+        found[begin : 2 * end - begin] = True
     return found
 
 
-def _runs(missing: Flags) -> Iterator[tuple[int, int]]:
-    """Yield runs (start, stop) of samples that are all missing, or all there."""
-    yield from pairwise([0, *(np.flatnonzero(np.diff(missing)) + 1).tolist(), len(missing)])
+def whitened(
+    of: Predictor, y: Floats, u: Floats, unused: Flags, start: Floats, trim: Floats
+) -> Floats:
+    """Return the whitened innovations (v, n, 3), 0 where ``unused`` (n,).
 
+    ``y`` (v, n, 3) are p, r and roll, ``u`` (v, n, 8) the inputs' means and slopes over each step,
+    ``start`` (v, 4) are the first four states of the first sample and ``trim`` (v, 4) the trims,
+    whose number of rows is v. The whitening has a mean determinant of 1, so that the sum of squares
+    has its least where the likelihood is largest, whatever the scale of the noise.
 
-def _steady(of: Predictor, y: Floats, u: Floats, push: Floats, X: Floats) -> tuple[Floats, Floats]:
-    """Return the whitened innovations (v, n, 3) of a run, and the states (v, 1, 6) after it.
-
-    ``push`` (v, 1, 6) are the trims' steps. The run is cut into about sqrt(n) blocks of about
-    sqrt(n) samples, which are run through side by side: from rest, to find the state at the start
-    of each, and then from there.
+    The run is cut into about sqrt(n) blocks of about sqrt(n) samples, which are run through side by
+    side: from rest, to find the state at the start of each, and then from there.
     """
-    v, n = len(push), y.shape[1]
+    v, n = len(start), y.shape[1]
     length = math.isqrt(n - 1) + 1
     blocks = -(-n // length)
     known = np.zeros((len(u), blocks * length, 11))
     known[:, :n, :8], known[:, :n, 8:] = u, y
     known = known.reshape(-1, blocks, length, 11).transpose(2, 0, 1, 3)
     into = np.concatenate([of.drive, of.K], axis=2).swapaxes(1, 2)
-    pushed = known @ into + push
+    pushed = known @ into + trim[:, None] @ of.trim.swapaxes(1, 2)
     Ft = (of.Phi - of.K @ of.C).swapaxes(1, 2)
     rest = np.zeros_like(pushed[0])
     for each in pushed:
         rest = rest @ Ft + each
-    states, over_block = np.empty((length + 1, *rest.shape)), np.linalg.matrix_power(Ft, length)
+    states, over_block = np.empty((length, *rest.shape)), np.linalg.matrix_power(Ft, length)
+    X = np.hstack([start, np.zeros((v, 2))])[:, None]
     for b in range(blocks):
         states[0, :, b] = X[:, 0]
         X = X @ over_block + rest[:, b : b + 1]
-    for i, each in enumerate(pushed):
+    for i, each in enumerate(pushed[:-1]):
         np.matmul(states[i], Ft, out=states[i + 1])
         states[i + 1] += each
-    found = states[:-1] @ -(of.whiten @ of.C).swapaxes(1, 2)
-    found += known[..., 8:] @ of.whiten.swapaxes(1, 2)
-    whole = found.transpose(1, 2, 0, 3).reshape(v, -1, 3)[:, :n]
-    return whole, states[n - (blocks - 1) * length, :, -1:]
+    whiten = (of.whiten * np.exp(of.log_det / 3.0)[:, None, None]).swapaxes(1, 2)
+    found = (known[..., 8:] - states @ of.C.swapaxes(1, 2)) @ whiten
+    found = found.transpose(1, 2, 0, 3).reshape(v, -1, 3)[:, :n]
+    found[:, unused] = 0.0
+    return np.asarray(found, np.float64)

@@ -39,7 +39,7 @@ _LEAST_LIFT = 0.25
 
 
 class Record:
-    """One manoeuvre. ``y`` (n, 3) are p, r and roll about their means, 0 where ``missing`` (n,).
+    """One manoeuvre. ``y`` (n, 3) are p, r and roll about their means, and lines where ``missing``.
 
     ``turn`` are means and slopes (n, 2) of f1 and f2 over each step; ``fed_back`` the R squared of
     the aileron on roll and p. An aileron that a hold moves is an input like any other: it depends
@@ -60,7 +60,7 @@ class Record:
         self.mean = self._filled[:3].mean(axis=1)
         self.pitch = float(self._filled[3].mean())
         self.alpha = self._alpha()
-        self.y = np.where(self.missing[:, None], 0.0, self._filled[:3].T - self.mean)
+        self.y = self._filled[:3].T - self.mean
         self.turn = self._turn()
         times = motion.command_times_s()
         inside = (times >= 0.0) & (times <= self.times_s[-1])
