@@ -19,7 +19,6 @@ from yawid.answers.run_summary import DutchRoll
 from yawid.estimation.fit import fit_percent
 from yawid.estimation.grids import as_held
 from yawid.models.flown import Flown
-from yawid.models.linear import Measured
 from yawid.report.data import Drawn, ReportData, gather
 from yawid.report.model_pictures import (
     bode_picture,
@@ -148,7 +147,7 @@ def test_the_points_of_an_exact_record_lie_on_the_line(
     mean, y = steps_of_the_rudder(moves)
     t, held = np.arange(1000) * 0.05, as_held(mean[:, None], np.full(1000, moves))
     flown = Flown(drawn.found, 0.05, t, mean[:, None], held, y, 0.0 * y)
-    measured = Measured.of(flown, drawn.answered)
+    measured = flown.with_model(drawn.answered)
     drawn = dataclasses.replace(drawn, model=dataclasses.replace(drawn.model, measured=measured))
 
     w, G, sigma = points_of(bode_picture(drawn, by_hand.grid))

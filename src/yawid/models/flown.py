@@ -5,7 +5,7 @@ states, one for each pole and each run without a gap, and the bias are solved by
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from datetime import datetime
 from typing import Final
 
@@ -14,10 +14,14 @@ import numpy as np
 from yawid.answers.run_summary import Manoeuvre
 from yawid.blocks import Bools, Floats, SampleBlock, runs_of
 from yawid.config.run import RunConfig
+from yawid.models.answered import Answered
+from yawid.physics.frequency_response import frequency_response
 from yawid.physics.modes import Complexes
 from yawid.physics.responses import Blocks, Record, averaged, inputs_and_rate
 
 _AWAY_NS: Final = 2_000_000_000
+SEGMENTS: Final = 4
+"""Segments without overlap into which a manoeuvre is cut for its coherence."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,7 +30,8 @@ class Flown:
 
     ``t`` is in s since boot, ``u`` (n, inputs) the mean of each input over its sample, and ``held``
     (n, inputs) what acts like it when it is held. ``y`` is the yaw rate in rad/s, less
-    ``turn_rate`` where the manoeuvre says so.
+    ``turn_rate`` where the manoeuvre says so, and ``simulated`` that of its model, empty without
+    one.
     """
 
     found: Manoeuvre
@@ -36,6 +41,7 @@ class Flown:
     held: Floats
     y: Floats
     turn_rate: Floats
+    simulated: Floats = field(default_factory=lambda: np.empty(0))
 
     @property
     def known(self) -> Bools:
@@ -43,7 +49,7 @@ class Flown:
         return np.asarray(np.isfinite(self.y))
 
     @property
-    def longest_stretch(self) -> slice:
+    def longest(self) -> slice:
         """The rows of the longest stretch without a gap."""
         runs = runs_of(self.known)
         if not len(runs):
@@ -51,18 +57,26 @@ class Flown:
         first, last = runs[np.argmax(runs[:, 1] - runs[:, 0])].tolist()
         return slice(first, last)
 
-    def simulated(self, poles: Complexes, residues: Complexes) -> Floats:
-        """Return the yaw rate (n,) of a model; NaN in a gap.
-
-        It has one pole (m,) of each pair, and their residues (inputs, m).
-        """
+    def with_model(self, model: Answered) -> "Flown":
+        """Return it with the yaw rate of a model; NaN in a gap."""
+        poles, residues = model.halves()
         forced, free = self._responses(poles)
         twice = np.where(poles.imag > 0.0, 2.0, 1.0)
         answer = np.einsum("nim,im->n", forced, residues * twice).real
         found = np.full(len(self.y), np.nan)
         rest = np.linalg.lstsq(free, self.y[self.known] - answer)[0]
         found[self.known] = answer + free @ rest
-        return found
+        return replace(self, simulated=found)
+
+    def coherence(self, w: Floats) -> Floats:
+        """Return the squared coherence (k,) of y and simulated at ``w`` (k,); NaN if too short."""
+        y, simulated = self.y[self.longest], self.simulated[self.longest]
+        if len(y) < 8 * SEGMENTS or not np.ptp(simulated) > 0.0:
+            return np.full(len(w), np.nan)
+        length_s = len(y) // SEGMENTS * self.sample_time_s
+        found = frequency_response(simulated, y, self.sample_time_s, length_s)
+        at = 2.0 * np.pi * found.frequency_hz
+        return np.interp(w, at, found.coherence, left=np.nan, right=np.nan)
 
     def explained_by_rudder(self, poles: Complexes, y: Floats) -> Complexes:
         """Return the residues (m,) with which the rudder explains another output y (n,) best."""

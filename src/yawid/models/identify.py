@@ -23,7 +23,7 @@ from yawid.errors import ConfigError, NotIdentifiable
 from yawid.models.answered import Answered
 from yawid.models.draws import drawn_aircraft
 from yawid.models.flown import Flown, Rows
-from yawid.models.linear import Form, LinearModel, Matrices, Measured, Signal, changes_of
+from yawid.models.linear import Form, LinearModel, Matrices, Signal, changes_of
 from yawid.physics.continuous import Transfer
 from yawid.quantities.airspeed import GRAVITY
 from yawid.quantities.units import HALF_TRAVEL, unit_of_derivative
@@ -105,7 +105,7 @@ def model_of_answer(run: Recorded, model: Answered, flown: Flown | None) -> Line
         of=f"manoeuvre {found.n}", **_judged(found.verdict), input_is=run.input_is,
         continuous=continuous, discrete=_sampled(continuous, run.sample_time_s), inputs=inputs,
         outputs=(_OUTPUT,), states=_chain(continuous), facts=_airspeed(found.airspeed_m_s),
-        measured=None if flown is None else Measured.of(flown, model),
+        measured=None if flown is None else flown.with_model(model),
         holds_rad_s=(LOWEST * float(model.x[0]), HIGHEST * float(model.x[0])),
     )  # fmt: skip
 

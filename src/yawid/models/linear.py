@@ -14,17 +14,13 @@ from scipy import signal
 
 from yawid.blocks import Floats
 from yawid.errors import ConfigError
-from yawid.models.answered import Answered
 from yawid.models.flown import Flown
-from yawid.physics.frequency_response import frequency_response as measured_response
 from yawid.physics.modes import Complexes
 
 Matrices = tuple[Floats, Floats, Floats, Floats]
 """A (n, n), B (n, inputs), C (outputs, n), D (outputs, inputs)."""
 STEP = 1e-3
 """Steps of the differences, in sigmas."""
-SEGMENTS = 4
-"""Segments without overlap into which a manoeuvre is cut for its coherence."""
 COHERENT = 0.6
 """The least coherence at which the response has a sigma: below it the model does not explain what
 was measured there. Signals that have nothing in common reach it in .6 % of records of 4 segments,
@@ -120,39 +116,6 @@ class Form:
 
 
 @dataclass(frozen=True, slots=True)
-class Measured:
-    """A manoeuvre as measured and as modelled, (n,) each, u (n, inputs); NaN in a gap.
-
-    ``t`` is in s since boot, ``u`` the mean of each input over its sample, ``held`` (n, inputs)
-    what acts like it when it is held; ``y`` and ``simulated`` are in rad/s. ``longest`` has the
-    rows of the longest stretch without a gap.
-    """
-
-    t: Floats
-    u: Floats
-    held: Floats
-    y: Floats
-    simulated: Floats
-    longest: slice
-
-    @classmethod
-    def of(cls, flown: Flown, model: Answered) -> "Measured":
-        """Return a manoeuvre's samples with those of its model."""
-        simulated = flown.simulated(*model.halves())
-        return cls(flown.t, flown.u, flown.held, flown.y, simulated, flown.longest_stretch)
-
-    def coherence(self, w: Floats, sample_time_s: float) -> Floats:
-        """Return the squared coherence (k,) of y and simulated at ``w`` (k,); NaN if too short."""
-        y, simulated = self.y[self.longest], self.simulated[self.longest]
-        if len(y) < 8 * SEGMENTS or not np.ptp(simulated) > 0.0:
-            return np.full(len(w), np.nan)
-        length_s = len(y) // SEGMENTS * sample_time_s
-        found = measured_response(simulated, y, sample_time_s, length_s)
-        at = 2.0 * np.pi * found.frequency_hz
-        return np.interp(w, at, found.coherence, left=np.nan, right=np.nan)
-
-
-@dataclass(frozen=True, slots=True)
 class LinearModel:
     """An identified model: of a manoeuvre, of the flight, or of the bare airframe.
 
@@ -173,7 +136,7 @@ class LinearModel:
     inputs: tuple[Signal, ...]
     outputs: tuple[Signal, ...]
     states: tuple[Signal, ...]
-    measured: Measured | None = None
+    measured: Flown | None = None
     holds_rad_s: tuple[float, float] | None = None
     facts: dict[str, float] = field(default_factory=dict)
     from_prior: tuple[str, ...] = ()
@@ -258,7 +221,7 @@ class LinearModel:
             np.ones(len(w)),
         ]
         if self.measured is not None:
-            known = self.measured.coherence(w, self.sample_time_s)
+            known = self.measured.coherence(w)
         low, high = self.holds_rad_s or (0.0, np.inf)
         lost = (w < low) | (w > high) | (known < COHERENT)
         along[lost] = across[lost] = np.nan

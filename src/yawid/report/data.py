@@ -21,9 +21,9 @@ from yawid.blocks import (
     words,
 )
 from yawid.models.answered import Answered
-from yawid.models.flown import Rows
+from yawid.models.flown import Flown, Rows
 from yawid.models.identify import Recorded, model_of_answer
-from yawid.models.linear import LinearModel, Measured
+from yawid.models.linear import LinearModel
 from yawid.physics.modes import modes as physics_modes
 from yawid.sinks.base import Grid
 from yawid.sinks.mcap.reader import McapRun
@@ -86,7 +86,7 @@ class Drawn:
         return self.answered.found
 
     @property
-    def measured(self) -> Measured:
+    def measured(self) -> Flown:
         """Its samples."""
         assert self.model.measured is not None  # gather() had them
         return self.model.measured

@@ -10,7 +10,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import StrMethodFormatter
 
 from yawid.blocks import Floats
-from yawid.models.linear import Measured
+from yawid.models.flown import Flown
 from yawid.report.data import Drawn, ReportData
 from yawid.report.picture import (
     Picture,
@@ -104,7 +104,7 @@ def manoeuvre_picture(drawn: Drawn, grid: Grid) -> Picture:
     return Picture(f"manoeuvre{found.n}", title, look, draw, (5.6, 4.4 if whole else 4.9))
 
 
-def _overview(ax: Axes, judged: Measured, rows: slice) -> None:
+def _overview(ax: Axes, judged: Flown, rows: slice) -> None:
     traced(ax, judged.t, judged.u[:, 0], RUDDER)
     ax.axvspan(judged.t[rows.start], judged.t[rows.stop - 1], facecolor="none",
                edgecolor="#222222", linewidth=1.0)  # fmt: skip
@@ -113,7 +113,7 @@ def _overview(ax: Axes, judged: Measured, rows: slice) -> None:
     ax.set_ylabel("all of it", rotation=0, ha="right", va="center")
 
 
-def _shown(judged: Measured, wn_rad_s: float) -> slice:
+def _shown(judged: Flown, wn_rad_s: float) -> slice:
     """Return the rows, some periods of the Dutch roll long, in which the model swings most."""
     n = len(judged.t)
     seconds = min(max(PERIODS_SHOWN * 2.0 * math.pi / wn_rad_s, LEAST_SHOWN_S), MOST_SHOWN_S)
