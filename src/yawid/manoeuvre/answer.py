@@ -127,9 +127,8 @@ def answer_of(fits: Sequence[Fit], *, has_roll_loop: bool = False) -> Answer | N
     log_wn, zeta = (share @ pairs).tolist()
     wn = math.exp(log_wn)
     w = wn * np.linspace(LOWEST, HIGHEST, POINTS)
-    best = best_alone([fit for fit, _ in weighted])
-    assert best is not None  # without one there are no weights
-    model = best.with_pair(wn, zeta)
+    some = (fit for fit, _ in weighted if fit.structure.name != ROLL)
+    model = min(some, key=lambda fit: fit.bic).with_pair(wn, zeta)
     G = model.response(w)[0]
     x = np.concatenate([[log_wn, zeta], G.real.ravel(), G.imag.ravel()])
     C = np.zeros((len(x), len(x)))
@@ -137,8 +136,8 @@ def answer_of(fits: Sequence[Fit], *, has_roll_loop: bool = False) -> Answer | N
         each, J = _numbers(fit, w)
         C += s * (_inflated(fit) * J @ fit.covariance @ J.T + np.outer(each - x, each - x))
     hidden = HIDDEN_ZETA * zeta if has_roll_loop else 0.0
-    if weighted[-1][0].structure.name == ROLL:
-        hidden = math.sqrt(1.0 - share[-1]) * _left_out(weighted[-1][0])
+    if rolls := [(s, _left_out(fit)) for fit, s in weighted if fit.structure.name == ROLL]:
+        hidden = math.sqrt(1.0 - sum(s for s, _ in rolls)) * max(rolls)[1]
     C[[0, 1], [0, 1]] += FLOOR_WN**2, FLOOR_ZETA**2 + hidden**2
     late = FLOOR_DELAY * model.blocks.record.sample_time_s * (1j * w * G)
     for moved in (FLOOR_GAIN * G, late):
@@ -148,13 +147,34 @@ def answer_of(fits: Sequence[Fit], *, has_roll_loop: bool = False) -> Answer | N
     std = np.sqrt(np.diag(C)[:2])
     return Answer(
         Known(wn, wn * float(std[0])), Known(zeta, float(std[1])),
-        {fit.structure.name: s for fit, s in weighted}, model, w, G, C,
+        {fit.name: s for fit, s in weighted}, model, w, G, C,
         _eq_23(wn, zeta, w, G, C),
     )  # fmt: skip
 
 
 def weights_of(fits: Sequence[Fit]) -> list[tuple[Fit, float]]:
-    """Return the fits that count, and their weights."""
+    """Return the fits that count, and their weights.
+
+    Where there are fits of small motion, both kinds must count, and BIC shares the weight.
+    """
+    (plain, best), (small, other) = (
+        (_weights([fit for fit in fits if fit.is_small == each]), best_alone(fits, small=each))
+        for each in (False, True)
+    )
+    if best is None or other is None:
+        return plain
+    if not (plain and small):
+        return []
+    share = 1.0 / (1.0 + math.exp((other.bic - best.bic) / (2.0 * _temper(best))))
+    return [(fit, w * (1.0 - share)) for fit, w in plain] + [(fit, w * share) for fit, w in small]
+
+
+def _temper(fit: Fit) -> float:
+    return min(max(len(fit.blocks) / ROWS_PER_TEMPER, LEAST_TEMPER), TEMPER)
+
+
+def _weights(fits: Sequence[Fit]) -> list[tuple[Fit, float]]:
+    """Return those of fits that count, and their weights, of one kind of fits."""
     if not fits:
         return []
     mid = float(np.median([fit.log_pair[0] for fit in fits if fit.structure.name != ROLL]))
@@ -173,8 +193,7 @@ def weights_of(fits: Sequence[Fit]) -> list[tuple[Fit, float]]:
     if not yaw:
         return []
     bic = np.array([fit.bic for fit in yaw])
-    temper = min(max(len(yaw[0].blocks) / ROWS_PER_TEMPER, LEAST_TEMPER), TEMPER)
-    share = np.exp(-(bic - bic.min()) / (2.0 * temper))
+    share = np.exp(-(bic - bic.min()) / (2.0 * _temper(yaw[0])))
     share *= [VOTES[fit.structure.name] for fit in yaw]
     share /= share.sum()
     roll = [fit for fit in kept if fit.structure.name == ROLL]

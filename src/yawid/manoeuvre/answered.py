@@ -133,7 +133,7 @@ def _summary(of: Evidence, found: Conditions) -> MethodSummary:
 def _noise(fits: list[Fit], answer: Answer) -> tuple[float, float]:
     """Return the sigmas of wn and zeta that noise alone explains, the mean over the structures."""
     weights = answer.weights
-    some = [(weights[each.structure.name], each) for each in fits if each.structure.name in weights]
+    some = [(weights[each.name], each) for each in fits if each.name in weights]
     log_wn, zeta = (math.sqrt(sum(w * each.pair_std[i] ** 2 for w, each in some)) for i in range(2))
     return answer.wn_rad_s.value * log_wn, zeta
 
@@ -144,8 +144,8 @@ def _structures(fits: list[Fit], answer: Answer) -> dict[str, OneStructure]:
     for fit in fits:
         (log_wn, log_zeta), (wn_std, zeta_std) = fit.log_pair.tolist(), fit.pair_std
         wn = math.exp(log_wn)
-        weight = answer.weights.get(fit.structure.name, 0.0)
-        found[fit.structure.name] = OneStructure(
+        weight = answer.weights.get(fit.name, 0.0)
+        found[fit.name] = OneStructure(
             wn_rad_s=wn, wn_std=wn * wn_std, zeta=math.exp(log_zeta), zeta_std=zeta_std,
             weight=weight,
         )  # fmt: skip

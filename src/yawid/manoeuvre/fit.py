@@ -56,6 +56,8 @@ TRIALS: Final = 3
 LIGHTEST: Final = 0.002
 """A lighter pair is at an edge of the search, and has no vote."""
 AR_ROUNDS: Final = 2
+SMALL: Final = " small"
+"""What is added to a structure's name where large motion is an input."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,6 +67,8 @@ class Fit:
     ``theta`` and the residues' elements of yaw rate's beta have the ``covariance``, in this order.
     ``D`` (p + 1, o, o) is the AR polynomial and ``e`` (o, N) the whitened residual.
     ``pair`` is the one that is meant, and ``at_bound`` says that it ended where the search does.
+    ``inputs`` is how many of the blocks' inputs are the record's own: a further one is large motion
+    (:mod:`yawid.manoeuvre.large`), whose elements are left out.
     """
 
     blocks: Blocks
@@ -76,7 +80,18 @@ class Fit:
     D: Floats
     e: Floats
     at_bound: bool
+    inputs: int
     pair: int = 0
+
+    @property
+    def is_small(self) -> bool:
+        """Whether large motion is an input, so that this is the small motion's."""
+        return len(self.blocks.u) > self.inputs
+
+    @property
+    def name(self) -> str:
+        """The structure's name, with ``SMALL`` where large motion is an input."""
+        return self.structure.name + (SMALL if self.is_small else "")
 
     @property
     def log_pair(self) -> Floats:
@@ -102,14 +117,14 @@ class Fit:
         """Return a fit of yaw rate with its pair at wn and zeta; what is linear is solved again."""
         theta, problem = self.theta.copy(), self.of_yaw()
         theta[2 * self.pair : 2 * self.pair + 2] = math.log(wn_rad_s), math.log(zeta)
-        return finished(problem, theta, problem.at(theta))
+        return finished(problem, theta, problem.at(theta), self.inputs)
 
     def response(self, w: Floats) -> tuple[Complexes, Complexes]:
         """Return G(jw) (inputs, n) at w (n,) in rad/s, and the slopes (parameters, inputs, n).
 
         The parameters are those of ``covariance``.
         """
-        of, inputs, s = self.structure, len(self.blocks.u), 1j * w
+        of, inputs, s = self.structure, self.inputs, 1j * w
         residues = of.residues(self.elements, inputs)
         basis, by_theta = [], []
         for i, (p, slopes) in enumerate(
@@ -231,10 +246,13 @@ def unknowns(problem: Problem, point: Point) -> int:
     return int(found)
 
 
-def finished(problem: Problem, theta: Floats, point: Point, pair: int = 0) -> Fit:
-    """Return the fit at theta, where the steps ended."""
+def finished(
+    problem: Problem, theta: Floats, point: Point, inputs: int | None = None, pair: int = 0
+) -> Fit:
+    """Return the fit at theta, where the steps ended, with so many of its ``inputs``, or all."""
     blocks, of, N = problem.blocks, problem.structure, len(problem.blocks)
-    forced = problem.mixing.shape[1] * len(blocks.u)
+    inputs = len(blocks.u) if inputs is None else inputs
+    forced = problem.mixing.shape[1] * inputs
     low, high = limits(blocks, of)
     own, rows = slice(2 * pair, 2 * pair + 2), len(point.e)
     bic = rows * math.log(float(point.e @ point.e) / rows + 1e-300)
@@ -244,7 +262,7 @@ def finished(problem: Problem, theta: Floats, point: Point, pair: int = 0) -> Fi
     return Fit(
         blocks, of, theta, point.beta[0, :forced],
         _covariance(problem, point, len(theta) + forced), bic, problem.D,
-        point.e.reshape(-1, N), bool(((theta <= low) | (theta >= high))[own].any()), pair,
+        point.e.reshape(-1, N), bool(((theta <= low) | (theta >= high))[own].any()), inputs, pair,
     )  # fmt: skip
 
 
@@ -310,15 +328,33 @@ def fits_of(record: Record, q: int | None = None) -> list[Fit]:
     return [*fits, _with_roll(blocks, best.theta[:2])] if record.y.shape[1] > 1 else fits
 
 
-def _fitted(blocks: Blocks, of: Structure, starts: Sequence[Floats]) -> Fit:
+def refitted(fit: Fit, blocks: Blocks) -> Fit:
+    """Return the fit of the same structure, from where it ended, to blocks with more inputs."""
+    if fit.structure.name != ROLL:
+        return _fitted(blocks, fit.structure, [fit.theta], fit.inputs)
+    point = Problem(blocks, fit.structure, fit.D).at(fit.theta)
+    return finished(*_with_ar(blocks, fit.structure, fit.theta, point), fit.inputs, fit.pair)
+
+
+def _fitted(
+    blocks: Blocks, of: Structure, starts: Sequence[Floats], inputs: int | None = None
+) -> Fit:
     """Return the fit of yaw rate alone, white or AR."""
     problem = Problem(blocks, of, np.eye(1)[None])
     theta, point = descended(problem, problem.best_of(starts) if len(starts) > 1 else starts[0])
-    white = finished(problem, theta, point)
+    white = finished(problem, theta, point, inputs)
+    coloured = finished(*_with_ar(blocks, of, theta, point), inputs)
+    return min(white, coloured, key=lambda fit: fit.bic)
+
+
+def _with_ar(
+    blocks: Blocks, of: Structure, theta: Floats, point: Point
+) -> tuple[Problem, Floats, Point]:
+    """Return the problem, theta and the point with the AR of its own residual."""
     for _ in range(AR_ROUNDS):
         problem = Problem(blocks, of, ar_of(blocks, point.v))
         theta, point = descended(problem, theta)
-    return min(white, finished(problem, theta, point), key=lambda fit: fit.bic)
+    return problem, theta, point
 
 
 def _with_roll(blocks: Blocks, pair: Floats) -> Fit:
@@ -340,14 +376,15 @@ def _with_roll(blocks: Blocks, pair: Floats) -> Fit:
         problem = Problem(blocks, of, D)
         found.append((*descended(problem, problem.best_of(each), 4), of))
     theta, point, of = min(found, key=lambda one: float(one[1].e @ one[1].e))
-    for _ in range(AR_ROUNDS):
-        problem = Problem(blocks, of, ar_of(blocks, point.v))
-        theta, point = descended(problem, theta)
+    problem, theta, point = _with_ar(blocks, of, theta, point)
     (own,), pairs = TWO.poles(pair), of.poles(theta)[: of.pairs]
-    return finished(problem, theta, point, int(np.argmin(np.abs(np.log(pairs / own)))))
+    return finished(problem, theta, point, pair=int(np.argmin(np.abs(np.log(pairs / own)))))
 
 
-def best_alone(fits: Sequence[Fit]) -> Fit | None:
-    """Return the fit of yaw rate alone with the least BIC, None without one."""
-    alone = (fit for fit in fits if fit.structure.name != ROLL)
+def best_alone(fits: Sequence[Fit], *, small: bool = False) -> Fit | None:
+    """Return the fit of yaw rate alone with the least BIC, None without one.
+
+    It is one of the proportional fits, or of those of ``small`` motion.
+    """
+    alone = (fit for fit in fits if fit.structure.name != ROLL and fit.is_small == small)
     return min(alone, key=lambda fit: fit.bic, default=None)

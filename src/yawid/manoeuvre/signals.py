@@ -18,6 +18,7 @@ import numpy as np
 from yawid.blocks import SampleBlock
 from yawid.config.run import BOTH
 from yawid.manoeuvre.fit import Fit, best_alone, first_of, fits_of
+from yawid.manoeuvre.large import small_motion
 from yawid.physics.responses import Record, inputs_and_rate
 from yawid.results.excitation import LEAST_STROKE
 
@@ -59,14 +60,14 @@ def fitted(
     may_have = aileron_moves(samples) if inputs is None else inputs == BOTH
     both = fits_of(record_of(samples, BOTH, **how)) if may_have else []
     if inputs == BOTH:
-        return Fitted(both, BOTH, fault)
+        return Fitted([*both, *small_motion(both)], BOTH, fault)
     alone = fits_of(record_of(samples, ("rudder",), **how), both[0].blocks.q if both else None)
     best, with_aileron = (
         math.inf if (fit := best_alone(fits)) is None else fit.bic for fits in (alone, both)
     )
     if with_aileron < best - WORTH_BIC:
-        return Fitted(both, BOTH, fault)
-    return Fitted(alone, ("rudder",), fault)
+        return Fitted([*both, *small_motion(both)], BOTH, fault)
+    return Fitted([*alone, *small_motion(alone)], ("rudder",), fault)
 
 
 def record_of(
