@@ -158,6 +158,10 @@ _TABLE: Final = (
     ),
     ReasonKind("saturated", 0, "samples", "Fly again with less rudder: 10 to 30 % of its travel."),
     ReasonKind(
+        "not_proportional", 0, "estimate",
+        "Fly again with half the rudder, or switch a yaw damper off for the manoeuvre.",
+    ),
+    ReasonKind(
         "airspeed_changed", 0, "samples",
         "Fly at a steady airspeed, or choose a manoeuvre that was, by --from and --to.",
     ),

@@ -14,7 +14,8 @@ D = |log(p_2 / p_1)|, says how much that matters, so that "roll" has the weight
 
 with the traces of the covariances of log wn and zeta, which are the two parts of a pole's
 relative error, and the distance d in sigma of the two results. Of (LEFT_OUT / D)^2 the part 1 - q
-stays in the variance of zeta.
+stays in the variance of zeta. Where BIC prefers the fits of small motion
+(:mod:`yawid.manoeuvre.large`), both kinds have these weights, and share them by exp(-BIC / (2 T)).
 
 The answer's model is the structure of the least BIC with its pair at (wn, zeta), its residues,
 initial states and bias solved again; its parameters have the covariance that is nearest to C. Of
@@ -58,14 +59,6 @@ FLOOR_WN, FLOOR_ZETA = 0.005, 0.004
 HIDDEN_ZETA: Final = 0.04
 """The part of zeta that a closed roll loop may hide where roll does not show it: of JSBSim's
 linearised aircraft with a roll hold three poles are .036 off (RMS)."""
-ALIKE: Final = 1.25
-"""A structure whose wn differs from the median by more than this factor found another mode. Without
-it a manoeuvre of 288, on a recorded flight, lost its answer to it. Carried over from the
-prototype."""
-UNKNOWN: Final = 0.2
-"""A structure with a larger sigma, relative for wn and absolute for zeta, has no vote. Without it
-no other manoeuvre of 288 is usable, but of one in SITL sigma of wn was 9.9 % instead of 6.4.
-Carried over from the prototype."""
 FLOOR_GAIN, FLOOR_DELAY = 0.03, 0.5
 """The least sigma of all of a response together: of its size, relative, and of its delay, in
 samples. A command is known only when its message comes, up to a sample late, which K shows: 5
@@ -175,18 +168,12 @@ def _temper(fit: Fit) -> float:
 
 def _weights(fits: Sequence[Fit]) -> list[tuple[Fit, float]]:
     """Return those of fits that count, and their weights, of one kind of fits."""
-    if not fits:
-        return []
-    mid = float(np.median([fit.log_pair[0] for fit in fits if fit.structure.name != ROLL]))
 
     def counts(fit: Fit) -> bool:
-        x, C = _pair(fit)
-        is_near = abs(x[0] - mid) < math.log(ALIKE)
         log_z = 2 * np.delete(np.arange(fit.structure.pairs), fit.pair) + 1
         is_light = np.exp(fit.theta[log_z]) < LIGHT_LOOP
         is_noise = is_light & (np.diag(fit.covariance)[log_z] > KNOWN_LOOP**2)
-        known = not fit.at_bound and not is_noise.any() and np.diag(C).max() < UNKNOWN**2
-        return bool(is_near and known)
+        return not (fit.at_bound or is_noise.any())
 
     kept = [fit for fit in fits if counts(fit)]
     yaw = [fit for fit in kept if fit.structure.name != ROLL]

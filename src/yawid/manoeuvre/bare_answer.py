@@ -30,6 +30,7 @@ from yawid.lateral.motion import Motion
 from yawid.manoeuvre.answered import seen_in
 from yawid.manoeuvre.conditions import SIGMAS
 from yawid.manoeuvre.feedback import rate_feedback
+from yawid.manoeuvre.fit import SMALL
 from yawid.manoeuvre.flight import DISAGREE_WN, LEAST_AGREEING, agreement, disagreement, left_out
 from yawid.manoeuvre.projection import ROLL
 from yawid.quantities.flying_qualities import dutch_roll_level, wrong_sign
@@ -161,7 +162,7 @@ def _seen_as_flown(
     if not wn > 0.0:
         return closed.wn_rad_s, closed.zeta
     found = (flown.answer and flown.answer.structures) or {}
-    itself = found[ROLL].weight if ROLL in found else 0.0
+    itself = sum(found[name].weight for name in (ROLL, ROLL + SMALL) if name in found)
     wn, zeta = (
         wn + itself * (closed.wn_rad_s.value - wn),
         zeta + itself * (closed.zeta.value - zeta),

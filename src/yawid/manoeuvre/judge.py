@@ -31,7 +31,7 @@ from yawid.manoeuvre.feedback import rate_feedback
 from yawid.manoeuvre.find import OTHER_SPEED, PERIODS, speed_factor
 from yawid.manoeuvre.fit import Fit, best_alone
 from yawid.manoeuvre.likelihood import free_decay, freed, shifted, simulated
-from yawid.manoeuvre.signals import Fitted
+from yawid.manoeuvre.signals import WORTH_BIC, Fitted
 from yawid.results.excitation import LEAST_STROKE, own_part
 from yawid.results.judge_samples import COLLINEAR, closeness, message_rate_reasons
 
@@ -125,6 +125,7 @@ def reasons(of: Evidence) -> Iterator[Reason]:
     yield from _known(of.answer, of.fit, of.explained_pct)
     yield from _driven(of.fit)
     yield from _fed_back(of, of.answer.wn_rad_s.value)
+    yield from _proportional(of.seen.fits, of.fit)
     rudder = of.answer.eq_23
     if (effect := of_the_pair(of.fit)) < CLEAR_PAIR:
         yield Reason(
@@ -137,6 +138,18 @@ def reasons(of: Evidence) -> Iterator[Reason]:
             "wrong_sign",
             "positive rudder turns the nose left: the servo is reversed, or --rudder-sign is wrong",
             None if of.setting.config.rudder_unit is None else "Give the other --rudder-sign.",
+        )
+
+
+def _proportional(fits: list[Fit], best: Fit) -> Iterator[Reason]:
+    """Judge whether large motion is as small motion is, by the limit for a further input."""
+    small = best_alone(fits, small=True)
+    if small is not None and small.bic < best.bic - WORTH_BIC:
+        yield Reason(
+            "not_proportional",
+            "large yaw rates are not in proportion to the rudder (a yaw damper at its limits, or "
+            f"a large sideslip; BIC {best.bic - small.bic:.0f} better with them apart): the answer "
+            "is that of small motion",
         )
 
 
