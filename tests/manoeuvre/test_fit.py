@@ -101,7 +101,16 @@ def test_sigma_of_the_response_follows_from_its_slopes():
         theta, elements = fit.theta.copy(), fit.elements.copy()
         (theta if j < len(theta) else elements)[j if j < len(theta) else j - len(theta)] += step
         moved = type(fit)(
-            fit.blocks, fit.structure, theta, elements, fit.covariance, fit.bic, fit.D, fit.e, False, 1
+            fit.blocks,
+            fit.structure,
+            theta,
+            elements,
+            fit.covariance,
+            fit.bic,
+            fit.D,
+            fit.e,
+            False,
+            1,
         )
         np.testing.assert_allclose((moved.response(w)[0] - G) / step, slopes[j], atol=1e-4)
 
