@@ -38,29 +38,34 @@ def damped(u: Floats, limit: float) -> Floats:
     return np.array(found)
 
 
-def flown(limit: float, *, noise: float = 0.003) -> Record:
+def flown(share: float, *, noise: float = 0.003) -> Record:
+    """A damper whose limit is ``share`` of what the largest yaw rate asks of it"""
     u = np.concatenate([part * doublets(WN, TS) for part in (0.3, 1.0, 2.0)])
+    limit = share * GAIN * float(np.abs(damped(u, np.inf)).max())
     return record(u, damped(u, limit), TS, noise=noise)
 
 
-def test_the_answer_of_a_damper_at_its_limits_is_that_of_small_motion() -> None:
-    fits = fits_of(flown(limit=0.05))
+@pytest.mark.parametrize("share", [0.15, 0.3, 0.5, 0.8])
+def test_the_answer_of_a_damper_at_its_limits_is_that_of_small_motion(share: float) -> None:
+    fits = fits_of(flown(share))
     proportional, found = answer_of(fits), answer_of([*fits, *small_motion(fits)])
     assert proportional is not None
     assert found is not None
-    assert proportional.zeta.value < ZETA - 0.05
-    assert abs(found.zeta.value - ZETA) < min(2.0 * found.zeta.std, 0.02)
-    assert abs(found.wn_rad_s.value / WN - 1.0) < min(2.0 * found.wn_rad_s.std / WN, 0.02)
+    (wn, wn_std), (zeta, zeta_std) = found.wn_rad_s, found.zeta
+    assert abs(wn - WN) < 2.0 * wn_std
+    assert abs(zeta - ZETA) < 2.0 * zeta_std
+    assert abs(zeta - ZETA) < 0.6 * abs(proportional.zeta.value - ZETA)
+    assert proportional.zeta.value < ZETA - 2.0 * proportional.zeta.std
     assert sum(w for name, w in found.weights.items() if "small" in name) > 0.9
 
 
 def test_the_response_is_that_of_small_motion() -> None:
-    fits = fits_of(flown(limit=0.05))
+    fits = fits_of(flown(0.5))
     found = answer_of([*fits, *small_motion(fits)])
     assert found is not None
     s = 1j * found.w[:, None, None]
     exact = np.linalg.solve(s * np.eye(2) - CLOSED, B[:, None])[:, 1, 0]
-    np.testing.assert_allclose(np.abs(found.response[0]), np.abs(exact), rtol=0.05)
+    np.testing.assert_allclose(np.abs(found.response[0]), np.abs(exact), rtol=0.06)
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -71,7 +76,7 @@ def test_an_aircraft_in_proportion_has_no_large_motion(seed: int) -> None:
 
 
 def test_large_motion_has_none_of_the_gusts() -> None:
-    quiet, rng = flown(limit=np.inf, noise=0.0), np.random.default_rng(5)
+    quiet, rng = flown(np.inf, noise=0.0), np.random.default_rng(5)
     rough = Record(TS, quiet.u, quiet.y + rng.normal(0.0, 0.02, quiet.y.shape), quiet.runs)
     for each in (quiet, rough):
         best = best_alone(fits_of(each))

@@ -64,10 +64,6 @@ FLOOR_GAIN, FLOOR_DELAY = 0.03, 0.5
 samples. A command is known only when its message comes, up to a sample late, which K shows: 5
 degrees at the mode are a third of it. Without them |G| at 1.4 wn was within 2 sigma in 86 %, K in
 89 %. Chosen on 72 drawn flights."""
-MOST_SMALL: Final = 0.85
-"""The most weight of the fits of small motion: what they change is not known better than to a third
-of it. Without it a simulated damper with limits at a tenth of the largest yaw rate left zeta 3
-sigma off. Chosen on the tests' damper."""
 LIGHT_LOOP, KNOWN_LOOP = 0.05, 0.25
 """A roll loop's pair whose zeta is less than the first must be known to the second, relative: else
 it is a line of the noise, and roll has no vote. Without it a trainer whose roll loop has real modes
@@ -144,7 +140,7 @@ def answer_of(fits: Sequence[Fit], *, has_roll_loop: bool = False) -> Answer | N
     std = np.sqrt(np.diag(C)[:2])
     return Answer(
         Known(wn, wn * float(std[0])), Known(zeta, float(std[1])),
-        {fit.name: s for fit, s in weighted}, model, w, G, C,
+        _by_name(weighted), model, w, G, C,
         _eq_23(wn, zeta, w, G, C),
     )  # fmt: skip
 
@@ -163,8 +159,14 @@ def weights_of(fits: Sequence[Fit]) -> list[tuple[Fit, float]]:
     if not (plain and small):
         return []
     share = 1.0 / (1.0 + math.exp((other.bic - best.bic) / (2.0 * _temper(best))))
-    share = min(share, MOST_SMALL)
     return [(fit, w * (1.0 - share)) for fit, w in plain] + [(fit, w * share) for fit, w in small]
+
+
+def _by_name(weighted: Sequence[tuple[Fit, float]]) -> dict[str, float]:
+    found: dict[str, float] = {}
+    for fit, share in weighted:
+        found[fit.name] = found.get(fit.name, 0.0) + share
+    return found
 
 
 def _temper(fit: Fit) -> float:
