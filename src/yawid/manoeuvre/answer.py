@@ -15,7 +15,8 @@ D = |log(p_2 / p_1)|, says how much that matters, so that "roll" has the weight
 with the traces of the covariances of log wn and zeta, which are the two parts of a pole's
 relative error, and the distance d in sigma of the two results. Of (LEFT_OUT / D)^2 the part 1 - q
 stays in the variance of zeta. Where BIC prefers the fits of small motion
-(:mod:`yawid.manoeuvre.large`), both kinds have these weights, and share them by exp(-BIC / (2 T)).
+(:mod:`yawid.manoeuvre.large`), both kinds have these weights and share them by exp(-BIC / (2 T)) in
+C. They are in x where they take WORTH_BIC off.
 
 The answer's model is the structure of the least BIC with its pair at (wn, zeta), its residues,
 initial states and bias solved again; its parameters have the covariance that is nearest to C. Of
@@ -36,7 +37,7 @@ import numpy as np
 
 from yawid.answers.run_summary import HIGHEST, LOWEST, POINTS
 from yawid.blocks import Floats
-from yawid.manoeuvre.fit import Fit, best_alone
+from yawid.manoeuvre.fit import WORTH_BIC, Fit, best_alone
 from yawid.manoeuvre.projection import ROLL
 from yawid.physics.modes import Complexes
 
@@ -115,12 +116,13 @@ def answer_of(fits: Sequence[Fit], *, has_roll_loop: bool = False) -> Answer | N
     weighted = weights_of(fits)
     if not weighted:
         return None
-    share = np.array([x for _, x in weighted])
-    pairs = np.stack([_pair(fit)[0] for fit, _ in weighted])
-    log_wn, zeta = (share @ pairs).tolist()
+    counted = [each for each in weighted if is_worth_it(fits) or not each[0].is_small]
+    share = np.array([s for _, s in counted])
+    share /= share.sum()
+    log_wn, zeta = (share @ np.stack([_pair(fit)[0] for fit, _ in counted])).tolist()
     wn = math.exp(log_wn)
     w = wn * np.linspace(LOWEST, HIGHEST, POINTS)
-    some = (fit for fit, _ in weighted if fit.structure.name != ROLL)
+    some = (fit for fit, _ in counted if fit.structure.name != ROLL)
     model = min(some, key=lambda fit: fit.bic).with_pair(wn, zeta)
     G = model.response(w)[0]
     x = np.concatenate([[log_wn, zeta], G.real.ravel(), G.imag.ravel()])
@@ -140,9 +142,15 @@ def answer_of(fits: Sequence[Fit], *, has_roll_loop: bool = False) -> Answer | N
     std = np.sqrt(np.diag(C)[:2])
     return Answer(
         Known(wn, wn * float(std[0])), Known(zeta, float(std[1])),
-        _by_name(weighted), model, w, G, C,
+        _by_name(counted, share), model, w, G, C,
         _eq_23(wn, zeta, w, G, C),
     )  # fmt: skip
+
+
+def is_worth_it(fits: Sequence[Fit]) -> bool:
+    """Return whether large motion as an input takes enough off the BIC to be in the answer."""
+    best, small = best_alone(fits), best_alone(fits, small=True)
+    return best is not None and small is not None and small.bic < best.bic - WORTH_BIC
 
 
 def weights_of(fits: Sequence[Fit]) -> list[tuple[Fit, float]]:
@@ -162,10 +170,10 @@ def weights_of(fits: Sequence[Fit]) -> list[tuple[Fit, float]]:
     return [(fit, w * (1.0 - share)) for fit, w in plain] + [(fit, w * share) for fit, w in small]
 
 
-def _by_name(weighted: Sequence[tuple[Fit, float]]) -> dict[str, float]:
+def _by_name(weighted: Sequence[tuple[Fit, float]], share: Floats) -> dict[str, float]:
     found: dict[str, float] = {}
-    for fit, share in weighted:
-        found[fit.name] = found.get(fit.name, 0.0) + share
+    for (fit, _), s in zip(weighted, share.tolist(), strict=True):
+        found[fit.name] = found.get(fit.name, 0.0) + s
     return found
 
 

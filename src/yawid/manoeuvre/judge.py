@@ -25,13 +25,13 @@ from yawid.answers.reasons import Reason
 from yawid.blocks import AIRSPEED_SHARE, Floats, SampleBlock
 from yawid.config.run import RunConfig
 from yawid.estimation.fit import fit_percent
-from yawid.manoeuvre.answer import Answer
+from yawid.manoeuvre.answer import Answer, is_worth_it
 from yawid.manoeuvre.conditions import SIGMAS
 from yawid.manoeuvre.feedback import rate_feedback
 from yawid.manoeuvre.find import OTHER_SPEED, PERIODS, speed_factor
 from yawid.manoeuvre.fit import Fit, best_alone
 from yawid.manoeuvre.likelihood import free_decay, freed, shifted, simulated
-from yawid.manoeuvre.signals import WORTH_BIC, Fitted
+from yawid.manoeuvre.signals import Fitted
 from yawid.results.excitation import LEAST_STROKE, own_part
 from yawid.results.judge_samples import COLLINEAR, closeness, message_rate_reasons
 
@@ -142,9 +142,9 @@ def reasons(of: Evidence) -> Iterator[Reason]:
 
 
 def _proportional(fits: list[Fit], best: Fit) -> Iterator[Reason]:
-    """Judge whether large motion is as small motion is, by the limit for a further input."""
+    """Judge whether large motion is as small motion is."""
     small = best_alone(fits, small=True)
-    if small is not None and small.bic < best.bic - WORTH_BIC:
+    if small is not None and is_worth_it(fits):
         yield Reason(
             "not_proportional",
             "large yaw rates are not in proportion to the rudder (a yaw damper at its limits, or "

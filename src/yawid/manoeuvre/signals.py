@@ -17,7 +17,7 @@ import numpy as np
 
 from yawid.blocks import SampleBlock
 from yawid.config.run import BOTH
-from yawid.manoeuvre.fit import Fit, best_alone, first_of, fits_of
+from yawid.manoeuvre.fit import WORTH_BIC, Fit, best_alone, first_of, fits_of
 from yawid.manoeuvre.large import small_motion
 from yawid.physics.responses import Record, inputs_and_rate
 from yawid.results.excitation import LEAST_STROKE
@@ -29,10 +29,6 @@ of two standard deviations, the median error of wn was .15 % in calm air, withou
 MOST_REACTION: Final = 0.5
 """The most of an aileron's variance that the motion may explain. Chosen on 90 flights; its own part
 must cover LEAST_STROKE in all, as a rudder's."""
-WORTH_BIC: Final = 20.0
-"""What the aileron as an input, or a turn that is removed, must take off the least BIC. Without it,
-an aileron that hardly moved made wn 10 % wrong in gusts (chosen on 24 drawn flights whose aileron
-is moved, too), and in straight flight a removed turn made zeta of a 737 .03 worse (seed 8201)."""
 
 
 class Fitted(NamedTuple):
@@ -105,7 +101,10 @@ def is_turning(samples: SampleBlock, *, measured: bool = False) -> bool:
     q = first.blocks.q
     if (without := first_of(removed, q)) is None or without.bic > first.bic - WORTH_BIC:
         return False
-    of_kept, of_removed = (min(fit.bic for fit in fits_of(each, q)) for each in (kept, removed))
+    of_kept, of_removed = (
+        min(fit.bic for fit in fits_of(each, q, own))
+        for each, own in ((kept, first), (removed, without))
+    )
     return of_removed < of_kept - WORTH_BIC
 
 
