@@ -23,9 +23,7 @@ def answered(columns: dict[str, Any]) -> Manoeuvre:
 
 
 @pytest.mark.parametrize("hz", [10, 20, 50])
-@pytest.mark.parametrize(
-    ("number", "rolls"), [(25, False), (25, True), (7, True), (1, True), (22, True)]
-)
+@pytest.mark.parametrize(("number", "rolls"), [(25, False), (7, True), (1, True), (22, True)])
 def test_a_release_is_answered_at_every_rate(number: int, rolls: bool, hz: int) -> None:
     """Of .503, .595, 1.30 and 5.12 rad/s, with zeta .04 to .12 and noise to 3 % of the peak"""
     columns, leg = release(SEED, number, hz, rolls=rolls)
