@@ -23,7 +23,7 @@ WARNINGS = {
     "saturated", "airspeed_changed", "airspeed_implausible",
     "wrong_sign", "closed_loop", "repeated",
     "rate_changed", "rate_low", "lag_differs", "airframe_changes", "bare_unknown",
-    "ordinary_disagrees",
+    "ordinary_disagrees", "not_proportional",
 }  # fmt: skip
 
 

@@ -252,7 +252,7 @@ def test_the_command_writes_a_tlog_and_its_truth(
     ("options", "reason"),
     [
         (["--aircraft", "nonsense"], "cannot load 'nonsense'"),
-        (["--aircraft", "p51d"], "finds no trim"),
+        (["--aircraft", "f22"], "finds no trim"),
         (["--amplitude", "1.5"], "pass the rudder's stop"),
         (["--seconds", "nan"], "seconds must be > 0"),
         (["--step-s", "0.001"], "step_s must be at least"),
