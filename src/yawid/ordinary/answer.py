@@ -34,7 +34,7 @@ from yawid.lateral.roll_law import dutch_roll_closed
 from yawid.ordinary.fit import Fitted, left_over
 from yawid.ordinary.model import FREE_AT, OUTPUTS, full
 from yawid.ordinary.pieces import Ordinary
-from yawid.ordinary.search import USABLE, Search, around, wn_of
+from yawid.ordinary.search import LEAST_LAW, USABLE, Search, around, wn_of
 from yawid.ordinary.spectra import INDEPENDENT, P, R
 
 IN_GUSTS, OF_BAND = 1.3, 0.5
@@ -72,7 +72,6 @@ MOST_APART, MOST = 2.0, 0.5
 roll rate near the mode. Without it a line in r in calm air moved an OV-10's wn by -21 %. Where it
 decides, the two gates of oscillations do not: they refused 4 right answers of 12 in calm air. Where
 gusts make most, what the law leaves of them in the aileron moved the turns' part by 9 sigma."""
-LEAST_LAW = 0.85
 NAMED = ("L_p", "L_delta_a", "L_beta", "N_beta")
 _DIFFERENCE = 1e-5
 _TURN = "Fly twelve minutes at one airspeed, with turns of 20 degrees of bank or more."
@@ -194,7 +193,8 @@ def _with_sigma(search: Search, best: Fitted, wn: float) -> tuple[Floats, Floats
     law, narrow = search.law, search.again(best, wn, NARROW)
     off = np.abs(mode if narrow is None else values_of(narrow, law)[0] - mode)
     stiffer = dataclasses.replace(
-        law, roll_gain=(1.0 + math.sqrt(1.0 - search.explained)) * law.roll_gain
+        search.found_law,
+        roll_gain=(1.0 + math.sqrt(1.0 - search.explained)) * search.found_law.roll_gain,
     )
     under = search.again(best, wn, law=stiffer)
     moved = np.zeros_like(mode) if under is None else values_of(under, law)[0] - mode
