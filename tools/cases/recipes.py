@@ -13,6 +13,7 @@ import fly_jsbsim
 import numpy as np
 from flights.flight import Hands
 from flights.fly import Made, flight_of
+from flights.ordinary import Ordinary, fly_ordinary
 from flights.plan import FlightPlan, excitation
 from flights.surgery import Record, after, join, littered, rewrite, split
 from flights.telemetry import Link, telemetry
@@ -91,6 +92,17 @@ def with_aileron(scratch: Path, flights: Path) -> Made:
     return Made(log, found | bare | {"seed": link.seed})
 
 
+def turned(severity: int, mix: float, law: str, lag_s: float, *_: Path) -> Made:
+    """Fly eight minutes of turns, in which nobody moves the rudder on purpose."""
+    plan = FlightPlan(
+        "OV10", 170.0, 4000.0, seconds=480.0, manoeuvre="none", roll_gain=0.8, roll_rate_gain=0.2
+    )
+    link = Link(10.0, 10.0, seed=31, servo_ms=40)
+    return fly_ordinary(
+        Ordinary(plan, link, severity=severity, mix=mix, law=law, servo_lag_s=lag_s)
+    )
+
+
 FLY = "--true-feedback --manoeuvre 3211 --attitude-hz 25 --servo-hz 25 --seconds 90 --seed"
 SITL = "ArduPlane V4.6-dev SITL"
 _FIRST = "--true-feedback --manoeuvre 3211 --seconds 120"
@@ -140,6 +152,8 @@ RECIPES: dict[str, Callable[[Path, Path], Made]] = {
     "c172p_garbage": partial(changed, f"{FLY} 15", partial(littered, seed=16)),
     "c172p_signed": partial(changed, f"{FLY} 17", partial(rewrite, key=KEY)),
     "no_rudder": partial(changed, f"{FLY} 18 --seconds 20", no_rudder, has_truth=False),
+    "turns_calm": partial(turned, 0, 0.5, "arduplane", 0.0),
+    "turns_gusts": partial(turned, 2, 0.0, "px4", 0.06),
     "sitl_fbwa_50hz": partial(
         cut, "sitl_fbwa_50hz", 76.5, 255.0, SITL_TRUTH | {"segments_boot_s": SEGMENTS}
     ),

@@ -165,7 +165,7 @@ TABLES: dict[str, Callable[[], str]] = {
     "truth_short": truth_short,
     "answer": partial(_output, _FLIGHT("c172p_3211", "answer"), "n from-to"),
     "good": partial(_output, _FLIGHT("c172p_3211", "answer"), "running estimate"),
-    "refusal": partial(_output, _FLIGHT("sitl_auto", "refusal"), "± is one sigma"),
+    "refusal": partial(_output, _FLIGHT("turns_calm", "refusal --ordinary auto"), "± is one sigma"),
     "bare": partial(_shown, "bare", "n from-to"),
     "gain": partial(_shown, "gain", "mix "),
     "mix": partial(_shown, "mix", "± is one sigma", "mix "),

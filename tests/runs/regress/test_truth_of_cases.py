@@ -30,6 +30,8 @@ DISTANCES: dict[str, dict[str, tuple[float, float]]] = {
     "sitl_fbwa_50hz": {"rml": (0.02, 0.02), "els": (0.10, 0.06)},
     "sitl_fbwa_stock_33hz": {"rml": (0.03, 0.04), "els": (0.10, 0.08)},
 }
+TURNS = ("turns_calm", "turns_gusts")
+"""Those in which nobody moves the rudder on purpose: only ordinary flight answers."""
 WHOLE = ("c172p_three_speeds", "sitl_fbwa_manoeuvres")
 """Those that pin manoeuvres: a flight's answer, not the stream's."""
 REFUSED = {"no_rudder": "no_rudder", "sitl_auto": "mixed_rudder"}
@@ -49,7 +51,7 @@ def flown(name: str) -> dict[str, Any]:
     return found
 
 
-@pytest.mark.parametrize("name", [name for name in WITH_TRUTH if name not in WHOLE])
+@pytest.mark.parametrize("name", [name for name in WITH_TRUTH if name not in WHOLE + TURNS])
 def test_the_dutch_roll_of_the_case_lies_as_near_the_truth_as_stated(name: str):
     truth = json.loads((CASES / name / "truth.json").read_text(encoding="utf-8"))["dutch_roll"]
     found = summary(name)
@@ -108,6 +110,18 @@ def test_every_case_has_a_recipe():
     from cases.recipes import RECIPES
 
     assert RECIPES.keys() == {path.parent.name for path in CASES.glob("*/case.toml")}
+
+
+@pytest.mark.parametrize("name", TURNS)
+def test_turns_show_the_bare_aircrafts_mode_and_leave_the_rudders_effect_unknown(name: str):
+    truth = json.loads((CASES / name / "truth.json").read_text(encoding="utf-8"))
+    bare, found = truth["dutch_roll_open_loop"], flown(name)
+
+    roll = found["ordinary"]["dutch_roll"]
+    assert found["exit_code"] == 5
+    assert found["ordinary"]["verdict"]["usable"]
+    assert abs(roll["wn_rad_s"] - bare["wn_rad_s"]) < min(roll["wn_std"], 0.05 * bare["wn_rad_s"])
+    assert abs(roll["zeta"] - bare["zeta"]) < min(roll["zeta_std"], 0.03)
 
 
 @pytest.mark.parametrize("name", REFUSED)

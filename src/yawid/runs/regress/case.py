@@ -25,7 +25,7 @@ _KEYS = {
     "updates": list,
 }
 
-ANSWERS = ("exit_code", "verdict", "manoeuvres", "flight", "flights", "bare")
+ANSWERS = ("exit_code", "verdict", "manoeuvres", "flight", "flights", "bare", "ordinary")
 """The keys of ``flight.json``."""
 
 
@@ -104,8 +104,8 @@ class Case:
     def flown(self) -> dict[str, Any]:
         """Return what a replay of the log with the options ``flight`` answers, from JSON.
 
-        This is ``flight.json``: the exit code, the verdicts, the manoeuvres, the flight and the
-        bare airframe.
+        This is ``flight.json``: the exit code, the verdicts, the manoeuvres, the flight, the bare
+        airframe and what ordinary flight shows.
 
         Raises:
             SourceError: the log cannot be read.
