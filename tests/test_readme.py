@@ -27,7 +27,7 @@ LIMITS = {
     "README.md": (200, 100),
     "src/README.md": (360, 160),
     "tests/README.md": (215, 175),
-    "tools/README.md": (330, 160),
+    "tools/README.md": (360, 160),
     "replay_logs/README.md": (85, 160),
 }
 """Lines, and characters of one line."""
