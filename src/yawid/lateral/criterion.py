@@ -7,6 +7,7 @@ from what is known beforehand. One scale of all noise is eliminated.
 
 import math
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
@@ -56,6 +57,17 @@ class Criterion:
         self.mean, self.spread = np.array(known).T
         self.count = 3 * sum(int(np.count_nonzero(~each.unused)) for each in records)
         """Measurements."""
+
+    def part(self, record: Record, x: Floats, held: float) -> "Criterion":
+        """Return the criterion of one record that begins at ``x`` (n,).
+
+        All parameters are held there with ``held`` scales as their sigma at most.
+        """
+        part = copy(self)
+        part.records, part.fixed = [record], self.theta(x[None])[0]
+        part.mean, part.spread = x * self.scale, np.minimum(self.spread, held * self.scale)
+        part.count = 3 * int(np.count_nonzero(~record.unused))
+        return part
 
     def start(self) -> Floats:
         """Return the point (n,) at which the fit begins."""

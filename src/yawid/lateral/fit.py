@@ -30,8 +30,8 @@ class Fit:
     """Where the steps ended: the point in scales (n,), its covariance (n, n), and the criterion.
 
     ``criterion`` is twice the negative logarithm of likelihood and priors. ``errors`` (l,) are the
-    innovations and the jumps' times over their scale, and ``slopes`` (l, n) theirs;
-    ``noise_scale`` is that of all sizes of noise in ``x``.
+    innovations and the jumps' times over their scale; ``noise_scale`` is that of all sizes of
+    noise in ``x``.
     """
 
     of: Criterion
@@ -40,7 +40,6 @@ class Fit:
     criterion: float
     noise_scale: float
     errors: Floats
-    slopes: Floats
     settled: bool
 
 
@@ -101,8 +100,7 @@ def fit(criterion: Criterion) -> Fit:
     at, damping = criterion.at(criterion.start()), _DAMPING
     for step in range(ITERATIONS + 1):
         variance = float(at.e @ at.e) / criterion.count
-        J = criterion.slopes(at)
-        H, score = _curvature(criterion, at, J, variance)
+        H, score = _curvature(criterion, at, variance)
         free = (at.x > criterion.least) | (score <= 0.0)
         while (below := free & (at.x <= criterion.least) & (_step(H, score, free) < 0.0)).any():
             free &= ~below
@@ -118,10 +116,10 @@ def fit(criterion: Criterion) -> Fit:
         if better is None or step == ITERATIONS:
             break
         at = better
-    return _ended(criterion, at, J, H, settled)
+    return _ended(criterion, at, H, settled)
 
 
-def _ended(criterion: Criterion, at: Point, J: Floats, H: Floats, settled: bool) -> Fit:
+def _ended(criterion: Criterion, at: Point, H: Floats, settled: bool) -> Fit:
     variance, n = float(at.e @ at.e) / criterion.count, len(at.x)
     size = np.sqrt(np.diag(H))
     inverse = np.linalg.inv(H / np.outer(size, size) + 1e-12 * np.eye(n))
@@ -130,7 +128,7 @@ def _ended(criterion: Criterion, at: Point, J: Floats, H: Floats, settled: bool)
     total = criterion.count * math.log(variance) + float(at.surprise @ at.surprise)
     scale = math.sqrt(variance)
     noise_scale = scale / math.exp(float(at.parts[0].predictor.log_det[0]) / 3.0)
-    return Fit(criterion, at.x, covariance, total, noise_scale, at.e / scale, J / scale, settled)
+    return Fit(criterion, at.x, covariance, total, noise_scale, at.e / scale, settled)
 
 
 def _at_or_none(criterion: Criterion, x: Floats) -> Point | None:
@@ -140,14 +138,13 @@ def _at_or_none(criterion: Criterion, x: Floats) -> Point | None:
         return None
 
 
-def _curvature(
-    criterion: Criterion, at: Point, J: Floats, variance: float
-) -> tuple[Floats, Floats]:
+def _curvature(criterion: Criterion, at: Point, variance: float) -> tuple[Floats, Floats]:
     """Return the Hessian (n, n) and the slope (n,) of half the criterion, over the variance.
 
-    ``J`` (l, n) are the slopes of the innovations. The Hessian's block of the noise parameters is
-    doubled: Gauss and Newton's has half of their information.
+    The Hessian's block of the noise parameters is doubled: Gauss and Newton's has half of their
+    information.
     """
+    J = criterion.slopes(at)
     H, score = cross(J, J) / variance, cross(J, at.e) / variance
     H[np.ix_(criterion.is_noise, criterion.is_noise)] *= 2.0
     H += np.diag(1.0 / (criterion.spread / criterion.scale) ** 2)

@@ -4,12 +4,10 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 
 from yawid.blocks import Floats
-from yawid.estimation.machine.products import cross
 from yawid.lateral.airframe import Airframe, AsFlown, FailedGate, Known
 from yawid.lateral.criterion import Criterion
 from yawid.lateral.fit import Fit, fit, guesses
@@ -114,18 +112,18 @@ def _most_apart(found: Fit, airspeed_m_s: float) -> float:
     """Return by how many sigmas a part of the record differs in COMPARED from all parts.
 
     A fit of a manoeuvre in which flaps moved lies between two airframes, and noise that it takes
-    for gusts explains the rest, so that its sigma does not show it. Each part takes one step of the
-    motion's parameters from where the fit ended, by its own innovations and their slopes there.
+    for gusts explains the rest, so that its sigma does not show it. So each part is fitted from
+    where the whole ended, its noise too: with the whole's noise an N_r that becomes 1.5 times as
+    large is 2.7 sigma away, and with its own 3.8.
     """
-    motion, of = ~found.of.is_noise, found.of
-    values, slopes = (each[[NUMBERS.index(name) for name in COMPARED]]
-                      for each in _values(found, airspeed_m_s))  # fmt: skip
-    held, rows = np.diag(np.minimum(of.spread / of.scale, HELD)[motion] ** -2.0), []
-    for part in _parts(of.records):
-        J = found.slopes[part][:, motion]
-        covariance = np.asarray(np.linalg.inv(cross(J, J) + held), np.float64)
-        moved = values - slopes[:, motion] @ covariance @ (J.T @ found.errors[part])
-        rows.append((moved, _stds(COMPARED, values, slopes[:, motion], covariance)))
+    try:
+        parts = [fit(found.of.part(each, found.x, HELD)) for each in _parts(found.of.records)]
+    except (np.linalg.LinAlgError, ValueError):  # a part without samples or without any motion
+        return 0.0
+    at, rows = [NUMBERS.index(name) for name in COMPARED], []
+    for part in parts:
+        values, slopes = (each[at] for each in _values(part, airspeed_m_s))
+        rows.append((values, _stds(COMPARED, values, slopes, part.covariance)))
     value, std = np.array(rows).swapaxes(0, 1)
     weights = std**-2.0
     away = value - (weights * value).sum(axis=0) / weights.sum(axis=0)
@@ -133,16 +131,20 @@ def _most_apart(found: Fit, airspeed_m_s: float) -> float:
     return float(np.nanmax(apart, initial=0.0))
 
 
-def _parts(records: Sequence[Record]) -> list[slice]:
-    """Return the rows of a fit's errors that are one manoeuvre's, of a single one both halves'.
+def _parts(records: Sequence[Record]) -> Sequence[Record]:
+    """Return the records of several manoeuvres, and of a single one both halves.
 
     Each half has half of the yaw motion.
     """
-    ends = np.cumsum([3 * len(each.y) + len(each.jumps) for each in records]).tolist()
-    if len(records) == 1:
-        energy = np.cumsum(records[0].y[:, 1] ** 2)
-        ends.insert(0, 3 * int(np.searchsorted(energy, 0.5 * energy[-1])))
-    return [slice(*pair) for pair in pairwise([0, *ends])]
+    if len(records) > 1:
+        return records
+    of, energy = records[0].motion, np.cumsum(records[0].y[:, 1] ** 2)
+    halves, middle = [], int(np.searchsorted(energy, 0.5 * energy[-1]))
+    for rows in (slice(0, middle), slice(middle, None)):
+        columns = {name: getattr(of, name)[rows] for name in ("p", "r", "roll", "pitch", "q")}
+        start_s = of.commands_start_s - rows.start * of.sample_time_s
+        halves.append(Record(replace(of, commands_start_s=start_s, **columns)))
+    return halves
 
 
 def floor(name: str, value: float) -> float:
