@@ -61,7 +61,7 @@ WORTH_BIC: Final = 20.0
 BIC. Without it an aileron that hardly moved made wn 10 % wrong in gusts (chosen on 24 drawn flights
 whose aileron is moved, too), in straight flight a removed turn made zeta of a 737 .03 worse (seed
 8201), and a release of a linear aircraft was 5 % off with large motion."""
-SMALL: Final = " small"
+SMALL: Final = "_small"
 """What is added to a structure's name where large motion is an input."""
 
 

@@ -140,7 +140,9 @@ def test_a_manoeuvre_has_one_answer_on_the_screen(tmp_path: Path, terminal: Term
     finally:
         stop.is_set = True
         session.join(60.0)
-    found = {float(wn) for wn in re.findall(r"\b([34]\.\d+) ?± ?0\.\d", shown)}
+    # the stream's own number is shown where the answer is late: it is none
+    answers = re.sub(r"running, not judged: wn [0-9.]+ ± [0-9.]+", "", shown)
+    found = {float(wn) for wn in re.findall(r"\b([34]\.\d+) ?± ?0\.\d", answers)}
     assert found  # in the table, in the messages and of the flight, with other digits
     assert max(found) - min(found) < 0.02
 

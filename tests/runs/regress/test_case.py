@@ -49,7 +49,8 @@ def test_bending_any_column_by_ten_tolerances_is_noticed(name: str):
     columns, expected = read_csv(CASES / name / "expected.csv")
     row = len(expected) // 2
     for i, column in enumerate(columns):
-        scale = np.sqrt(np.nanmean(expected[:, i] ** 2))
+        known = expected[np.isfinite(expected[:, i]), i]  # none where nothing was estimated
+        scale = np.sqrt(np.mean(known**2)) if len(known) else 0.0
         step = TEN * tolerance_of(column, {}) * max(abs(expected[row, i]), scale)
         bent = expected.copy()
         bent[row, i] += step or 1.0

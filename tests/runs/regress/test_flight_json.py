@@ -127,6 +127,8 @@ def test_every_case_has_the_answer_and_two_the_bare_airframe() -> None:
     assert {name for name, each in found.items() if not each.get("manoeuvres")} == {
         "no_rudder",
         "sitl_auto",
+        "turns_calm",
+        "turns_gusts",
     }
     assert {each["exit_code"] for each in found.values()} == {0, 3, 5}
     assert {name for name, each in found.items() if "bare" in each} == {
