@@ -73,9 +73,9 @@ def test_the_numbers_are_those_of_the_phases_that_inspect_shows(log: Path):
     pipeline = Pipeline(RunConfig())
     pipeline.channels.watch = survey.note
     feed_all(open_log(log), pipeline)
-    told = {n: (a / 1e6, b / 1e6) for n, (a, b) in pipeline.channels.boots.spans_us.items()}
+    spans = {n: (a / 1e6, b / 1e6) for n, (a, b) in pipeline.channels.boots.spans_us.items()}
 
-    assert {each.boot: (each.from_s, each.to_s) for each in survey.phases(3, 1)} == told
+    assert {each.boot: (each.from_s, each.to_s) for each in survey.phases(3, 1)} == spans
 
 
 def test_several_boots_are_named_and_cut_alike_only_with_a_warning(log: Path, tmp_path, capsys):

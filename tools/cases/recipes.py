@@ -93,7 +93,7 @@ def with_aileron(scratch: Path, flights: Path) -> Made:
 
 
 def turned(severity: int, mix: float, law: str, lag_s: float, *_: Path) -> Made:
-    """Fly eight minutes of turns, in which nobody moves the rudder on purpose."""
+    """Fly eight minutes of turns, in which the rudder is not moved on purpose."""
     plan = FlightPlan(
         "OV10", 170.0, 4000.0, seconds=480.0, manoeuvre="none", roll_gain=0.8, roll_rate_gain=0.2
     )

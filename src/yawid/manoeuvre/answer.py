@@ -116,7 +116,8 @@ def answer_of(fits: Sequence[Fit], *, has_roll_loop: bool = False) -> Answer | N
     weighted = weights_of(fits)
     if not weighted:
         return None
-    counted = [each for each in weighted if is_worth_it(fits) or not each[0].is_small]
+    is_moved = is_worth_it(fits)
+    counted = [each for each in weighted if is_moved or not each[0].is_small]
     share = np.array([s for _, s in counted])
     share /= share.sum()
     log_wn, zeta = (share @ np.stack([_pair(fit)[0] for fit, _ in counted])).tolist()

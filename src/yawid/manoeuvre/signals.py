@@ -55,15 +55,16 @@ def fitted(
     how = {"with_roll": not fault, "measured": measured, "turn_removed": turn_removed}
     may_have = aileron_moves(samples) if inputs is None else inputs == BOTH
     both = fits_of(record_of(samples, BOTH, **how)) if may_have else []
-    if inputs == BOTH:
-        return Fitted([*both, *small_motion(both)], BOTH, fault)
-    alone = fits_of(record_of(samples, ("rudder",), **how), both[0].blocks.q if both else None)
+    alone = []
+    if inputs != BOTH:
+        q = both[0].blocks.q if both else None
+        alone = fits_of(record_of(samples, ("rudder",), **how), q)
     best, with_aileron = (
         math.inf if (fit := best_alone(fits)) is None else fit.bic for fits in (alone, both)
     )
-    if with_aileron < best - WORTH_BIC:
-        return Fitted([*both, *small_motion(both)], BOTH, fault)
-    return Fitted([*alone, *small_motion(alone)], ("rudder",), fault)
+    has_both = inputs == BOTH or with_aileron < best - WORTH_BIC
+    fits = both if has_both else alone
+    return Fitted([*fits, *small_motion(fits)], BOTH if has_both else ("rudder",), fault)
 
 
 def record_of(

@@ -31,7 +31,7 @@ DISTANCES: dict[str, dict[str, tuple[float, float]]] = {
     "sitl_fbwa_stock_33hz": {"rml": (0.03, 0.04), "els": (0.10, 0.08)},
 }
 TURNS = ("turns_calm", "turns_gusts")
-"""Those in which nobody moves the rudder on purpose: only ordinary flight answers."""
+"""Those in which the rudder is not moved on purpose: only ordinary flight answers."""
 WHOLE = ("c172p_three_speeds", "sitl_fbwa_manoeuvres")
 """Those that pin manoeuvres: a flight's answer, not the stream's."""
 REFUSED = {"no_rudder": "no_rudder", "sitl_auto": "mixed_rudder"}
