@@ -18,7 +18,7 @@ from pathlib import Path
 GROUPS = {
     "estimation": ("estimation",),
     "physics": ("physics",),
-    "manoeuvres, results": ("manoeuvres", "results"),
+    "manoeuvre, results": ("manoeuvre", "results"),
     "lateral": ("lateral",),
     "channels": ("channels",),
     "sources": ("sources",),
