@@ -25,10 +25,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def flight(folder: Path) -> tuple[RunSummary, dict[str, Any]]:
-    """Some minutes at three airspeeds with turns between, and their truth.
-
-    bench.py speeds flies the whole quarter of an hour.
-    """
+    """Some minutes at three airspeeds with turns between, and their truth."""
     legs = PLANS["three_speeds"].legs
     some = [leg for at in (0, 11, 22) for leg in legs[at : at + 5]]
     plan = replace(PLANS["three_speeds"], legs=tuple(some))

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from bench import speeds, upset
+from bench import upset
 from checks import judge
 from flights.legs import PLANS, Leg, LegPlan
 from hand_flights import estimate, manoeuvre, plain_summary, verdict
@@ -55,41 +55,41 @@ def summary(*manoeuvres: Manoeuvre, flight: Flight | None = None) -> RunSummary:
     return plain_summary(manoeuvres=list(manoeuvres), flight=flight)
 
 
-def counted(*manoeuvres: Manoeuvre) -> tuple[int, ...]:
-    rows = [{"seed": 1} | row for row in judge.compared(summary(*manoeuvres), TRUTH)]
-    return speeds.counts(rows)
+def rows_of(*manoeuvres: Manoeuvre) -> list[judge.Row]:
+    kinds = ("manoeuvre", "missed")
+    return [row for row in judge.compared(summary(*manoeuvres), TRUTH) if row["kind"] in kinds]
 
 
 @pytest.mark.parametrize(
-    ("manoeuvre", "flown_to_wrong"),
+    ("manoeuvre", "off_pct"),
     [
-        (found(99.0, 2.03, 0.26), (2, 1, 0, 0, 1, 0, 0, 0)),
-        (found(99.0, 2.03, 0.28), (2, 1, 0, 0, 0, 1, 0, 0)),
-        (found(99.0, 2.15, 0.25), (2, 1, 0, 0, 0, 0, 1, 0)),
-        (found(99.0, 2.50, 0.25), (2, 1, 0, 0, 0, 0, 0, 1)),
-        (found(99.0, 2.50, 0.25, "poor_fit"), (2, 1, 0, 1, 0, 0, 0, 0)),
-        (found(150.0, 2.0, 0.25), (2, 2, 1, 0, 0, 0, 0, 0)),
-        (found(99.0, 2.09, 0.21, inputs=["rudder", "aileron"]), (2, 1, 0, 0, 1, 0, 0, 0)),
+        (found(99.0, 2.04, 0.26), 2.0),
+        (found(99.0, 2.50, 0.25, "poor_fit"), 25.0),
+        (found(99.0, 2.04, 0.21, inputs=["rudder", "aileron"]), -2.857),
     ],
-    ids=["right", "fair", "neither", "wrong", "refused", "in the turn", "aileron as an input"],
+    ids=["usable", "refused", "aileron as an input"],
 )
-def test_a_manoeuvre_is_counted_by_how_far_it_is_off_its_own_truth(
-    manoeuvre: Manoeuvre, flown_to_wrong: tuple[int, ...]
-) -> None:
-    assert counted(manoeuvre) == flown_to_wrong
+def test_a_manoeuvre_is_held_to_its_own_truth(manoeuvre: Manoeuvre, off_pct: float) -> None:
+    own, missed = rows_of(manoeuvre)
+
+    assert own["of"] == 1
+    assert own["usable"] is not any(manoeuvre.verdict.fatal)
+    assert own["wn_error_pct"] == pytest.approx(off_pct, abs=1e-3)
+    assert (missed["kind"], missed["of"]) == ("missed", 2)
+
+
+def test_what_is_found_elsewhere_has_no_truth_and_both_are_missed() -> None:
+    elsewhere, *missed = rows_of(found(150.0, 2.0, 0.25))
+
+    assert (elsewhere["of"], elsewhere["wn_error_pct"], elsewhere["leg"]) == (None, None, "turn")
+    assert [row["of"] for row in missed] == [1, 2]
 
 
 def test_two_pieces_of_one_manoeuvre_are_both_held_to_its_truth() -> None:
-    pieces = found(99.0, 2.0, 0.25), found(125.0, 2.6, 0.25), found(199.0, 2.5, 0.25)
+    pieces = rows_of(found(99.0, 2.0, 0.25), found(125.0, 2.6, 0.25), found(199.0, 2.5, 0.25))
 
-    assert counted(*pieces) == (2, 0, 0, 0, 2, 0, 0, 1)
-
-
-def test_a_turbulent_plan_is_so_in_every_leg() -> None:
-    legs = speeds.turbulent(PLANS["three_speeds"], 2).legs
-
-    assert {leg.severity for leg in legs} == {2}
-    assert [leg.kind for leg in legs] == [leg.kind for leg in PLANS["three_speeds"].legs]
+    assert [row["of"] for row in pieces] == [1, 1, 2]
+    assert [row["wn_error_pct"] for row in pieces] == pytest.approx([0.0, 30.0, 0.0])
 
 
 def test_the_flight_is_held_to_the_truth_at_its_airspeed_and_in_its_sigmas() -> None:

@@ -23,10 +23,11 @@ from flights.plan import FlightPlan
 from flights.surgery import join
 from flights.telemetry import Link, telemetry
 
-from bench.replay import ANSWERED
 from bench.table import head, line, options_of
 
 SETTINGS = ("off", "auto")
+ANSWERED = (0, 5)
+"""Exit codes of a log with a usable answer, and of one without."""
 MOVED_S, EVERY_S = 30.0, 360.0
 """How long and how often the rudder of the made-up telemetry moves, in s. With the second before
 and the 5 s of rest after, that is a tenth of the log."""
