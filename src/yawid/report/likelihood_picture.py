@@ -2,6 +2,7 @@
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from scipy.interpolate import RectBivariateSpline
 
 from yawid.manoeuvre.fit import best_alone, fits_of
@@ -45,16 +46,15 @@ def likelihood_picture(drawn: Drawn) -> Picture | None:
         ellipse(ax, complex(*at), drawn.answered.covariance[:2, :2])
         ax.plot(*at, "+", color=MODEL, markersize=11, markeredgewidth=2, label="answer, 2σ")
         reach = REACH * std
-        for key, each in structures.items():
+        for (key, each), mark in zip(structures.items(), Line2D.filled_markers, strict=False):
             point = each.wn_rad_s, each.zeta
-            ax.errorbar(point[0], point[1], each.zeta_std, each.wn_std, fmt=".", color=NEUTRAL)
-            ax.annotate(f"{key}: {100.0 * each.weight:.0f} %", point, (4.0, 4.0),
-                        textcoords="offset points", fontsize=8.0)  # fmt: skip
+            ax.errorbar(*point, each.zeta_std, each.wn_std, fmt=mark, color=NEUTRAL, markersize=5,
+                        label=f"structure {key}: {100.0 * each.weight:.0f} %")  # fmt: skip
             if each.weight > 0.0:
                 reach = np.maximum(reach, ROOM * np.abs(np.array(point) - at))
         (low, bottom), (high, top) = at - reach, at + reach
         ax.set(xlim=(low, high), ylim=(bottom, top), xlabel="ωn [rad/s]", ylabel="ζ")
-        figure.legend(loc="outside upper right", ncols=2)
+        figure.legend(loc="outside right upper")
 
     look = (
         f"Contours: 1, 2 and 3 sigma of what noise alone leaves open if structure {name} is the "
