@@ -5,15 +5,13 @@ import os
 import signal
 
 import pytest
-from hypothesis import settings
+from drawn import settings
 
 # As the command line does, before NumPy is there: two workers of two threads each wait in turns.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 from yawid.estimation.machine.runner import RUNNER, is_plain
 
-# Examples are the same on each run. A busy machine fails none: tools/bench.py measures times.
-settings.register_profile("gate", derandomize=True, database=None, deadline=None)
 settings.load_profile("gate")
 
 

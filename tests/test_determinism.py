@@ -19,7 +19,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from drawn import examples
+from hypothesis import given
 from hypothesis import strategies as st
 from mcap.reader import make_reader
 from places import REPLAY_LOGS as CASES
@@ -124,7 +125,7 @@ def written_whole(folder: Path) -> dict[str, Any]:
     return written(folder / "whole.mcap", SHORT, [])
 
 
-@settings(max_examples=15, deadline=None)
+@examples(15)
 @given(edges=st.lists(st.integers(1, len(SHORT) - 1), max_size=12, unique=True).map(sorted))
 def test_the_contents_do_not_depend_on_any_cut(tmp_path_factory, edges: list[int]):
     folder = tmp_path_factory.mktemp("cut")

@@ -8,20 +8,12 @@ import fuzz
 import pytest
 from checks.children import resident_mb
 from fuzz_inputs import FuzzFlight, command_lines, flights
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from yawid.channels.stage import WANTED, Channels
 from yawid.config.run import RunConfig
 from yawid.sources.mavlink.decoder import Decoder
-
-FEW = settings(
-    max_examples=60,
-    deadline=None,
-    database=None,
-    derandomize=True,
-    suppress_health_check=[HealthCheck.too_slow, HealthCheck.function_scoped_fixture],
-)
 
 
 @pytest.fixture(scope="module")
@@ -31,7 +23,6 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-@FEW
 @given(flight=flights(), arguments=command_lines())
 def test_no_log_and_no_command_line_ends_in_a_traceback(
     flight: FuzzFlight, arguments: list[str], folder: Path
@@ -39,16 +30,6 @@ def test_no_log_and_no_command_line_ends_in_a_traceback(
     fuzz.run(flight, arguments, folder)
 
 
-@pytest.mark.long
-@settings(FEW, max_examples=600, derandomize=False)
-@given(flight=flights(), arguments=command_lines())
-def test_a_minute_of_hostile_logs_and_command_lines_ends_in_no_traceback(
-    flight: FuzzFlight, arguments: list[str], folder: Path
-) -> None:
-    fuzz.run(flight, arguments, folder)
-
-
-@settings(FEW, max_examples=30)
 @given(data=st.binary(max_size=4000) | flights().map(FuzzFlight.tlog), size=st.integers(300, 5000))
 def test_any_bytes_are_decoded_and_every_byte_is_counted(data: bytes, size: int) -> None:
     decoder, channels = Decoder(WANTED), Channels(RunConfig())

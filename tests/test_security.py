@@ -21,7 +21,7 @@ from daylog import long_log
 from flightlog import FlightLog, finished
 from flights.surgery import Encoder, join, rewrite, split
 from hostile import FLIGHT, run_limited
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
@@ -190,7 +190,6 @@ def framed(link: Any, kind: Any, payload: bytes, i: int) -> bytes:
     return header + body + struct.pack("<H", crc.crc)
 
 
-@settings(max_examples=80, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(log=hostile_records())
 def test_frames_with_any_bits_in_their_fields_give_a_verdict(log: bytes):
     found = told(log, None)
@@ -199,7 +198,6 @@ def test_frames_with_any_bits_in_their_fields_give_a_verdict(log: bytes):
     assert isinstance(found["verdict"]["usable"], bool)
 
 
-@settings(max_examples=30, deadline=None)
 @given(data=st.data())
 def test_a_good_log_damaged_anywhere_gives_a_verdict(data: st.DataObject):
     log = bytearray(FLIGHT[:60_000])
@@ -211,7 +209,6 @@ def test_a_good_log_damaged_anywhere_gives_a_verdict(data: st.DataObject):
     json.dumps(found, allow_nan=False)
 
 
-@settings(max_examples=40, deadline=None)
 @given(noise=st.binary(max_size=3000))
 def test_any_file_at_all_ends_in_an_exit_code_and_one_line(tmp_path_factory, noise: bytes):
     folder = tmp_path_factory.mktemp("noise")

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 from hostile import assert_harmless, bomb, hostile_log, rewritten, run_limited, with_bomb
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from mcap.reader import make_reader
 from mcap.writer import Writer
@@ -89,9 +89,6 @@ def good_mcap(hostile_run: Path) -> bytes:
     return next((hostile_run / "out").iterdir()).read_bytes()
 
 
-@settings(
-    max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
 @given(data=st.data())
 def test_a_damaged_mcap_is_recovered_or_refused_in_one_line(
     good_mcap: bytes, tmp_path_factory, data: st.DataObject

@@ -2,9 +2,10 @@
 
     python tools/check.py [--fast | --long]
 
-``--fast`` leaves out tests marked slow. ``--long`` adds tests marked long and check_install.py,
-which must pass before an issue is closed; without ``.[dev,stores]`` the test of an S3 server is
-skipped. All checks run even if one fails; the exit code is that of the first that fails.
+``--fast`` leaves out tests marked slow. ``--long`` adds tests marked long, 500 examples where a
+test draws 25 of them, and check_install.py, which must pass before an issue is closed; without
+``.[dev,stores]`` the test of an S3 server is skipped. All checks run even if one fails; the exit
+code is that of the first that fails.
 """
 
 from __future__ import annotations
@@ -26,9 +27,10 @@ def commands(*, fast: bool = False, long: bool = False) -> list[list[str]]:
     python = sys.executable
     tests = [python, "-m", "pytest", "-n", "2"]
     long_tests = [python, "-m", "pytest", "-m", "long", "-o", f"faulthandler_timeout={LONG_S}"]
+    more_examples = [*tests, "-m", "hypothesis and not long", "--hypothesis-profile", "long"]
     return [
         [*tests, "-m", "not slow and not long"] if fast else tests,
-        *([long_tests] if long else []),
+        *([long_tests, more_examples] if long else []),
         *([[python, "tools/checks/check_install.py"]] if long else []),
         [python, "-m", "ruff", "format", "--check", "."],
         [python, "-m", "ruff", "check", "."],

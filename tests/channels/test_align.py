@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pytest
 from flightlog import FlightLog, fly, samples_of
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.linalg import expm
 
@@ -129,7 +129,6 @@ def eventful() -> bytes:
 EVENTFUL = eventful()
 
 
-@settings(max_examples=25, deadline=None)
 @given(cuts=st.lists(st.integers(0, len(EVENTFUL)), max_size=40))
 def test_samples_do_not_depend_on_how_the_stream_was_cut(cuts):
     whole, cut = samples_of(EVENTFUL), samples_of(EVENTFUL, cuts=cuts)

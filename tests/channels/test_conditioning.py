@@ -7,8 +7,9 @@ from functools import cache
 
 import numpy as np
 import pytest
+from drawn import examples
 from flightlog import FlightLog, samples_of
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from scipy.signal import butter, sosfreqz
@@ -179,7 +180,6 @@ def weave() -> SampleBlock:
     return samples_of(flight(seconds=25.0))
 
 
-@settings(max_examples=30)
 @given(cuts=st.lists(st.integers(1, 399), max_size=6, unique=True), seed=st.integers(0, 50))
 def test_notes_do_not_depend_on_the_cut_and_a_new_meaning_of_the_rudder_is_new_rest(cuts, seed):
     rng = np.random.default_rng(seed)
@@ -244,7 +244,7 @@ def test_inputs_and_output_pass_the_same_filter():
 EVENTFUL = flight(gap=(12.0, 13.5), mode_at=20.0, gust_at=24.0)
 
 
-@settings(max_examples=15, deadline=None)
+@examples(15)
 @given(
     cuts=st.lists(st.integers(0, len(EVENTFUL)), max_size=20),
     output=st.sampled_from(["yaw-rate", "yaw"]),

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from flightlog import FlightLog, fly, samples_of
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.signal import butter, sosfilt
 
@@ -61,7 +61,6 @@ def eventful() -> bytes:
 EVENTFUL = eventful()
 
 
-@settings(max_examples=20, deadline=None)
 @given(cuts=st.lists(st.integers(0, len(EVENTFUL)), max_size=30))
 def test_thinned_samples_do_not_depend_on_the_cut(cuts):
     whole, cut = samples_of(EVENTFUL, BAND), samples_of(EVENTFUL, BAND, cuts)

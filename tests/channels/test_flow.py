@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from flightlog import FlightLog, fly, reason_ids, samples_of, summary_of
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from yawid.channels.grid_rate import Flow
@@ -61,7 +61,6 @@ def test_a_silence_a_reboot_and_a_repeated_message_are_no_part_of_the_rate():
     assert flow.flowed_us == 3 * 4_900_000
 
 
-@settings(deadline=None)
 @given(
     steps=st.lists(
         st.sampled_from([0, 20_000, 40_000, -3000, -90_000_000, 5_000_000]), max_size=30

@@ -9,8 +9,9 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from drawn import examples
 from flightlog import FlightLog, samples_of
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
@@ -140,7 +141,7 @@ def whole() -> MotionBlock:
     return motion_of(REBOOTED)
 
 
-@settings(max_examples=8, deadline=None)
+@examples(8)
 @given(cuts=st.lists(st.integers(1, len(REBOOTED) - 1), max_size=12, unique=True))
 def test_the_motion_does_not_depend_on_the_cut(cuts: list[int]):
     found = motion_of(REBOOTED, cuts=cuts)

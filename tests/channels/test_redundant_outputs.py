@@ -5,8 +5,9 @@ from __future__ import annotations
 import math
 
 import pytest
+from drawn import examples
 from flightlog import FlightLog, reason_ids, reasons_of, samples_of, summary_of
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from yawid.channels.find_surface import find_surface
@@ -94,7 +95,7 @@ def test_px4s_second_rudder_is_a_twin():
 UNLIKE = flight(lambda rudder, t: 1500 if t > 5.0 else mirrored(rudder, t), 8.0)
 
 
-@settings(max_examples=10, deadline=None)
+@examples(10)
 @given(cuts=st.lists(st.integers(0, len(UNLIKE)), max_size=20))
 def test_the_comparison_does_not_depend_on_the_cut(cuts):
     whole, cut = (samples_of(UNLIKE, RunConfig(), c).channels for c in ((), cuts))

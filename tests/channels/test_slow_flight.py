@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from printed import printed
 
@@ -38,7 +38,6 @@ def test_an_altitude_that_leaps_to_its_first_fix_is_no_climb():
     assert not slow_flight(np.full(30, np.nan), 3.0).any()
 
 
-@settings(max_examples=50)
 @given(
     altitude=st.lists(st.one_of(st.just(np.nan), st.floats(0.0, 100.0)), min_size=1, max_size=40),
     cut=st.integers(0, 40),

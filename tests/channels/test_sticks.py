@@ -6,8 +6,9 @@ import math
 
 import numpy as np
 import pytest
+from drawn import examples
 from flightlog import FlightLog, reason_ids, samples_of, summary_of
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
@@ -117,7 +118,7 @@ for i in range(500):
 STREAMS = {"servos late": LATE, "two outputs": MIXED.data}
 
 
-@settings(max_examples=15, deadline=None)
+@examples(15)
 @given(name=st.sampled_from(sorted(STREAMS)), cuts=st.lists(st.integers(0, 10**5), max_size=20))
 def test_what_a_surface_is_read_from_does_not_depend_on_the_cut(name, cuts):
     data = STREAMS[name]

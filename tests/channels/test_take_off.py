@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from flightlog import FlightLog, samples_of
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
@@ -32,7 +32,6 @@ def test_there_is_no_roll_where_it_never_stood_or_what_would_show_it_is_unknown(
     np.testing.assert_array_equal(TakeOff().rolls(unknown, LEVEL, ALTITUDE), unknown)
 
 
-@settings(max_examples=40)
 @given(
     rows=st.lists(
         st.tuples(

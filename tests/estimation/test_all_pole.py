@@ -7,7 +7,7 @@ import threading
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.signal import lfilter, lfiltic
 from scipy.special import gammaincc
@@ -22,7 +22,6 @@ lengths = st.sampled_from([0, 1, 2, 63, 400])
 poles = st.lists(st.floats(-0.99, 0.99), max_size=4)
 
 
-@settings(deadline=None)  # the first call has to load the code
 @given(poles=poles, n=lengths, seed=st.integers(0, 2**32 - 1))
 def test_all_pole_is_scipys_recursion(poles, n, seed):
     rng = np.random.default_rng(seed)
@@ -36,7 +35,6 @@ def test_all_pole_is_scipys_recursion(poles, n, seed):
     assert np.abs(all_pole(a, drive, past) - expected).max(initial=0.0) < 1e-9 * scale
 
 
-@settings(deadline=None)
 @given(poles=poles, n=lengths, width=st.integers(1, 4), seed=st.integers(0, 2**32 - 1))
 def test_a_filter_at_rest_has_the_bits_of_the_filter_with_a_past_of_zeros(poles, n, width, seed):
     a = np.poly(poles)[1:] if poles else np.zeros(0)
@@ -69,7 +67,6 @@ def test_a_long_record_is_filtered_beside_other_threads():
     assert counted > 3
 
 
-@settings(deadline=None)
 @given(poles=poles.filter(bool), n=lengths, width=st.integers(1, 12), seed=st.integers(0, 2**32))
 def test_a_fit_without_compiled_code_and_by_all_of_scipy_gives_the_same_bits(poles, n, width, seed):
     rng = np.random.default_rng(seed)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from estimation.armax_plants import S1, config, simulate
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 from scipy.signal import lfilter
 from scipy.special import gammaincc
@@ -66,7 +66,6 @@ class Floor:
             f[k] += (1.0 / limit - 1.0 / p) * theta[k]
 
 
-@settings(max_examples=60, deadline=None)
 @given(
     orders=ORDERS,
     bias=st.booleans(),
@@ -117,7 +116,6 @@ def test_theta_is_weighted_least_squares_over_the_regressors_seen(
     )
 
 
-@settings(max_examples=40, deadline=None)
 @given(na=st.integers(0, 3), nb=st.integers(1, 3), nk=st.integers(0, 3), seed=st.integers(0, 999))
 def test_with_nothing_added_it_is_batch_arx(na, nb, nk, seed):
     orders = ArmaxOrders(na, nb, 0, nk)
@@ -195,7 +193,6 @@ def filtered(phi_signals, theta, forgetting, orders, end):
     return psi
 
 
-@settings(max_examples=40, deadline=None)
 @given(orders=ORDERS, forgetting=st.sampled_from([1.0, 0.99]), seed=st.integers(0, 10_000))
 def test_theta_of_rml_is_weighted_least_squares_over_the_filtered_regressors(
     orders, forgetting, seed

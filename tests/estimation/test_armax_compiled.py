@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from checks.children import child
 from finished_runs import messages
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from places import ROOT
 
@@ -82,7 +82,6 @@ def test_plain_python_gives_the_same_bits(config, piece, tmp_path, monkeypatch):
     assert not runner.is_compiled()
 
 
-@settings(max_examples=20, deadline=None)
 @given(config=st.sampled_from(CONFIGS), looks=st.integers(1, 90), cut=st.integers(0, 419))
 def test_it_changes_over_at_any_sample_with_the_same_bits(tmp_path_factory, config, looks, cut):
     expected, compiled_code, looked = run(config, cut), code(), [0]

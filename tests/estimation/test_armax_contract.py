@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from estimation.armax_plants import S1, assert_same_bits, config, joined, simulate
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from yawid import ArmaxOrders, ConfigError, RecursiveArmax, Status, parameter_names
@@ -32,7 +32,6 @@ def holed(n: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
     return u, y
 
 
-@settings(max_examples=40, deadline=None)
 @given(
     options=st.sampled_from(OPTIONS),
     seed=st.integers(0, 1000),

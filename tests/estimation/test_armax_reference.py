@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from drawn import examples
 from estimation.armax_plants import S1, config, simulate
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from yawid import ArmaxOrders, ConfigError, RecursiveArmax, make_estimator
@@ -43,7 +44,7 @@ def assert_agree(kernel, reference, u, y):
         )
 
 
-@settings(max_examples=12, deadline=None)
+@examples(12)
 @given(options=OPTIONS, adaptation=ADAPTATIONS, orders=ORDERS, seed=st.integers(0, 999))
 def test_filterpy_agrees_to_1e_9(options, adaptation, orders, seed):
     u, y = simulate(S1, 350, seed)

@@ -10,7 +10,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from drawn import examples
+from hypothesis import given
 from hypothesis import strategies as st
 from manoeuvre.streams import (
     HZ,
@@ -489,7 +490,6 @@ def built(pieces: list[dict[str, Any]]) -> SampleBlock:
     return joined(*parts)
 
 
-@settings(deadline=None, max_examples=30)
 @given(pieces=PIECES, edges=st.lists(st.integers(0, 3500), max_size=30))
 def test_where_the_stream_is_cut_into_blocks_changes_nothing(
     pieces: list[dict[str, Any]], edges: list[int]
@@ -498,7 +498,7 @@ def test_where_the_stream_is_cut_into_blocks_changes_nothing(
     assert_same(found_bare(samples, edges), found_bare(samples))
 
 
-@settings(deadline=None, max_examples=4)
+@examples(4)
 @given(pieces=PIECES, every=st.sampled_from([1, 7, 100]))
 def test_blocks_of_1_of_7_and_of_100_samples_are_the_same_too(
     pieces: list[dict[str, Any]], every: int
@@ -524,7 +524,6 @@ def test_the_mix_is_that_of_the_same_20_seconds_however_the_stream_is_cut(every:
         assert strokes[0] == strokes[1] > 0.0
 
 
-@settings(deadline=None, max_examples=20)
 @given(pieces=PIECES)
 def test_each_is_a_piece_of_the_stream_as_it_came(pieces: list[dict[str, Any]]):
     """In order, once each, no row invented, none longer than 120 s, one boot, mode and epoch"""
@@ -542,7 +541,7 @@ def test_each_is_a_piece_of_the_stream_as_it_came(pieces: list[dict[str, Any]]):
         assert np.all(np.diff(each.k[each.held == 0]) <= 2 * HZ)
 
 
-@settings(deadline=None, max_examples=15)
+@examples(15)
 @given(pieces=PIECES, stop=st.integers(1, 3500))
 def test_what_has_been_found_depends_on_nothing_that_comes_later(
     pieces: list[dict[str, Any]], stop: int
@@ -553,7 +552,6 @@ def test_what_has_been_found_depends_on_nothing_that_comes_later(
     assert_same(early, found_bare(samples)[: len(early)])
 
 
-@settings(deadline=None, max_examples=20)
 @given(pieces=PIECES)
 def test_where_nothing_is_found_there_is_a_reason(pieces: list[dict[str, Any]]):
     finder = Finder(TS_S, 1.0, lambda mode: mode == MANUAL)

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from hand_flights import by_ct, manoeuvre
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from msgspec import structs
 
@@ -402,7 +402,6 @@ def test_gains_that_no_manoeuvre_knows_are_left_out():
 NUMBERS = st.floats(0.1, 50.0)
 
 
-@settings(deadline=None, max_examples=40)
 @given(
     st.lists(
         st.tuples(NUMBERS, st.floats(1e-4, 5.0), st.floats(5.0, 60.0)), min_size=1, max_size=8

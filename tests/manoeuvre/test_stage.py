@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from drawn import examples
+from hypothesis import given
 from hypothesis import strategies as st
 from manoeuvre.streams import TS_S, WN, cut, doublets, flown, rest, stream, yawing
 
@@ -36,7 +37,7 @@ def test_two_manoeuvres_of_one_aircraft_are_one_flight():
     assert flight.dutch_roll.wn_rad_s == pytest.approx(WN, rel=0.01)
 
 
-@settings(deadline=None, max_examples=4)
+@examples(4)
 @given(edges=st.lists(st.integers(0, len(SAMPLES)), max_size=40))
 def test_where_the_stream_is_cut_into_blocks_changes_no_answer(edges: list[int]):
     assert answers(edges) == WHOLE

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.signal import lfilter, lti, step
 
@@ -75,7 +75,6 @@ gain = st.floats(0.01, 100.0).flatmap(lambda g: st.sampled_from([g, -g]))
 
 
 @given(gain, st.floats(0.05, 4.0), gain, st.floats(-50.0, 50.0), st.floats(-5.0, 5.0))
-@settings(max_examples=60, deadline=None)
 def test_exact_samples_give_k_and_t_back_to_1e_6(K, tau, u0, offset, start):
     y = offset + u0 * first_order_response(T, K, tau)
     # An offset far above the step costs digits before any fit.
@@ -88,7 +87,6 @@ def test_exact_samples_give_k_and_t_back_to_1e_6(K, tau, u0, offset, start):
 
 
 @given(gain, st.floats(0.03, 0.9), st.floats(0.5, 3.0), gain)
-@settings(max_examples=60, deadline=None)
 def test_exact_samples_give_k_d_and_q_back_to_1e_6(k, D, q, u0):
     t = np.linspace(0.0, 1.2 * second_order_settling(0.02, D, q), 500)
     found = fit_step("second", t, u0 * second_order_response(t, k, D, q) + 3.0 * k * u0, u0)
@@ -169,7 +167,6 @@ def test_missing_samples_and_uneven_times_do_no_harm():
     st.integers(0, 2**32 - 1), st.integers(10, 150), st.integers(0, 2), st.floats(-9.0, 9.0),
     st.sampled_from(list(FORMS)),
 )  # fmt: skip
-@settings(max_examples=25, deadline=None)
 def test_any_record_is_fitted_or_refused_never_half_done(seed, n, sums, decade, model):
     """White noise, a random walk or its integral, of any size: finite values or one clear error."""
     rng = np.random.default_rng(seed)

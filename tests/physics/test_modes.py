@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 from scipy.signal import cont2discrete
 
@@ -37,7 +37,6 @@ def estimates(theta: np.ndarray, covariance: np.ndarray | None = None) -> Estima
     return EstimateBlock.of(theta, theta, covariance, zero, zero, zero, zero, zero.astype(np.uint8))
 
 
-@settings(deadline=None)
 @given(
     wn=st.floats(0.7, 15.0),
     zeta=st.floats(0.05, 0.95),

@@ -6,7 +6,7 @@ from functools import cache
 from itertools import pairwise
 
 import numpy as np
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.signal import cont2discrete
 
@@ -79,7 +79,6 @@ def test_an_estimator_that_starts_anew_has_no_yaw_channel_left_over():
 
 
 @given(cuts=st.lists(st.integers(1, N - 1), max_size=6, unique=True))
-@settings(deadline=None)
 def test_rows_do_not_depend_on_how_the_stream_was_cut(cuts):
     estimates, whole = drifting_whole()
     rows = PhysicsStage(ORDERS, TS)

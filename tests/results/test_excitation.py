@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from places import REPLAY_LOGS
 
@@ -52,7 +52,6 @@ def test_a_tenth_of_half_the_travel_is_needed(stroke, expected, unit):
     assert ids(rudder, UNKNOWN, unit) == expected
 
 
-@settings(deadline=None, max_examples=30)
 @given(
     share=st.floats(0.2, 1.5),
     lag=st.integers(0, 5),
@@ -70,7 +69,6 @@ def test_a_rudder_mixed_from_the_aileron_has_no_part_of_its_own(share, lag, own,
     assert ids(rudder, aileron) == ["mixed_rudder"]
 
 
-@settings(deadline=None)
 @given(share=st.floats(-1.0, 1.0), seed=st.integers(0, 9))
 def test_a_rudder_that_moves_on_top_of_the_mix_is_excited(share, seed):
     aileron = moving(seed, 0.6)

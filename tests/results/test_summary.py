@@ -6,7 +6,8 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from drawn import examples
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.signal import cont2discrete, lfilter
 
@@ -76,7 +77,7 @@ def test_the_modes_and_the_numbers_of_eq_22_and_23_are_the_plants_to_their_sigma
 
 
 @given(cuts=st.lists(st.integers(1, 699), max_size=8), memory=st.sampled_from([None, 15.0]))
-@settings(max_examples=10, deadline=None)
+@examples(10)
 def test_it_does_not_depend_on_how_the_stream_was_cut(cuts, memory):
     u, y = flown(700)
     config = RunConfig(memory=memory)

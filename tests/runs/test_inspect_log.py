@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from flightlog import FlightLog, fly, summarised
 from gate import one_in
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from inspecting import assert_is_read_in_ten_seconds, inspected
 from places import C172P, ROOT
@@ -135,7 +135,6 @@ STEPS = st.tuples(
 )
 
 
-@settings(deadline=None)
 @given(st.lists(STEPS, min_size=1, max_size=40), st.lists(st.integers(0, 40), max_size=6))
 def test_phases_and_intervals_do_not_depend_on_the_cut(
     steps: list[tuple[int, int, int]], cuts: list[int]

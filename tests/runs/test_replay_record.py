@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from finished_runs import replayed
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from places import ROOT
 
@@ -78,7 +78,6 @@ def channels_fed(blocks: list[RecordBlock]) -> list[SampleBlock]:
     return [each for block in blocks for each in channels.feed_rows(block)] + channels.finish()
 
 
-@settings(max_examples=25, deadline=None)
 @given(
     rows=ROWS,
     told=st.booleans(),

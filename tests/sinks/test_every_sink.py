@@ -8,7 +8,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from drawn import examples
+from hypothesis import given
 from hypothesis import strategies as st
 from sinks.mcap.mcap_reading import raw
 from sinks.rerun.rerun_reading import fail, recorded
@@ -105,9 +106,7 @@ def arrays(blocks: Blocks) -> list[Any]:
 
 
 @every_sink
-@settings(
-    max_examples=10, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+@examples(10)
 @given(edges=st.lists(st.integers(1, ROWS - 1), max_size=ROWS))
 def test_the_contents_do_not_depend_on_how_the_stream_was_cut(
     kind: Kind, edges: list[int], tmp_path_factory: pytest.TempPathFactory

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 from checks.children import child
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
 from mcap.reader import make_reader
 from sinks.mcap.mcap_reading import decoded, raw
@@ -104,7 +104,6 @@ def test_kill_9_loses_at_most_a_second(tmp_path: Path) -> None:
     assert part.exists()
 
 
-@settings(max_examples=40, deadline=None)
 @given(share=st.floats(0.0, 1.0, exclude_max=True))
 def test_a_file_cut_anywhere_gives_all_its_complete_chunks(
     share: float, tmp_path_factory: pytest.TempPathFactory
@@ -205,7 +204,6 @@ def intact(tmp_path_factory: pytest.TempPathFactory) -> tuple[bytes, Counter[Any
     return path.read_bytes(), Counter(raw(path))
 
 
-@settings(max_examples=100, deadline=None)
 @given(share=st.floats(0.0, 1.0, exclude_max=True), value=st.integers(1, 255), torn=st.booleans())
 @example(share=0.08625533546313657, value=1, torn=False)  # the topic of a channel record
 @example(share=0.08625533546313657, value=1, torn=True)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from mcap.exceptions import EndOfFile
 from mcap.reader import NonSeekingReader, make_reader
@@ -24,7 +24,6 @@ from yawid.errors import SinkError
 from yawid.sinks.mcap.sink import McapSink
 
 
-@settings(max_examples=25, deadline=None)
 @given(edges=st.lists(st.integers(1, 59)))
 def test_the_way_a_stream_is_cut_into_blocks_does_not_show(
     edges: list[int], tmp_path_factory: pytest.TempPathFactory

@@ -10,7 +10,7 @@ from contextlib import ExitStack
 from itertools import pairwise
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
@@ -94,7 +94,6 @@ STEPS = st.lists(
 )
 
 
-@settings(max_examples=60, deadline=None)
 @given(STEPS, st.booleans())
 def test_no_ten_seconds_have_more_bytes_than_may_be_and_every_verdict_arrives(
     steps: list[tuple[float, str, int, int]], signed: bool

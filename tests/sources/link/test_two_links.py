@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from flightlog import fly, samples_of
 from flights.surgery import join, split
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from sources.tlog_records import BY_NAME, START_US, message, pack, record, rows, run, sender
 
@@ -89,7 +89,6 @@ def test_what_one_link_lost_and_the_other_brought_is_not_lost() -> None:
     assert missing > 4
 
 
-@settings(deadline=None, max_examples=40)
 @given(
     seed=st.integers(0, 2**32 - 1),
     behind=st.integers(0, 120),

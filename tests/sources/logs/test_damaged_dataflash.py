@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from sources.logs.dataflash_flight import columns, logged, with_imu, written
 from sources.logs.dataflash_writer import DataflashLog
@@ -33,9 +33,6 @@ def test_a_torn_log_gives_what_came_before_the_tear(tmp_path: Path, cut: int):
 
 
 @given(st.data())
-@settings(
-    max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
 def test_garbage_costs_only_the_message_it_stands_in(tmp_path: Path, data: st.DataObject):
     short = logged(flown(2.0))
     head = next(at for at, name in short.starts if name == "MSG")
@@ -53,9 +50,6 @@ FLIGHT = logged(flown(2.0)).data
 
 
 @given(st.integers(0, 2**32 - 1))
-@settings(
-    max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
 def test_flipped_bytes_are_survived_in_silence(tmp_path: Path, seed: int):
     rng = np.random.default_rng(seed)
     data = np.frombuffer(FLIGHT, np.uint8).copy()

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from flightlog import Samples, samples_of
-from hypothesis import HealthCheck, example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
 from printed import why_invalid
 from pymavlink import mavutil
@@ -336,9 +336,6 @@ def test_a_torn_log_gives_what_came_before_the_tear(tmp_path: Path, cut: int):
 
 @example(173264)  # a NaN that signals
 @given(st.integers(0, 2**32 - 1))
-@settings(
-    max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
 def test_flipped_bytes_are_read_or_refused_in_silence(tmp_path: Path, seed: int):
     rng = np.random.default_rng(seed)
     data = np.frombuffer(logged(flown(2.0)).data, np.uint8).copy()

@@ -6,7 +6,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from drawn import examples
+from hypothesis import given
 from hypothesis import strategies as st
 from sources.tlog_records import (
     BY_NAME,
@@ -37,7 +38,6 @@ def as_pymavlink(value: Any) -> Any:
     return value.tolist()
 
 
-@settings(deadline=None, max_examples=150)
 @given(
     sent=st.lists(st.tuples(messages(), st.sampled_from(["v1", "v2", "signed"])), max_size=5),
     sysid=st.integers(0, 255),
@@ -75,7 +75,6 @@ def test_every_field_of_every_message_equals_pymavlinks(
             np.testing.assert_array_equal(ours, getattr(expected, field), err_msg=field)
 
 
-@settings(deadline=None, max_examples=60)
 @given(
     seed=st.integers(0, 2**32 - 1),
     damage=st.lists(st.tuples(st.floats(0, 1), st.sampled_from("xgid")), max_size=6),
@@ -92,7 +91,7 @@ def test_no_cut_changes_what_comes_out(
     assert decoder.link == one_go.link
 
 
-@settings(deadline=None, max_examples=6)
+@examples(6)
 @given(
     seed=st.integers(0, 2**32 - 1),
     damage=st.lists(st.tuples(st.floats(0, 1), st.sampled_from("xgid")), max_size=4),

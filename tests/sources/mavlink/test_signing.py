@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 from sources.tlog_records import BY_NAME, KEY, START_US, message, orders, pack, record, sender
@@ -137,7 +137,6 @@ def test_a_new_stream_may_not_lie_more_than_a_minute_behind() -> None:
     assert decoder.link.rejected[Check.REPLAYED] == 1
 
 
-@settings(deadline=None, max_examples=60)
 @given(data=st.data())
 def test_the_frames_accepted_are_those_pymavlink_accepts(data: st.DataObject) -> None:
     frames = []

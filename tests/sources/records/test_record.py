@@ -10,7 +10,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from yawid.blocks import RecordBlock
@@ -349,7 +349,6 @@ def test_texts_that_are_no_table_are_no_records(tmp_path: Path) -> None:
             _ = Log(tmp_path / "notes.txt", ()).record
 
 
-@settings(max_examples=150, deadline=None)
 @given(
     data=st.one_of(st.binary(max_size=200), st.text(',;\t"#.-0123456789etrudn[]\n', max_size=200)),
     name=st.sampled_from(sorted(UNDERSTOOD)),
