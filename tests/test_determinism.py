@@ -29,6 +29,7 @@ from places import ROOT
 from yawid.channels.stage import WANTED
 from yawid.cli.main import main
 from yawid.config.run import RunConfig
+from yawid.estimation.machine.runner import BEHIND
 from yawid.pipeline import Pipeline
 from yawid.results.summary import summarise
 from yawid.runs.job import feed_all
@@ -71,8 +72,13 @@ def contents(path: Path) -> dict[str, Any]:
 
 def run_yawid(*arguments: object, **environment: str) -> subprocess.CompletedProcess[str]:
     """Run yawid in a process of its own."""
+    return run_python("-m", "yawid", *arguments, **environment)
+
+
+def run_python(*arguments: object, **environment: str) -> subprocess.CompletedProcess[str]:
+    """Run Python in a process of its own."""
     return subprocess.run(
-        [sys.executable, "-m", "yawid", *map(str, arguments)],
+        [sys.executable, *map(str, arguments)],
         env=os.environ | {"PYTHONPATH": str(ROOT / "src")} | environment,
         capture_output=True,
         text=True,
@@ -178,7 +184,7 @@ def test_references_of_this_machine_hold_on_instructions_of_another(tmp_path: Pa
     assert main(["regress", "--update", "--why", "here and now", "--folder", str(folder)]) == 0
 
     environment = other_instructions(tmp_path / "cache")
-    assert run_yawid("warm", **environment).returncode == 0
+    run_python("-c", BEHIND, **environment).check_returncode()
     other = run_yawid("regress", "--json", "--folder", folder, **environment)
 
     told = json.loads(other.stdout)

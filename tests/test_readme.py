@@ -168,7 +168,7 @@ def test_the_lines_of_the_readme_typed_in_order_work(tmp_path: Path, monkeypatch
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
 
-    assert len(typed) >= 11
+    assert len(typed) >= 10
     for line in typed:
         bounded = line.replace(":14560", f":{port} --seconds 0.5")
         code = command_line.main(shlex.split(bounded, comments=True)[1:])

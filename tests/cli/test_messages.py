@@ -31,6 +31,7 @@ NO_RUDDER = str(REPLAY_LOGS / "no_rudder" / "log.tlog")
     [
         ([], "COMMAND"),
         (["replya"], "no command 'replya'; did you mean replay? yawid --help lists the commands"),
+        (["fly", "x"], "no command 'fly': yawid replay LOG --report answers a log and opens the"),
         (["help"], "no command 'help'; did you mean --help? yawid --help lists the commands"),
         (["--versoin"], "no option --versoin; did you mean --version? yawid --help lists"),
         (["--rate", "20", "replay", "x"], "--rate: it stands after the command, yawid COMMAND --"),
@@ -162,7 +163,7 @@ def test_orders_takes_no_option_that_it_would_not_use(option: str, capsys):
     with pytest.raises(SystemExit, match="2"):
         main(["orders", C172P, option, "2"])
     said = capsys.readouterr().err
-    assert f"yawid orders has no option {option}: it belongs to fly, replay, " in said
+    assert f"yawid orders has no option {option}: it belongs to replay, live, " in said
     assert "yawid orders --help" in said
 
 

@@ -21,7 +21,6 @@ REFUSED = (
     "view RUN --save URL",
     "report URL",
     "report RUN -o URL",
-    "report RUN --png URL",
     "export RUN --out URL",
     "recover URL -o whole.mcap",
     "recover RUN -o URL",

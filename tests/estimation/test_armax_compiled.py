@@ -20,7 +20,6 @@ from hypothesis import strategies as st
 from places import ROOT
 
 from yawid import ArmaxOrders, EstimatorConfig, RecursiveArmax
-from yawid.cli.main import main
 from yawid.errors import ConfigError
 from yawid.estimation import armax
 from yawid.estimation.machine import kept
@@ -188,18 +187,13 @@ def test_without_a_further_process_this_one_goes_on_by_itself(tmp_path, monkeypa
     assert not runner.compile_behind()
 
 
-def test_a_folder_that_cannot_be_written_to_harms_nothing_and_warm_says_what_to_do(
-    tmp_path, monkeypatch, capsys
-):
+def test_a_folder_that_cannot_be_written_to_harms_nothing(tmp_path, monkeypatch):
     expected, compiled_code = run(CONFIGS[0], 100), code()
     blocked = tmp_path / "file"
     blocked.write_text("a file where a folder is wanted", encoding="utf-8")
     interpreting(monkeypatch, blocked)
     without_patience(monkeypatch, lambda: compiled_code)
     assert run(CONFIGS[0], 100) == expected
-    monkeypatch.setattr("yawid.estimation.machine.runner.RUNNER", Runner())
-    assert main(["warm"]) == 6
-    assert "set NUMBA_CACHE_DIR" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("damage", [lambda code: code[:-1], lambda code: code[:40], lambda _: b""])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import stat
+import sys
 import threading
 from collections.abc import Callable
 from pathlib import Path
@@ -13,7 +14,6 @@ import pytest
 from yawid.cli.main import main
 from yawid.estimation.machine import kept
 from yawid.estimation.machine.object_code import processor
-from yawid.estimation.machine.runner import Runner
 
 NAME, CODE = "some_code", b"what a processor runs"
 NOBODY = 65534
@@ -157,22 +157,20 @@ def test_a_relative_cache_home_does_not_count(
     assert list(working.iterdir()) == []
 
 
-def test_warm_says_which_folder_it_passed_by(
+def test_the_first_replay_on_a_terminal_says_which_folder_it_passed_by(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "named").mkdir()
     (tmp_path / "named").chmod(0o1777)
     monkeypatch.delenv("NUMBA_DISABLE_JIT", raising=False)
-    runner = Runner()
-    monkeypatch.setattr(runner, "_take", lambda code: None)
-    monkeypatch.setattr("yawid.estimation.machine.compiler.compiled", lambda: CODE)
-    monkeypatch.setattr("yawid.estimation.machine.runner.RUNNER", runner)
+    monkeypatch.setattr("yawid.estimation.machine.runner.RUNNER.compile_behind", lambda: True)
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
 
-    assert main(["warm"]) == 0
-    told = capsys.readouterr().out
-    assert str(tmp_path / "users" / "yawid") in told
+    assert main(["replay", "missing.tlog"]) == 6
+    first, second, _ = capsys.readouterr().err.splitlines()
+    assert first.startswith("yawid: first run: the estimators are being compiled")
     reason = f"{tmp_path / 'named'} can be written to by others"
-    assert told.splitlines()[-1] == f"NUMBA_CACHE_DIR is not used: {reason}"
+    assert second == f"yawid: NUMBA_CACHE_DIR is not used: {reason}"
 
 
 def test_each_processor_and_each_of_its_features_has_code_of_its_own(

@@ -189,9 +189,9 @@ def test_a_run_in_which_none_was_found_says_so_on_the_page(drawn: Drawn) -> None
 def test_the_picture_over_airspeed_stands_where_there_are_airspeeds(
     name: str, paged: Paged
 ) -> None:
-    keys = [picture.key for picture in Report(paged(EVERY[name]())).pictures()]
+    keys = re.findall(r'<figure id="([^"]+)">', Report(paged(EVERY[name]())).html())
 
-    assert len(keys) == len(set(keys))
+    assert len(keys) == len(set(keys)) > 1
     # Of none_usable one alone has a Dutch roll.
     assert ("airspeed" in keys) == (name not in ("without_airspeed", "none_usable"))
 

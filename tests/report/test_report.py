@@ -140,21 +140,6 @@ def test_it_is_written_beside_the_run_with_the_same_bytes_and_never_over_a_file(
     assert not list(good.parent.glob("*.part"))
 
 
-def test_its_pictures_can_be_had_one_by_one_and_never_over_a_file(
-    good: Path, tmp_path: Path
-) -> None:
-    folder = tmp_path / "pictures"
-    order = ["report", str(good), "-o", str(tmp_path / "a.html"), "--png", str(folder)]
-    assert main(order) == 0
-    files = {path.name: path.read_bytes() for path in folder.iterdir()}
-    assert set(files) == {f"{key}.png" for key in PICTURES}
-    assert all(data.startswith(b"\x89PNG") for data in files.values())
-    (tmp_path / "a.html").unlink()
-    assert main(order) == 6
-    assert not (tmp_path / "a.html").exists()
-    assert {path.name: path.read_bytes() for path in folder.iterdir()} == files
-
-
 @pytest.mark.long  # matplotlib lists all fonts anew where it has no cache
 def test_without_a_folder_for_the_cache_of_matplotlib_stderr_has_no_line(
     good: Path, tmp_path: Path

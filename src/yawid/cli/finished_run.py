@@ -47,8 +47,6 @@ def add_finished_run(commands: Commands) -> None:
     )  # fmt: skip
     text = "(default: next to the MCAP, with its name)"
     report.add_argument("-o", "--out", type=Path, metavar="R.html", help=text)
-    text = "also write its pictures, a PNG each, into DIR"
-    report.add_argument("--png", type=Path, metavar="DIR", help=text)
     _add_force(report, _report, "files that exist")
     _add_export(commands)
     recover = add_command(
@@ -138,7 +136,7 @@ def _report(arguments: argparse.Namespace) -> int:
     from yawid.sinks.terminal.progress import progress
 
     with progress(sys.stderr, f"report of {arguments.mcap.name}"):
-        path = write_report(arguments.mcap, arguments.out, png=arguments.png, force=arguments.force)
+        path = write_report(arguments.mcap, arguments.out, force=arguments.force)
     print_line(str(path))
     return 0
 

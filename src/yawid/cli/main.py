@@ -8,7 +8,6 @@ Results go to stdout, everything else to stderr. Large modules are imported only
 
 import argparse
 import gc
-import shlex
 import sys
 import webbrowser
 from collections.abc import Callable, Sequence
@@ -22,7 +21,6 @@ from yawid.cli.explain import add_explain
 from yawid.cli.finished_run import add_finished_run
 from yawid.cli.fleet import add_fleet
 from yawid.cli.live import add_live
-from yawid.cli.man_page import add_man
 from yawid.cli.options import (
     Commands,
     HelpPage,
@@ -37,13 +35,13 @@ from yawid.cli.options import (
     settings_of,
 )
 from yawid.cli.paper import add_commands
-from yawid.cli.program import add_completion, add_schema, add_warm
+from yawid.cli.program import add_completion, add_schema
 from yawid.cli.regress import add_regress
-from yawid.cli.standard_streams import bring_out, make_ready
+from yawid.cli.standard_streams import bring_out, hush, make_ready
 from yawid.cli.trend import add_trend
 from yawid.errors import UNFORESEEN, SinkError, UnwrittenError, YawidError, without_viewer
 from yawid.runs.stop import Interrupted, StopFlag
-from yawid.sinks.door import DEBUG, mute, print_answer, print_line, print_page, say, show_traceback
+from yawid.sinks.door import DEBUG, mute, print_answer, print_line, say, show_traceback
 from yawid.sources.formats import RUN, recorded
 from yawid.system.stores import Place, place_of
 from yawid.version import __version__
@@ -57,11 +55,11 @@ INTERRUPTED = 130
 MOST_SAID = 300
 """The most characters of an unforeseen error's text that are printed: it may hold an array."""
 OVERVIEW = {
-    "a flight": ("fly", "replay", "live", "inspect", "orders"),
+    "a flight": ("replay", "live", "inspect", "orders"),
     "a finished run": ("view", "report", "damper", "export", "recover"),
     "many flights": ("fleet", "trend", "diff", "regress"),
     "the paper's plants and step responses": ("simulate", "step"),
-    "the program itself": ("explain", "man", "schema", "warm", "completion"),
+    "the program itself": ("explain", "schema", "completion"),
 }
 """The commands by what the user has, as ``yawid --help`` lists them."""
 TRIED = {"--orders", "--method", "--also", "--engine", "--memory", "--forgetting", "--servo-tau"}
@@ -69,9 +67,9 @@ TRIED |= {"--manoeuvres"}
 """Options of an estimator that have no meaning for the comparison of orders."""
 EXAMPLES = """\
 examples:
-  yawid fly flight.tlog         what it can answer, the answer, the report
   yawid inspect flight.tlog     what a log can answer, and the command to run
   yawid replay flight.tlog      wn and zeta of each manoeuvre and of the flight
+  yawid replay flight.tlog --report    the same, and a page that is opened
   yawid live udpin:127.0.0.1:14560
   yawid simulate yaw --input step --out - | yawid step -
 
@@ -112,7 +110,6 @@ def _parser() -> argparse.ArgumentParser:
     commands = parser.add_subparsers(
         required=True, metavar="COMMAND", title=argparse.SUPPRESS, prog="yawid"
     )
-    _add_fly(commands, parser)
     _add_replay(commands)
     add_live(commands)
     _add_looks(commands)
@@ -123,32 +120,21 @@ def _parser() -> argparse.ArgumentParser:
     add_fleet(commands)
     add_trend(commands)
     add_explain(commands, parser)
-    add_man(commands, parser)
     add_schema(commands)
-    add_warm(commands)
     add_completion(commands, parser)
     return parser
 
 
-def _add_fly(commands: Commands, whole: argparse.ArgumentParser) -> None:
-    fly = add_command(
-        commands, "fly", "LOG", "inspect a log, replay it as that recommends, open the report",
-        "yawid fly flight.tlog\nyawid fly flight.BIN --out answers --no-open",
-    )  # fmt: skip
-    fly.add_argument("log", metavar="LOG", type=Path, help=recorded())
-    fly.add_argument("--no-open", action="store_true", help="write the report without opening it")
-    add_outputs(fly, without={"--json", "--rerun"})
-    add_log_options(fly)
-    fly.set_defaults(run=partial(_fly, whole))
-
-
 def _add_replay(commands: Commands) -> None:
     examples = """\
+yawid replay flight.tlog --report
 yawid replay flight.tlog --rerun save
 yawid replay day/*.BIN --out answers --json > answers.jsonl"""
     replay = add_command(commands, "replay", "LOG...", "estimate from recorded flights", examples)
     kinds = f"{recorded()}, or {RUN.said}"
     replay.add_argument("logs", nargs="+", metavar="LOG", type=place_of, help=kinds)
+    text = "write a report next to each answer; on a terminal, open one log's in the browser"
+    replay.add_argument("--report", action="store_true", help=text)
     add_outputs(replay)
     add_log_options(replay)
     replay.set_defaults(run=_replay)
@@ -177,42 +163,6 @@ def _add_looks(commands: Commands) -> None:
         command.set_defaults(run=run)
 
 
-def _fly(whole: argparse.ArgumentParser, arguments: argparse.Namespace) -> int:
-    """Print what a log can answer and the answer, and write the report; return the answer's code.
-
-    The settings are those of the replay that ``inspect`` recommends, if it recommends one.
-    """
-    from yawid.report.write import write_report
-    from yawid.runs.inspect_log import inspect
-    from yawid.runs.outputs import output_names
-    from yawid.runs.replay import replay
-    from yawid.sinks.terminal.inspection import print_inspection
-    from yawid.system.processes import has_desktop
-
-    settings, read_options = settings_of(arguments), read_options_of(arguments)
-    [name] = output_names([arguments.log])
-    outputs = outputs_of(arguments, name)
-    answer = partial(_print_summary, verbose=arguments.verbose)
-    _compile_behind()
-    found = inspect(arguments.log, settings, read_options)
-    print_page(print_inspection, found)
-    if found.command is not None:
-        settings = settings_of(whole.parse_args(shlex.split(found.command)[1:]))
-    print_line("")
-    with StopFlag().installed() as stop:
-        try:
-            summary = replay(arguments.log, settings, outputs, stop, read_options)
-        except UnwrittenError as error:
-            print_page(answer, error.summary)
-            raise
-    print_page(answer, summary)
-    page = write_report(Path((summary.files or {})["mcap"]), force=arguments.force)
-    print_line(f"report: {page}")
-    if not arguments.no_open and sys.stdout.isatty() and has_desktop():
-        webbrowser.open(page.as_uri())
-    return summary.exit_code
-
-
 def _replay(arguments: argparse.Namespace) -> int:
     from yawid.runs.outputs import output_names
     from yawid.runs.replay import replay
@@ -221,6 +171,7 @@ def _replay(arguments: argparse.Namespace) -> int:
     _compile_behind()
     read_options = read_options_of(arguments)
     page = partial(_print_summary, verbose=arguments.verbose)
+    then = partial(_write_report, arguments) if arguments.report else None
     codes: list[int] = []
     unreached: list[Place] = []
     with StopFlag().installed() as stop:
@@ -231,7 +182,7 @@ def _replay(arguments: argparse.Namespace) -> int:
             outputs = outputs_of(arguments, name)
             run = partial(replay, log, settings, outputs, stop, read_options)
             try:
-                codes.append(_run_and_print(run, arguments.json, page))
+                codes.append(_run_and_print(run, arguments.json, page, then))
             except Interrupted:
                 unreached.append(log)
     if unreached:
@@ -239,6 +190,18 @@ def _replay(arguments: argparse.Namespace) -> int:
     if unreached or (stop.is_set and INTERRUPTED in codes):
         return stop.exit_code  # the verdict's code is that of SIGINT, even after SIGTERM
     return max(codes, default=0)
+
+
+def _write_report(arguments: argparse.Namespace, summary: "RunSummary") -> None:
+    """Write the report of a run; open it in the browser if somebody waits for one log's."""
+    from yawid.report.write import write_report
+    from yawid.system.processes import has_desktop
+
+    hush("matplotlib")  # it makes a folder for its cache where there is none, and logs that
+    page = write_report(Path((summary.files or {})["mcap"]), force=arguments.force)
+    (say if arguments.json else print_line)(f"report: {page}")
+    if len(arguments.logs) == 1 and sys.stdout.isatty() and has_desktop():
+        webbrowser.open(page.as_uri())
 
 
 def _print_summary(summary: "RunSummary", stream: TextIO, *, verbose: bool) -> None:
@@ -249,10 +212,13 @@ def _print_summary(summary: "RunSummary", stream: TextIO, *, verbose: bool) -> N
 
 def _compile_behind() -> None:
     """Compile the estimators in another process during the first run, if a person starts it."""
+    from yawid.estimation.machine.kept import passed_by
     from yawid.estimation.machine.runner import RUNNER
 
     if sys.stderr.isatty() and RUNNER.compile_behind():
         say("first run: the estimators are being compiled in the background, once per installation")
+        if why := passed_by():
+            say(why)
 
 
 def _orders(arguments: argparse.Namespace) -> int:
@@ -276,9 +242,12 @@ def _inspect(arguments: argparse.Namespace) -> int:
 
 
 def _run_and_print(
-    run: Callable[[], _Page], as_json: bool, page: Callable[[_Page, TextIO], None]
+    run: Callable[[], _Page],
+    as_json: bool,
+    page: Callable[[_Page, TextIO], None],
+    then: Callable[[_Page], None] | None = None,
 ) -> int:
-    """Do one run and print its result, as JSON or as a page; return its exit code."""
+    """Do one run, print its result, and do what comes ``then``; return the run's exit code."""
     try:
         summary = run()
     except UnwrittenError as error:
@@ -291,6 +260,8 @@ def _run_and_print(
     except Exception as error:  # the logs that follow are still run
         return _unforeseen(error)
     print_answer(summary, page, as_json=as_json)
+    if then is not None:
+        then(summary)
     return summary.exit_code
 
 

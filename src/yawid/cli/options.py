@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from yawid.sources.open_log import ReadOptions
 
 DEFAULT_OUT = "yawid-out"
+REPLACED_BY = {"fly": "yawid replay LOG --report answers a log and opens the page"}
+"""What does the work of a command that is gone, where no other has a name like it."""
 
 
 class HelpPage(argparse.RawDescriptionHelpFormatter):
@@ -82,6 +84,8 @@ class OneLineParser(argparse.ArgumentParser):
             others = ("--help", "--version") if is_command else ()
             near = did_you_mean(str(value), [*names, *others])
             said = f"there is no command {value!r}" if is_command else one_of
+            if is_command and value in REPLACED_BY:
+                near = f": {REPLACED_BY[str(value)]}"
             raise argparse.ArgumentError(None if is_command else action, said + near)
 
 

@@ -1,4 +1,4 @@
-"""The commands about the program itself: ``yawid schema``, ``warm`` and ``completion``.
+"""The commands about the program itself: ``yawid schema`` and ``completion``.
 
 shtab writes the scripts of ``completion``. What is offered for an argument follows from its own
 metavar: ``a|b`` are values, ``OUT.csv`` is the name of a file with that suffix.
@@ -7,7 +7,6 @@ metavar: ``a|b`` are values, ``OUT.csv`` is the name of a file with that suffix.
 import argparse
 import json
 import re
-import time
 from functools import partial
 from pathlib import Path
 from typing import Any, Final
@@ -15,8 +14,7 @@ from typing import Any, Final
 from yawid.cli.config_file import commands_of
 from yawid.cli.options import Commands, add_command
 from yawid.config.names import RECURSIVE
-from yawid.errors import SinkError
-from yawid.sinks.door import print_line, print_text
+from yawid.sinks.door import print_text
 from yawid.sources.formats import FORMATS
 from yawid.system.stores import place_of
 
@@ -75,40 +73,6 @@ def _schema(arguments: argparse.Namespace) -> int:
     if arguments.command is not None:
         schema = of_command(schema, arguments.command)
     print_text(json.dumps(schema, indent=1, ensure_ascii=False) + "\n")
-    return 0
-
-
-def add_warm(commands: Commands) -> None:
-    """Add ``warm`` to the parser."""
-    warm = add_command(
-        commands, "warm", "", "compile the estimators, which the first replays would wait for",
-        "yawid warm\nNUMBA_CACHE_DIR=/var/cache/yawid yawid warm",
-    )  # fmt: skip
-    warm.set_defaults(run=_warm)
-
-
-def _warm(_: argparse.Namespace) -> int:
-    from yawid.estimation.machine.kept import folders, passed_by
-    from yawid.estimation.machine.runner import RUNNER, is_plain
-
-    if is_plain():
-        print_line("nothing to do: NUMBA_DISABLE_JIT is set, the estimators run as plain Python")
-        return 0
-    if RUNNER.is_compiled():
-        print_line("nothing to do: the estimators are compiled")
-        return 0
-    start = time.perf_counter()
-    folder = RUNNER.compile()
-    why = passed_by()
-    if folder is None:
-        tried = ", ".join(map(str, folders())) or "none"
-        raise SinkError(
-            f"compiled code cannot be saved: {why + '; ' if why else ''}no folder can be written "
-            f"to (tried: {tried}); set NUMBA_CACHE_DIR to a folder that you alone can write to"
-        )
-    print_line(f"compiled the estimators in {time.perf_counter() - start:.1f} s: {folder}")
-    if why:
-        print_line(why)
     return 0
 
 

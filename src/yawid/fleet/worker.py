@@ -18,7 +18,6 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 from yawid.dataset.values import failed
-from yawid.errors import YawidError
 from yawid.system.child import DIED, Child
 from yawid.system.files import lock
 from yawid.system.part_file import os_errors_as_sink_error
@@ -186,7 +185,8 @@ def warm() -> None:
 
     If that fails, each child compiles for itself or runs slowly; a logged line gives the reason.
     """
-    command = [sys.executable, "-m", "yawid", "warm"]
+    compiles = "from yawid.estimation.machine.runner import compile_behind; compile_behind()"
+    command = [sys.executable, "-c", compiles]
     try:
         done = subprocess.run(
             command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, errors="replace",
@@ -194,5 +194,5 @@ def warm() -> None:
         )  # fmt: skip
     except OSError:  # whoever starts the child that replays reports that
         return
-    if done.returncode == YawidError.exit_code and (said := done.stderr.strip()):
+    if done.returncode and (said := done.stderr.strip()):
         logging.getLogger(__name__).warning("%s", said.splitlines()[-1])

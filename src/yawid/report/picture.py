@@ -1,4 +1,4 @@
-"""The report's pictures: matplotlib figures, as SVG within a page or as PNG."""
+"""The report's pictures: matplotlib figures, as SVG within a page."""
 
 import io
 import re
@@ -10,7 +10,6 @@ from typing import Any, Final
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
@@ -20,7 +19,6 @@ from yawid.report.data import Events
 from yawid.sinks.palette import NEUTRAL, RUDDER
 
 SIZE_IN: Final = (5.6, 4.4)
-PNG_DPI: Final = 180
 COLUMNS: Final = 500
 """The number of columns of a long line in a picture: more detail is not visible."""
 LEAST_BETWEEN: Final = 0.07
@@ -83,15 +81,6 @@ class Picture:
         return re.sub(
             r'^<svg ([^>]*?)width="[^"]*" height="[^"]*"', r"<svg \1", svg.strip(), count=1
         )
-
-    @property
-    def png(self) -> bytes:
-        """The picture as a PNG on white."""
-        out = io.BytesIO()
-        with _styled(self) as figure:
-            FigureCanvasAgg(figure)
-            figure.savefig(out, format="png", dpi=PNG_DPI, metadata={"Software": None})
-        return out.getvalue()
 
 
 @contextmanager

@@ -33,18 +33,13 @@ from yawid.report.time_pictures import (
 from yawid.sinks.answers import cards, headline
 from yawid.sinks.mcap.reader import McapRun, open_answered
 from yawid.sinks.words import method_words, next_step, sigma_means, utc
-from yawid.system.part_file import check_free, os_errors_as_sink_error, write_whole
+from yawid.system.part_file import check_free, write_whole
 
 
-def write_report(
-    mcap: Path, out: Path | None = None, *, png: Path | None = None, force: bool = False
-) -> Path:
+def write_report(mcap: Path, out: Path | None = None, *, force: bool = False) -> Path:
     """Write the report of a finished run to ``out``, else next to the MCAP; return its path.
 
-    With ``png`` the pictures are also written into that folder, each named by its key. Equal runs
-    give equal bytes.
-
-    A report of the same log with the same options is replaced.
+    Equal runs give equal bytes. A report of the same log with the same options is replaced.
 
     Raises:
         SourceError: the MCAP cannot be read, was not finished or is not the file of a run.
@@ -54,21 +49,12 @@ def write_report(
     path = mcap.with_suffix(".html") if out is None else out
     force = force or (path.is_file() and is_of(path, run))
     check_free(path, force=force)
-    report = Report(run)
-    alone = {} if png is None else {png / f"{each.key}.png": each for each in report.pictures()}
-    for each in alone:
-        check_free(each, force=force)
-    if png is not None:
-        with os_errors_as_sink_error(png):
-            png.mkdir(parents=True, exist_ok=True)
-    files = {path: report.html().encode("utf-8", "replace")}
-    files |= {each: picture.png for each, picture in alone.items()}
-    write_whole(files, force=force)
+    write_whole({path: Report(run).html().encode("utf-8", "replace")}, force=force)
     return path.absolute()
 
 
 class Report:
-    """The report of a run: its page, and its pictures as a list.
+    """The report of a run.
 
     Raises:
         SourceError: the file is damaged.
@@ -82,16 +68,6 @@ class Report:
         """Return the page."""
         name = Path(self._summary.log).name
         return page(f"{name} - yawid report", self._sections(name))
-
-    def pictures(self) -> list[Picture]:
-        """Return all pictures of the page, in their order."""
-        return [
-            *self._of_airframe,
-            *self._of_flight(),
-            *self._of_model(),
-            *self._of_link(),
-            *self._of_stream(),
-        ]
 
     def _sections(self, name: str) -> Iterator[str]:
         summary, run = self._summary, self._run

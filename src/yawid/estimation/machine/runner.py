@@ -34,7 +34,8 @@ MOST_OF_A_REASON = 200
 """Characters of another library's message that are quoted in a line of output."""
 TIMES_SLOWER = 50
 """A sample in plain Python takes about this many times as long as in compiled code."""
-_BEHIND = "from yawid.estimation.machine.runner import compile_behind; compile_behind()"
+BEHIND = "from yawid.estimation.machine.runner import compile_behind; compile_behind()"
+"""What a process of its own runs to compile."""
 
 
 def is_plain() -> bool:
@@ -125,7 +126,7 @@ class Runner:
             nowhere = subprocess.DEVNULL
             with suppress(OSError):  # no further process may be started: this one compiles later
                 self._child = subprocess.Popen(
-                    [sys.executable, "-W", "ignore", "-c", _BEHIND],
+                    [sys.executable, "-W", "ignore", "-c", BEHIND],
                     stdin=nowhere, stdout=nowhere, stderr=nowhere, start_new_session=True,
                     creationflags=OWN_GROUP,
                 )  # fmt: skip
