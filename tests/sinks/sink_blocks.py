@@ -49,6 +49,7 @@ FLIGHT = Flight(
     airspeed_m_s=20.5,
     loop="airframe",
     dutch_roll=roll_of(10.1, 0.63, 0.15, 0.02, (0.02, 0.003)),
+    physics={"K": Value(-1.5, 0.1)},
     used=[1, 3],
     disagree=[2],
     verdict=Verdict(method="ct", usable=True, reasons=[]),

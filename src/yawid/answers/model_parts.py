@@ -35,8 +35,7 @@ class DutchRoll(Part, frozen=True, kw_only=True):
 
     Of a flight ``*_std`` is the sigma of the next manoeuvre, ``*_std_mean`` that of the mean.
     ``*_std`` is the total sigma; ``*_std_noise`` is the part that noise alone explains. Where that
-    is None, as in files of older versions, ``*_std`` is the sigma of noise; that of a flight then
-    also includes the scatter between manoeuvres.
+    is None, as of the running estimates, ``*_std`` is the sigma of noise.
     """
 
     wn_rad_s: Positive
@@ -75,7 +74,7 @@ class DutchRoll(Part, frozen=True, kw_only=True):
 class Value(Part, frozen=True):
     """A coefficient of eq. 22-23, its total sigma, and the part of it that noise explains.
 
-    Without that part, as in files of older versions, ``std`` is of noise alone.
+    Without that part ``std`` is of noise alone.
     """
 
     value: Number | None = None

@@ -52,7 +52,7 @@ def sigma_after(
 def of_mean(flight: Flight, more: int = 0) -> Flight:
     """Return the flight with the sigmas of the mean over its manoeuvres, also after ``more``.
 
-    A sigma without its parts, as in files of older versions, stays as it is.
+    A sigma without its parts stays as it is.
     """
     roll, between, n = flight.dutch_roll, flight.between_std, len(flight.used)
     if roll is None or between is None:

@@ -203,8 +203,6 @@ _TABLE: Final = (
 
 KINDS: Final[Mapping[str, ReasonKind]] = {kind.id: kind for kind in _TABLE}
 """The kinds of reasons by id: the fatal ones first, in the order in which they decide."""
-GONE: Final = frozenset({"diverged", "els_rml_disagree", "coloured_residuals"})
-"""Reasons of earlier versions, of the stream alone, that a file may hold."""
 _RANK: Final = {id_: rank for rank, id_ in enumerate(KINDS)}
 
 

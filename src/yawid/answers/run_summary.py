@@ -16,9 +16,11 @@ from yawid.answers.model_parts import TimeConstant as TimeConstant
 from yawid.answers.model_parts import Value as Value
 from yawid.answers.ordinary import OrdinaryAnswer as OrdinaryAnswer
 from yawid.answers.part import Count, Number, Part, Positive
-from yawid.answers.reasons import GONE, Reason, Verdict
+from yawid.answers.reasons import Reason, Verdict
 from yawid.answers.session import LiveFacts, Recovered
 
+FORM: Final = "1"
+"""The form of stored answers: another one where those of the version before may not be used."""
 CT: Final = "ct"
 """The method of a manoeuvre's answer: the continuous-time fit."""
 
@@ -313,7 +315,7 @@ class RunSummary(Origin, Judged, frozen=True, kw_only=True):
 
     ``estimates`` are those of the stream at its end, which have no verdict. ``manoeuvres`` is None
     where none were searched for, ``flight`` where there was none. ``flights`` has an answer for
-    each loop with a usable manoeuvre, ``flight`` first; it is None without one, and in older files.
+    each loop with a usable manoeuvre, ``flight`` first; it is None without one.
     ``ordinary`` is next to them all; with ``--ordinary only`` it is all there is, and decides.
     """
 
@@ -330,8 +332,10 @@ class RunSummary(Origin, Judged, frozen=True, kw_only=True):
     recovered: Recovered | None = None
 
     @classmethod
-    def from_json(cls, data: bytes) -> Self:
+    def from_json(cls, data: bytes, *, is_whole: bool = True) -> Self:
         """Return the summary in a file's JSON; keys of newer versions are left out.
+
+        If it is not ``is_whole``, only its origin, and the reasons of its verdict, are read.
 
         Raises:
             ValueError: it is no JSON, or not as yawid writes it; the text names the field.
@@ -339,27 +343,16 @@ class RunSummary(Origin, Judged, frozen=True, kw_only=True):
         try:
             # JSON may contain half a surrogate pair, a file may not: it becomes a question mark.
             text = json.dumps(json.loads(data), ensure_ascii=False).encode("utf-8", "replace")
-            return msgspec.convert(json.loads(text), cls)
+            found = json.loads(text)
+            if not is_whole and isinstance(found, dict):
+                keys = {*Origin.__struct_fields__, "verdict", "warnings"}
+                found = {key: value for key, value in found.items() if key in keys}
+            return msgspec.convert(found, cls)
         except RecursionError as error:
             raise ValueError("it is nested too deeply") from error
         except msgspec.ValidationError as error:
             what, _, where = str(error).partition(" - at `$.")
             raise ValueError(f"{where.rstrip('`') or 'its summary'}: {what}") from error
-
-    @property
-    def is_older(self) -> bool:
-        """Whether an earlier version wrote it, in which a recursive method answered.
-
-        Then a verdict names that method, has a reason that is gone, or is usable without a flight.
-        """
-        parts = (self, *(self.manoeuvres or ()))
-        found = [each.verdict for each in parts if each.verdict]
-        others = {name for each in parts for name in each.estimates or ()} - {CT}
-        return (
-            (self.deciding.usable and self.flight is None and self.ordinary is None)
-            or any(verdict.method in others for verdict in found)
-            or any(reason.id in GONE for verdict in found for reason in verdict.reasons)
-        )
 
     @property
     def by_loop(self) -> list[Flight]:

@@ -53,8 +53,6 @@ class Answered:
         answer = found.answer
         if answer is None or answer.response is None:
             why = "; ".join(str(each) for each in found.verdict.fatal or found.verdict.reasons)
-            old = answer is not None and answer.dutch_roll is not None
-            why = "its file is of an older version: replay it first" if old else why
             raise NotIdentifiable(f"manoeuvre {found.n} has no model: {why}")
         poles, by_input = np.array(answer.response.poles, float), answer.response.residues
         pairs = int(np.count_nonzero(poles[:, 1]))

@@ -154,7 +154,7 @@ def _bare(run: Recorded) -> LinearModel:
         why = "replay the log with --lateral auto" if bare is None else _why(bare.verdict)
         raise NotIdentifiable(f"the bare airframe is not known: {why}")
     if bare.alpha_rad is None or bare.correlations is None:
-        raise NotIdentifiable("the file is of an older version: replay the log with --lateral auto")
+        raise NotIdentifiable("its covariance is missing: replay the log with --lateral auto")
     known = {**bare.derivatives, "alpha_rad": bare.alpha_rad}
     names = tuple(known)
     values = np.array([each.value for each in known.values()], float)

@@ -107,7 +107,7 @@ def flight_numbers(summary: RunSummary, drawn: Sequence[Drawn], rudder_unit: str
     if physics:
         yield yaw_channel(physics, rudder_unit)
     without = [each for each in flights if not each.physics]
-    if without and (summary.flights is not None or not summary.used):  # older files hold none
+    if without:
         yield note("", f"{_begun('; '.join(map(_no_physics, without)))}.")
 
 

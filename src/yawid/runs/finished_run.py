@@ -6,13 +6,13 @@ of the estimators can, and the result is that of a replay of the log itself.
 
 import hashlib
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from yawid.answers.reasons import GONE, KINDS
+from yawid.answers.reasons import KINDS
 from yawid.answers.run_summary import RunSummary
 from yawid.blocks import MotionBlock, SampleBlock
 from yawid.channels.segments import outside
@@ -56,8 +56,6 @@ class FinishedRun:
     def settled(self, settings: Mapping[str, Any]) -> RunConfig:
         """Return the run's configuration, overruled by the settings.
 
-        The file of an older version may lack the state of flight: then no manoeuvres are found.
-
         Raises:
             ConfigError: a setting asks for other samples than the file holds.
         """
@@ -66,15 +64,7 @@ class FinishedRun:
         is_asked = config.lateral == "auto" or config.ordinary not in (None, "off")
         if is_asked and not self._run.has_motion:
             self._said = [f"{self.path} holds no lateral motion: for that, replay the log itself"]
-        if not config.has_manoeuvres or not self._run.lacks:
-            return config
-        old = f"{self.path} is of an older version"
-        if "altitude" not in self._run.lacks:
-            lost = "it does not say when the rudder moved, which costs fast aircraft 1 to 2 % of wn"
-            self._said += [f"{old}: {lost}: replay the log itself"]
-            return config
-        self._said += [f"{old}: for manoeuvres, replay the log itself"]
-        return replace(config, manoeuvres="off")
+        return config
 
     def read(self) -> Iterator[tuple[int, SampleBlock | MotionBlock]]:
         """Yield (bytes, samples or motion); each sample counts for the same part of the size."""
@@ -87,7 +77,7 @@ class FinishedRun:
         return self._run.rates_hz(rudder)
 
     def left_open(self, pipeline: Pipeline) -> list[str]:
-        """Return warnings of what the file, or one of an older version, cannot give."""
+        """Return warnings of what the file cannot give."""
         return self._said
 
     def parameters(self, pipeline: Pipeline) -> bytes:
@@ -114,7 +104,8 @@ class FinishedRun:
         if is_whole and bank is None and run.grid is not None:
             raise _nothing(run, pipeline.config)
         said = before.deciding.reasons
-        if unknown := sorted({r.id for r in said} - KINDS.keys() - GONE):
+        unknown = sorted({reason.id for reason in said} - KINDS.keys())
+        if unknown and run.is_of_this_form:
             text = f"{run.path} holds reasons that this version does not know: {', '.join(unknown)}"
             raise SourceError(text)
         origins = ("run", "log") if run.grid is not None else ("run", "log", "samples")

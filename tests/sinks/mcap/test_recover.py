@@ -32,7 +32,6 @@ from yawid.sinks.mcap.recover import recover
 from yawid.sinks.mcap.schemas import TOPICS, schema_data
 from yawid.sinks.mcap.sink import McapSink
 
-OLD_RUN = Path(__file__).with_name("run_of_0_1_0.mcap")
 Row = tuple[str, int, int, int, bytes]
 PER_SAMPLE = 4  # messages: sample, two estimates, modes
 
@@ -247,19 +246,6 @@ def test_a_torn_file_of_another_version_gives_nothing_and_says_why(tmp_path: Pat
     with pytest.raises(SinkError, match=r"of another version of yawid.*nothing was recovered"):
         recover(tmp_path / "old.mcap", tmp_path / "out.mcap")
     assert not (tmp_path / "out.mcap").exists()
-
-
-def test_a_run_of_an_older_version_is_recovered_by_its_summary_or_refused_by_name(
-    tmp_path: Path,
-) -> None:
-    whole = recover(OLD_RUN, tmp_path / "whole.mcap")
-    assert whole.counts["/yawid/sample"] > 200
-    assert not whole.left_out
-    (tmp_path / "torn.mcap").write_bytes(OLD_RUN.read_bytes()[:-20])
-    with pytest.raises(
-        SinkError, match=r"[0-9] x schema that is damaged or of another version of yawid"
-    ):
-        recover(tmp_path / "torn.mcap", tmp_path / "out.mcap")
 
 
 def test_two_channels_that_claim_one_number_have_neither(tmp_path: Path) -> None:

@@ -351,14 +351,21 @@ def test_manoeuvres_are_a_table_below_what_the_flight_says(flown: Path) -> None:
     ]
     [verdict] = statics(flown, "/verdict", "TextDocument:text")[-1]
     assert verdict.startswith(f"# Usable\n{flight}\n")
-    assert "| yaw channel, manoeuvre 1 |" in verdict
+    assert "| yaw channel, the flight, the airframe at 20.5 m/s |" in verdict
     assert "static gain K | -1.50 ± 0.10 rad/s per half-travel |" in verdict
 
 
 def test_a_flight_that_says_nothing_says_why() -> None:
     verdict = SUMMARY.verdict
     mute = msgspec.structs.replace(
-        FLIGHT, dutch_roll=None, airspeed_m_s=None, loop=None, used=[], disagree=[], verdict=verdict
+        FLIGHT,
+        dutch_roll=None,
+        physics=None,
+        airspeed_m_s=None,
+        loop=None,
+        used=[],
+        disagree=[],
+        verdict=verdict,
     )
     text = verdict_markdown(msgspec.structs.replace(SUMMARY, flight=mute))
     heading, said, *reasons = text.splitlines()

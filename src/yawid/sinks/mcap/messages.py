@@ -9,8 +9,8 @@ import numpy as np
 
 from yawid.answers.reasons import Verdict
 from yawid.answers.run_summary import Bare, Manoeuvre, Value
-from yawid.blocks import Array, EstimateBlock, Floats, Held, Ints, ModesBlock, SampleBlock
-from yawid.quantities.airspeed import Kind, known
+from yawid.blocks import Array, EstimateBlock, Held, Ints, ModesBlock, SampleBlock
+from yawid.quantities.airspeed import Kind
 from yawid.quantities.table import YAW_CHANNEL
 from yawid.sinks.base import LogLevel
 from yawid.sinks.mcap.protobuf_rows import RowLayout
@@ -187,10 +187,9 @@ def _packed(full_name: str, **fields: object) -> bytes:
 def samples_from(rows: Rows, unix_ns: Ints, sample_time_s: float) -> SampleBlock:
     """Return the samples that :func:`sample_rows` wrote; ``unix_ns`` (n,) is their log time."""
     columns: dict[str, Any] = {
-        name: rows[name].astype(np.int64) if "fixed" in kind else _floats(rows, name)
+        name: rows[name].astype(np.int64) if "fixed" in kind else np.ascontiguousarray(rows[name])
         for name, kind in _SAMPLE.items()
     }
-    columns["airspeed"] = known(columns["airspeed"])  # older versions also wrote 0 for unknown
     kind = columns["airspeed_kind"]
     columns["airspeed_kind"] = np.where(np.isin(kind, list(Kind)), kind, np.nan)
     return SampleBlock(
@@ -201,13 +200,6 @@ def samples_from(rows: Rows, unix_ns: Ints, sample_time_s: float) -> SampleBlock
         y=np.ascontiguousarray(rows["yaw_rate"]),
         **columns,
     )
-
-
-def _floats(rows: Rows, name: str) -> Floats:
-    """Return a column (n,), NaN throughout where the file is older than the column."""
-    if name not in (rows.dtype.names or ()):
-        return np.full(len(rows), np.nan)
-    return np.ascontiguousarray(rows[name])
 
 
 def estimate_from(rows: Rows) -> EstimateBlock:
@@ -222,7 +214,7 @@ def modes_from(rows: Rows) -> ModesBlock:
     return ModesBlock(
         poles=rows["pole_re"] + 1j * rows["pole_im"],
         dutch_roll=np.column_stack([rows[f"dutch_roll_{name}"] for name in MODE_VALUES]),
-        yaw=np.column_stack([_floats(rows, name) for name in YAW_CHANNEL]),
-        yaw_std=np.column_stack([_floats(rows, f"{name}_std") for name in YAW_CHANNEL]),
+        yaw=np.column_stack([rows[name] for name in YAW_CHANNEL]),
+        yaw_std=np.column_stack([rows[f"{name}_std"] for name in YAW_CHANNEL]),
         **{name: np.ascontiguousarray(rows[name]) for name in MODE_VALUES},
     )

@@ -1,9 +1,10 @@
 """A finished run read from its MCAP file: its summary and settings, and its rows in blocks.
 
-Rows are read by the schema in the file. A file of an older version lacks some of today's fields:
-they are filled with the value for unknown. Fields that differ from today's are another format,
-which is refused instead of being misread. Anybody may have written the file: a wrong type or size
-is reported here in one line, and does not become an error in another place.
+Rows are read where their schema is this version's, to the byte: any other is another format, which
+is refused instead of being misread. Answers are read where their form is this version's: of a file
+of another one there is only what came from its log, for a replay. Anybody may have written the
+file: a wrong type or size is reported here in one line, and does not become an error in another
+place.
 """
 
 import math
@@ -24,7 +25,7 @@ from mcap.exceptions import McapError
 from mcap.reader import McapReader, NonSeekingReader, make_reader
 from mcap.records import Chunk, Schema
 from mcap.stream_reader import StreamReader
-from yawid.answers.run_summary import RunSummary
+from yawid.answers.run_summary import FORM, RunSummary
 from yawid.blocks import Ints, MotionBlock, SampleBlock, Status
 from yawid.config.run import RunConfig, check_settings
 from yawid.errors import SourceError
@@ -40,11 +41,10 @@ from yawid.sinks.mcap.schemas import (
     MOTION,
     SAMPLE,
     descriptor,
-    descriptor_in,
     estimate_topics,
-    is_older,
     is_ours,
     message_class,
+    schema_data,
 )
 
 BLOCK_ROWS: Final = 8192
@@ -94,10 +94,13 @@ class McapRun:
     grid: Grid | None
     log: list[LogLine] = field(default_factory=list)
     rows: int = 0
-    lacks: frozenset[str] = frozenset()
-    """Which of the columns altitude and rudder_moves the samples of an older file do not have."""
     has_motion: bool = False
     """Whether the run kept the lateral motion."""
+
+    @property
+    def is_of_this_form(self) -> bool:
+        """Whether the summary has the run's answers; else only what came from the log."""
+        return _is_of_this_form(self.metadata)
 
     def rates_hz(self, rudder: str) -> tuple[float, float] | None:
         """Return the rates in Hz of the messages of yaw and of ``rudder``, the input's name.
@@ -200,7 +203,7 @@ class McapRun:
                     others[topic][1].append(message.data)
                     continue
                 if topic not in layouts:
-                    layouts[topic] = _layout(schema, self.grid.parameters, message.data)
+                    layouts[topic] = _layout(self.path, schema, self.grid.parameters, message.data)
                 if topic == topics[0]:
                     if len(log_ns) == BLOCK_ROWS:
                         found = checked(_joined(layouts, waiting), self.grid)
@@ -242,7 +245,8 @@ def open_run(path: Path) -> McapRun:
             "recover"
         )
     try:
-        summary = RunSummary.from_json(attachments["summary.json"])
+        is_whole = _is_of_this_form(metadata)
+        summary = RunSummary.from_json(attachments["summary.json"], is_whole=is_whole)
         config = read_config(attachments.get("configuration.toml"))
         grid = read_grid(metadata.get("grid"), config)
     except ValueError as error:
@@ -254,12 +258,16 @@ def open_answered(path: Path) -> McapRun:
     """Open a run whose answer is to be used, as :func:`open_run` does.
 
     Raises:
-        SourceError: as there, or the answer is one of an earlier version.
+        SourceError: as there, or the answer is one of another version.
     """
     run = open_run(path)
-    if run.summary.is_older:
-        raise SourceError(f"{path} is of an older version of yawid: replay it first")
+    if not run.is_of_this_form:
+        raise SourceError(f"{path} is of another version of yawid: replay it first")
     return run
+
+
+def _is_of_this_form(metadata: Mapping[str, Mapping[str, str]]) -> bool:
+    return metadata.get("answers", {}).get("form") == FORM
 
 
 def log_sha256_of(run: McapRun) -> str | None:
@@ -296,26 +304,24 @@ def _opened(path: Path) -> BinaryIO:
         raise SourceError(f"cannot read {path}: {error.strerror}") from error
 
 
-def _layout(schema: Schema, parameters: tuple[str, ...], first: bytes) -> RowLayout:
+def _layout(path: Path, schema: Schema, parameters: tuple[str, ...], first: bytes) -> RowLayout:
     """Return the layout of a topic's rows; ``first`` is its first message.
 
     Repeated fields have the length that they have in the first message.
 
     Raises:
-        ValueError: the file's schema is not that of this version or an older one.
+        SourceError: the file's schema is not that of this version.
     """
-    written = descriptor_in(schema.name, schema.data)
-    if not is_older(written, descriptor(schema.name, parameters)):
-        raise ValueError(
-            f"{schema.name} was written by another version of yawid: replay the log again"
+    if schema.data != schema_data(schema.name, parameters):
+        raise SourceError(
+            f"{path}: {schema.name} is of another version of yawid: replay the log itself"
         )
-    message: Any = GetMessageClass(written)().FromString(first)
+    known = descriptor(schema.name, parameters)
+    message: Any = GetMessageClass(known)().FromString(first)
     lengths = {
-        known.name: len(getattr(message, known.name))
-        for known in written.fields
-        if known.is_repeated
+        each.name: len(getattr(message, each.name)) for each in known.fields if each.is_repeated
     }
-    return RowLayout(written, lengths)
+    return RowLayout(known, lengths)
 
 
 def _joined(layouts: Mapping[str, RowLayout], waiting: dict[str, list[bytes]]) -> list[Rows]:
@@ -347,19 +353,16 @@ def _log_lines(reader: McapReader) -> Iterator[LogLine]:
         yield LogLine(message.log_time, level, line.message)
 
 
-def _contents(reader: McapReader) -> tuple[int, frozenset[str], bool]:
-    """Return the number of samples, which columns they lack, and whether motion is there.
+def _contents(reader: McapReader) -> tuple[int, bool]:
+    """Return the number of samples, and whether motion is there.
 
     Motion is attitudes and commands as this version writes them.
     """
     summary = reader.get_summary()
     if summary is None:
-        return 0, frozenset(), False
+        return 0, False
     counts = {} if summary.statistics is None else summary.statistics.channel_message_counts
     rows = sum(counts.get(i, 0) for i, c in summary.channels.items() if c.topic == SAMPLE)
-    samples = [each for each in summary.schemas.values() if each.name == "yawid.Sample"]
-    columns = [descriptor_in(each.name, each.data).fields_by_name for each in samples]
-    lacks = {name for name in ("altitude", "rudder_moves") if any(name not in c for c in columns)}
     found = set()
     for channel in summary.channels.values():
         schema = summary.schemas.get(channel.schema_id)
@@ -367,7 +370,7 @@ def _contents(reader: McapReader) -> tuple[int, frozenset[str], bool]:
             found.add(channel.topic)
             if not is_ours(schema.name, schema.data):
                 raise ValueError(f"{channel.topic} was written by another version of yawid")
-    return rows, frozenset(lacks), set(MOTION[:2]) <= found
+    return rows, set(MOTION[:2]) <= found
 
 
 def read_config(data: bytes | None) -> RunConfig:
@@ -388,8 +391,6 @@ def read_config(data: bytes | None) -> RunConfig:
 def read_grid(record: Mapping[str, str] | None, config: RunConfig) -> Grid | None:
     """Return the grid in a file's metadata, None where the run had none.
 
-    Files of version 0.1.0 lack autopilot and vehicle type: flight modes then keep their numbers.
-
     Raises:
         ValueError: the grid makes no sense, or is not that of the configuration.
     """
@@ -399,7 +400,7 @@ def read_grid(record: Mapping[str, str] | None, config: RunConfig) -> Grid | Non
         parameters, inputs, methods = (
             tuple(record[name].split()) for name in ("parameters", "inputs", "methods")
         )
-        autopilot, kind = (int(record.get(name, "0")) for name in ("autopilot", "vehicle_type"))
+        autopilot, kind = (int(record[name]) for name in ("autopilot", "vehicle_type"))
         unit, sample_time_s = config.unit_of_rudder, float(record["sample_time_s"])
         grid = Grid(parameters, inputs, methods, sample_time_s, unit, autopilot, kind)
     except (KeyError, ValueError) as error:

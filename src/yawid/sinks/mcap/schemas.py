@@ -1,8 +1,7 @@
 """The messages of yawid's MCAP files, as protobuf descriptors built from one table.
 
-Field numbers are the positions in the table: append fields to samples and motion, which a replay
-of an old file reads, and never reorder them. The numbers of ``foxglove.Log`` are those of its
-publisher.
+Field numbers are the positions in the table. A changed table is another format: files of the one
+before are refused. The numbers of ``foxglove.Log`` are those of its publisher.
 
 Only ``yawid.Parameters`` is made for each run: its fields have the names of theta's elements, since
 a plot of theta[3] explains nothing. Therefore ``yawid.Estimate``, which holds it, has a descriptor
@@ -18,7 +17,7 @@ from typing import Final
 
 import msgspec
 from google.protobuf import descriptor_pb2, descriptor_pool, message_factory, timestamp_pb2
-from google.protobuf.descriptor import Descriptor, FieldDescriptor
+from google.protobuf.descriptor import Descriptor
 from google.protobuf.message import DecodeError, Message
 
 from yawid.answers.ordinary import OrdinaryAnswer
@@ -291,24 +290,6 @@ def descriptor_in(full_name: str, data: bytes) -> Descriptor:
         return pool.FindMessageTypeByName(full_name)
     except (DecodeError, TypeError, KeyError) as error:
         raise ValueError(f"the schema of {full_name} cannot be read") from error
-
-
-def is_older(written: Descriptor, ours: Descriptor) -> bool:
-    """Return whether ``ours`` has every field of ``written`` unchanged; it may have more."""
-    for field in written.fields:
-        known = ours.fields_by_number.get(field.number)
-        if known is None or _shape(field) != _shape(known):
-            return False
-        if field.message_type is not None:
-            assert known.message_type is not None  # the same type, by the comparison above
-            if not is_older(field.message_type, known.message_type):
-                return False
-    return True
-
-
-def _shape(field: FieldDescriptor) -> tuple[object, ...]:
-    nested = None if field.message_type is None else field.message_type.full_name
-    return field.name, field.type, field.is_repeated, nested
 
 
 def message_class(full_name: str) -> type[Message]:

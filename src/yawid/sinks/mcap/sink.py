@@ -10,7 +10,7 @@ from typing import Final
 
 import numpy as np
 
-from yawid.answers.run_summary import Bare, Manoeuvre, RunSummary
+from yawid.answers.run_summary import FORM, Bare, Manoeuvre, RunSummary
 from yawid.blocks import Array, EstimateBlock, Ints, ModesBlock, MotionBlock, SampleBlock
 from yawid.errors import SinkError
 from yawid.sinks.base import Grid, LogLevel, Pace, Sink
@@ -333,6 +333,7 @@ class McapSink(Sink):
     def _open(self, metadata: Mapping[str, str | Mapping[str, object]]) -> None:
         with os_errors_as_sink_error(self._part):
             self._writer.start(LIBRARY)
+            self._add_record("answers", {"form": FORM})
             for name, value in metadata.items():
                 self._add_record(name, value)
             self._log_channel = self._channel(LOG)

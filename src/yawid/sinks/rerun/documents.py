@@ -67,19 +67,12 @@ def _methods(estimates: Mapping[str, MethodSummary]) -> Iterator[str]:
 def _yaw_channels(summary: RunSummary) -> Iterator[tuple[str, Mapping[str, Value]]]:
     """Yield the name and the numbers of each yaw channel to show.
 
-    They are the flight's, for each loop; in older files those of the used manoeuvre with the
-    smallest sigma of wn; without a flight those of the stream's answer.
+    They are the flight's, for each loop; without a flight those of the stream's answer.
     """
-    pooled = [each for each in summary.by_loop if each.physics]
-    for each in pooled:
-        said = filter(None, (whose(each), conditions(each)))
-        yield f"the flight, {' '.join(said)}", each.physics or {}
-    used = summary.used
-    found = [m for m in summary.manoeuvres or () if m.n in used and m.answer and m.answer.physics]
-    if found and not pooled:
-        best = min(found, key=lambda each: (each.dutch_roll and each.dutch_roll.wn_std) or 1e9)
-        assert best.answer is not None  # only manoeuvres with an answer were chosen
-        yield f"manoeuvre {best.n}", best.answer.physics or {}
+    for each in summary.by_loop:
+        if each.physics:
+            said = filter(None, (whose(each), conditions(each)))
+            yield f"the flight, {' '.join(said)}", each.physics
     answer = summary.answer
     if summary.flight is None and answer is not None and answer.physics:
         yield f"stream, {answer.method.upper()}", answer.physics

@@ -17,7 +17,7 @@ LINE_WIDTH, BAND_WIDTH, BAR_WIDTH, UNDER_WIDTH = 1.5, 0.7, 4.0, 4.0
 # All bounds have the same name, so that the legend has one entry for them.
 BAND: Final = "2 sigma of noise"
 BAND_OF_MANOEUVRE: Final = "2 sigma"
-"""The name of a manoeuvre's bounds: total sigmas, in files of older versions of noise alone."""
+"""The name of a manoeuvre's bounds, which are of total sigmas."""
 USABLE, REFUSED, OF_BARE = "manoeuvre", "refused", "bare"
 """The kinds of bars: of a manoeuvre's answer, of one that is not usable, of the bare airframe."""
 UNKNOWN: Final = 0.2
