@@ -161,11 +161,9 @@ SINK = Change(
         "sinks/lines.py": '''
 """A line of text for each block of samples."""
 
-from collections.abc import Mapping
 from pathlib import Path
 
-from yawid.blocks import EstimateBlock, ModesBlock, SampleBlock
-from yawid.sinks.base import Sink
+from yawid.sinks.base import Event, RunRows, Sink
 
 
 class LinesSink(Sink):
@@ -174,10 +172,9 @@ class LinesSink(Sink):
     def __init__(self, path: Path) -> None:
         self._file = path.open("w")
 
-    def write(
-        self, samples: SampleBlock, estimates: Mapping[str, EstimateBlock], modes: ModesBlock
-    ) -> None:
-        print(len(samples), file=self._file, flush=True)
+    def take(self, event: Event) -> None:
+        if isinstance(event, RunRows):
+            print(len(event.samples), file=self._file, flush=True)
 '''
     },
     {

@@ -9,21 +9,19 @@ import pytest
 from flightlog import finished, fly
 from places import REPLAY_LOGS as CASES
 
-from yawid.blocks import SampleBlock
 from yawid.config.run import RunConfig
 from yawid.runs.regress.table import TableSink
+from yawid.sinks.base import RunRows
 
 
 class AllRows(TableSink):
     """Keeps every row."""
 
-    def write(self, samples: SampleBlock, estimates, modes) -> None:
-        for i in range(len(samples)):
-            super().write(
-                samples.select(slice(i, i + 1)),
-                {name: pick(block, i) for name, block in estimates.items()},
-                pick(modes, i),
-            )
+    def _write(self, rows: RunRows) -> None:
+        for i in range(len(rows.samples)):
+            estimates = {name: pick(block, i) for name, block in rows.estimates.items()}
+            samples = rows.samples.select(slice(i, i + 1))
+            super()._write(RunRows(samples, estimates, pick(rows.modes, i)))
             self.rows[-1:] = [self.newest] if self.rows else []
             self.rows.append(self.newest)
 

@@ -36,7 +36,7 @@ from yawid.physics.stage import PhysicsStage
 from yawid.results.judge_samples import all_held
 from yawid.results.ordinary_flight import Flown, given
 from yawid.results.yaw_loop import gains_in
-from yawid.sinks.base import Grid, Sink
+from yawid.sinks.base import Found, FoundBare, Grid, RunRows, Sink
 
 BLOCK = 4096
 """The samples estimated and written at once: each row has a covariance, so blocks are large."""
@@ -184,7 +184,7 @@ class Pipeline:
         if self._ordinary is not None:
             self._ordinary.move(motion)
         for sink in self.sinks:
-            sink.motion(motion)
+            sink.take(motion)
 
     def _asked_for(self, block: SampleBlock) -> SampleBlock:
         """Return a file's samples with the inputs and in the stretch that are asked for."""
@@ -218,7 +218,7 @@ class Pipeline:
         ready = list(stage.ready(until_s=until_s))
         for each in ready:
             for sink in self.sinks:
-                sink.manoeuvre(each, stage.spans_ns[each.n])
+                sink.take(Found(each, stage.spans_ns[each.n]))
         return ready
 
     def leave_out(self, until_s: float) -> list[str]:
@@ -246,7 +246,7 @@ class Pipeline:
         ready = list(stage.laterals.ready(stage.answered, until_s=until_s))
         for n, bare in ready:
             for sink in self.sinks:
-                sink.lateral(n, bare, stage.spans_ns[n])
+                sink.take(FoundBare(n, bare, stage.spans_ns[n]))
         return ready
 
     def estimate(self, samples: SampleBlock) -> None:
@@ -262,7 +262,7 @@ class Pipeline:
         self._used += int(np.count_nonzero(samples.held == 0))
         self._held |= Held(int(np.bitwise_or.reduce(samples.held)))
         for sink in self.sinks:
-            sink.write(samples, estimates, self.modes)
+            sink.take(RunRows(samples, estimates, self.modes))
         if self._ordinary is not None:
             self._ordinary.feed(samples)
             self._flown.feed(samples)
@@ -300,7 +300,7 @@ class Pipeline:
             *modes_of,
         )
         for sink in self.sinks:
-            sink.start(grid)
+            sink.take(grid)
         waiting, self._motion = self._motion, []
         for motion in waiting:
             self._move(motion)

@@ -37,7 +37,7 @@ from yawid.report.write import Report
 from yawid.runs.job import feed_all
 from yawid.runs.outputs import Outputs
 from yawid.runs.replay import StopFlag, replay
-from yawid.sinks.base import Sink
+from yawid.sinks.base import Event, FoundBare, Sink
 from yawid.sinks.mcap.reader import open_run
 from yawid.sources.logs.tlog import TlogReader
 from yawid.sources.mavlink.decoder import Decoder
@@ -184,12 +184,10 @@ class Lines(Sink):
     def __init__(self) -> None:
         self.got: list[Bare] = []
 
-    def write(self, *of: object) -> None:
-        """Take no samples."""
-
-    def lateral(self, n: int, bare: Bare, span_ns: tuple[int, int]) -> None:
-        """Keep it."""
-        self.got.append(bare)
+    def take(self, event: Event) -> None:
+        """Keep an airframe."""
+        if isinstance(event, FoundBare):
+            self.got.append(event.bare)
 
 
 def test_a_yaw_damper_is_the_cause_in_every_place_and_of_the_mcap(

@@ -25,7 +25,7 @@ from sinks.sink_blocks import (
 
 from yawid.runs.live.guarded_sink import Guarded
 from yawid.runs.regress.table import TableSink
-from yawid.sinks.base import Sink
+from yawid.sinks.base import Abort, Done, Flush, Found, LogLine, RunRows, Sink
 from yawid.sinks.mcap.sink import McapSink
 from yawid.sinks.rerun.sink import RerunSink
 
@@ -78,14 +78,14 @@ def part_of(path: Path) -> Path:
 
 
 def run(sink: Sink, blocks: Blocks, edges: list[int]) -> None:
-    sink.log(START_NS, "info", "before the grid is known")
-    sink.start(GRID)
+    sink.take(LogLine(START_NS, "info", "before the grid is known"))
+    sink.take(GRID)
     for block in cut(blocks, edges):
-        sink.write(*block)
-        sink.flush()
+        sink.take(RunRows(*block))
+        sink.take(Flush())
     for n, rows in enumerate([(10, 30), (31, 55)], start=1):
-        sink.manoeuvre(*make_manoeuvre(blocks[0], *rows, n))
-    sink.log(int(blocks[0].unix_ns[-1]), "warning", "the last line")
+        sink.take(Found(*make_manoeuvre(blocks[0], *rows, n)))
+    sink.take(LogLine(int(blocks[0].unix_ns[-1]), "warning", "the last line"))
 
 
 @every_sink
@@ -93,7 +93,7 @@ def test_the_blocks_are_not_changed(kind: Kind, tmp_path: Path) -> None:
     blocks, before = make_blocks(n=ROWS), make_blocks(n=ROWS)
     sink = kind.open(tmp_path / "a")
     run(sink, blocks, [])
-    sink.finish(SUMMARY, {})
+    sink.take(Done(SUMMARY, {}))
     for own, kept in zip(arrays(blocks), arrays(before), strict=True):
         np.testing.assert_array_equal(own, kept)
 
@@ -116,7 +116,7 @@ def test_the_contents_do_not_depend_on_how_the_stream_was_cut(
     for name, where in (("whole", []), ("parts", edges)):
         sink = kind.open(folder / name)
         run(sink, blocks, where)
-        sink.finish(SUMMARY, {})
+        sink.take(Done(SUMMARY, {}))
         found.append(kind.contents(sink, folder / name))
     assert found[0] == found[1]
     assert len(found[0])
@@ -127,12 +127,12 @@ def test_a_manoeuvre_is_the_same_however_late_it_is_told(kind: Kind, tmp_path: P
     blocks, found = make_blocks(n=ROWS), []
     for name, told in (("replay", 32), ("live", 57)):
         sink = kind.open(tmp_path / name)
-        sink.start(GRID)
+        sink.take(GRID)
         for n, block in enumerate(cut(blocks, [told])):
-            sink.write(*block)
+            sink.take(RunRows(*block))
             if n == 0:
-                sink.manoeuvre(*make_manoeuvre(blocks[0], 10, 30))
-        sink.finish(SUMMARY, {})
+                sink.take(Found(*make_manoeuvre(blocks[0], 10, 30)))
+        sink.take(Done(SUMMARY, {}))
         contents = kind.contents(sink, tmp_path / name)
         found.append(sorted(contents.items() if isinstance(contents, dict) else contents))
     assert found[0] == found[1]
@@ -143,9 +143,9 @@ def test_a_run_that_never_came_to_a_grid_is_finished_without_one(
     kind: Kind, tmp_path: Path
 ) -> None:
     sink = kind.open(tmp_path / "a")
-    sink.log(START_NS, "error", "no rudder")
-    sink.flush()
-    sink.finish(SUMMARY, {"summary.json": b"{}"})
+    sink.take(LogLine(START_NS, "error", "no rudder"))
+    sink.take(Flush())
+    sink.take(Done(SUMMARY, {"summary.json": b"{}"}))
     assert (tmp_path / "a").exists() == kind.writes_file
     assert not part_of(tmp_path / "a").exists()
 
@@ -154,15 +154,15 @@ def test_a_run_that_never_came_to_a_grid_is_finished_without_one(
 def test_aborting_twice_does_no_harm_and_gives_no_final_name(kind: Kind, tmp_path: Path) -> None:
     sink = kind.open(tmp_path / "a")
     run(sink, make_blocks(n=ROWS), [7])
-    sink.abort()
-    sink.abort()
+    sink.take(Abort())
+    sink.take(Abort())
     assert not (tmp_path / "a").exists()
     assert part_of(tmp_path / "a").exists() == kind.writes_file
 
 
 @every_sink
 def test_it_may_be_aborted_before_anything_was_written(kind: Kind, tmp_path: Path) -> None:
-    kind.open(tmp_path / "a").abort()
+    kind.open(tmp_path / "a").take(Abort())
     assert not (tmp_path / "a").exists()
 
 
@@ -172,7 +172,7 @@ def test_a_file_bears_its_final_name_only_when_finished(kind: Kind, tmp_path: Pa
     run(sink, make_blocks(n=ROWS), [])
     assert part_of(tmp_path / "a").exists()
     assert not (tmp_path / "a").exists()
-    sink.finish(SUMMARY, {})
+    sink.take(Done(SUMMARY, {}))
     assert [path.name for path in tmp_path.iterdir()] == ["a"]
 
 
@@ -180,6 +180,6 @@ def test_a_file_bears_its_final_name_only_when_finished(kind: Kind, tmp_path: Pa
 def test_what_is_discarded_leaves_nothing_behind(name: str, tmp_path: Path) -> None:
     sink = KINDS[name].open(tmp_path / "a")
     run(sink, make_blocks(n=ROWS), [])
-    sink.discard()
-    sink.discard()
+    sink.take(Abort(discard=True))
+    sink.take(Abort(discard=True))
     assert list(tmp_path.iterdir()) == []

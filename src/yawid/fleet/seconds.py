@@ -1,12 +1,9 @@
 """A sink that keeps in memory when a flight begins and ends, and its Dutch roll once a second."""
 
-from collections.abc import Mapping
-
 import numpy as np
 
-from yawid.blocks import EstimateBlock, ModesBlock, SampleBlock
 from yawid.dataset.values import Row, known_date
-from yawid.sinks.base import Grid, Sink
+from yawid.sinks.base import Event, Grid, RunRows, Sink
 
 
 class FlightSink(Sink):
@@ -23,14 +20,13 @@ class FlightSink(Sink):
         self._every_second = every_second
         self._boot_s, self._last_s = 0.0, -1
 
-    def start(self, grid: Grid) -> None:
-        """Take the name of the first method: :meth:`write` gets its modes."""
-        self._method = grid.methods[0]
-
-    def write(
-        self, samples: SampleBlock, estimates: Mapping[str, EstimateBlock], modes: ModesBlock
-    ) -> None:
-        """See :class:`Sink`."""
+    def take(self, event: Event) -> None:
+        """See :class:`Sink`; the modes are those of the first method."""
+        if isinstance(event, Grid):
+            self._method = event.methods[0]
+        if not isinstance(event, RunRows):
+            return
+        samples, modes = event.samples, event.modes
         if self.duration_s is None:
             self.first_us = known_date(int(samples.unix_ns[0]) // 1000)
             self._boot_s = samples.boot_us[0] / 1e6

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 from yawid.answers.heard import BootSpan
 from yawid.answers.run_summary import ChannelFound, RunSummary
-from yawid.blocks import EstimateBlock, ModesBlock, SampleBlock
+from yawid.blocks import SampleBlock
 from yawid.channels.stage import WANTED
 from yawid.channels.survey import Survey
 from yawid.config.run import BOTH, OF_RECORDS, RunConfig
@@ -22,13 +22,12 @@ from yawid.pipeline import Pipeline
 from yawid.results.summary import summarise
 from yawid.runs.outputs import parameters_of
 from yawid.runs.stop import Interrupted, StopFlag
-from yawid.sinks.base import Sink
+from yawid.sinks.base import Event, LogLine, RunRows, Sink
 from yawid.sources.formats import RUN, format_of
 from yawid.sources.open_log import InMemory, Log, ReadOptions
 
 if TYPE_CHECKING:
     from yawid.runs.finished_run import FinishedRun
-    from yawid.sinks.mcap.reader import LogLine
 
 
 class RecordedLog(Log):
@@ -43,7 +42,7 @@ class RecordedLog(Log):
 
     modes_of = (0, 0)
     of_file: tuple[ChannelFound | None, list[BootSpan] | None] = (None, None)
-    log_lines: "tuple[LogLine, ...]" = ()
+    log_lines: tuple[LogLine, ...] = ()
 
     def __init__(self, path: Path, options: ReadOptions | None = None) -> None:
         super().__init__(path, WANTED, options)
@@ -209,11 +208,10 @@ class KeptSamples(Sink):
     def __init__(self) -> None:
         self._blocks: list[SampleBlock] = []
 
-    def write(
-        self, samples: SampleBlock, estimates: Mapping[str, EstimateBlock], modes: ModesBlock
-    ) -> None:
+    def take(self, event: Event) -> None:
         """See :class:`Sink`."""
-        self._blocks.append(samples)
+        if isinstance(event, RunRows):
+            self._blocks.append(event.samples)
 
     def joined(self) -> SampleBlock | None:
         """Return all samples as one block, None where there is no sample."""

@@ -17,7 +17,7 @@ from yawid.errors import SinkError, YawidError
 from yawid.pipeline import Pipeline
 from yawid.results.advice import advised
 from yawid.runs.versions import versions
-from yawid.sinks.base import Sink
+from yawid.sinks.base import Abort, Done, Sink
 from yawid.sinks.door import say
 from yawid.sinks.mcap.sink import McapSink
 from yawid.sinks.rerun.sink import RerunSink
@@ -142,7 +142,7 @@ def whole_or_none(sinks: Sequence[Sink]) -> Iterator[None]:
         yield
     except BaseException:
         for sink in sinks:
-            sink.discard()
+            sink.take(Abort(discard=True))
         raise
 
 
@@ -219,7 +219,7 @@ def finish(
         "summary.json": json.dumps(summary.to_json()).encode(),
     }
     for sink in pipeline.sinks:
-        sink.finish(summary, attachments)
+        sink.take(Done(summary, attachments))
     return summary
 
 

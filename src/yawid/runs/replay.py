@@ -85,7 +85,7 @@ def to_files(source: Recording, config: RunConfig, outputs: Outputs, stop: StopF
                 files = keep_as_interrupted(sinks, outputs)
             for sink in sinks:
                 for line in source.log_lines:
-                    sink.log(line.unix_ns, line.level, line.text)
+                    sink.take(line)
             return finish(job.pipeline, summary, files, source.parameters(job.pipeline))
         except SinkError as error:
             raise UnwrittenError(str(error), summary) from error

@@ -18,6 +18,7 @@ import numpy as np
 from yawid.answers.run_summary import Manoeuvre
 from yawid.blocks import Ints
 from yawid.errors import SinkError, SourceError
+from yawid.sinks.base import Abort, Done, Found, FoundBare
 from yawid.sinks.mcap.reader import McapRun, open_run
 from yawid.sinks.mcap.schemas import FLIGHT, MANOEUVRE, MODES, SAMPLE, VERDICT, estimate_topics
 from yawid.sinks.rerun.sink import RerunSink
@@ -56,7 +57,7 @@ def view(
     try:
         _show(run, sink)
     except BaseException:
-        sink.discard()
+        sink.take(Abort(discard=True))
         raise
 
 
@@ -176,25 +177,25 @@ def _unusable(run: McapRun) -> str:
 
 def _show(run: McapRun, sink: RerunSink) -> None:
     if run.grid is not None:
-        sink.start(run.grid)
+        sink.take(run.grid)
     boot_us, unix_ns = [np.empty(0, np.int64)], [np.empty(0, np.int64)]
     for block in run.blocks():
-        sink.write(block.samples, block.estimates, block.modes)
+        sink.take(block)
         boot_us.append(block.samples.boot_us)
         unix_ns.append(block.samples.unix_ns)
     times = np.concatenate(boot_us), np.concatenate(unix_ns)
     for found in run.summary.manoeuvres or ():
         try:
             span_ns = _span_ns(found, *times)
-            sink.manoeuvre(found, span_ns)
+            sink.take(Found(found, span_ns))
             if found.lateral is not None:
-                sink.lateral(found.n, found.lateral, span_ns)
+                sink.take(FoundBare(found.n, found.lateral, span_ns))
         except (ValueError, OverflowError) as error:
             what = f"the times of manoeuvre {found.n}: {error}"
             raise SourceError(f"{run.path} is not a file as yawid writes it: {what}") from error
     for line in run.log:
-        sink.log(line.unix_ns, line.level, line.text)
-    sink.finish(run.summary, {})
+        sink.take(line)
+    sink.take(Done(run.summary, {}))
 
 
 def _span_ns(found: Manoeuvre, boot_us: Ints, unix_ns: Ints) -> tuple[int, int]:

@@ -1,11 +1,11 @@
-"""The interface of a sink, which takes the results of a pipeline."""
+"""The interface of a sink, which takes the results of a pipeline, and the events that it takes."""
 
 import math
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Literal, NamedTuple, TypeAlias
 
 from yawid.answers.run_summary import Bare, Manoeuvre, RunSummary
 from yawid.blocks import EstimateBlock, ModesBlock, MotionBlock, SampleBlock
@@ -44,105 +44,85 @@ class Grid:
         return mode_name(self.autopilot, self.vehicle_type, int(custom_mode))
 
 
-class Sink:
-    """A taker of results: ``start`` once the grid is known, ``write`` per block, then ``finish``.
+class RunRows(NamedTuple):
+    """Consecutive samples with their estimates, by method, the primary one first, and its modes."""
 
-    ``log`` and ``flush`` may be called at any time before the end, also before ``start``; a run
-    whose grid never becomes known is finished without ``start``. Every method may raise
-    :class:`yawid.errors.SinkError` except ``abort`` and ``discard``, which take the place of
-    ``finish`` after an error. By default each does nothing: a sink overrides those it needs.
+    samples: SampleBlock
+    estimates: Mapping[str, EstimateBlock]
+    modes: ModesBlock
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """A manoeuvre and its answer; ``span_ns``: Unix times in ns of its first and last sample.
+
+    It comes some time after the row of its last sample, in a live run later than in a replay.
     """
 
+    manoeuvre: Manoeuvre
+    span_ns: tuple[int, int]
+
+
+@dataclass(frozen=True, slots=True)
+class FoundBare:
+    """The bare airframe of manoeuvre ``n``, which comes after its answer as flown."""
+
+    n: int
+    bare: Bare
+    span_ns: tuple[int, int]
+
+
+@dataclass(frozen=True, slots=True)
+class LogLine:
+    """One message for people, with its Unix time in ns; it may also come before the grid."""
+
+    unix_ns: int
+    level: LogLevel
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Flush:
+    """What is complete is to be written out; it comes after every block of a live run.
+
+    A sink acts at most twice a second, so that a live file does not consist of chunks of one
+    sample. Therefore it has to come while the link is silent, too.
+    """
+
+
+@dataclass(frozen=True, slots=True)
+class Done:
+    """The end: the verdict in ``summary`` and the attachments; a file gets its name."""
+
+    summary: RunSummary
+    attachments: Mapping[str, bytes]
+
+
+@dataclass(frozen=True, slots=True)
+class Abort:
+    """The end after an error: the file stays as readable as possible, or goes if ``discard``."""
+
+    discard: bool = False
+
+
+Event: TypeAlias = Grid | RunRows | MotionBlock | Found | FoundBare | LogLine | Flush | Done | Abort
+"""What a sink takes: the grid once it is known, then rows with their motion before them, answers,
+and :class:`Done` or :class:`Abort` at last. A run whose grid never becomes known ends without it.
+"""
+
+
+class Sink:
+    """A taker of a run's events. By default it takes nothing: a sink names those it needs."""
+
     path: Path | None = None
-    """The final name of the sink's file, which may be changed until ``finish``; None: no file."""
+    """The final name of the sink's file, which may be changed until ``Done``; None: no file."""
 
-    def start(self, grid: Grid) -> None:
-        """Take the meaning of the rows that follow."""
+    def take(self, event: Event) -> None:
+        """Take one event.
 
-    def write(
-        self, samples: SampleBlock, estimates: Mapping[str, EstimateBlock], modes: ModesBlock
-    ) -> None:
-        """Add one row for each sample; ``modes`` belong to the primary method, the first key."""
-
-    def motion(self, block: MotionBlock) -> None:
-        """Add lateral motion, which comes before the samples of the same time."""
-
-    def manoeuvre(self, found: Manoeuvre, span_ns: tuple[int, int]) -> None:
-        """Add a manoeuvre and its answer; ``span_ns``: Unix times in ns of first and last sample.
-
-        It comes some time after the row of its last sample, in a live run later than in a replay.
+        Raises:
+            SinkError: it cannot be written; never of :class:`Abort`.
         """
-
-    def lateral(self, n: int, bare: Bare, span_ns: tuple[int, int]) -> None:
-        """Add the bare airframe of manoeuvre ``n``, which comes after its answer as flown."""
-
-    def log(self, unix_ns: int, level: LogLevel, text: str) -> None:
-        """Add one message for people, with its Unix time in ns."""
-
-    def flush(self) -> None:
-        """Write out what is complete; to be called after every block of a live run.
-
-        It acts at most twice a second, so that a live file does not consist of chunks of one
-        sample. Therefore it has to be called while the link is silent, too.
-        """
-
-    def finish(self, summary: RunSummary, attachments: Mapping[str, bytes]) -> None:
-        """Add the verdict in ``summary`` and the attachments, close, give the file its name."""
-
-    def abort(self) -> None:
-        """Close without the final name, the file as readable as possible; never raises."""
-
-    def discard(self) -> None:
-        """Abort and remove the sink's own file; never raises."""
-        self.abort()
-
-
-Call = Callable[[Sink], None]
-
-
-class Relay(Sink):
-    """A sink that hands every call to another; ``_hand`` decides where, when and whether."""
-
-    def _hand(self, call: Call) -> object:
-        raise NotImplementedError
-
-    def start(self, grid: Grid) -> None:
-        """See :class:`Sink`."""
-        self._hand(lambda sink: sink.start(grid))
-
-    def write(
-        self, samples: SampleBlock, estimates: Mapping[str, EstimateBlock], modes: ModesBlock
-    ) -> None:
-        """See :class:`Sink`."""
-        self._hand(lambda sink: sink.write(samples, estimates, modes))
-
-    def motion(self, block: MotionBlock) -> None:
-        """See :class:`Sink`."""
-        self._hand(lambda sink: sink.motion(block))
-
-    def manoeuvre(self, found: Manoeuvre, span_ns: tuple[int, int]) -> None:
-        """See :class:`Sink`."""
-        self._hand(lambda sink: sink.manoeuvre(found, span_ns))
-
-    def lateral(self, n: int, bare: Bare, span_ns: tuple[int, int]) -> None:
-        """See :class:`Sink`."""
-        self._hand(lambda sink: sink.lateral(n, bare, span_ns))
-
-    def log(self, unix_ns: int, level: LogLevel, text: str) -> None:
-        """See :class:`Sink`."""
-        self._hand(lambda sink: sink.log(unix_ns, level, text))
-
-    def flush(self) -> None:
-        """See :class:`Sink`."""
-        self._hand(lambda sink: sink.flush())
-
-    def finish(self, summary: RunSummary, attachments: Mapping[str, bytes]) -> None:
-        """See :class:`Sink`."""
-        self._hand(lambda sink: sink.finish(summary, attachments))
-
-    def abort(self) -> None:
-        """See :class:`Sink`."""
-        self._hand(lambda sink: sink.abort())
 
 
 class Pace:

@@ -28,8 +28,8 @@ from yawid.config.run import RunConfig
 from yawid.quantities.airspeed import name_of
 from yawid.quantities.table import BY_GROUND, CHANNELS, OF_NOISE, RUDDER, YAW_CHANNEL, quantity
 from yawid.quantities.units import unit_of_derivative
-from yawid.sinks.base import Grid
-from yawid.sinks.mcap.messages import RunRows, manoeuvre_fields
+from yawid.sinks.base import Grid, RunRows
+from yawid.sinks.mcap.messages import manoeuvre_fields
 from yawid.sinks.mcap.schemas import MODE_VALUES, TABLE
 from yawid.tables.table import Column
 

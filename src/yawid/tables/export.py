@@ -18,7 +18,8 @@ import pyarrow.csv
 import pyarrow.parquet as pq
 
 from yawid.errors import ConfigError, SourceError
-from yawid.sinks.mcap.messages import RunRows, joined
+from yawid.sinks.base import RunRows
+from yawid.sinks.mcap.messages import joined
 from yawid.sinks.mcap.reader import McapRun, open_answered
 from yawid.system.part_file import written_whole
 from yawid.tables.columns import Units, manoeuvre_columns, mode_columns, record_columns

@@ -1,6 +1,6 @@
 """``yawid.replay``: the run of a log, or of a DataFrame, a table or a dict of arrays, in Python."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from os import PathLike, fspath
 from pathlib import Path
@@ -10,12 +10,11 @@ from typing import TYPE_CHECKING, Any, Final, Literal
 import numpy as np
 
 from yawid.answers.heard import PARAMETERS, parameters_in
-from yawid.answers.run_summary import RunSummary
-from yawid.blocks import EstimateBlock, ModesBlock, MotionBlock, SampleBlock
+from yawid.blocks import EstimateBlock, MotionBlock
 from yawid.config.names import RecursiveName
 from yawid.errors import ConfigError, YawidError
-from yawid.sinks.base import Grid, Relay, Sink
-from yawid.sinks.mcap.messages import RunRows, joined
+from yawid.sinks.base import Done, Event, Grid, RunRows, Sink
+from yawid.sinks.mcap.messages import joined
 from yawid.system.stores import Place, place_of
 from yawid.tables.keywords import with_keywords
 from yawid.tables.run import Run, load
@@ -130,56 +129,36 @@ def _of_file(
     return kept.run(log)
 
 
-class Kept(Relay):
-    """A sink that keeps a run's rows in memory, and the calls that another sink may be given."""
+class Kept(Sink):
+    """A sink that keeps a run's events in memory, for its tables and for another sink."""
 
     def __init__(self) -> None:
-        self._calls: list[Callable[[Sink], None]] = []
-        self._parts: list[RunRows] = []
-        self._motion: list[MotionBlock] = []
-        self._grid: Grid | None = None
-        self._summary: RunSummary | None = None
-        self._attachments: Mapping[str, bytes] = {}
+        self._events: list[Event] = []
 
-    def _hand(self, call: Callable[[Sink], None]) -> None:
-        self._calls.append(call)
+    def take(self, event: Event) -> None:
+        """See :class:`Sink`; covariances are dropped, since no file has them."""
+        if isinstance(event, RunRows):
+            kept = {
+                method: EstimateBlock(estimate.without_covariance.copy(), estimate.p)
+                for method, estimate in event.estimates.items()
+            }
+            event = event._replace(estimates=kept)
+        self._events.append(event)
 
     def run(self, path: Place) -> Run:
         """Return the run of the log at ``path``; the sink must be finished and is then empty."""
         from yawid.sinks.mcap.reader import read_config
 
-        assert self._summary is not None, "the run is not finished"
-        rows = joined(self._parts) if self._parts else None
-        config = read_config(self._attachments["configuration.toml"])
-        known = parameters_in(self._attachments.get(PARAMETERS, b""))
-        motion = MotionBlock.joined(self._motion) if self._motion else None
-        return Run(path, self._summary, config, self._grid, rows, known, self._calls, motion)
-
-    def start(self, grid: Grid) -> None:
-        """See :class:`Sink`."""
-        self._grid = grid
-        super().start(grid)
-
-    def write(
-        self, samples: SampleBlock, estimates: Mapping[str, EstimateBlock], modes: ModesBlock
-    ) -> None:
-        """See :class:`Sink`; covariances are dropped, since no file has them."""
-        kept = {
-            method: EstimateBlock(estimate.without_covariance.copy(), estimate.p)
-            for method, estimate in estimates.items()
-        }
-        self._parts.append(RunRows(samples, kept, modes))
-        super().write(samples, kept, modes)
-
-    def motion(self, block: MotionBlock) -> None:
-        """See :class:`Sink`."""
-        self._motion.append(block)
-        super().motion(block)
-
-    def finish(self, summary: RunSummary, attachments: Mapping[str, bytes]) -> None:
-        """See :class:`Sink`."""
-        self._summary, self._attachments = summary, attachments
-        super().finish(summary, attachments)
+        done = self._events[-1]
+        assert isinstance(done, Done), "the run is not finished"
+        parts = [each for each in self._events if isinstance(each, RunRows)]
+        moved = [each for each in self._events if isinstance(each, MotionBlock)]
+        grid = next((each for each in self._events if isinstance(each, Grid)), None)
+        config = read_config(done.attachments["configuration.toml"])
+        known = parameters_in(done.attachments.get(PARAMETERS, b""))
+        motion = MotionBlock.joined(moved) if moved else None
+        rows = joined(parts) if parts else None
+        return Run(path, done.summary, config, grid, rows, known, self._events, motion)
 
 
 @contextmanager

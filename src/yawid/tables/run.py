@@ -18,8 +18,8 @@ from yawid.answers.run_summary import Bare, Flight, RunSummary
 from yawid.blocks import ModesBlock, MotionBlock, SampleBlock
 from yawid.config.run import RunConfig
 from yawid.quantities.airspeed import SEA_LEVEL_DENSITY, density_ratio
-from yawid.sinks.base import Call, Grid
-from yawid.sinks.mcap.messages import RunRows, joined
+from yawid.sinks.base import Event, Grid, RunRows
+from yawid.sinks.mcap.messages import joined
 from yawid.system.stores import Place, brought, place_of
 from yawid.tables.columns import (
     Units,
@@ -55,13 +55,13 @@ class Run:
         grid: Grid | None,
         rows: RunRows | None,
         parameters: Mapping[str, float] | None = None,
-        calls: Sequence[Call] = (),
+        events: Sequence[Event] = (),
         motion: MotionBlock | None = None,
     ) -> None:
         self.path: Place = path
         self.summary, self.config = summary, config
         self.parameters = {} if parameters is None else parameters
-        self._rows, self._calls = no_rows() if rows is None else rows, calls
+        self._rows, self._events = no_rows() if rows is None else rows, events
         self._motion = motion
         if grid is None:
             grid = Grid((), config.inputs, (), math.nan, config.unit_of_rudder)
@@ -250,7 +250,7 @@ class Run:
         from yawid.runs.outputs import Outputs, open_mcap
 
         folder = Path(folder)
-        if not self._calls:
+        if not self._events:
             if isinstance(self.path, Path):
                 return self.path
             folder.mkdir(parents=True, exist_ok=True)
@@ -258,8 +258,8 @@ class Run:
             return folder / self.path.name
         outputs = Outputs(folder, self.path.stem)
         sink = open_mcap(self.config, outputs)
-        for call in self._calls:
-            call(sink)
+        for event in self._events:
+            sink.take(event)
         return outputs.path(".mcap")
 
     def _tables(self) -> list[Table]:

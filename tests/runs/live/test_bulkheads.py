@@ -114,12 +114,12 @@ def causes(session: Session) -> list[str]:
 OUTPUTS = {
     "yawid.runs.live.saved_state.StateFile._content": "state",
     "yawid.runs.live.standing.Standing.line": "status",
-    "yawid.runs.live.vehicle_session.RerunSink.flush": "viewer",
+    "yawid.runs.live.vehicle_session.RerunSink.take": "viewer",
     "yawid.runs.live.publish.values_of": "publishing",
     "yawid.sources.link.publisher.Publisher.send_texts": "publishing",
     "yawid.runs.live.loop.RateRequests.tick": "asking for rates",
-    "yawid.sinks.mcap.sink.McapSink.write": "mcap",
-    "yawid.sinks.mcap.sink.McapSink.finish": "mcap",
+    "yawid.sinks.mcap.sink.McapSink._write": "mcap",
+    "yawid.sinks.mcap.sink.McapSink._finish": "mcap",
     "yawid.runs.live.guarded_sink.TlogRecorder._write": "tlog",
 }
 LIVE, LINK, SINK = "yawid.runs.live.", "yawid.sources.link.", "yawid.sinks.mcap.sink.McapSink."
@@ -129,8 +129,8 @@ LIVE, LINK, SINK = "yawid.runs.live.", "yawid.sources.link.", "yawid.sinks.mcap.
     "places",
     [
         (*list(OUTPUTS)[:4], LIVE + "loop.RateRequests.tick"),
-        (LINK + "publisher.Publisher.send_texts", SINK + "write"),
-        (SINK + "finish",),
+        (LINK + "publisher.Publisher.send_texts", SINK + "_write"),
+        (SINK + "_finish",),
         (LIVE + "guarded_sink.TlogRecorder._write",),
     ],
     ids=("beside", "mcap and publisher", "the end of the mcap", "tlog"),

@@ -10,7 +10,7 @@ from live_link import SENT, attend, interrupt, left, tlog_size
 
 from yawid.runs.live.viewer_thread import Viewer
 from yawid.runs.live.worker import Worker
-from yawid.sinks.base import LogLevel, Sink
+from yawid.sinks.base import Abort, Event, LogLine, Sink
 
 
 # Python drops an interrupt that meets it within a __del__ and warns; a user presses once more.
@@ -36,17 +36,18 @@ class Stuck(Sink):
     def __init__(self) -> None:
         self.asked, self.freed = threading.Event(), threading.Event()
 
-    def log(self, unix_ns: int, level: LogLevel, text: str) -> None:
-        self.asked.set()
-        self.freed.wait(60.0)
+    def take(self, event: Event) -> None:
+        if isinstance(event, LogLine):
+            self.asked.set()
+            self.freed.wait(60.0)
 
 
 def test_ending_at_once_waits_for_no_viewer(monkeypatch: pytest.MonkeyPatch):
     stuck = Stuck()
     viewer = Viewer(lambda _: stuck, print, Worker("viewers"))
-    viewer.log(0, "info", "hello")
+    viewer.take(LogLine(0, "info", "hello"))
     assert stuck.asked.wait(60.0)
-    ender = threading.Thread(target=viewer.abort, daemon=True)
+    ender = threading.Thread(target=lambda: viewer.take(Abort()), daemon=True)
     ender.start()
     ender.join(2.0)
     try:

@@ -11,6 +11,7 @@ from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
 from mcap.reader import make_reader
 from sinks.sink_blocks import GRID, PARAMETERS, SUMMARY, Blocks, cut
 
+from yawid.sinks.base import Done, RunRows
 from yawid.sinks.mcap.sink import McapSink
 
 INPUTS = ("rudder", "aileron")
@@ -18,15 +19,15 @@ INPUTS = ("rudder", "aileron")
 
 def open_sink(path: Path, n_inputs: int = 1, parameters: tuple[str, ...] = PARAMETERS) -> McapSink:
     sink = McapSink(path, {"configuration": {"rate": 20.0, "method": "els"}, "note": "by hand"})
-    sink.start(replace(GRID, parameters=parameters, inputs=INPUTS[:n_inputs]))
+    sink.take(replace(GRID, parameters=parameters, inputs=INPUTS[:n_inputs]))
     return sink
 
 
 def write_file(path: Path, blocks: Blocks, edges: list[int] | None = None) -> Path:
     sink = open_sink(path, blocks[0].u.shape[1])
     for block in cut(blocks, edges or []):
-        sink.write(*block)
-    sink.finish(SUMMARY, {})
+        sink.take(RunRows(*block))
+    sink.take(Done(SUMMARY, {}))
     return path
 
 

@@ -25,6 +25,7 @@ from sinks.sink_blocks import (
 )
 
 from yawid.blocks import Held, Status
+from yawid.sinks.base import Done, Found, LogLine, RunRows
 from yawid.sinks.mcap.messages import modes_rows
 from yawid.sinks.mcap.sink import McapSink
 from yawid.version import __version__
@@ -102,8 +103,8 @@ def test_any_number_of_parameters_is_possible(tmp_path: Path, p: int) -> None:
     """The length of a packed field takes one byte below 128, two below 16 384, then three."""
     samples, estimates, modes = make_blocks(n=3, p=p, na=0)
     sink = open_sink(tmp_path / "a.mcap", parameters=tuple(f"a{i}" for i in range(p)))
-    sink.write(samples, estimates, modes)
-    sink.finish(SUMMARY, {})
+    sink.take(RunRows(samples, estimates, modes))
+    sink.take(Done(SUMMARY, {}))
     messages = decoded(tmp_path / "a.mcap")["/yawid/estimate"]
     np.testing.assert_array_equal(column(messages, "theta"), estimates["els"].theta)
 
@@ -117,10 +118,12 @@ def test_log_time_never_decreases_on_a_topic(tmp_path: Path) -> None:
         rows = slice(first, first + 30)
         part = rows_of(samples, rows)
         part.unix_ns[:] = jumping[rows]
-        sink.write(part, {m: rows_of(e, rows) for m, e in estimates.items()}, rows_of(modes, rows))
-    sink.log(START_NS, "info", "later")
-    sink.log(START_NS - 5, "info", "earlier")
-    sink.finish(SUMMARY, {})
+        sink.take(
+            RunRows(part, {m: rows_of(e, rows) for m, e in estimates.items()}, rows_of(modes, rows))
+        )
+    sink.take(LogLine(START_NS, "info", "later"))
+    sink.take(LogLine(START_NS - 5, "info", "earlier"))
+    sink.take(Done(SUMMARY, {}))
     expected = np.maximum.accumulate(jumping)
     for topic, messages in decoded(tmp_path / "a.mcap").items():
         log_times = [m.log_time for m, _ in messages]
@@ -143,8 +146,8 @@ def test_times_before_1970_do_not_break_the_file(tmp_path: Path) -> None:
 
 def test_lines_for_people_are_foxglove_logs(tmp_path: Path) -> None:
     sink = open_sink(tmp_path / "a.mcap")
-    sink.log(START_NS + 1_234_567_891, "warning", "gap of 3 s, gültig")
-    sink.finish(SUMMARY, {})
+    sink.take(LogLine(START_NS + 1_234_567_891, "warning", "gap of 3 s, gültig"))
+    sink.take(Done(SUMMARY, {}))
     [(message, log)] = decoded(tmp_path / "a.mcap")["/yawid/log"]
     assert log.DESCRIPTOR.full_name == "foxglove.Log"
     assert log.timestamp.ToNanoseconds() == message.log_time == START_NS + 1_234_567_891
@@ -167,9 +170,9 @@ def test_every_field_of_a_manoeuvre_reads_back_by_the_schema_in_the_file(tmp_pat
     blocks = make_blocks()
     found, span_ns = make_manoeuvre(blocks[0], 10, 60)
     sink = open_sink(tmp_path / "a.mcap")
-    sink.write(*blocks)
-    sink.manoeuvre(found, span_ns)
-    sink.finish(SUMMARY, {})
+    sink.take(RunRows(*blocks))
+    sink.take(Found(found, span_ns))
+    sink.take(Done(SUMMARY, {}))
     [(message, told)] = decoded(tmp_path / "a.mcap")["/yawid/manoeuvre"]
     assert (message.log_time, message.publish_time) == (span_ns[1], span_ns[1])
     assert len(UnknownFieldSet(told)) == 0
@@ -191,8 +194,8 @@ def test_every_field_of_a_manoeuvre_reads_back_by_the_schema_in_the_file(tmp_pat
 def test_what_is_not_known_of_a_manoeuvre_is_nan_and_its_texts_are_empty(tmp_path: Path) -> None:
     found, span_ns = make_manoeuvre(make_blocks()[0], 10, 60)
     sink = open_sink(tmp_path / "a.mcap")
-    sink.manoeuvre(unanswered(found), span_ns)
-    sink.finish(SUMMARY, {})
+    sink.take(Found(unanswered(found), span_ns))
+    sink.take(Done(SUMMARY, {}))
     [(_, told)] = decoded(tmp_path / "a.mcap")["/yawid/manoeuvre"]
     unknown = {
         f.name for f in told.DESCRIPTOR.fields
@@ -211,7 +214,7 @@ def test_what_is_not_known_of_a_manoeuvre_is_nan_and_its_texts_are_empty(tmp_pat
 def test_header_metadata_and_attachments_say_where_the_numbers_come_from(tmp_path: Path) -> None:
     sink = open_sink(tmp_path / "a.mcap", n_inputs=2)
     attachments = {"summary.json": b"{}", "configuration.toml": b"rate = 20\n", "parameters": b"\0"}
-    sink.finish(SUMMARY, attachments)
+    sink.take(Done(SUMMARY, attachments))
     with (tmp_path / "a.mcap").open("rb") as stream:
         reader = make_reader(stream)
         header = reader.get_header()
@@ -240,7 +243,7 @@ def test_header_metadata_and_attachments_say_where_the_numbers_come_from(tmp_pat
 
 def test_metadata_given_at_the_start_is_not_written_twice(tmp_path: Path) -> None:
     sink = McapSink(tmp_path / "a.mcap", {"channels": {"rudder": "mine"}})
-    sink.finish(SUMMARY, {})
+    sink.take(Done(SUMMARY, {}))
     with (tmp_path / "a.mcap").open("rb") as stream:
         records = [r.metadata for r in make_reader(stream).iter_metadata() if r.name == "channels"]
     assert records == [{"rudder": "mine"}]
@@ -249,9 +252,9 @@ def test_metadata_given_at_the_start_is_not_written_twice(tmp_path: Path) -> Non
 def test_metadata_names_every_unit_of_a_field_that_exists(tmp_path: Path) -> None:
     blocks = make_blocks(n=2)
     sink = open_sink(tmp_path / "a.mcap")
-    sink.write(*blocks)
-    sink.manoeuvre(*make_manoeuvre(blocks[0], 0, 1))
-    sink.finish(SUMMARY, {})
+    sink.take(RunRows(*blocks))
+    sink.take(Found(*make_manoeuvre(blocks[0], 0, 1)))
+    sink.take(Done(SUMMARY, {}))
     topics = decoded(tmp_path / "a.mcap")
     known = {
         f"{messages[0][1].DESCRIPTOR.name}.{field.name}"
@@ -268,8 +271,8 @@ def test_metadata_names_every_unit_of_a_field_that_exists(tmp_path: Path) -> Non
 @pytest.mark.parametrize("unit", ["half-travel", "rad"])
 def test_units_are_those_that_the_rudder_was_estimated_in(tmp_path: Path, unit: str) -> None:
     sink = McapSink(tmp_path / "a.mcap", {})
-    sink.start(replace(GRID, rudder_unit=unit))
-    sink.finish(SUMMARY, {})
+    sink.take(replace(GRID, rudder_unit=unit))
+    sink.take(Done(SUMMARY, {}))
     with (tmp_path / "a.mcap").open("rb") as stream:
         records = {record.name: record.metadata for record in make_reader(stream).iter_metadata()}
     units = records["units"]
@@ -292,10 +295,10 @@ def test_rerun_converts_the_file_and_finds_every_message(tmp_path: Path) -> None
 
     sink = open_sink(tmp_path / "a.mcap")
     samples, estimates, modes = make_blocks(n=100)
-    sink.write(samples, estimates, modes)
-    sink.log(START_NS, "info", "hello")
-    sink.manoeuvre(*make_manoeuvre(samples, 10, 60))
-    sink.finish(SUMMARY, {})
+    sink.take(RunRows(samples, estimates, modes))
+    sink.take(LogLine(START_NS, "info", "hello"))
+    sink.take(Found(*make_manoeuvre(samples, 10, 60)))
+    sink.take(Done(SUMMARY, {}))
     command = [rerun_executable(), "mcap", "convert", "a.mcap", "-o", "a.rrd"]
     subprocess.run(command, cwd=tmp_path, check=True, capture_output=True, timeout=60)
     rows: Counter[str] = Counter()

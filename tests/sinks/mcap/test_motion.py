@@ -18,7 +18,7 @@ from yawid.results.summary import summarise
 from yawid.runs.finished_run import FinishedRun
 from yawid.runs.job import feed_all
 from yawid.runs.outputs import Outputs, finish, open_mcap, parameters_of
-from yawid.sinks.base import Sink
+from yawid.sinks.base import Event, Sink
 from yawid.sinks.mcap.reader import open_run
 from yawid.sinks.mcap.schemas import MOTION
 from yawid.sources.logs.tlog import TlogReader
@@ -31,8 +31,9 @@ class KeptMotion(Sink):
     def __init__(self) -> None:
         self.blocks: list[MotionBlock] = []
 
-    def motion(self, block: MotionBlock) -> None:
-        self.blocks.append(block)
+    def take(self, event: Event) -> None:
+        if isinstance(event, MotionBlock):
+            self.blocks.append(event)
 
 
 def written(folder: Path, lateral: str | None, size: int = len(DATA)) -> tuple[Path, KeptMotion]:

@@ -28,6 +28,7 @@ from sinks.sink_blocks import (
 )
 
 from yawid.errors import SinkError
+from yawid.sinks.base import Done, Found, RunRows
 from yawid.sinks.mcap.recover import recover
 from yawid.sinks.mcap.schemas import TOPICS, schema_data
 from yawid.sinks.mcap.sink import McapSink
@@ -38,9 +39,9 @@ PER_SAMPLE = 4  # messages: sample, two estimates, modes
 
 def write_file(path: Path, n: int = 100) -> Path:
     sink = McapSink(path, {"configuration": {"rate": 20.0}})
-    sink.start(GRID)
-    sink.write(*make_blocks(n=n))
-    sink.finish(SUMMARY, {"summary.json": b"{}"})
+    sink.take(GRID)
+    sink.take(RunRows(*make_blocks(n=n)))
+    sink.take(Done(SUMMARY, {"summary.json": b"{}"}))
     return path
 
 
@@ -67,11 +68,12 @@ import sys
 from pathlib import Path
 from sinks.sink_blocks import GRID, cut, make_blocks
 from yawid.sinks.mcap.sink import McapSink
+from yawid.sinks.base import Done, Found, RunRows
 sink = McapSink(Path(sys.argv[1]), {"configuration": {"rate": 20.0}})
-sink.start(GRID)
+sink.take(GRID)
 n = int(sys.argv[2])
 for block in cut(make_blocks(n=n), list(range(n))):
-    sink.write(*block)
+    sink.take(RunRows(*block))
 print("written", flush=True)
 sys.stdin.read()
 """
@@ -130,11 +132,11 @@ def test_the_manoeuvres_of_a_torn_file_are_kept_and_a_damaged_one_is_left_out(
 ) -> None:
     blocks = make_blocks(n=100)
     sink = McapSink(tmp_path / "whole.mcap", {"configuration": {"rate": 20.0}})
-    sink.start(GRID)
+    sink.take(GRID)
     for i, block in enumerate(cut(blocks, [50])):
-        sink.write(*block)
-        sink.manoeuvre(*make_manoeuvre(blocks[0], 40 * i, 40 * i + 35, n=i + 1))
-    sink.finish(SUMMARY, {"summary.json": b"{}"})
+        sink.take(RunRows(*block))
+        sink.take(Found(*make_manoeuvre(blocks[0], 40 * i, 40 * i + 35, n=i + 1)))
+    sink.take(Done(SUMMARY, {"summary.json": b"{}"}))
     data = bytearray((tmp_path / "whole.mcap").read_bytes())
     first, second = (i for i, each in enumerate(chunk_topics(tmp_path / "whole.mcap"))
                      if each == {"/yawid/manoeuvre"})  # fmt: skip

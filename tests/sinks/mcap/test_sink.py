@@ -21,6 +21,7 @@ from sinks.sink_blocks import (
 )
 
 from yawid.errors import SinkError
+from yawid.sinks.base import Abort, Done, Flush, Found, RunRows
 from yawid.sinks.mcap.sink import McapSink
 
 
@@ -84,10 +85,10 @@ def written_with_manoeuvres(path: Path) -> Path:
     blocks = make_blocks(n=100)
     sink = open_sink(path)
     for i, block in enumerate(cut(blocks, [70])):
-        sink.write(*block)
+        sink.take(RunRows(*block))
         rows = (30, 50) if i else (5, 30)
-        sink.manoeuvre(*make_manoeuvre(blocks[0], *rows, n=i + 1))
-    sink.finish(SUMMARY, {})
+        sink.take(Found(*make_manoeuvre(blocks[0], *rows, n=i + 1)))
+    sink.take(Done(SUMMARY, {}))
     return path
 
 
@@ -124,8 +125,8 @@ def test_manoeuvres_never_go_back_in_time_though_the_clock_may(tmp_path: Path) -
     samples, *_ = make_blocks()
     sink = open_sink(tmp_path / "a.mcap")
     for n, (first, last) in enumerate([(20, 60), (10, 40), (50, 90)], start=1):
-        sink.manoeuvre(*make_manoeuvre(samples, first, last, n))
-    sink.finish(SUMMARY, {})
+        sink.take(Found(*make_manoeuvre(samples, first, last, n)))
+    sink.take(Done(SUMMARY, {}))
     found = decoded(tmp_path / "a.mcap")["/yawid/manoeuvre"]
     assert [m.log_time for m, _ in found] == samples.unix_ns[[60, 60, 90]].tolist()
     assert [each.n for _, each in found] == [1, 2, 3]
@@ -139,28 +140,28 @@ def test_a_run_without_manoeuvres_has_no_topic_of_them(tmp_path: Path) -> None:
 
 
 def test_a_run_without_a_grid_still_leaves_its_verdict(tmp_path: Path) -> None:
-    McapSink(tmp_path / "a.mcap", {}).finish(SUMMARY, {})
+    McapSink(tmp_path / "a.mcap", {}).take(Done(SUMMARY, {}))
     assert decoded(tmp_path / "a.mcap").keys() == {"/yawid/verdict"}
 
 
 def test_an_aborted_run_leaves_an_indexed_part(tmp_path: Path) -> None:
     sink = open_sink(tmp_path / "a.mcap")
-    sink.write(*make_blocks(n=30))
-    sink.abort()
+    sink.take(RunRows(*make_blocks(n=30)))
+    sink.take(Abort())
     assert not (tmp_path / "a.mcap").exists()
     assert len(decoded(tmp_path / "a.mcap.part")["/yawid/sample"]) == 30
-    sink.abort()  # twice does no harm
+    sink.take(Abort())  # twice does no harm
 
 
 def test_flush_makes_the_last_sample_readable_in_the_open_file(tmp_path: Path) -> None:
     sink = open_sink(tmp_path / "a.mcap")
-    sink.write(*make_blocks(n=3))
-    sink.flush()
+    sink.take(RunRows(*make_blocks(n=3)))
+    sink.take(Flush())
     found = []
     with (tmp_path / "a.mcap.part").open("rb") as stream, contextlib.suppress(EndOfFile):
         for _, channel, _ in NonSeekingReader(stream).iter_messages(log_time_order=False):
             found.append(channel.topic)
-    sink.abort()
+    sink.take(Abort())
     assert found.count("/yawid/modes") == 3
 
 
@@ -168,9 +169,9 @@ def test_flushing_after_every_sample_does_not_make_a_chunk_of_each(tmp_path: Pat
     sink = open_sink(tmp_path / "a.mcap")
     begin = time.monotonic()
     for block in cut(make_blocks(n=200), list(range(200))):
-        sink.write(*block)
-        sink.flush()
-    sink.finish(SUMMARY, {})
+        sink.take(RunRows(*block))
+        sink.take(Flush())
+    sink.take(Done(SUMMARY, {}))
     by_wall_time = (time.monotonic() - begin) / 0.5 + 1
     with (tmp_path / "a.mcap").open("rb") as stream:
         summary = make_reader(stream).get_summary()
@@ -213,7 +214,7 @@ def test_force_overwrites_but_only_when_finished(tmp_path: Path, how: str) -> No
     sink = McapSink(path, {}, force=True)
     if how == "exists":
         assert path.read_bytes() == b"precious"
-    sink.finish(SUMMARY, {})
+    sink.take(Done(SUMMARY, {}))
     assert decoded(path).keys() == {"/yawid/verdict"}
 
 
@@ -231,18 +232,19 @@ from pathlib import Path
 from sinks.sink_blocks import GRID, SUMMARY, make_blocks
 from yawid.errors import SinkError
 from yawid.sinks.mcap.sink import McapSink
+from yawid.sinks.base import Abort, Done, Flush, Found, RunRows
 sink = McapSink(Path(sys.argv[1]), {})
-sink.start(GRID)
+sink.take(GRID)
 resource.setrlimit(resource.RLIMIT_FSIZE, (8000, resource.RLIM_INFINITY))
-sink.write(*make_blocks(n=19))
+sink.take(RunRows(*make_blocks(n=19)))
 try:
     match sys.argv[2]:
-        case "write": sink.write(*make_blocks(n=1000))
-        case "flush": sink.flush()
-        case "finish": sink.finish(SUMMARY, {})
+        case "write": sink.take(RunRows(*make_blocks(n=1000)))
+        case "flush": sink.take(Flush())
+        case "finish": sink.take(Done(SUMMARY, {}))
 except SinkError as error:
     print(error)
-sink.abort()
+sink.take(Abort())
 """
 
 

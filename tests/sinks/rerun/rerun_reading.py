@@ -18,6 +18,7 @@ from sinks.sink_blocks import (
     cut,
 )
 
+from yawid.sinks.base import Done, Flush, LogLine, RunRows
 from yawid.sinks.rerun.sink import RerunSink
 
 # The command beside the interpreter is a script that waits for this one.
@@ -25,13 +26,13 @@ VIEWER = str(Path(rerun_cli.__file__).with_name("rerun"))
 
 
 def run(sink: RerunSink, blocks: Blocks, edges: list[int] | None = None) -> None:
-    sink.log(START_NS, "info", "before the grid is known")
-    sink.start(GRID)
+    sink.take(LogLine(START_NS, "info", "before the grid is known"))
+    sink.take(GRID)
     for block in cut(blocks, edges or []):
-        sink.write(*block)
-        sink.flush()
-    sink.log(int(blocks[0].unix_ns[5]), "warning", "gap of 3 s")
-    sink.finish(SUMMARY, {})
+        sink.take(RunRows(*block))
+        sink.take(Flush())
+    sink.take(LogLine(int(blocks[0].unix_ns[5]), "warning", "gap of 3 s"))
+    sink.take(Done(SUMMARY, {}))
 
 
 def fail(text: str) -> None:

@@ -30,6 +30,7 @@ from yawid.answers.reasons import Reason, Verdict
 from yawid.answers.run_summary import Bare, DutchRoll
 from yawid.blocks import Held, Noted, Status
 from yawid.errors import SinkError
+from yawid.sinks.base import Abort, Done, Found, FoundBare, RunRows
 from yawid.sinks.palette import BAD, BARE, METHODS, RUDDER
 from yawid.sinks.rerun.documents import verdict_markdown
 from yawid.sinks.rerun.sink import RerunSink
@@ -119,8 +120,8 @@ def test_lines_have_a_name_a_colour_and_a_unit(tmp_path: Path) -> None:
     assert names == ["b1", "b2", "bias", *["2 sigma of noise"] * 6]
     assert statics(path, "/input", "SeriesLines:names") == [["rudder [half-travel]"]]
     in_rad = RerunSink("save", name="flight", warn=fail, path=tmp_path / "b.rrd")
-    in_rad.start(replace(GRID, inputs=("rudder", "aileron"), rudder_unit="rad"))
-    in_rad.finish(SUMMARY, {})
+    in_rad.take(replace(GRID, inputs=("rudder", "aileron"), rudder_unit="rad"))
+    in_rad.take(Done(SUMMARY, {}))
     named = statics(tmp_path / "b.rrd", "/input", "SeriesLines:names")
     assert named == [["rudder [rad]", "aileron [half-travel]"]]
     for entity, columns in recorded(path).items():
@@ -135,13 +136,13 @@ def test_every_line_is_drawn_from_its_least_to_its_greatest_value_within_a_pixel
     """The viewer's own way is the mean of a pixel: a doublet would be half as large."""
     samples, estimates, modes = known(make_blocks(n=200))
     sink = RerunSink("save", name="flight", warn=fail, path=tmp_path / "a.rrd")
-    sink.start(GRID)
-    sink.write(samples, estimates, modes)
+    sink.take(GRID)
+    sink.take(RunRows(samples, estimates, modes))
     for usable in (True, False):
         found, span_ns = make_manoeuvre(samples, 20, 60)
         verdict = msgspec.structs.replace(found.verdict, usable=usable)
-        sink.manoeuvre(msgspec.structs.replace(found, verdict=verdict), span_ns)
-    sink.finish(SUMMARY, {})
+        sink.take(Found(msgspec.structs.replace(found, verdict=verdict), span_ns))
+    sink.take(Done(SUMMARY, {}))
 
     drawn = {
         entity
@@ -237,14 +238,14 @@ def flown(tmp_path_factory: pytest.TempPathFactory) -> Path:
     blocks = make_blocks(n=200)
     path = tmp_path_factory.mktemp("flown") / "a.rrd"
     sink = RerunSink("save", name="flight", warn=fail, path=path)
-    sink.start(GRID)
-    sink.write(*blocks)
+    sink.take(GRID)
+    sink.take(RunRows(*blocks))
     first, second = make_manoeuvre(blocks[0], 20, 60), make_manoeuvre(blocks[0], 80, 130, n=2)
-    sink.manoeuvre(*first)
-    sink.manoeuvre(unanswered(second[0]), second[1])
+    sink.take(Found(*first))
+    sink.take(Found(unanswered(second[0]), second[1]))
     found = [first[0], unanswered(second[0])]
     of = {"manoeuvres": found, "flight": FLIGHT, "verdict": FLIGHT.verdict}
-    sink.finish(msgspec.structs.replace(SUMMARY, **of), {})
+    sink.take(Done(msgspec.structs.replace(SUMMARY, **of), {}))
     return path
 
 
@@ -280,8 +281,8 @@ def test_the_bar_of_a_manoeuvre_that_is_not_usable_is_of_one_colour_and_has_no_b
     found, span_ns = make_manoeuvre(samples, 20, 60)
     verdict = msgspec.structs.replace(found.verdict, usable=False)
     sink = RerunSink("save", name="flight", warn=fail, path=tmp_path / "a.rrd")
-    sink.manoeuvre(msgspec.structs.replace(found, verdict=verdict), span_ns)
-    sink.finish(SUMMARY, {})
+    sink.take(Found(msgspec.structs.replace(found, verdict=verdict), span_ns))
+    sink.take(Done(SUMMARY, {}))
     entities = recorded(tmp_path / "a.rrd")
     assert "/dutch_roll/wn/manoeuvre" not in entities
     bar = entities["/dutch_roll/wn/refused"]["Scalars:scalars"]
@@ -304,13 +305,13 @@ def test_the_bare_airframe_is_a_bar_next_to_its_manoeuvre_and_poles_and_cells(
     """s = -6 +- 8i at 10 rad/s and 0.6, so that z = exp(-6 Ts) (cos 8 Ts +- i sin 8 Ts)."""
     samples, *rest = make_blocks(n=400)
     sink = RerunSink("save", name="flight", warn=fail, path=tmp_path / "a.rrd")
-    sink.start(GRID)
-    sink.write(samples, *rest)
+    sink.take(GRID)
+    sink.take(RunRows(samples, *rest))
     for n, known in ((1, KNOWN), (2, UNKNOWN)):
         found, span_ns = make_manoeuvre(samples, 100 * n, 100 * n + 60, n)
-        sink.manoeuvre(found, span_ns)
-        sink.lateral(n, known, span_ns)
-    sink.abort()
+        sink.take(Found(found, span_ns))
+        sink.take(FoundBare(n, known, span_ns))
+    sink.take(Abort())
 
     path = tmp_path / "a.rrd.part"
     entities = recorded(path)
@@ -394,8 +395,8 @@ def test_an_aborted_recording_keeps_the_table_of_what_was_found(tmp_path: Path) 
     samples, *_ = make_blocks(n=200)
     sink = RerunSink("save", name="flight", warn=fail, path=tmp_path / "a.rrd")
     for n in (1, 2):
-        sink.manoeuvre(*make_manoeuvre(samples, 50 * n, 50 * n + 20, n))
-    sink.abort()
+        sink.take(Found(*make_manoeuvre(samples, 50 * n, 50 * n + 20, n)))
+    sink.take(Abort())
     [table] = statics(tmp_path / "a.rrd.part", "/manoeuvres", "TextDocument:text")[-1]
     assert table.count("| FBWA |") == 2
 
@@ -422,9 +423,9 @@ def test_the_recording_brings_its_picture_along_and_rerun_accepts_it(tmp_path: P
 
 def test_an_aborted_recording_keeps_what_it_had(tmp_path: Path) -> None:
     sink = RerunSink("save", name="flight", warn=fail, path=tmp_path / "a.rrd")
-    sink.start(GRID)
-    sink.write(*make_blocks(n=30))
-    sink.abort()
+    sink.take(GRID)
+    sink.take(RunRows(*make_blocks(n=30)))
+    sink.take(Abort())
     assert not (tmp_path / "a.rrd").exists()
     assert len(values(recorded(tmp_path / "a.rrd.part"), "/input")) == 30
 
@@ -445,15 +446,16 @@ from pathlib import Path
 from sinks.sink_blocks import GRID, SUMMARY, make_blocks
 from yawid.errors import SinkError
 from yawid.sinks.rerun.sink import RerunSink
+from yawid.sinks.base import Abort, Done, Found, FoundBare, RunRows
 sink = RerunSink("save", name="flight", warn=print, path=Path(sys.argv[1]))
-sink.start(GRID)
+sink.take(GRID)
 resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, resource.RLIM_INFINITY))
 try:
-    sink.write(*make_blocks(n=3000))
-    sink.finish(SUMMARY, {})
+    sink.take(RunRows(*make_blocks(n=3000)))
+    sink.take(Done(SUMMARY, {}))
 except SinkError as error:
     print(error)
-sink.abort()
+sink.take(Abort())
 """
 
 

@@ -22,6 +22,7 @@ from sinks.sink_blocks import (
     run_script,
 )
 
+from yawid.sinks.base import Abort, Done, Flush, LogLine, RunRows
 from yawid.sinks.rerun.recording import RerunView
 from yawid.sinks.rerun.sink import RerunSink
 
@@ -71,15 +72,15 @@ def test_a_viewer_that_dies_is_one_warning_and_the_run_goes_on() -> None:
     blocks = make_blocks(n=300)
     with viewer("--serve-grpc") as (address, process):
         sink = RerunSink(address, name="flight", warn=warnings.append)
-        sink.start(GRID)
-        sink.write(*blocks)
-        sink.flush()
+        sink.take(GRID)
+        sink.take(RunRows(*blocks))
+        sink.take(Flush())
         assert warnings == []
         process.kill()
         process.wait(LEAVE_S)
-        sink.write(*blocks)
-        sink.log(START_NS, "info", "still flying")
-        sink.finish(SUMMARY, {})
+        sink.take(RunRows(*blocks))
+        sink.take(LogLine(START_NS, "info", "still flying"))
+        sink.take(Done(SUMMARY, {}))
     [warning] = warnings
     assert "no Rerun viewer" in warning
     assert "\n" not in warning
@@ -89,14 +90,14 @@ def test_a_viewer_that_died_is_noticed_by_the_next_flush() -> None:
     samples, estimates, modes = make_blocks(n=30)
     with viewer("--serve-grpc") as (address, process):
         view = RerunView(address, "flight")
-        view.start(GRID)
-        view.write(samples, estimates, modes)
-        view.flush()
+        view.take(GRID)
+        view.take(RunRows(samples, estimates, modes))
+        view.take(Flush())
         process.kill()
         process.wait(LEAVE_S)
-        view.write(samples, estimates, modes)
+        view.take(RunRows(samples, estimates, modes))
         with pytest.raises(RuntimeError):
-            view.flush()
+            view.take(Flush())
 
 
 def test_a_viewer_that_is_not_there_is_one_warning() -> None:
@@ -105,7 +106,7 @@ def test_a_viewer_that_is_not_there_is_one_warning() -> None:
     warnings: list[str] = []
     sink = RerunSink(f"rerun+http://127.0.0.1:{port}/proxy", name="flight", warn=warnings.append)
     run(sink, make_blocks(n=30))
-    sink.abort()
+    sink.take(Abort())
     assert len(warnings) == 1
     assert "Connection refused" in warnings[0]
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from yawid.errors import SinkError
 from yawid.runs.live.bulkhead import Bulkhead
-from yawid.sinks.base import Call, Pace, Relay, Sink
+from yawid.sinks.base import Abort, Event, Flush, Pace, Sink
 from yawid.system.part_file import Part, os_errors_as_sink_error, sync
 
 LOOK_S = 1.0
@@ -41,6 +41,10 @@ class Guard(Bulkhead):
     def _close(self) -> None:
         raise NotImplementedError
 
+    def look(self) -> None:
+        """Check every ``LOOK_S`` that the file still exists."""
+        self._attempt(self._check_present)
+
     def _check_present(self) -> None:
         if self._look.due() and not self._part.exists():
             raise SinkError(f"{self._part} has been removed")
@@ -54,26 +58,24 @@ class Guard(Bulkhead):
             act()
 
 
-class Guarded(Guard, Relay):
-    """A sink that hands every call to another sink, which writes ``part``, and guards it."""
+class Guarded(Guard, Sink):
+    """A sink that hands every event to another sink, which writes ``part``, and guards it."""
 
     def __init__(self, sink: Sink, part: Path, say: Callable[[str], None]) -> None:
         super().__init__(part, say)
         self._sink = sink
 
-    def flush(self) -> None:
-        """See :class:`yawid.sinks.base.Sink`; the file is also checked to be still there."""
-        self._attempt(self._flush)
-
-    def _hand(self, call: Call) -> None:
-        self._attempt(lambda: call(self._sink))
+    def take(self, event: Event) -> None:
+        """See :class:`yawid.sinks.base.Sink`; a flush also checks that the file is still there."""
+        if isinstance(event, Abort):
+            self.abort()
+            return
+        if isinstance(event, Flush):
+            self.look()
+        self._attempt(lambda: self._sink.take(event))
 
     def _close(self) -> None:
-        self._sink.abort()
-
-    def _flush(self) -> None:
-        self._check_present()
-        self._sink.flush()
+        self._sink.take(Abort())
 
 
 class TlogRecorder(Guard):
@@ -96,10 +98,6 @@ class TlogRecorder(Guard):
     def write(self, data: bytes) -> None:
         """Add whole records and hand them to the operating system at once."""
         self._attempt(lambda: self._write(data))
-
-    def look(self) -> None:
-        """Check every ``LOOK_S`` that the file still exists."""
-        self._attempt(self._check_present)
 
     def finish(self) -> Path | None:
         """Close and rename the file; return its path, None where the recorder has failed."""

@@ -27,7 +27,7 @@ from yawid.runs.live.standing import Latency, Standing
 from yawid.runs.live.viewer_thread import Viewer
 from yawid.runs.live.worker import FitWorker, SharedDisk, Worker
 from yawid.runs.outputs import Outputs, finish, open_mcap, open_rerun, parameters_of, refused
-from yawid.sinks.base import Sink
+from yawid.sinks.base import Abort, Flush, Sink
 from yawid.sinks.rerun.sink import RerunSink
 from yawid.sinks.terminal.live_facts import VehicleFacts
 from yawid.sinks.words import flown, lateral_says, says
@@ -170,7 +170,7 @@ class LiveSession:
             self._tlog.look()
         self._estimating.attempt(self._look, None)
         for sink in self._sinks:
-            sink.flush()
+            sink.take(Flush())
         if self._state is not None and self.is_estimated:
             self._state.tick(self.pipeline, self._setting.disk.worker)
 
@@ -300,7 +300,7 @@ class LiveSession:
         if self._tlog is not None:
             self._tlog.abort()
         for sink in self._sinks:
-            sink.abort()
+            sink.take(Abort())
 
     def give_up(self) -> Path | None:
         """End a session that does not fit what was asked for; return its finished tlog, if any."""

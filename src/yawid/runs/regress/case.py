@@ -12,6 +12,7 @@ from yawid.errors import ConfigError, did_you_mean
 from yawid.runs.job import open_log, run
 from yawid.runs.regress.compare import NOT_COMPARED
 from yawid.runs.regress.table import TableSink
+from yawid.sinks.base import Done
 from yawid.sources.formats import FORMATS
 
 _KEYS = {
@@ -97,7 +98,7 @@ class Case:
         source = open_log(self.log)
         config = source.settled(asdict(self.config))
         summary = run(source, config, [rows]).conclude()
-        rows.finish(summary, {})
+        rows.take(Done(summary, {}))
         kept = _compared(summary.to_json())
         return Replayed(rows.columns, rows.rows, json.loads(json.dumps(kept)))
 

@@ -2,16 +2,14 @@
 
 import csv
 import io
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from yawid.answers.run_summary import RunSummary
-from yawid.blocks import EstimateBlock, Floats, ModesBlock, SampleBlock
-from yawid.sinks.base import Grid, Sink
+from yawid.blocks import Floats
+from yawid.sinks.base import Done, Event, Grid, RunRows, Sink
 
 
 @dataclass(slots=True)
@@ -23,8 +21,16 @@ class TableSink(Sink):
     newest: list[float] = field(default_factory=list)
     _second: int = -1
 
-    def start(self, grid: Grid) -> None:
-        """Set the names of the columns."""
+    def take(self, event: Event) -> None:
+        """Keep the first row of each second, and the last one."""
+        if isinstance(event, Grid):
+            self._start(event)
+        elif isinstance(event, RunRows):
+            self._write(event)
+        elif isinstance(event, Done) and self.newest and self.rows[-1][0] != self.newest[0]:
+            self.rows.append(self.newest)
+
+    def _start(self, grid: Grid) -> None:
         self.columns = ["k", "t", "held", *grid.inputs, "yaw_rate"]
         for method in grid.methods:
             per_sample = ("status", "y_hat", "innovation", "residual", "noise_std")
@@ -33,10 +39,8 @@ class TableSink(Sink):
             self.columns += [f"{method}.{name}_std" for name in grid.parameters]
         self.columns += ["wn", "wn_std", "zeta", "zeta_std"]
 
-    def write(
-        self, samples: SampleBlock, estimates: Mapping[str, EstimateBlock], modes: ModesBlock
-    ) -> None:
-        """Keep the first row of each second."""
+    def _write(self, rows: RunRows) -> None:
+        samples, estimates, modes = rows
         columns: list[Any] = [samples.k, samples.boot_us / 1e6, samples.held, samples.u, samples.y]
         for block in estimates.values():
             columns += [block.status, block.y_hat, block.innovation, block.residual]
@@ -46,11 +50,6 @@ class TableSink(Sink):
         first = np.diff(seconds, prepend=self._second) != 0
         self.rows += table[first].tolist()
         self._second, self.newest = int(seconds[-1]), table[-1].tolist()
-
-    def finish(self, summary: RunSummary, attachments: Mapping[str, bytes]) -> None:
-        """Add the last row."""
-        if self.newest and self.rows[-1][0] != self.newest[0]:
-            self.rows.append(self.newest)
 
 
 def csv_of(columns: list[str], rows: list[list[float]]) -> bytes:

@@ -1,9 +1,9 @@
 """Blocks as protobuf messages and back: which column of a block is which field."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from functools import lru_cache
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from yawid.answers.run_summary import Bare, Manoeuvre, Value
 from yawid.blocks import Array, EstimateBlock, Held, Ints, ModesBlock, SampleBlock
 from yawid.quantities.airspeed import Kind
 from yawid.quantities.table import YAW_CHANNEL
-from yawid.sinks.base import LogLevel
+from yawid.sinks.base import LogLevel, RunRows
 from yawid.sinks.mcap.protobuf_rows import RowLayout
 from yawid.sinks.mcap.schemas import (
     ESTIMATE,
@@ -24,14 +24,6 @@ from yawid.sinks.mcap.schemas import (
 )
 
 Rows = Array
-
-
-class RunRows(NamedTuple):
-    """Consecutive samples with their estimates, by method, and modes."""
-
-    samples: SampleBlock
-    estimates: Mapping[str, EstimateBlock]
-    modes: ModesBlock
 
 
 def joined(parts: Sequence[RunRows]) -> RunRows:

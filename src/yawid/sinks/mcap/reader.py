@@ -30,9 +30,9 @@ from yawid.blocks import Ints, MotionBlock, SampleBlock, Status
 from yawid.config.run import RunConfig, check_settings
 from yawid.errors import SourceError
 from yawid.estimation.polynomials import parameter_names
-from yawid.sinks.base import Grid, LogLevel
+from yawid.sinks.base import Grid, LogLevel, LogLine, RunRows
 from yawid.sinks.mcap.chunks import MAGIC
-from yawid.sinks.mcap.messages import Rows, RunRows, estimate_from, modes_from, samples_from
+from yawid.sinks.mcap.messages import Rows, estimate_from, modes_from, samples_from
 from yawid.sinks.mcap.motion_rows import motion_from
 from yawid.sinks.mcap.protobuf_rows import RowLayout
 from yawid.sinks.mcap.schemas import (
@@ -68,15 +68,6 @@ Waiting: TypeAlias = dict[str, tuple[list[int], list[bytes]]]
 
 class Incomplete(ValueError):  # noqa: N818 it names a finding, not a fault
     """Some samples lack their estimates or modes, as in a recovered file."""
-
-
-@dataclass(frozen=True, slots=True)
-class LogLine:
-    """One message for people, as it was written during the run."""
-
-    unix_ns: int
-    level: LogLevel
-    text: str
 
 
 @dataclass(slots=True)

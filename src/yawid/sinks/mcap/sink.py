@@ -10,13 +10,24 @@ from typing import Final
 
 import numpy as np
 
-from yawid.answers.run_summary import FORM, Bare, Manoeuvre, RunSummary
-from yawid.blocks import Array, EstimateBlock, Ints, ModesBlock, MotionBlock, SampleBlock
+from yawid.answers.run_summary import FORM, RunSummary
+from yawid.blocks import Array, Ints, MotionBlock, SampleBlock
 from yawid.errors import SinkError
-from yawid.sinks.base import Grid, LogLevel, Pace, Sink
+from yawid.sinks.base import (
+    Abort,
+    Done,
+    Event,
+    Flush,
+    Found,
+    FoundBare,
+    Grid,
+    LogLine,
+    Pace,
+    RunRows,
+    Sink,
+)
 from yawid.sinks.mcap.chunks import ChunkWriter, Topic
 from yawid.sinks.mcap.messages import (
-    RunRows,
     estimate_rows,
     joined,
     lateral_message,
@@ -120,11 +131,36 @@ class McapSink(Sink):
         try:
             self._open(metadata)
         except SinkError:
-            self.discard()  # the file is empty and would block the next run
+            self.take(Abort(discard=True))  # the file is empty and would block the next run
             raise
 
-    def start(self, grid: Grid) -> None:
-        """See :meth:`yawid.sinks.base.Sink.start`; each channel also has the grid's names."""
+    def take(self, event: Event) -> None:
+        """See :meth:`yawid.sinks.base.Sink.take`."""
+        match event:
+            case RunRows():
+                self._write(event)
+            case MotionBlock():
+                self._move(event)
+            case Flush():
+                self._flush()
+            case Grid():
+                self._start(event)
+            case LogLine():
+                self._log(event)
+            case Found():
+                message = manoeuvre_message(event.manoeuvre)
+                self._add_answer(MANOEUVRE, event.span_ns[1], message)
+            case FoundBare():
+                message = lateral_message(event.n, event.bare)
+                self._add_answer(LATERAL, event.span_ns[1], message)
+            case Done():
+                self._finish(event.summary, event.attachments)
+            case Abort():
+                self._write_last()
+                (self._file.remove if event.discard else self._file.leave)()
+
+    def _start(self, grid: Grid) -> None:
+        """Add the channels, each with the grid's names."""
         self._grid, self._parameters = grid, grid.parameters
         record = {
             name: " ".join(value) if isinstance(value, tuple) else str(value)
@@ -144,12 +180,10 @@ class McapSink(Sink):
             self._mode_channel = self._channel("/yawid/mode")
             self._stream.flush()
 
-    def write(
-        self, samples: SampleBlock, estimates: Mapping[str, EstimateBlock], modes: ModesBlock
-    ) -> None:
-        """See :meth:`yawid.sinks.base.Sink.write`; rows wait until they fill a chunk."""
-        self._waiting.append(RunRows(samples, estimates, modes))
-        span_ns = self._waiting[0].samples.unix_ns[0], samples.unix_ns[-1]
+    def _write(self, rows: RunRows) -> None:
+        """Add rows, which wait until they fill a chunk."""
+        self._waiting.append(rows)
+        span_ns = self._waiting[0].samples.unix_ns[0], rows.samples.unix_ns[-1]
         if self._writer.would_end(*span_ns) or len(self._waiting) == _MOST_WAITING:
             self._write_waiting()
 
@@ -180,8 +214,8 @@ class McapSink(Sink):
         self._rows += len(samples)
         self._sample_ns = int(log_ns[-1])
 
-    def motion(self, block: MotionBlock) -> None:
-        """See :meth:`yawid.sinks.base.Sink.motion`; it is written before the samples it is for.
+    def _move(self, block: MotionBlock) -> None:
+        """Add motion, which is written before the samples it is for.
 
         The first motion adds the channels: a file without motion does not have them.
         """
@@ -242,18 +276,11 @@ class McapSink(Sink):
             yield slice(row, stop)
         self._mode = float(known[-1])
 
-    def manoeuvre(self, found: Manoeuvre, span_ns: tuple[int, int]) -> None:
-        """See :meth:`yawid.sinks.base.Sink.manoeuvre`; ``log_time`` is that of its last sample.
-
-        The first manoeuvre adds the channel: a file without manoeuvres does not have it.
-        """
-        self._add_answer(MANOEUVRE, span_ns[1], manoeuvre_message(found))
-
-    def lateral(self, n: int, bare: Bare, span_ns: tuple[int, int]) -> None:
-        """See :meth:`yawid.sinks.base.Sink.lateral`; as a manoeuvre, on a channel of its own."""
-        self._add_answer(LATERAL, span_ns[1], lateral_message(n, bare))
-
     def _add_answer(self, topic: str, last_ns: int, message: bytes) -> None:
+        """Add an answer; ``log_time`` is that of its last sample.
+
+        The first one adds the channel: a file without manoeuvres does not have it.
+        """
         self._write_waiting()
         with os_errors_as_sink_error(self._part):
             channel, newest_ns = self._answers.get(topic) or (self._channel(topic), 0)
@@ -263,24 +290,22 @@ class McapSink(Sink):
             self._writer.add_message(channel, self._answers[topic][1], message)
             self._writer.end_chunk()
 
-    def log(self, unix_ns: int, level: LogLevel, text: str) -> None:
-        """See :meth:`yawid.sinks.base.Sink.log`."""
-        self._log_ns = max(unix_ns, self._log_ns)
+    def _log(self, line: LogLine) -> None:
+        self._log_ns = max(line.unix_ns, self._log_ns)
         self._write_waiting()
         with os_errors_as_sink_error(self._part):
-            message = log_message(unix_ns, level, text)
+            message = log_message(line.unix_ns, line.level, line.text)
             self._writer.add_message(self._log_channel, self._log_ns, message)
 
-    def flush(self) -> None:
-        """See :meth:`yawid.sinks.base.Sink.flush`."""
+    def _flush(self) -> None:
         if self._pace.due():
             self._write_waiting()
             with os_errors_as_sink_error(self._part):
                 self._writer.end_chunk()
                 self._disk.sync_soon(self._stream)
 
-    def finish(self, summary: RunSummary, attachments: Mapping[str, bytes]) -> None:
-        """Write verdict, origin and attachments, then rename; see :meth:`Sink.finish`."""
+    def _finish(self, summary: RunSummary, attachments: Mapping[str, bytes]) -> None:
+        """Write verdict, origin and attachments, then rename."""
         self._write_waiting()
         last_ns = max(self._sample_ns, self._log_ns)
         with os_errors_as_sink_error(self._part):
@@ -308,16 +333,6 @@ class McapSink(Sink):
             self._writer.close()
             self._disk.sync_now(self._stream)
         self._file.take_name(self.path)
-
-    def abort(self) -> None:
-        """See :meth:`yawid.sinks.base.Sink.abort`."""
-        self._write_last()
-        self._file.leave()
-
-    def discard(self) -> None:
-        """See :meth:`yawid.sinks.base.Sink.discard`."""
-        self._write_last()
-        self._file.remove()
 
     def _write_last(self) -> None:
         # The error that led to this call has been reported already.

@@ -20,10 +20,21 @@ import pyarrow as pa
 import rerun as rr
 from rerun.encodings import TensorDataBatch
 from yawid.answers.run_summary import Bare, DutchRoll, Manoeuvre, RunSummary
-from yawid.blocks import EstimateBlock, Floats, Ints, ModesBlock, SampleBlock
+from yawid.blocks import Floats, Ints, SampleBlock
 from yawid.physics.modes import pair_poles
 from yawid.quantities.units import HALF_TRAVEL
-from yawid.sinks.base import Grid, LogLevel, Sink
+from yawid.sinks.base import (
+    Abort,
+    Done,
+    Event,
+    Flush,
+    Found,
+    FoundBare,
+    Grid,
+    LogLine,
+    RunRows,
+    Sink,
+)
 from yawid.sinks.palette import BAD, BARE, MODEL, NEUTRAL, RUDDER, rgba
 from yawid.sinks.rerun.blueprint import TIMELINE, blueprint, log_furniture, points
 from yawid.sinks.rerun.derived_panels import LAGS, Change, Marks, Plane, Rolls, Whiteness
@@ -88,7 +99,27 @@ class RerunView(Sink):
         self._show("verdict", "There is no verdict yet: the run goes on.\n")
         self._show("manoeuvres", manoeuvres_markdown([]))
 
-    def start(self, grid: Grid) -> None:
+    def take(self, event: Event) -> None:
+        """See :meth:`yawid.sinks.base.Sink.take`; attachments and lateral motion are not used."""
+        match event:
+            case RunRows():
+                self._write(event)
+            case Flush():
+                self._flush()
+            case Grid():
+                self._start(event)
+            case LogLine():
+                self._log(event)
+            case Found():
+                self._find(event.manoeuvre, event.span_ns)
+            case FoundBare():
+                self._find_bare(event.n, event.bare, event.span_ns)
+            case Done():
+                self._finish(event.summary)
+            case Abort():
+                self._close()
+
+    def _start(self, grid: Grid) -> None:
         """Set the names and colours of the lines."""
         self._marks, self._grid, self._rudder_unit = Marks(grid), grid, grid.rudder_unit
         for entity, style in series_styles(grid).items():
@@ -100,10 +131,9 @@ class RerunView(Sink):
         bare = rr.LineStrips2D.from_fields(colors=rgba(BARE), radii=rr.Radius.ui_points(1.2))
         self._recording.log("z_plane/bare", bare, static=True)
 
-    def write(
-        self, samples: SampleBlock, estimates: Mapping[str, EstimateBlock], modes: ModesBlock
-    ) -> None:
-        """Take a block; its rows are sent by the thousand, or by :meth:`flush`."""
+    def _write(self, block: RunRows) -> None:
+        """Take a block; its rows are sent by the thousand, or by a flush."""
+        samples, estimates, modes = block
         self._boot_offset_us = int(samples.boot_us[-1] - samples.unix_ns[-1] // 1000)
         primary, *_ = estimates.values()
         rows = group_rows(self._grid.parameters, samples, primary, modes)
@@ -119,7 +149,7 @@ class RerunView(Sink):
         if self._waiting >= BATCH_ROWS:
             self._send()
 
-    def manoeuvre(self, found: Manoeuvre, span_ns: tuple[int, int]) -> None:
+    def _find(self, found: Manoeuvre, span_ns: tuple[int, int]) -> None:
         """Show a manoeuvre: a state in its lane, its Dutch roll as bars, a row in the table."""
         self._manoeuvres.append(found)
         self._show("manoeuvres", manoeuvres_markdown(self._manoeuvres))
@@ -135,7 +165,7 @@ class RerunView(Sink):
         self._styles_once("manoeuvre", manoeuvre_styles(found.answer.method))
         self._send_bars_of(found.dutch_roll, USABLE if usable else REFUSED, boot_us, unix_ns)
 
-    def lateral(self, n: int, bare: Bare, span_ns: tuple[int, int]) -> None:
+    def _find_bare(self, n: int, bare: Bare, span_ns: tuple[int, int]) -> None:
         """Show the bare airframe of manoeuvre ``n``: bars next to its Dutch roll, and poles."""
         at = next(i for i, each in enumerate(self._manoeuvres) if each.n == n)
         self._manoeuvres[at] = msgspec.structs.replace(self._manoeuvres[at], lateral=bare)
@@ -150,15 +180,15 @@ class RerunView(Sink):
         end = [_boot_times(boot_us[1:]), _unix_times(unix_ns[1:])]
         self._recording.send_columns("z_plane/bare", end, columns)
 
-    def log(self, unix_ns: int, level: LogLevel, text: str) -> None:
+    def _log(self, said: LogLine) -> None:
         """Add a line to the log, also on the vehicle's clock once that is known."""
-        times = [_unix_times(np.array([unix_ns]))]
+        times = [_unix_times(np.array([said.unix_ns]))]
         if self._boot_offset_us is not None:
-            times.append(_boot_times(np.array([unix_ns // 1000 + self._boot_offset_us])))
-        line = rr.TextLog.columns(text=[text], level=[_LEVELS[level]])
+            times.append(_boot_times(np.array([said.unix_ns // 1000 + self._boot_offset_us])))
+        line = rr.TextLog.columns(text=[said.text], level=[_LEVELS[said.level]])
         self._recording.send_columns("log", times, line)
 
-    def flush(self) -> None:
+    def _flush(self) -> None:
         """Send waiting rows to a viewer; a file gets whole batches only, which keeps it small.
 
         Raises:
@@ -168,8 +198,8 @@ class RerunView(Sink):
             self._send()
             self._recording.flush(timeout_sec=REACH_S)
 
-    def finish(self, summary: RunSummary, attachments: Mapping[str, bytes]) -> None:
-        """Send the verdict and waiting rows, and close; attachments are not used.
+    def _finish(self, summary: RunSummary) -> None:
+        """Send the verdict and waiting rows, and close.
 
         Raises:
             RuntimeError: not everything could be written.
@@ -177,9 +207,9 @@ class RerunView(Sink):
         self._show("verdict", verdict_markdown(summary, self._rudder_unit))
         found = self._manoeuvres if summary.manoeuvres is None else summary.manoeuvres
         self._show("manoeuvres", manoeuvres_markdown(found, summary.by_loop))
-        self.abort()
+        self._close()
 
-    def abort(self) -> None:
+    def _close(self) -> None:
         """Send waiting rows and close."""
         self._send()
         self._recording.flush(timeout_sec=FINISH_S if self._file else REACH_S)

@@ -2,13 +2,12 @@
 
 import contextlib
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from yawid.answers.run_summary import RunSummary
 from yawid.errors import SinkError, without_viewer
-from yawid.sinks.base import Call, Pace, Relay
+from yawid.sinks.base import Abort, Done, Event, Flush, Pace, Sink
 from yawid.system.part_file import Part
 
 if TYPE_CHECKING:
@@ -17,7 +16,7 @@ if TYPE_CHECKING:
 FLUSH_S: Final = 0.5  # the least wall time between two batches to a viewer
 
 
-class RerunSink(Relay):
+class RerunSink(Sink):
     """A sink that shows a run in Rerun; ``target`` is ``save``, ``spawn`` or a viewer's address.
 
     Of methods other than the primary one only the Dutch roll is drawn. ``path`` is the .rrd that
@@ -52,45 +51,33 @@ class RerunSink(Relay):
         try:
             self._view = _open_view(self._file.place if self._file else target, name)
         except BaseException as error:  # also a signal
-            self.discard()  # the file is empty and would block the next run
+            if self._file is not None:
+                self._file.remove()  # it is empty and would block the next run
             if not isinstance(error, Exception):
                 raise
             self._failed(error)
 
-    def flush(self) -> None:
-        """See :meth:`yawid.sinks.base.Sink.flush`; only a viewer is flushed, not a file."""
-        if self._pace.due():
-            super().flush()
+    def take(self, event: Event) -> None:
+        """See :meth:`yawid.sinks.base.Sink.take`; only a viewer is flushed, not a file."""
+        if isinstance(event, Abort):
+            with contextlib.suppress(SinkError):
+                self._hand(event)
+        elif not isinstance(event, Flush) or self._pace.due():
+            self._hand(event)
+        if isinstance(event, Abort | Done):
+            self._view = None
+            if self._file is None:
+                return
+            if isinstance(event, Abort):
+                (self._file.remove if event.discard else self._file.leave)()
+            elif self.path is not None:
+                self._file.take_name(self.path)
 
-    def finish(self, summary: RunSummary, attachments: Mapping[str, bytes]) -> None:
-        """See :meth:`yawid.sinks.base.Sink.finish`."""
-        super().finish(summary, attachments)
-        self._view = None
-        if self._file is not None and self.path is not None:
-            self._file.take_name(self.path)
-
-    def abort(self) -> None:
-        """See :meth:`yawid.sinks.base.Sink.abort`."""
-        self._close_view()
-        if self._file is not None:
-            self._file.leave()
-
-    def discard(self) -> None:
-        """See :meth:`yawid.sinks.base.Sink.discard`."""
-        self._close_view()
-        if self._file is not None:
-            self._file.remove()
-
-    def _close_view(self) -> None:
-        with contextlib.suppress(SinkError):
-            super().abort()
-        self._view = None
-
-    def _hand(self, call: Call) -> None:
+    def _hand(self, event: Event) -> None:
         if self._view is None:
             return
         try:
-            call(self._view)
+            self._view.take(event)
         except Exception as error:
             self._failed(error)
 
