@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from copy import copy
 from pathlib import Path
 
 import msgspec
@@ -16,7 +17,7 @@ import yawid
 from yawid.cli import main as command_line
 from yawid.damper.autopilots import AUTOPILOTS, READ
 from yawid.damper.loop import closed_response
-from yawid.tables.run import Run
+from yawid.tables.run import Run, no_rows
 
 WN, ZETA, V = 5.0, 0.1, 20.0
 PLANE = {
@@ -158,7 +159,8 @@ def test_an_uncertain_or_refused_answer_gives_no_advice(run: Run) -> None:
     verdict = change(flight.verdict, usable=False)
     for each, id_ in ((wide, "wn_uncertain"), (change(flight, verdict=verdict), "not_usable"),
                       (change(flight, airspeed_m_s=None), "airspeed_unknown")):  # fmt: skip
-        other = Run(run.path, change(run.summary, flight=each), run.config, None, None)
+        other = copy(run)
+        other.summary = change(run.summary, flight=each)
         found = other.damper(autopilot="ardupilot", parameters=PLANE)
         assert (found.exit_code, found.report.verdict.why) == (5, id_)
 
@@ -169,11 +171,9 @@ def test_manoeuvres_without_a_model_or_samples_give_no_advice(run: Run) -> None:
         change(each, estimates={"ct": change(each.estimates["ct"], response=None)})
         for each in run.summary.manoeuvres
     ]
-    without = Run(
-        run.path, change(run.summary, manoeuvres=old), run.config, run._known.grid, run._rows
-    )
-    empty = Run(run.path, run.summary, run.config, run._known.grid, None)
-    for other, says in ((without, "has no model: .* replay it first"), (empty, "samples are not")):
+    without, empty = copy(run), copy(run)
+    without.summary, empty._rows = change(run.summary, manoeuvres=old), no_rows()
+    for other, says in ((without, "has no model"), (empty, "samples are not")):
         verdict = other.damper(autopilot="ardupilot", parameters=PLANE).report.verdict
         assert verdict.why == "not_fitted"
         assert re.search(says, verdict.reasons[0].text)

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
 import pytest
 from finished_runs import replayed
 from places import C172P, REPLAY_LOGS
@@ -213,6 +214,14 @@ def test_an_output_that_is_no_yaw_rate_is_not_called_r() -> None:
     assert record.units["rudder"] == "rad"
 
 
+def test_a_table_is_one_of_arrow_with_its_units(run: Run) -> None:
+    found = pa.table(run.samples)
+
+    assert found.equals(run.samples.arrow)
+    assert found.schema.field("r").metadata[b"unit"] == b"rad/s"
+    assert found["airspeed"].null_count == np.count_nonzero(np.isnan(run.samples.airspeed))
+
+
 def test_a_library_that_is_not_installed_is_named(
     run: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -251,7 +260,7 @@ def test_xarray_has_units_at_each_variable_and_time_along(run: Run) -> None:
 
 
 def test_a_table_shows_its_first_and_last_rows() -> None:
-    table = Table("rows", [Column("n", np.arange(40)), Column("x", np.full(40, np.nan), "m")])
+    table = Table.of("rows", [Column("n", np.arange(40)), Column("x", np.full(40, np.nan), "m")])
 
     page = table._repr_html_()
 

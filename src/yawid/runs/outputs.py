@@ -35,7 +35,8 @@ class Outputs:
     """Where a run writes: the folder, the name of its files, and which files are written.
 
     Where ``sink`` is given no file is written: the sink takes everything. ``reading`` says how the
-    log is read where that is not the usual way.
+    log is read where that is not the usual way. Only of files that are ``kept`` the summary has the
+    names.
     """
 
     folder: Path
@@ -44,6 +45,7 @@ class Outputs:
     force: bool = False
     record: bool = True
     sink: Sink | None = None
+    kept: bool = True
     reading: Mapping[str, str] = field(default_factory=dict)
 
     @property
@@ -57,7 +59,7 @@ class Outputs:
 
     def files(self) -> dict[str, str]:
         """Return the paths of the MCAP and the Rerun recording, by "mcap" and "rrd"."""
-        if self.sink is not None:
+        if self.sink is not None or not self.kept:
             return {}
         rrd = {"rrd": str(self.path(".rrd"))} if self.rerun == "save" else {}
         return {"mcap": str(self.path(".mcap"))} | rrd

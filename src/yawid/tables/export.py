@@ -7,13 +7,12 @@ which needs all of it, and the lateral motion, if the run kept it.
 """
 
 import json
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from itertools import chain
 from pathlib import Path
 from typing import Any, BinaryIO, Final
 
 import numpy as np
-import pyarrow as pa
 import pyarrow.csv
 import pyarrow.parquet as pq
 
@@ -23,7 +22,7 @@ from yawid.sinks.mcap.messages import joined
 from yawid.sinks.mcap.reader import McapRun, open_answered
 from yawid.system.part_file import written_whole
 from yawid.tables.columns import Units, manoeuvre_columns, mode_columns, record_columns
-from yawid.tables.table import Column, filled
+from yawid.tables.table import Column, arrow_table, filled, unit_of
 from yawid.version import __version__
 
 FORMATS: Final = (".parquet", ".csv", ".npz")
@@ -32,7 +31,6 @@ Tables = Iterator[list[Column]]
 GROUP_ROWS: Final = 1 << 16
 """The least number of rows of a group in Parquet; one group is in memory at a time."""
 _NO_HEADER: Final = pyarrow.csv.WriteOptions(include_header=False)
-TIME: Final = pa.timestamp("ns", tz="UTC")
 
 
 def check_name(out: Path) -> None:
@@ -124,7 +122,7 @@ def _parquet(stream: BinaryIO, tables: Tables, facts: dict[str, str]) -> None:
 
 def _csv(stream: BinaryIO, tables: Tables, facts: dict[str, str]) -> None:
     first = next(tables)
-    heads = [column.name for column in first], [_unit_of(column) for column in first]
+    heads = [column.name for column in first], [unit_of(column) for column in first]
     stream.write("".join(f"{','.join(head)}\n" for head in heads).encode())
     for columns in chain([first], tables):
         pyarrow.csv.write_csv(arrow_table(columns, facts), stream, _NO_HEADER)
@@ -138,35 +136,6 @@ def _npz(stream: BinaryIO, tables: Tables, facts: dict[str, str]) -> None:
         arrays[pieces[0].name] = filled(values)  # NumPy could save objects only by pickle
     units = {column.name: column.unit for column in parts[0]}
     np.savez_compressed(stream, units=json.dumps(units), facts=json.dumps(facts), **arrays)
-
-
-def arrow_table(columns: Sequence[Column], facts: dict[str, str]) -> pa.Table:
-    """Return columns with their units as an Arrow table; what is unknown is null."""
-    fields, arrays = [], []
-    for column in columns:
-        array = _array(column)
-        said = {"unit": _unit_of(column), "says": column.says}
-        fields.append(pa.field(column.name, array.type, metadata=said))
-        arrays.append(array)
-    return pa.Table.from_arrays(arrays, schema=pa.schema(fields, metadata=facts))
-
-
-def _unit_of(column: Column) -> str:
-    """Return a column's unit; for a rudder in rad also its sign, and that it holds to the next row.
-
-    A record whose rudder is an angle must give its sign, and is taken as measured if it does not
-    say otherwise.
-    """
-    return "rad nose-right held" if (column.name, column.unit) == ("rudder", "rad") else column.unit
-
-
-def _array(column: Column) -> pa.Array:
-    values = column.values
-    if values.dtype == object:
-        return pa.array(values, pa.string())
-    if values.dtype.kind == "M":
-        return pa.array(values).cast(TIME)
-    return pa.array(values, from_pandas=True)
 
 
 _WRITERS: Final = {".parquet": _parquet, ".csv": _csv, ".npz": _npz}

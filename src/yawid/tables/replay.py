@@ -9,16 +9,11 @@ from typing import TYPE_CHECKING, Any, Final, Literal
 
 import numpy as np
 
-from yawid.answers.heard import PARAMETERS, parameters_in
-from yawid.blocks import EstimateBlock, MotionBlock
 from yawid.config.names import RecursiveName
 from yawid.errors import ConfigError, YawidError
-from yawid.sinks.base import Done, Event, Grid, RunRows, Sink
-from yawid.sinks.mcap.messages import joined
 from yawid.system.stores import Place, place_of
 from yawid.tables.keywords import with_keywords
 from yawid.tables.run import Run, load
-from yawid.tables.table import Table
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -123,42 +118,10 @@ def _of_file(
     read_options = ReadOptions.asked(None if key is None else Path(key))
     settings = check_settings(loaded, str(toml))
     settings = overruled(settings, check_settings(given, "yawid.replay"))
-    kept = Kept()
-    outputs = Outputs(Path(), log.stem, sink=kept)
-    replay_log(log, settings, outputs, StopFlag(), read_options)
-    return kept.run(log)
-
-
-class Kept(Sink):
-    """A sink that keeps a run's events in memory, for its tables and for another sink."""
-
-    def __init__(self) -> None:
-        self._events: list[Event] = []
-
-    def take(self, event: Event) -> None:
-        """See :class:`Sink`; covariances are dropped, since no file has them."""
-        if isinstance(event, RunRows):
-            kept = {
-                method: EstimateBlock(estimate.without_covariance.copy(), estimate.p)
-                for method, estimate in event.estimates.items()
-            }
-            event = event._replace(estimates=kept)
-        self._events.append(event)
-
-    def run(self, path: Place) -> Run:
-        """Return the run of the log at ``path``; the sink must be finished and is then empty."""
-        from yawid.sinks.mcap.reader import read_config
-
-        done = self._events[-1]
-        assert isinstance(done, Done), "the run is not finished"
-        parts = [each for each in self._events if isinstance(each, RunRows)]
-        moved = [each for each in self._events if isinstance(each, MotionBlock)]
-        grid = next((each for each in self._events if isinstance(each, Grid)), None)
-        config = read_config(done.attachments["configuration.toml"])
-        known = parameters_in(done.attachments.get(PARAMETERS, b""))
-        motion = MotionBlock.joined(moved) if moved else None
-        rows = joined(parts) if parts else None
-        return Run(path, done.summary, config, grid, rows, known, self._events, motion)
+    with TemporaryDirectory() as folder:
+        outputs = Outputs(Path(folder), log.stem, kept=False)
+        replay_log(log, settings, outputs, StopFlag(), read_options)
+        return Run(log, outputs.path(".mcap"), is_replay=True)
 
 
 @contextmanager
@@ -184,10 +147,6 @@ def _arrow_of(data: Any) -> "pa.Table":
     """
     import pyarrow as pa
 
-    from yawid.tables.export import arrow_table
-
-    if isinstance(data, Table):
-        return arrow_table([*data.each()], {})
     if not (hasattr(data, "__arrow_c_stream__") or isinstance(data, Mapping)):
         raise ConfigError(
             "yawid.replay takes a path, a DataFrame of pandas or polars, a table of pyarrow or a "

@@ -14,12 +14,13 @@ import numpy as np
 from yawid.answers.heard import PARAMETERS, parameters_in
 from yawid.answers.ordinary import ORDINARY, OrdinaryAnswer
 from yawid.answers.reasons import Reason, Verdict
-from yawid.answers.run_summary import Bare, Flight, RunSummary
-from yawid.blocks import ModesBlock, MotionBlock, SampleBlock
-from yawid.config.run import RunConfig
+from yawid.answers.run_summary import Bare, Flight
+from yawid.blocks import ModesBlock, SampleBlock
 from yawid.quantities.airspeed import SEA_LEVEL_DENSITY, density_ratio
-from yawid.sinks.base import Event, Grid, RunRows
+from yawid.sinks.base import Grid, RunRows
 from yawid.sinks.mcap.messages import joined
+from yawid.sinks.mcap.reader import open_answered
+from yawid.system.part_file import os_errors_as_sink_error, write_whole
 from yawid.system.stores import Place, brought, place_of
 from yawid.tables.columns import (
     Units,
@@ -47,25 +48,21 @@ class Run:
     read, ``parameters`` the vehicle's by name. Each table is made when it is first used.
     """
 
-    def __init__(
-        self,
-        path: Place,
-        summary: RunSummary,
-        config: RunConfig,
-        grid: Grid | None,
-        rows: RunRows | None,
-        parameters: Mapping[str, float] | None = None,
-        events: Sequence[Event] = (),
-        motion: MotionBlock | None = None,
-    ) -> None:
+    def __init__(self, path: Place, mcap: Path, *, is_replay: bool = False) -> None:
+        """Read the run from ``mcap``; ``path`` is its place, or the log of a replay.
+
+        Raises:
+            SourceError: it cannot be read, is damaged, was never finished or is not yawid's.
+        """
+        run = open_answered(mcap)
+        parts = list(run.blocks())
         self.path: Place = path
-        self.summary, self.config = summary, config
-        self.parameters = {} if parameters is None else parameters
-        self._rows, self._events = no_rows() if rows is None else rows, events
-        self._motion = motion
-        if grid is None:
-            grid = Grid((), config.inputs, (), math.nan, config.unit_of_rudder)
-        self._known = Units(grid, config)
+        self.summary, self.config = run.summary, run.config
+        self.parameters = parameters_in(run.attachments.get(PARAMETERS, b""))
+        self._file = mcap.read_bytes() if is_replay else None
+        self._rows, self._motion = joined(parts) if parts else no_rows(), run.motion()
+        grid = run.grid or Grid((), run.config.inputs, (), math.nan, run.config.unit_of_rudder)
+        self._known = Units(grid, run.config)
 
     def named(self, name: str) -> Self:
         """Return it with another name for what it was made from."""
@@ -101,7 +98,7 @@ class Run:
         """The measured channels, a row for each sample, also for held ones."""
         samples, known = self._rows.samples, self._known
         columns = [*sample_columns(samples, known), *further_columns(samples, known)]
-        return Table("samples", [*columns, *motion_columns(samples, self._motion)])
+        return Table.of("samples", [*columns, *motion_columns(samples, self._motion)])
 
     @cached_property
     def estimates(self) -> Mapping[str, Table]:
@@ -122,7 +119,7 @@ class Run:
     @cached_property
     def manoeuvres(self) -> Table:
         """The manoeuvres with their conditions, answers and theta; no row where none was found."""
-        return Table("manoeuvres", [*manoeuvre_columns(self.summary, self._known)])
+        return Table.of("manoeuvres", [*manoeuvre_columns(self.summary, self._known)])
 
     @property
     def bare(self) -> Bare:
@@ -159,7 +156,7 @@ class Run:
     def _made_of(self, title: str, columns: Iterable[Column]) -> Table:
         """Return a table of results, whose title marks a run that is not usable."""
         mark = " (of a run that is NOT USABLE)" if self.summary.deciding.fatal else ""
-        return Table(title + mark, [*columns])
+        return Table.of(title + mark, [*columns])
 
     def to_pandas(self) -> Any:
         """Return ``record`` as a pandas.DataFrame; see :meth:`Table.to_pandas`."""
@@ -239,7 +236,7 @@ class Run:
         from yawid.report.write import write_report
 
         with TemporaryDirectory() as folder:
-            return write_report(self.mcap(Path(folder)), Path(path), force=force)
+            return write_report(self.mcap(folder), Path(path), force=force)
 
     def mcap(self, folder: str | PathLike[str]) -> Path:
         """Return the run's MCAP; that of a replay is written into ``folder``.
@@ -247,20 +244,16 @@ class Run:
         Raises:
             SinkError: the file exists, or it cannot be written.
         """
-        from yawid.runs.outputs import Outputs, open_mcap
-
-        folder = Path(folder)
-        if not self._events:
-            if isinstance(self.path, Path):
-                return self.path
-            folder.mkdir(parents=True, exist_ok=True)
-            self.path.copy_to(folder / self.path.name)
-            return folder / self.path.name
-        outputs = Outputs(folder, self.path.stem)
-        sink = open_mcap(self.config, outputs)
-        for event in self._events:
-            sink.take(event)
-        return outputs.path(".mcap")
+        copy = Path(folder).absolute() / f"{self.path.stem}.mcap"
+        with os_errors_as_sink_error(copy):
+            copy.parent.mkdir(parents=True, exist_ok=True)
+        if self._file is not None:
+            write_whole({copy: self._file}, force=False)
+        elif isinstance(self.path, Path):
+            return self.path
+        else:
+            self.path.copy_to(copy)
+        return copy
 
     def _tables(self) -> list[Table]:
         return [self.samples, *self.estimates.values(), self.modes, self.manoeuvres]
@@ -282,15 +275,9 @@ def load(path: str | PathLike[str]) -> Run:
     Raises:
         SourceError: it cannot be read, is damaged, was never finished or is not yawid's.
     """
-    from yawid.sinks.mcap.reader import open_answered
-
     place = place_of(fspath(path))
     with brought(place) as local:
-        run = open_answered(local)
-        parts, motion = list(run.blocks()), run.motion()
-    rows = joined(parts) if parts else None
-    known = parameters_in(run.attachments.get(PARAMETERS, b""))
-    return Run(place, run.summary, run.config, run.grid, rows, known, motion=motion)
+        return Run(place, local)
 
 
 def no_rows() -> RunRows:

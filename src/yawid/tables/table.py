@@ -1,12 +1,13 @@
-"""Tables of columns with units, and their conversion to pandas, polars and xarray."""
+"""Tables of columns with units, in Arrow, and their conversion to pandas, polars and xarray."""
 
 import importlib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from html import escape
 from textwrap import fill
 from typing import Any, Final, NamedTuple, overload
 
 import numpy as np
+import pyarrow as pa
 
 from yawid.blocks import Array
 from yawid.errors import ConfigError
@@ -14,6 +15,10 @@ from yawid.sinks.door import plain
 
 SHOWN: Final = 10
 """The number of rows of a table that a notebook shows: half of them the first, half the last."""
+
+TIME: Final = pa.timestamp("ns", tz="UTC")
+HELD: Final = " nose-right held"
+"""What a record says of a rudder in rad, next to its unit."""
 
 
 class Column(NamedTuple):
@@ -31,71 +36,85 @@ class Column(NamedTuple):
 class Table:
     """Columns of one length, each a NumPy array (n,): ``table.wn`` or ``table["wn"]``.
 
-    ``units`` and ``says`` hold unit and meaning by name, ``columns`` the names, ``title`` says what
-    the rows are. ``table[10:20]``, or a mask or indices (m,), gives the table of these rows.
+    ``arrow`` is the pyarrow.Table in which they are, with null where a number is unknown; libraries
+    that read Arrow take the table itself. ``units`` and ``says`` hold unit and meaning by name,
+    ``columns`` the names, ``title`` says what the rows are. ``table[10:20]``, or a mask or indices
+    (m,), gives the table of these rows.
     """
 
-    __slots__ = ("_values", "says", "title", "units")
+    __slots__ = ("arrow",)
 
-    def __init__(self, title: str, columns: Sequence[Column]) -> None:
-        self.title = title
-        self._values = {column.name: column.values for column in columns}
-        self.units = {column.name: column.unit for column in columns}
-        self.says = {column.name: column.says for column in columns}
+    def __init__(self, arrow: pa.Table) -> None:
+        self.arrow = arrow
+
+    @classmethod
+    def of(cls, title: str, columns: Sequence[Column]) -> "Table":
+        """Return the table of columns."""
+        return cls(arrow_table(columns, {"title": title}))
+
+    @property
+    def title(self) -> str:
+        """What the rows are."""
+        return str(self.arrow.schema.metadata[b"title"].decode())
 
     @property
     def columns(self) -> tuple[str, ...]:
         """The names of the columns, in order."""
-        return tuple(self._values)
+        return tuple(self.arrow.column_names)
+
+    def keys(self) -> tuple[str, ...]:
+        """Return the names of the columns, so that ``dict(table)`` gives the arrays by name."""
+        return self.columns
+
+    @property
+    def units(self) -> dict[str, str]:
+        """The unit of each column: ``1`` without one, "" for texts."""
+        return {name: unit.removesuffix(HELD) for name, unit in self._said(b"unit").items()}
+
+    @property
+    def says(self) -> dict[str, str]:
+        """The meaning of each column."""
+        return self._said(b"says")
+
+    def _said(self, key: bytes) -> dict[str, str]:
+        return {field.name: field.metadata[key].decode() for field in self.arrow.schema}
 
     @property
     def counted(self) -> str:
         """What the rows are, and their number, in words."""
         return f"{self.title}, {len(self)} row{'' if len(self) == 1 else 's'}"
 
-    def keys(self) -> tuple[str, ...]:
-        """Return the names of the columns, so that ``dict(table)`` gives the arrays by name."""
-        return self.columns
-
     def __iter__(self) -> Iterator[str]:
-        return iter(self._values)
-
-    def __contains__(self, name: object) -> bool:
-        return name in self._values
+        return iter(self.columns)
 
     def __len__(self) -> int:
-        return next((len(values) for values in self._values.values()), 0)
+        return int(self.arrow.num_rows)
 
     @overload
     def __getitem__(self, key: str) -> Array: ...
     @overload
     def __getitem__(self, key: slice | Array) -> "Table": ...
     def __getitem__(self, key: str | slice | Array) -> "Array | Table":
-        if isinstance(key, str):
-            if key not in self._values:
-                raise KeyError(f"{self.title} have no column {key!r}: {', '.join(self)}")
-            return self._values[key]
-        if not isinstance(key, slice | np.ndarray):
-            raise TypeError(f"rows are chosen by a slice, a mask or indices, not by {key!r}")
-        return Table(self.title, [c._replace(values=c.values[key]) for c in self.each()])
+        if not isinstance(key, str):
+            return Table(self.arrow.take(np.arange(len(self))[key]))
+        if key not in self.columns:
+            raise KeyError(f"{self.title} have no column {key!r}: {', '.join(self)}")
+        return np.asarray(self.arrow.column(key).to_numpy())
 
     def __getattr__(self, name: str) -> Array:
-        if name.startswith("_") or name in Table.__slots__:  # not set yet, as while unpickling
+        if name.startswith("_") or name == "arrow":  # not set yet, as while unpickling
             raise AttributeError(name)
-        if name not in self._values:
-            raise AttributeError(f"{self.title} have no column {name!r}: {', '.join(self)}")
-        return self._values[name]
+        try:
+            return self[name]
+        except KeyError as error:
+            raise AttributeError(*error.args) from None
 
     def __dir__(self) -> list[str]:
-        return [*super().__dir__(), *self._values]
+        return [*super().__dir__(), *self.columns]
 
-    def _ipython_key_completions_(self) -> list[str]:
-        return list(self._values)
-
-    def each(self) -> Iterator[Column]:
-        """Yield each column with its name, unit and meaning."""
-        for name, values in self._values.items():
-            yield Column(name, values, self.units[name], self.says[name])
+    def __arrow_c_stream__(self, requested_schema: object = None) -> object:
+        """Give the table to another library, by Arrow's own interface."""
+        return self.arrow.__arrow_c_stream__(requested_schema)
 
     def to_pandas(self) -> Any:
         """Return a pandas.DataFrame; ``attrs["units"]`` has the units by name.
@@ -104,7 +123,7 @@ class Table:
             ConfigError: pandas is not installed.
         """
         frame = library("pandas").DataFrame(dict(self))
-        frame.attrs |= {"title": self.title, "units": dict(self.units)}
+        frame.attrs |= {"title": self.title, "units": self.units}
         return frame
 
     def to_polars(self) -> Any:
@@ -113,8 +132,7 @@ class Table:
         Raises:
             ConfigError: polars is not installed.
         """
-        columns = {name: _plain(values) for name, values in self._values.items()}
-        return library("polars").DataFrame(columns, nan_to_null=True)
+        return library("polars").from_arrow(self.arrow)
 
     def to_xarray(self) -> Any:
         """Return an xarray.Dataset over ``t`` (or ``n``), each variable with ``attrs["units"]``.
@@ -122,37 +140,66 @@ class Table:
         Raises:
             ConfigError: xarray is not installed.
         """
-        along = self.columns[0] if self.columns else "row"
-        variables = {c.name: (along, filled(c.values), _described(c)) for c in self.each()}
+        units, says, along = self.units, self.says, self.columns[0]
+        variables = {
+            name: (along, filled(self[name]), {"units": units[name], "long_name": says[name]})
+            for name in self
+        }
         over = {name: variables.pop(name) for name in (along, "time") if name in variables}
         return library("xarray").Dataset(variables, over, {"title": self.title})
 
     def __repr__(self) -> str:
         units = {name: f" [{unit}]" for name, unit in self.units.items() if unit not in ("", "1")}
-        named = ", ".join(name + units.get(name, "") for name in self)
-        text = plain(f"{self.counted}: {named}")
+        text = plain(f"{self.counted}: {', '.join(name + units.get(name, '') for name in self)}")
         return fill(text, 100, subsequent_indent="    ", break_on_hyphens=False)
 
     def _repr_html_(self) -> str:
-        half = SHOWN // 2
-        rows = [*range(len(self))]
-        is_cut = len(rows) > SHOWN
-        rows = [*rows[:half], *rows[-half:]] if is_cut else rows
-        heads = "".join(
-            f'<th title="{escape(c.says)}">{escape(c.name)}<br><small>{escape(c.unit)}</small></th>'
-            for c in self.each()
-        )
-        lines = [
-            "".join(f"<td>{escape(cell(values[row]))}</td>" for values in self._values.values())
-            for row in rows
+        rows, half = [*range(len(self))], SHOWN // 2
+        cut = [rows[:half], rows[-half:]] if len(rows) > SHOWN else [rows]
+        heads = "".join(f"<th>{escape(n)}<br><small>{escape(u)}</small></th>" for n, u in
+                        self.units.items())  # fmt: skip
+        values = [self[name] for name in self]
+        body = [
+            "".join(
+                f"<tr>{''.join(f'<td>{escape(cell(each[row]))}</td>' for each in values)}</tr>"
+                for row in part
+            )
+            for part in cut
         ]
-        if is_cut:
-            lines.insert(half, f'<td>…</td><td colspan="{len(self.columns) - 1}"></td>')
-        body = "".join(f"<tr>{line}</tr>" for line in lines)
         return (
             f'<div style="overflow-x:auto;white-space:nowrap"><p>{escape(self.counted)}</p>'
-            f"<table><thead><tr>{heads}</tr></thead><tbody>{body}</tbody></table></div>"
+            f"<table><thead><tr>{heads}</tr></thead><tbody>{'<tr><td>…</td></tr>'.join(body)}"
+            "</tbody></table></div>"
         )
+
+
+def arrow_table(columns: Sequence[Column], facts: dict[str, str]) -> pa.Table:
+    """Return columns with their units as an Arrow table; what is unknown is null."""
+    fields, arrays = [], []
+    for column in columns:
+        array = _array(column)
+        said = {"unit": unit_of(column), "says": column.says}
+        fields.append(pa.field(column.name, array.type, metadata=said))
+        arrays.append(array)
+    return pa.Table.from_arrays(arrays, schema=pa.schema(fields, metadata=facts))
+
+
+def unit_of(column: Column) -> str:
+    """Return a column's unit; for a rudder in rad also its sign, and that it holds to the next row.
+
+    A record whose rudder is an angle must give its sign, and is taken as measured if it does not
+    say otherwise.
+    """
+    return f"rad{HELD}" if (column.name, column.unit) == ("rudder", "rad") else column.unit
+
+
+def _array(column: Column) -> pa.Array:
+    values = column.values
+    if values.dtype == object:
+        return pa.array(values, pa.string())
+    if values.dtype.kind == "M":
+        return pa.array(values).cast(TIME)
+    return pa.array(values, from_pandas=True)
 
 
 def cell(value: object) -> str:
@@ -181,13 +228,3 @@ def filled(values: Array) -> Array:
     if values.dtype != object:
         return values
     return np.array(["" if each is None else each for each in values], np.str_)
-
-
-def _plain(values: Array) -> Any:
-    """Return objects as a list, from whose values polars finds the type."""
-    return values.tolist() if values.dtype == object else values
-
-
-def _described(column: Column) -> Mapping[str, str]:
-    known = {"units": column.unit, "long_name": column.says}
-    return {name: text for name, text in known.items() if text}
