@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import shutil
+import sqlite3
 from pathlib import Path
 
 import pytest
 from places import C172P, REPLAY_LOGS
 
 from yawid.cli.main import main
+from yawid.dataset.files import DATABASE, DataSet
 
 DEEP = 100_000
 
@@ -31,20 +33,22 @@ def test_a_configuration_that_is_nested_too_deeply_is_one_line_and_exit_code_2(
     assert f"{config}: not a readable TOML file" in one_line(capsys)
 
 
-@pytest.mark.xfail(strict=True, reason="The upper house")
-@pytest.mark.parametrize("command", [["trend"], ["fleet", "LOGS", "--out"]])
-def test_a_manifest_that_is_nested_too_deeply_is_one_line_and_exit_code_6(
-    command: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize("depth", [1_500, DEEP])
+def test_a_data_set_whose_rows_are_nested_too_deeply_is_one_line_and_exit_code_6(
+    depth: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     logs, data = tmp_path / "logs", tmp_path / "data"
     logs.mkdir()
     shutil.copy(REPLAY_LOGS / "no_rudder" / "log.tlog", logs / "a.tlog")
-    data.mkdir()
-    (data / "manifest.json").write_text("[" * DEEP, encoding="utf-8")
+    with DataSet(data):
+        pass
+    database = sqlite3.connect(data / DATABASE)
+    database.execute("INSERT INTO rows VALUES ('/b', 'logs', ?)", ["[" * depth + "]" * depth])
+    database.commit()
+    database.close()
 
-    words = [str(logs) if word == "LOGS" else word for word in command]
-    assert main([*words, str(data)]) == 6
-    assert "manifest.json" in one_line(capsys)
+    assert main(["fleet", str(logs), "--out", str(data), "--workers", "1"]) == 6
+    assert DATABASE in capsys.readouterr().err.splitlines()[-1]
 
 
 @pytest.mark.xfail(strict=True, reason="The upper house")

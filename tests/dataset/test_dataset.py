@@ -3,75 +3,48 @@ from __future__ import annotations
 import datetime
 import json
 import math
+import sqlite3
 from pathlib import Path
 from typing import Any
 
 import pyarrow as pa
-import pyarrow.dataset
+import pyarrow.parquet as pq
 import pytest
+from data_sets import MAY, entry, merge
 
 from yawid.dataset import files as dataset
-from yawid.dataset.files import (
-    MANIFEST,
-    PAGE,
-    SCHEMA,
-    merge,
-    read_flights_by_loop,
-    read_manifest,
-    read_table,
-)
+from yawid.dataset.files import DATABASE, PAGE, SCHEMA, DataSet, read_table
 from yawid.dataset.schema import TABLES
-from yawid.errors import SourceError
-
-MADE_BY = {"yawid_version": "0", "analysis_version": "1", "config_hash": "c"}
-MAY = 1_780_000_000_000_000  # 2026-05-28
-
-
-def entry(path: str, sha: str | None, date: int | None = MAY, **values: Any) -> Any:
-    log = {"path": path, "log_sha256": sha, "outcome": "ok" if sha else "crashed", **MADE_BY}
-    keys = {"log_sha256": sha, "sysid": 1, "boot": 1, "vehicle": "sysid:1", **MADE_BY}
-    return {"logs": [log], "flights": [{**keys, "date": date, **values}] if sha else []}
+from yawid.errors import SinkError, SourceError
 
 
 def test_a_data_set_reads_back_with_its_types_by_our_reader_and_as_plain_parquet(
     tmp_path: Path,
 ) -> None:
-    merge(tmp_path, [entry("/b", "B", zeta=math.nan, used=[1, 2]), entry("/a", "A", zeta=0.25)])
+    rows = [
+        entry("/b", "B", MAY, zeta=math.nan, used=[1, 2]),
+        entry("/a", "A", MAY, zeta=0.25),
+        entry("/c", "C", None),
+    ]
+    merge(tmp_path, rows)
 
     flights = read_table(tmp_path, "flights")
     assert flights.schema.equals(TABLES["flights"].schema)
-    assert flights["zeta"].to_pylist() == [0.25, None]
-    assert flights["used"].to_pylist() == [None, [1, 2]]
+    assert flights["log_sha256"].to_pylist() == ["A", "B", "C"]  # by date, none last
+    assert flights["zeta"].to_pylist() == [0.25, None, None]
+    assert flights["used"].to_pylist() == [None, [1, 2], None]
     assert flights["date"][0].as_py() == datetime.datetime(
         2026, 5, 28, 20, 26, 40, tzinfo=datetime.UTC
     )
-    plain = pyarrow.dataset.dataset(tmp_path / "flights", partitioning="hive").to_table()
-    assert plain["month"].to_pylist() == ["2026-05"] * 2
-    assert plain.drop_columns("month").equals(flights)
-
-
-def test_where_an_older_analysis_has_no_rows_by_loop_its_flights_stand_in(tmp_path: Path) -> None:
-    old, new = entry("/a", "A", loop="airframe"), entry("/b", "B", loop="with_roll_loop")
-    other = new["flights"][0] | {"loop": "airframe"}
-    columns = ["log_sha256", "loop"]
-
-    merge(tmp_path, [old])
-    older = read_flights_by_loop(tmp_path, columns).to_pylist()
-    assert older == [{"log_sha256": "A", "loop": "airframe"}]
-    merge(tmp_path, [new | {"flights_by_loop": [*new["flights"], other]}])
-    assert read_flights_by_loop(tmp_path, columns).to_pylist() == [
-        {"log_sha256": "B", "loop": "airframe"},
-        {"log_sha256": "B", "loop": "with_roll_loop"},
-        *older,
-    ]
-    assert len(read_table(tmp_path, "flights")) == 2
+    assert pq.read_table(tmp_path / "flights.parquet").equals(flights)
+    assert read_table(tmp_path, "flights", ["zeta", "boot"]).column_names == ["zeta", "boot"]
 
 
 def test_the_newest_outcome_of_a_log_replaces_the_older_one_with_all_its_rows(
     tmp_path: Path,
 ) -> None:
-    merge(tmp_path, [entry("/a", "A"), entry("/b", "B"), entry("/c", "C", date=None)])
-    merge(tmp_path, [entry("/a", "A2", date=None), entry("/b", None)])
+    merge(tmp_path, [entry("/a", "A", MAY), entry("/b", "B", MAY), entry("/c", "C", None)])
+    merge(tmp_path, [entry("/a", "A2", None), entry("/b", None)])
 
     assert read_table(tmp_path, "logs", ["path", "log_sha256"]).to_pylist() == [
         {"path": "/a", "log_sha256": "A2"},
@@ -79,21 +52,20 @@ def test_the_newest_outcome_of_a_log_replaces_the_older_one_with_all_its_rows(
         {"path": "/c", "log_sha256": "C"},
     ]
     assert read_table(tmp_path, "flights")["log_sha256"].to_pylist() == ["A2", "C"]
-    assert read_manifest(tmp_path)["outcomes"] == {"ok": 2, "crashed": 1}
-    assert sorted(path.name for path in (tmp_path / "flights").iterdir()) == ["month=unknown"]
+    assert read_table(tmp_path, "logs")["outcome"].to_pylist() == ["ok", "crashed", "ok"]
 
 
 def test_logs_of_the_same_bytes_have_their_flight_once(tmp_path: Path) -> None:
-    merge(tmp_path, [entry("/a", "A"), entry("/copy/a", "A")])
-    merge(tmp_path, [entry("/other/a", "A")])
+    merge(tmp_path, [entry("/a", "A", MAY), entry("/copy/a", "A", MAY)])
+    merge(tmp_path, [entry("/other/a", "A", MAY)])
     merge(tmp_path, [entry("/a", None)])
 
     assert read_table(tmp_path, "flights")["log_sha256"].to_pylist() == ["A"]
-    assert read_manifest(tmp_path)["tables"]["logs"]["rows"] == 3
+    assert len(read_table(tmp_path, "logs")) == 3
 
 
 def test_of_a_log_and_its_mcap_the_log_tells_whichever_was_run_first(tmp_path: Path) -> None:
-    log, mcap = entry("/b.tlog", "A", zeta=0.25), entry("/a.mcap", "A", zeta=0.5)
+    log, mcap = entry("/b.tlog", "A", MAY, zeta=0.25), entry("/a.mcap", "A", MAY, zeta=0.5)
     log["logs"][0]["kind"], mcap["logs"][0]["kind"] = "tlog", "mcap"
     for name, order in (
         ("one", [[log], [mcap]]),
@@ -105,51 +77,87 @@ def test_of_a_log_and_its_mcap_the_log_tells_whichever_was_run_first(tmp_path: P
         assert read_table(tmp_path / name, "flights")["zeta"].to_pylist() == [0.25]
 
 
-def test_a_merge_that_is_killed_leaves_the_data_set_as_it_was_and_the_next_one_sweeps(
+def test_tables_larger_than_a_part_are_whole_and_in_order(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    merge(tmp_path, [entry("/a", "A")])
+    monkeypatch.setattr(dataset, "ROWS", 4)
+    merge(tmp_path, [entry(f"/{i}", f"{9 - i}", MAY, vehicle=f"v{i % 3}") for i in range(10)])
 
-    def killed(files: object, *, force: bool) -> None:
-        raise KeyboardInterrupt
+    flights = read_table(tmp_path, "flights", ["vehicle", "log_sha256"]).to_pylist()
+    assert len(flights) == 10
+    assert flights == sorted(flights, key=lambda row: (row["vehicle"], row["log_sha256"]))
+    assert pq.ParquetFile(tmp_path / "flights.parquet").num_row_groups == 3
 
-    with monkeypatch.context() as patch:
-        patch.setattr(dataset, "write_whole", killed)
-        with pytest.raises(KeyboardInterrupt):
-            merge(tmp_path, [entry("/a", "A2"), entry("/b", "B")])
 
+def test_what_cannot_be_written_leaves_the_last_files_and_the_next_fleet_writes_them(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    merge(tmp_path, [entry("/a", "A", MAY)])
+    with monkeypatch.context() as patched:
+
+        def full(*_: object) -> None:
+            raise OSError(28, "No space left on device")
+
+        patched.setattr(pq.ParquetWriter, "write_table", full)
+        with pytest.raises(SinkError, match="No space left on device"):
+            merge(tmp_path, [entry("/b", "B", MAY)])
     assert read_table(tmp_path, "flights")["log_sha256"].to_pylist() == ["A"]
-    merge(tmp_path, [entry("/b", "B")])
-    files = read_manifest(tmp_path)["tables"]["flights"]["files"]
-    on_disk = sorted(tmp_path.glob("flights/*/*"))
-    assert [tmp_path / file["path"] for file in files] == on_disk
+    assert not list(tmp_path.glob("*.part"))
+
+    with DataSet(tmp_path):
+        pass
     assert read_table(tmp_path, "flights")["log_sha256"].to_pylist() == ["A", "B"]
+    before = {path: path.stat().st_mtime_ns for path in tmp_path.iterdir()}
+    with DataSet(tmp_path):
+        pass
+    assert {path: path.stat().st_mtime_ns for path in tmp_path.iterdir()} == before
 
 
-def test_full_files_are_left_alone_and_big_months_are_cut(
+def test_a_second_fleet_and_a_disk_without_locks_are_refused_in_one_line(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(dataset, "MOST_ROWS", 4)
-    merge(tmp_path, [entry(f"/{i}", f"{i}") for i in range(6)])
-    first = read_manifest(tmp_path)["tables"]["flights"]["files"]
-    merge(tmp_path, [entry("/6", "6")])
+    with (
+        DataSet(tmp_path),
+        pytest.raises(SinkError, match="another yawid fleet is writing to") as said,
+    ):
+        DataSet(tmp_path)
+    assert "\n" not in str(said.value)
 
-    second = read_manifest(tmp_path)["tables"]["flights"]["files"]
-    assert [file["rows"] for file in first] == [4, 2]
-    assert second[0] == first[0]
-    assert sum(file["rows"] for file in second) == 7
+    class NoLocks(sqlite3.Connection):
+        def execute(self, text: str, *more: Any) -> sqlite3.Cursor:
+            if text.startswith("BEGIN"):
+                error = sqlite3.OperationalError("disk I/O error")
+                error.sqlite_errorname = "SQLITE_IOERR_LOCK"
+                raise error
+            return super().execute(text, *more)
+
+    connect = sqlite3.connect
+    monkeypatch.setattr(sqlite3, "connect", lambda *a, **b: connect(*a, factory=NoLocks, **b))
+    with pytest.raises(SinkError, match=r"cannot lock files \(SQLITE_IOERR_LOCK\): choose a fol"):
+        DataSet(tmp_path)
 
 
-def test_what_is_no_data_set_or_of_another_format_is_refused_in_one_line(tmp_path: Path) -> None:
-    with pytest.raises(SourceError, match=r"is not a data set: it has no manifest\.json"):
+def test_what_is_no_data_set_or_of_another_version_is_refused_in_one_line(tmp_path: Path) -> None:
+    with pytest.raises(SourceError, match=r"is not a data set: it has no logs\.parquet"):
         read_table(tmp_path, "logs")
-    (tmp_path / MANIFEST).write_text(json.dumps({"format": 99}), encoding="utf-8")
-    with pytest.raises(SourceError, match="has format 99, this version reads 1"):
-        read_table(tmp_path, "logs")
+    merge(tmp_path, [entry("/a", "A", MAY)])
+    for path in (tmp_path / "logs.parquet", tmp_path / "flights.parquet"):
+        table = pq.read_table(path)
+        pq.write_table(table.drop_columns(table.column_names[-1]), path)
+        with pytest.raises(SourceError, match="is of another version of yawid: run yawid fleet"):
+            read_table(tmp_path, path.stem)
+    with DataSet(tmp_path):
+        pass
+    assert len(read_table(tmp_path, "flights")) == 1  # whose columns are of this version
+    with sqlite3.connect(tmp_path / DATABASE) as database:
+        database.execute("PRAGMA user_version = 99")
+    database.close()
+    with pytest.raises(SourceError, match="has format 99, this version reads 2"):
+        DataSet(tmp_path)
 
 
 def test_a_data_set_holds_its_schema_which_names_every_column(tmp_path: Path) -> None:
-    merge(tmp_path, [entry("/a", "A")])
+    merge(tmp_path, [entry("/a", "A", MAY)])
     page = (tmp_path / PAGE).read_text(encoding="utf-8")
     definitions = json.loads((tmp_path / SCHEMA).read_text(encoding="utf-8"))["$defs"]
     for table in TABLES.values():

@@ -5,13 +5,14 @@ from __future__ import annotations
 import os
 import shutil
 import signal
+import sqlite3
 import sys
 import time
 from collections import Counter
 from collections.abc import Iterator
+from contextlib import closing, suppress
 from pathlib import Path
 
-import fsspec
 import pytest
 from fleet_cluster import (
     Cluster,
@@ -26,8 +27,7 @@ from places import REPLAY_LOGS
 
 import yawid.fleet.cluster
 from yawid.cli.main import main
-from yawid.dataset.files import read_table
-from yawid.fleet.journal import FINISHED
+from yawid.dataset.files import DATABASE, DataSet, peek, read_table
 
 COUNT = 16
 NO_DISK = "/proc/self/mem"
@@ -142,25 +142,23 @@ def test_a_fleet_that_is_killed_goes_on_where_it_was_and_ends_with_the_same_data
 ) -> None:
     out = place / "killed"
     with yawid_fleet(env, logs, "--out", out, "--workers", "2") as run:
-        _wait_for_lines(out / FINISHED, 5)
+        _wait_for_logs(out, 5)
         run.kill()
         run.communicate(timeout=60)
-    done = _lines(out / FINISHED)
-    with (out / FINISHED).open("ab") as torn:
-        torn.write(b'{"logs": [{"path": "/half')
+    done = len(peek(out))
+    assert done >= 4  # the fifth may have been seen before its transaction ended
 
     assert main(["fleet", str(logs), "--out", str(out), "--scheduler", running.address]) == 0
 
     told = f"{COUNT + 4 - done} logs to run, {done} known already"
     assert told in capsys.readouterr().err
     assert tables(out) == tables(reference)
-    assert not (out / FINISHED).exists()
 
 
 def test_ctrl_c_keeps_what_is_finished(place: Path, logs: Path, env: dict[str, str]) -> None:
     out = place / "interrupted"
     with yawid_fleet(env, logs, "--out", out, "--workers", "1") as run:
-        _wait_for_lines(out / FINISHED, 3)
+        _wait_for_logs(out, 3)
         os.killpg(run.pid, signal.SIGINT)  # as a terminal does
         said = run.communicate(timeout=60)
 
@@ -180,7 +178,7 @@ def test_a_scheduler_that_is_lost_ends_the_run_in_one_line_and_harms_nothing(
         cluster(env, place / "lost_cluster", workers=1) as found,
         yawid_fleet(env, logs, "--out", out, "--scheduler", found.address) as run,
     ):
-        _wait_for_lines(out / FINISHED, 1)
+        _wait_for_logs(out, 1)
         found.scheduler.kill()
         said = run.communicate(timeout=60)
 
@@ -192,19 +190,20 @@ def test_a_scheduler_that_is_lost_ends_the_run_in_one_line_and_harms_nothing(
     assert set(counts.values()) == {1}
 
 
-def test_logs_in_memory_are_sent_to_the_workers_and_known_by_their_url(
+def test_logs_of_a_store_are_known_by_their_url(
     place: Path, logs: Path, running: Cluster, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    store, out = fsspec.filesystem("memory"), place / "memory"
-    store.pipe("/flights/a.tlog", (logs / "00.tlog").read_bytes())
-    command = ["fleet", "memory://flights", "--out", str(out), "--scheduler", running.address]
+    flights, out = place / "flights", place / "of_a_store"
+    flights.mkdir()
+    shutil.copy(logs / "00.tlog", flights / "a.tlog")
+    command = ["fleet", f"file://{flights}", "--out", str(out), "--scheduler", running.address]
 
     assert main(command) == 0
     assert main(command) == 0
 
     assert "0 logs to run, 1 known already" in capsys.readouterr().err
     assert read_table(out, "logs", ["path", "outcome"]).to_pylist() == [
-        {"path": "memory:///flights/a.tlog", "outcome": "ok"}
+        {"path": f"file://{flights}/a.tlog", "outcome": "ok"}
     ]
 
 
@@ -279,25 +278,29 @@ def test_without_dask_one_line_says_what_to_install(
 def test_another_folder_or_another_fleet_is_not_written_to(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    from yawid.fleet.journal import Journal
-
     command = ["fleet", str(REPLAY_LOGS / "no_rudder"), "--out"]
     (tmp_path / "theirs").mkdir()
     (tmp_path / "theirs" / "notes.txt").write_text("mine", encoding="utf-8")
     assert main([*command, str(tmp_path / "theirs")]) == 6
     assert "is not empty and is not a data set" in capsys.readouterr().err
-    journal = Journal(tmp_path / "data")
-    assert main([*command, str(tmp_path / "data")]) == 6
-    assert "another yawid fleet is writing to" in capsys.readouterr().err
-    journal.close()
+    with DataSet(tmp_path / "data"):
+        for dry in ([], ["--dry-run"]):
+            assert main([*command, str(tmp_path / "data"), *dry]) == 6
+            assert "another yawid fleet is writing to" in capsys.readouterr().err
+    with pytest.raises(SystemExit) as ended:
+        main([*command, "s3://bucket/data"])
+    assert ended.value.code == 2
+    assert "is a URL, but a path on this machine is needed" in capsys.readouterr().err
 
 
-def _lines(path: Path) -> int:
-    return len(path.read_bytes().splitlines())
-
-
-def _wait_for_lines(path: Path, count: int) -> None:
-    end_s = time.monotonic() + 60.0
-    while not path.exists() or _lines(path) < count:
+def _wait_for_logs(out: Path, count: int) -> None:
+    """Wait until a running fleet, which locks its database, has so many finished logs."""
+    end_s, found = time.monotonic() + 60.0, 0
+    while found < count:
         assert time.monotonic() < end_s
         time.sleep(0.02)
+        with suppress(sqlite3.Error):  # read while it is written
+            database = sqlite3.connect(f"{(out / DATABASE).as_uri()}?immutable=1", uri=True)
+            with closing(database):
+                select = "SELECT count(*) FROM rows WHERE name = 'logs'"
+                (found,) = database.execute(select).fetchone()

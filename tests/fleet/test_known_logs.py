@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from data_sets import merge
 from places import REPLAY_LOGS
 
 from yawid.cli.main import main
-from yawid.dataset.files import merge
 from yawid.dataset.schema import ANALYSIS_VERSION
 from yawid.fleet.spec import Spec
 

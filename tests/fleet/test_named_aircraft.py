@@ -35,7 +35,7 @@ def named(logs: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def vehicles(data: Path, table: str) -> set[str]:
-    return set(pq.read_table(data / table, columns=["vehicle"])["vehicle"].to_pylist())
+    return set(pq.read_table(data / f"{table}.parquet", columns=["vehicle"])["vehicle"].to_pylist())
 
 
 def test_the_folder_names_the_aircraft_in_every_table_and_in_trend(

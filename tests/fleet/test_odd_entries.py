@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import shutil
 import sys
@@ -22,7 +21,7 @@ LATIN1 = b"caf\xe9.tlog"
 
 def rows_of(data: Path) -> dict[str, dict[str, Any]]:
     """Return the rows of a data set's table of logs by file name, as any program reads them."""
-    return {Path(row["path"]).name: row for row in pq.read_table(data / "logs").to_pylist()}
+    return {Path(row["path"]).name: row for row in pq.read_table(data / "logs.parquet").to_pylist()}
 
 
 @pytest.fixture(scope="module")
@@ -81,28 +80,6 @@ def test_a_name_that_is_not_utf_8_is_escaped_in_the_table_and_on_the_terminal(
     said = capsys.readouterr()
     assert "5 logs to run, 2 known already" in said.err  # what failed is tried again
     assert (said.out + said.err).isascii()
-
-
-def test_a_data_set_that_such_a_name_had_killed_lives_again(
-    tmp_path: Path, folder: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """Its journal has that name's rows, with which every later run ended by exit code 70."""
-    out, logs = tmp_path / "data", tmp_path / "logs"
-    logs.mkdir()
-    shutil.copy(LOG, logs / "a.tlog")
-    out.mkdir()
-    row = {"path": os.fsdecode(b"/logs/" + LATIN1), "outcome": "crashed", "reasons": ["crashed"]}
-    entries = [{"logs": [row]}, {"logs": [row | {"path": "/logs/b.tlog", "outcome": "ok"}]}]
-    (out / "finished.jsonl").write_text(
-        "".join(json.dumps(each) + "\n" for each in entries), encoding="utf-8"
-    )
-    manifest = {"format": 1, "generation": 0, "outcomes": {}, "tables": {}}
-    (out / "manifest.json").write_text(json.dumps(manifest), encoding="utf-8")
-
-    assert main(["fleet", str(logs), "--out", str(out), "--workers", "1"]) == 0
-    assert "its rows do not fit the tables" in capsys.readouterr().err
-    found = {name: each["outcome"] for name, each in rows_of(out).items()}
-    assert found == {"a.tlog": "unusable", "b.tlog": "ok"}
 
 
 @pytest.mark.parametrize("command", ["replay", "inspect"])

@@ -1,27 +1,16 @@
-"""A fleet removes, moves and overwrites its own files and no others."""
+"""A fleet overwrites its own files and no others."""
 
 from __future__ import annotations
 
-import json
 import shutil
 from pathlib import Path
 
 import pytest
+from data_sets import MAY, entry, merge
 from places import REPLAY_LOGS
 
 from yawid.cli.main import main
-from yawid.dataset.files import merge, read_table
-from yawid.errors import YawidError
-from yawid.fleet.journal import FINISHED, Journal
-
-KEYS = {"yawid_version": "0", "analysis_version": "1", "config_hash": "c"}
-MAY = 1_780_000_000_000_000  # 2026-05-28
-
-
-def entry(path: str, sha: str) -> dict[str, list[dict[str, object]]]:
-    log = {"path": path, "log_sha256": sha, "outcome": "ok", **KEYS}
-    flight = {"log_sha256": sha, "sysid": 1, "boot": 1, "vehicle": "sysid:1", "date": MAY, **KEYS}
-    return {"logs": [log], "flights": [flight]}
+from yawid.dataset.files import read_table
 
 
 def contents(folder: Path) -> dict[str, bytes]:
@@ -79,15 +68,15 @@ def test_a_data_set_that_holds_the_logs_or_is_held_by_them_is_refused_and_nothin
 @pytest.mark.parametrize(
     "names",
     [
-        ["logs/part-000001-0.parquet", "flights/mine.parquet"],
+        ["logs.parquet", "flights/mine.parquet"],
         ["schema.json"],
         ["SCHEMA.md", "logs/readme"],
-        ["manifest.json"],
-        ["finished.jsonl"],
+        ["fleet.sqlite"],
+        ["fleet.sqlite-journal", "mine"],
     ],
 )
 @pytest.mark.parametrize("dry", [[], ["--dry-run"]])
-def test_a_folder_without_our_manifest_is_no_data_set_whatever_its_files_are_called(
+def test_a_folder_without_our_database_is_no_data_set_whatever_its_files_are_called(
     place: Path, names: list[str], dry: list[str], capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = place / "theirs"
@@ -101,38 +90,17 @@ def test_a_folder_without_our_manifest_is_no_data_set_whatever_its_files_are_cal
     assert contents(out) == before
 
 
-def test_a_manifest_that_names_files_elsewhere_is_refused(tmp_path: Path) -> None:
-    merge(tmp_path / "data", [entry("/a", "A")])
-    path = tmp_path / "data" / "manifest.json"
-    manifest = json.loads(path.read_bytes())
-    manifest["tables"]["flights"]["files"][0]["path"] = "flights/../../mine.parquet"
-    path.write_text(json.dumps(manifest), encoding="utf-8")
-
-    with pytest.raises(YawidError, match="is not a data set's manifest: it names flights/"):
-        read_table(tmp_path / "data", "flights")
-
-
-def test_what_lies_in_a_data_set_and_is_not_its_own_stays_when_it_is_swept(tmp_path: Path) -> None:
-    merge(tmp_path, [entry("/a", "A")])
-    month = tmp_path / "flights" / "month=2026-05"
-    others = (
-        month / "mine.parquet",
-        month / "part-000001-0.parquet.bak",
-        tmp_path / "flights" / "month=all" / "part-000001-0.parquet",
-        tmp_path / "flights" / "part-000001-0.parquet",
-        tmp_path / "logs" / "live.tlog.part",
-        tmp_path / "logs" / "a.parquet",
-    )
-    for path in others:
-        path.parent.mkdir(exist_ok=True)
-        path.write_text("mine", encoding="utf-8")
-    left = month / "part-000009-0.parquet"
+def test_what_lies_in_a_data_set_and_is_not_its_own_stays(tmp_path: Path) -> None:
+    merge(tmp_path, [entry("/a", "A", MAY)])
+    names = ("mine.parquet", "flights.parquet.bak", "flights/part-000001-0.parquet", "run.part")
+    for name in names:
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text("mine", encoding="utf-8")
+    left = tmp_path / "flights.parquet.part"
     left.write_text("left by a run that was killed", encoding="utf-8")
 
-    merge(tmp_path, [entry("/b", "B")])
-    Journal(tmp_path).close()
+    merge(tmp_path, [entry("/b", "B", MAY)])
 
-    assert {path.read_text(encoding="utf-8") for path in others} == {"mine"}
+    assert {(tmp_path / name).read_text(encoding="utf-8") for name in names} == {"mine"}
     assert not left.exists()
     assert read_table(tmp_path, "flights")["log_sha256"].to_pylist() == ["A", "B"]
-    assert not (tmp_path / FINISHED).exists()

@@ -6,7 +6,6 @@ import os
 import subprocess
 import sys
 import time
-import uuid
 from pathlib import Path, PureWindowsPath
 
 import pyarrow.parquet as pq
@@ -15,17 +14,17 @@ from checks.children import child
 from places import C172P
 
 from yawid.cli.main import main
-from yawid.system.stores import StoredPath
 
 
 def test_the_copy_of_a_log_whose_key_has_backslashes_stays_in_its_folder_on_windows_too(
     tmp_path: Path,
 ) -> None:
-    place = f"memory://{uuid.uuid4().hex}"
-    StoredPath(f"{place}/..\\..\\evil.tlog").write_bytes(b"no log\n")
+    logs = tmp_path / "logs"
+    logs.mkdir()
+    (logs / "..\\..\\evil.tlog").write_bytes(b"no log\n")
 
-    assert main(["fleet", place, "--out", str(tmp_path / "data"), "--workers", "1"]) == 6
-    [row] = pq.read_table(tmp_path / "data" / "logs").to_pylist()
+    assert main(["fleet", f"file://{logs}", "--out", str(tmp_path / "data"), "--workers", "1"]) == 6
+    [row] = pq.read_table(tmp_path / "data" / "logs.parquet").to_pylist()
     assert row["path"].endswith("evil.tlog")
     assert row["outcome"] == "unreadable"
     [copy] = [word.rstrip(":") for word in row["text"].split() if "evil.tlog" in word]

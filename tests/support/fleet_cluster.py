@@ -13,9 +13,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from checks.children import child
+from data_sets import merge
 from flights.long_log import START_US, write_log
 
-from yawid.dataset.files import merge, read_table
+from yawid.dataset.files import read_table
 from yawid.dataset.schema import ANALYSIS_VERSION, TABLES
 from yawid.fleet.find_logs import find_logs
 from yawid.fleet.one_log import rows_of

@@ -8,8 +8,7 @@ from typing import Any
 
 import numpy as np
 from checks.judge_trend import Plan, draw_vehicles, flight
-
-from yawid.dataset.files import merge
+from data_sets import merge
 
 STDS = {"kappa_rad_m": "kappa_std", "zeta": "zeta_std", "K_per_V": "K_per_V_std"}
 FALLS = "sysid:7"
@@ -38,6 +37,7 @@ def write_fleet(folder: Path, rows: Sequence[dict[str, Any]]) -> None:
                     | {name: row[name] for name in made_by}
                 ],
                 "flights": [row],
+                "flights_by_loop": [row],
             }
             for row in rows
         ],

@@ -3,6 +3,8 @@
 import argparse
 import re
 import sys
+from collections import Counter
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from yawid.cli.options import (
@@ -17,7 +19,6 @@ from yawid.cli.options import (
 from yawid.errors import ConfigError, SinkError
 from yawid.runs.stop import StopFlag
 from yawid.sinks.door import print_line
-from yawid.system.stores import place_of
 
 if TYPE_CHECKING:
     from yawid.fleet.run_fleet import FleetRun, Plan, Progress
@@ -30,10 +31,10 @@ def add_fleet(commands: Commands) -> None:
         "replay thousands of logs into one data set (extra fleet: URLs, Dask)",
         "yawid fleet logs/ --out data\nyawid fleet 's3://bucket/**/*.BIN' --out data --workers 16",
     )  # fmt: skip
-    text = "logs, folders, globs or URLs (s3://, memory://, what fsspec knows)"
+    text = "logs, folders, globs or URLs (s3://, what fsspec knows)"
     fleet.add_argument("paths", nargs="+", metavar="PATH", help=text)
-    text = "folder of the data set, or a URL (s3://bucket/data)"
-    fleet.add_argument("--out", type=place_of, required=True, metavar="DATASET", help=text)
+    text = "folder of the data set, on this machine"
+    fleet.add_argument("--out", type=Path, required=True, metavar="DATASET", help=text)
     where = fleet.add_mutually_exclusive_group()
     where.add_argument("--workers", type=int, metavar="N", help="processes (default: one a core)")
     where.add_argument("--scheduler", metavar="ADDRESS", help="a Dask scheduler: tcp://HOST:8786")
@@ -57,6 +58,8 @@ def add_fleet(commands: Commands) -> None:
 
 
 def _fleet(arguments: argparse.Namespace) -> int:
+    from yawid.dataset.files import read_table
+    from yawid.dataset.schema import TABLES
     from yawid.dataset.values import USAGE
     from yawid.fleet.run_fleet import dry_run, run_fleet
     from yawid.sinks.terminal.progress import Console
@@ -78,7 +81,7 @@ def _fleet(arguments: argparse.Namespace) -> int:
 
     with StopFlag().installed() as stop:
         try:
-            manifest, progress = run_fleet(run, stop, show, began)
+            progress = run_fleet(run, stop, show, began)
         finally:
             console.close()
     if stop.is_set:
@@ -86,10 +89,10 @@ def _fleet(arguments: argparse.Namespace) -> int:
         console.say(
             f"{stop.name}: {progress.done} logs are finished and saved, {left} were not reached"
         )
-    rows = ", ".join(f"{name} {each['rows']}" for name, each in manifest["tables"].items())
-    outcomes = ", ".join(f"{name} {n}" for name, n in sorted(manifest["outcomes"].items()))
+    rows = ", ".join(f"{name} {len(read_table(run.out, name, ()))}" for name in TABLES)
+    outcomes = Counter(read_table(run.out, "logs", ["outcome"])["outcome"].to_pylist())
     print_line(f"{run.out.absolute()}: {rows}")
-    print_line(f"outcomes: {outcomes}")
+    print_line(f"outcomes: {', '.join(f'{name} {n}' for name, n in sorted(outcomes.items()))}")
     if progress.failed:
         console.say(
             f"{progress.failed} logs failed for a reason that may pass: repeat the command to try "
@@ -99,7 +102,7 @@ def _fleet(arguments: argparse.Namespace) -> int:
         console.say(f"{usage} logs were not run with these options; {progress.why_usage}")
     if stop.is_set:
         return stop.exit_code
-    if progress.failed or {*(progress.outcomes or manifest["outcomes"])} == {"unreadable"}:
+    if progress.failed or {*(progress.outcomes or outcomes)} == {"unreadable"}:
         return SinkError.exit_code
     return ConfigError.exit_code if usage else 0
 

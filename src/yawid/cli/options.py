@@ -39,7 +39,7 @@ def _path(text: str) -> Path:
     if "://" in text:
         raise argparse.ArgumentTypeError(
             f"{text!r} is a URL, but a path on this machine is needed: copy the file to or from "
-            "the store with the store's own tool (replay, fleet, trend and diff take URLs)"
+            "the store with the store's own tool (replay, fleet and diff read URLs)"
         )
     return Path(text)
 

@@ -18,9 +18,7 @@ def add_trend(commands: Commands) -> None:
         commands, "trend", "DATASET", "what changed over a fleet's flights",
         "yawid trend data\nyawid trend data --vehicle serial:4711 -o trend.html",
     )  # fmt: skip
-    trend.add_argument(
-        "dataset", metavar="DATASET", type=place_of, help="folder made by yawid fleet"
-    )
+    trend.add_argument("dataset", metavar="DATASET", type=Path, help="folder made by yawid fleet")
     trend.add_argument("--vehicle", metavar="ID", help="only this vehicle, judged among all")
     trend.add_argument("--json", action="store_true", help="print one JSON object")
     trend.add_argument("-o", "--out", type=Path, metavar="R.html", help="write a page as well")

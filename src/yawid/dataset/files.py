@@ -1,129 +1,88 @@
-"""A data set on disk or in a store: Parquet files by table and month, and a manifest of them.
+"""A data set on this machine: SQLite while a fleet runs, one Parquet file a table at its end.
 
-A merge writes new files, which become part of the data set when the manifest names them
-(:mod:`yawid.dataset.places`): if it is killed at any moment, the data set is either as before or as
-after. A log has one outcome: a newer one replaces the older one with all its rows. Rows are dicts
-by column name, with times in microseconds since 1970.
+    DATASET/fleet.sqlite                    each log's rows; only a fleet opens it
+    DATASET/logs.parquet, flights.parquet   a file for each table of :mod:`yawid.dataset.schema`
+    DATASET/SCHEMA.md, schema.json          its columns
+
+A log's rows are one transaction, so that a kill loses no finished log. The Parquet files are all
+written under ``.part`` names and then renamed: whoever reads them finds each as it was or as it is,
+and no row twice. After a kill they are the last finished fleet's until the next fleet writes them.
+
+A log has one outcome: a newer one replaces the older one with all its rows. Rows are dicts by
+column name, with times in microseconds since 1970.
 """
 
-import io
 import json
-from collections.abc import Iterable, Mapping, Sequence
+import sqlite3
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import Final
+from typing import Final, Self
 
 import pyarrow as pa
-import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
-from yawid.dataset.places import MANIFEST, NEW, NO_MONTH, complete, month_of, opened, read_manifest
-from yawid.dataset.schema import FORMAT, ID, TABLES, TIME, Table, json_schema, schema_page
-from yawid.dataset.values import Entry, ReadRow, Row, plain
-from yawid.errors import SourceError
-from yawid.system.part_file import os_errors_as_sink_error, sync, write_whole
-from yawid.system.stores import Place
+from yawid.dataset.schema import FORMAT, ID, TABLES, Table, json_schema, schema_page
+from yawid.dataset.values import Entry, ReadRow, plain
+from yawid.errors import SinkError, SourceError
+from yawid.system.part_file import os_errors_as_sink_error, write_whole, written_whole
 
+DATABASE: Final = "fleet.sqlite"
 PAGE, SCHEMA = "SCHEMA.md", "schema.json"
 """Files that describe the columns: one for people, one for programs."""
-MOST_ROWS: Final = 1_000_000
-"""Most rows in a file; a file with half as many is no longer merged with new rows."""
+ROWS: Final = 10_000
+"""Rows that are in memory at once, and in one row group of a Parquet file."""
+KNOWN: Final = (
+    "size_bytes", "modified", "config_hash", "analysis_version", "outcome", "file_sha256",
+)  # fmt: skip
+"""The columns of ``logs`` that decide whether a log is run again."""
+_OURS: Final = 0x79617764
+"""SQLite's application id, by which a database is known to be a data set's."""
+_MAKE: Final = f"""
+    CREATE TABLE IF NOT EXISTS rows (path TEXT, name TEXT, row TEXT);
+    CREATE INDEX IF NOT EXISTS by_path ON rows (path);
+    CREATE TABLE IF NOT EXISTS unwritten (path TEXT);
+    PRAGMA application_id = {_OURS};
+    PRAGMA user_version = {FORMAT};
+"""
+"""``rows`` has each row as JSON by its log's path and its table's name; ``unwritten`` the logs that
+the Parquet files do not have."""
+_ROWS_OF: Final = """
+    WITH alike AS (
+        SELECT path, row_number() OVER (
+            PARTITION BY row ->> 'log_sha256' ORDER BY (row ->> 'kind') IS 'mcap', path
+        ) AS place
+        FROM rows WHERE name = 'logs'
+    )
+    SELECT row FROM rows JOIN alike USING (path)
+    WHERE name = ? AND (name = 'logs' OR place = 1) ORDER BY {order}
+"""
+"""The rows of a table. Of logs of the same bytes the first by path has the rows in all tables but
+``logs``, an MCAP only if there is no other: so nothing depends on the order of the runs."""
 
 
-def read_table(folder: Place, name: str, columns: Sequence[str] | None = None) -> pa.Table:
-    """Return a table of a data set, with all columns or some; ids are dictionary-encoded.
-
-    Rows come month by month, and within each file in the table's own order.
-
-    Raises:
-        SourceError: there is no data set, or a file that its manifest names cannot be read.
-    """
-    files = read_manifest(folder)["tables"].get(name, {"files": []})["files"]
-    return _read(folder, TABLES[name], [each["path"] for each in files], columns)
-
-
-def read_flights_by_loop(folder: Place, columns: Sequence[str]) -> pa.Table:
-    """Return some columns of ``flights_by_loop``, ``log_sha256`` among them.
-
-    Logs of an older analysis have no rows there: those in ``flights`` stand in for them.
-
-    Raises:
-        SourceError: there is no data set, or a file that its manifest names cannot be read.
-    """
-    by_loop, older = (read_table(folder, name, columns) for name in ("flights_by_loop", "flights"))
-    has = pc.is_in(older["log_sha256"].cast(pa.string()), by_loop["log_sha256"].cast(pa.string()))
-    older = older.filter(pc.invert(has))
-    return pa.concat_tables([by_loop, older]).unify_dictionaries()
-
-
-def merge(folder: Place, entries: Iterable[Entry]) -> Row:
-    """Merge logs with all their rows into a data set, which is created if there is none.
-
-    Return the new manifest. Of several entries with one path, the last counts. Logs of the same
-    bytes have a row each in ``logs``, and share their rows in the other tables.
+def read_table(folder: Path, name: str, columns: Sequence[str] | None = None) -> pa.Table:
+    """Return a table of a data set, in its own order, with all columns or some.
 
     Raises:
-        SourceError: the data set that is there cannot be read.
-        SinkError: the data set cannot be written.
+        SourceError: there is no data set of this version, or it cannot be read.
     """
-    by_path = {entry["logs"][0]["path"]: entry for entry in entries}
-    before = completed(folder) or _begun(folder)
-    generation = before["generation"] + 1
-    logs = _logs(folder, before, by_path)
-    by_sha = _owners(logs, by_path)
-    is_alive = set(pc.unique(logs["log_sha256"].drop_null()).to_pylist())
-    tables: dict[str, list[Row]] = {}
-    with os_errors_as_sink_error(folder):
-        tables["logs"] = _write(folder, TABLES["logs"], "logs", logs, generation)
-        for table in TABLES.values():
-            if table.by_month:
-                new = [row for entry in by_sha.values() for row in entry.get(table.name, ())]
-                files = before["tables"].get(table.name, {"files": []})["files"]
-                tables[table.name] = _merged(
-                    folder, table, files, new, by_sha.keys(), is_alive, generation
-                )
-        manifest = _manifest(tables, logs, generation)
-        texts = {
-            PAGE: schema_page().encode(),
-            SCHEMA: _json(json_schema()),
-            MANIFEST: _json(manifest),  # written last: it makes the other files count
-        }
-        _put(folder, texts)
-        complete(folder, manifest)
-    return manifest
+    path, schema = folder / f"{name}.parquet", TABLES[name].schema
+    try:
+        with pq.ParquetFile(path) as file:
+            if not _are_equal(file.schema_arrow, schema):
+                raise SourceError(f"{path} is of another version of yawid: run yawid fleet again")
+            names = schema.names if columns is None else list(columns)
+            return file.read(names).select(names).unify_dictionaries()
+    except (FileNotFoundError, NotADirectoryError):
+        raise SourceError(f"{folder} is not a data set: it has no {path.name}") from None
+    except (OSError, pa.ArrowException) as error:
+        raise SourceError(f"{path} cannot be read: {error}") from error
 
 
-def completed(folder: Place) -> Row | None:
-    """Complete a merge that a kill interrupted; return the manifest, or None if there is none.
-
-    Raises:
-        SourceError: the manifest cannot be read.
-        SinkError: the data set cannot be written.
-    """
-    if not (folder / MANIFEST).exists():
-        return None
-    manifest = read_manifest(folder)
-    with os_errors_as_sink_error(folder):
-        complete(folder, manifest)
-    return manifest
-
-
-def _begun(folder: Place) -> Row:
-    """Make a folder an empty data set; return its manifest."""
-    manifest = {"format": FORMAT, "generation": 0, "outcomes": {}, "tables": {}}
-    with os_errors_as_sink_error(folder):
-        if isinstance(folder, Path):
-            folder.mkdir(parents=True, exist_ok=True)
-        _put(folder, {MANIFEST: _json(manifest)})
-    return manifest
-
-
-def _put(folder: Place, texts: Mapping[str, bytes]) -> None:
-    """Write files, in their order; each is there as a whole or not at all."""
-    if isinstance(folder, Path):
-        write_whole({folder / name: text for name, text in texts.items()}, force=True)
-    else:
-        for name, text in texts.items():
-            (folder / name).write_bytes(text)
+def _are_equal(one: pa.Schema, other: pa.Schema) -> bool:
+    """Return whether columns and format are the same; the words of the columns may differ."""
+    return bool(one.equals(other)) and one.metadata == other.metadata
 
 
 def table_of(table: Table, rows: Sequence[ReadRow]) -> pa.Table:
@@ -135,7 +94,8 @@ def table_of(table: Table, rows: Sequence[ReadRow]) -> pa.Table:
     clean = plain(list(rows))
     if unknown := {name for row in clean for name in row} - set(table.schema.names):
         raise ValueError(f"{table.name} has no column {', '.join(sorted(unknown))}")
-    return pa.Table.from_pylist(clean, _without_ids(table.schema))
+    fields = [each.with_type(pa.string()) if each.type == ID else each for each in table.schema]
+    return pa.Table.from_pylist(clean, pa.schema(fields))
 
 
 def misfit(entry: Entry) -> str | None:
@@ -148,135 +108,162 @@ def misfit(entry: Entry) -> str | None:
     return None
 
 
-def _without_ids(schema: pa.Schema) -> pa.Schema:
-    """Return a schema with strings in place of dictionaries, which can be sorted and joined."""
-    fields = [each.with_type(pa.string()) if each.type == ID else each for each in schema]
-    return pa.schema(fields)
+class DataSet:
+    """The data set of one running fleet, locked against other fleets until its context ends.
 
+    Its folder is made where there is none. The Parquet files are written when the context ends,
+    however it ends.
 
-def _read(
-    folder: Place, table: Table, files: Sequence[str], columns: Sequence[str] | None = None
-) -> pa.Table:
-    whole = table.schema
-    names = whole.names if columns is None else list(columns)
-    schema = pa.schema([whole.field(name) for name in names])
-    found = []
-    for name in files:
+    Raises:
+        SinkError: the folder cannot be written or locked, is not a data set, or another fleet
+            writes to it.
+        SourceError: the data set is of another version.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        check_ours(folder)
+        with os_errors_as_sink_error(folder):
+            folder.mkdir(parents=True, exist_ok=True)
+        self.folder = folder
+        with _said(folder):
+            self._rows = sqlite3.connect(folder / DATABASE, timeout=0.0)
         try:
-            # A file of an older version may lack a column: it is NULL.
-            with opened(folder, name) as stream, pq.ParquetFile(stream) as file:
-                has = set(file.schema_arrow.names)
-                part = file.read([each for each in names if each in has])
-        except (OSError, pa.ArrowException) as error:
-            raise SourceError(f"{folder / name} cannot be read: {error}") from error
-        for column in schema:
-            if column.name not in has:
-                part = part.append_column(column, pa.nulls(len(part), column.type))
-        found.append(part.select(names).cast(schema))
-    return pa.concat_tables(found) if found else schema.empty_table()
+            with _said(folder):
+                self._rows.execute("PRAGMA locking_mode = EXCLUSIVE")
+                self._rows.execute("BEGIN EXCLUSIVE")
+                if _OURS not in self._rows.execute("PRAGMA application_id").fetchone():
+                    self._rows.executescript(f"BEGIN; {_MAKE} COMMIT")
+                self._rows.commit()
+        except SinkError:
+            self._rows.close()
+            raise
+
+    def __enter__(self) -> Self:
+        """Return itself."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Write the Parquet files where something has changed, and release the lock.
+
+        Raises:
+            SinkError: they cannot be written.
+            SourceError: the database has rows that no fleet wrote.
+        """
+        try:
+            with _said(self.folder):
+                is_new = self._rows.execute("SELECT * FROM unwritten LIMIT 1").fetchone()
+                if is_new or not all(map(self._is_written, TABLES.values())):
+                    self._write()
+        except (pa.ArrowException, ValueError, TypeError, OverflowError, RecursionError) as error:
+            text = f"{self.folder / DATABASE} has rows that no fleet wrote: {error}"
+            raise SourceError(text) from error
+        finally:
+            self._rows.close()
+
+    def known(self) -> dict[str, ReadRow]:
+        """Return the columns ``KNOWN`` of each log by its path."""
+        with _said(self.folder):
+            return _known(self._rows)
+
+    def add(self, entry: Entry) -> None:
+        """Add a log's rows, which fit the tables. They are kept even after a kill.
+
+        Raises:
+            SinkError: they cannot be written.
+        """
+        path = entry["logs"][0]["path"]
+        rows = [
+            (path, name, json.dumps(plain(dict(row)), allow_nan=False))
+            for name, below in entry.items()
+            for row in below
+        ]
+        with _said(self.folder), self._rows:
+            self._rows.execute("DELETE FROM rows WHERE path = ?", (path,))
+            self._rows.executemany("INSERT INTO rows VALUES (?, ?, ?)", rows)
+            self._rows.execute("INSERT INTO unwritten VALUES (?)", (path,))
+
+    def _write(self) -> None:
+        with ExitStack() as stack:  # at its end, when all are written, each gets its name
+            for table in TABLES.values():
+                path = self.folder / f"{table.name}.parquet"
+                stream = stack.enter_context(written_whole(path, force=True))
+                with pq.ParquetWriter(stream, table.schema, compression="zstd") as file:
+                    order = ", ".join(f"row ->> '{name}' NULLS LAST" for name in table.order)
+                    found = self._rows.execute(_ROWS_OF.format(order=order), (table.name,))
+                    while rows := found.fetchmany(ROWS):
+                        part = table_of(table, [json.loads(row) for (row,) in rows])
+                        file.write_table(part.cast(table.schema))
+        schema = json.dumps(json_schema(), indent=1)
+        texts = {PAGE: schema_page(), SCHEMA: f"{schema}\n"}
+        write_whole({self.folder / name: t.encode() for name, t in texts.items()}, force=True)
+        with self._rows:
+            self._rows.execute("DELETE FROM unwritten")
+
+    def _is_written(self, table: Table) -> bool:
+        try:
+            schema = pq.read_schema(self.folder / f"{table.name}.parquet")
+        except (OSError, pa.ArrowException):
+            return False
+        return _are_equal(schema, table.schema)
 
 
-def _logs(folder: Place, before: ReadRow, by_path: Mapping[str, Entry]) -> pa.Table:
-    """Return the table ``logs``, in which the logs of ``by_path`` replace older rows."""
-    table = TABLES["logs"]
-    files = [each["path"] for each in before["tables"].get("logs", {"files": []})["files"]]
-    old = _read(folder, table, files).cast(_without_ids(table.schema))
-    old = old.filter(pc.invert(pc.is_in(old["path"], pa.array(list(by_path), pa.string()))))
-    new = table_of(table, [entry["logs"][0] for entry in by_path.values()])
-    return pa.concat_tables([old, new])
+def peek(folder: Path) -> dict[str, ReadRow]:
+    """Return :meth:`DataSet.known` of a data set that may not exist yet, without writing anything.
 
-
-def _owners(logs: pa.Table, by_path: Mapping[str, Entry]) -> dict[str, Entry]:
-    """Return, by the hash of their log, the new entries whose rows represent the log.
-
-    If several files have the same hash, the first by path represents the log; an MCAP does so only
-    if there is no other file. So the result does not depend on the order of the runs.
+    Raises:
+        SinkError: a fleet is writing to it, or the folder is not a data set.
+        SourceError: the data set is of another version.
     """
-    new = {entry["logs"][0].get("log_sha256") for entry in by_path.values()} - {None}
-    alike = logs.filter(pc.is_in(logs["log_sha256"], pa.array(list(new), pa.string())))
-    owner: dict[str, tuple[bool, str]] = {}
-    for row in alike.select(["log_sha256", "kind", "path"]).to_pylist():
-        rank = row["kind"] == "mcap", row["path"]
-        owner[row["log_sha256"]] = min(rank, owner.get(row["log_sha256"], rank))
-    return {sha: by_path[path] for sha, (_, path) in owner.items() if path in by_path}
+    if not check_ours(folder):
+        return {}
+    with _said(folder):
+        database = sqlite3.connect(folder / DATABASE, timeout=0.0)
+        try:
+            return _known(database)
+        finally:
+            database.close()
 
 
-def _merged(
-    folder: Place,
-    table: Table,
-    files: Sequence[ReadRow],
-    new: Sequence[ReadRow],
-    replaced: Iterable[str],
-    is_alive: set[str],
-    generation: int,
-) -> list[Row]:
-    """Return the files of one table after the merge; those that change are written again.
+def _known(database: sqlite3.Connection) -> dict[str, ReadRow]:
+    columns = ", ".join(f"row ->> '{name}'" for name in KNOWN)
+    found = database.execute(f"SELECT path, {columns} FROM rows WHERE name = 'logs'")
+    return {path: dict(zip(KNOWN, values, strict=True)) for path, *values in found}
 
-    The old rows of a log are removed if its hash is in ``replaced`` or not in ``is_alive``.
+
+def check_ours(folder: Path) -> bool:
+    """Return whether a folder is a data set; if not, it may become one, and need not exist.
+
+    Raises:
+        SinkError: the folder holds other files, or cannot be listed.
+        SourceError: the data set is of another version.
     """
-    rows_of: dict[str, list[ReadRow]] = {}
-    for row in new:
-        rows_of.setdefault(_month(row.get("date")), []).append(row)
-    files_of: dict[str, list[ReadRow]] = {}
-    for file in files:
-        files_of.setdefault(month_of(file["path"]), []).append(file)
-    keeps = pa.array(sorted(is_alive - set(replaced)), pa.string())
-    after: list[Row] = []
-    for month in sorted({*rows_of, *files_of}):
-        place = f"{table.name}/month={month}"
-        parts = [table_of(table, rows_of.get(month, []))]
-        for file in files_of.get(month, []):
-            shas = _read(folder, table, [file["path"]], ["log_sha256"])["log_sha256"]
-            kept = pc.is_in(shas.cast(pa.string()), keeps)
-            is_whole = bool(pc.all(kept).as_py()) and file["path"].startswith(f"{place}/")
-            if is_whole and (month not in rows_of or 2 * file["rows"] >= MOST_ROWS):
-                after.append(dict(file))
-                continue
-            parts.append(_read(folder, table, [file["path"]]).filter(kept).cast(parts[0].schema))
-        if rows := pa.concat_tables(parts):
-            after += _write(folder, table, place, rows, generation)
-    return after
+    with os_errors_as_sink_error(folder):
+        names = {path.name for path in folder.iterdir()} if folder.exists() else set()
+        head = b""
+        if DATABASE in names:
+            with (folder / DATABASE).open("rb") as stream:
+                head = stream.read(100)
+    version, ours = int.from_bytes(head[60:64]), int.from_bytes(head[68:72])
+    if ours == _OURS and version != FORMAT:
+        raise SourceError(f"{folder} has format {version}, this version reads {FORMAT}")
+    if ours == _OURS:
+        return True
+    # A fleet that was killed before it had made its database leaves an empty file, and a journal.
+    if names - {DATABASE, f"{DATABASE}-journal"} or head:
+        raise SinkError(f"{folder} is not empty and is not a data set: choose another --out")
+    return False
 
 
-def _write(folder: Place, table: Table, place: str, rows: pa.Table, generation: int) -> list[Row]:
-    """Write sorted rows as files of at most ``MOST_ROWS``; return their entries in the manifest."""
-    rows = rows.sort_by([(name, "ascending") for name in table.order]).cast(table.schema)
-    files = []
-    for i, first in enumerate(range(0, len(rows), MOST_ROWS)):
-        name = f"{place}/part-{generation:06d}-{i}.parquet"
-        path = folder / NEW / name
-        piece = rows.slice(first, MOST_ROWS)
-        if isinstance(path, Path):
-            path.parent.mkdir(parents=True, exist_ok=True)
-            with path.open("wb") as stream:
-                pq.write_table(piece, stream, compression="zstd")
-                sync(stream)
-        else:
-            whole = io.BytesIO()
-            pq.write_table(piece, whole, compression="zstd")
-            path.write_bytes(whole.getvalue())
-        files.append({"path": name, "rows": len(piece)})
-    return files
-
-
-def _month(date_us: int | None) -> str:
-    if date_us is None:
-        return NO_MONTH
-    return str(pa.scalar(date_us, TIME).as_py().strftime("%Y-%m"))
-
-
-def _json(content: ReadRow) -> bytes:
-    return json.dumps(content, indent=1).encode() + b"\n"
-
-
-def _manifest(tables: Mapping[str, list[Row]], logs: pa.Table, generation: int) -> Row:
-    counted = pc.value_counts(logs["outcome"]).to_pylist()
-    return {
-        "format": FORMAT,
-        "generation": generation,
-        "outcomes": {each["values"]: each["counts"] for each in counted},
-        "tables": {
-            name: {"rows": sum(file["rows"] for file in files), "files": files}
-            for name, files in tables.items()
-        },
-    }
+@contextmanager
+def _said(folder: Path) -> Iterator[None]:
+    """Turn an error of SQLite into a SinkError of one line."""
+    try:
+        yield
+    except sqlite3.Error as error:
+        name = getattr(error, "sqlite_errorname", "")
+        if "LOCK" in name or name in ("SQLITE_BUSY", "SQLITE_PROTOCOL", "SQLITE_PERM"):
+            raise SinkError(
+                f"another yawid fleet is writing to {folder}: wait until it has ended; if there is "
+                f"none, the folder's disk cannot lock files ({name}): choose a folder on another"
+            ) from error
+        raise SinkError(f"cannot write {folder / DATABASE}: {error}") from error

@@ -2,12 +2,11 @@
 
 A value that does not apply is NULL, never NaN. A column's name ends in its unit; a number without
 one has no unit. ``*_std`` is the total sigma of the number named before it, in the same unit;
-``*_std_noise`` is the part of it that noise alone explains. Times are UTC. Rows without a date are
-in ``month=unknown``.
+``*_std_noise`` is the part of it that noise alone explains. Times are UTC.
 
-A glob over a table's folder never reads a row twice. After a fleet was killed, a glob may miss rows
-until the next ``yawid fleet`` on the data set completes its files. ``manifest.json`` names the
-files that count; a file that is missing from its place is below ``_new`` until then.
+Each table is one file, ``logs.parquet`` and so on, which the end of a fleet replaces as a whole.
+After a fleet was killed they are those of the fleet before, until the next one ends. Only
+``yawid fleet`` itself opens ``fleet.sqlite``.
 """
 
 from collections.abc import Sequence
@@ -21,8 +20,8 @@ from yawid.quantities.table import YAW_CHANNEL, quantity
 ANALYSIS_VERSION: Final = "6"
 """Version of the numbers: when the same log gives other numbers it is raised, and a fleet runs all
 logs again."""
-FORMAT: Final = 1
-"""Version of the data set's folders and manifest."""
+FORMAT: Final = 2
+"""Version of the data set's files and columns: a data set of another one is refused."""
 OUTCOMES: Final = ("ok", "unusable", "crashed", "timeout", "unreadable", "failed")
 """Results of a log; ``failed`` means that it was not read for a reason that may pass."""
 
@@ -131,7 +130,7 @@ class Table:
     """One table: its name, what one ``row`` is, and its columns.
 
     ``keys`` are the columns in whose values any two rows differ; ``order`` are the columns by which
-    rows are sorted. ``by_month`` is whether there is a folder for each month.
+    rows are sorted.
     """
 
     name: str
@@ -139,7 +138,6 @@ class Table:
     columns: Sequence[Column]
     keys: tuple[str, ...]
     order: tuple[str, ...]
-    by_month: bool = True
 
     @property
     def schema(self) -> pa.Schema:
@@ -178,7 +176,6 @@ LOGS: Final = Table(
     ),
     ("path",),
     ("path",),
-    by_month=False,
 )
 FLIGHTS: Final = Table(
     "flights",

@@ -11,7 +11,7 @@ from typing import Any, Final
 
 from yawid.errors import ConfigError, SourceError
 from yawid.sources.formats import IN_FOLDERS, WITH_RECORDS
-from yawid.system.stores import CHUNK, Place, StoredPath, fsspec
+from yawid.system.stores import CHUNK, StoredPath, fsspec
 
 NOT_FINISHED: Final = ".interrupted.mcap"
 _WILD: Final = frozenset("*?[")
@@ -57,15 +57,12 @@ def find_logs(paths: Iterable[str], *, with_records: bool = False) -> list[Found
     return sorted(found.values(), key=lambda log: (-log.size, log.path))
 
 
-def check_apart(paths: Iterable[str], found: Iterable[FoundLog], out: Place) -> None:
+def check_apart(paths: Iterable[str], found: Iterable[FoundLog], out: Path) -> None:
     """Check that the data set's folder ``out`` and the folders of the logs are separate.
 
     Raises:
         ConfigError: one of them contains the other.
     """
-    if isinstance(out, StoredPath):
-        _check_apart_in_store(paths, found, str(out).rstrip("/") + "/")
-        return
     place = Path(os.path.realpath(out))
     for folder in {os.path.dirname(_local_path(log.path)) for log in found}:
         if folder and Path(os.path.realpath(folder)).is_relative_to(place):
@@ -78,19 +75,6 @@ def check_apart(paths: Iterable[str], found: Iterable[FoundLog], out: Place) -> 
         if searched is not None and place.is_relative_to(os.path.realpath(searched)):
             raise ConfigError(
                 f"--out {out} lies below {searched}, where logs are searched for: choose a folder "
-                "outside of it"
-            )
-
-
-def _check_apart_in_store(paths: Iterable[str], found: Iterable[FoundLog], out: str) -> None:
-    for log in found:
-        if log.path.startswith(out):
-            raise ConfigError(f"--out {out} holds the log {log.path}: choose a place without logs")
-    for path in paths:
-        before = path.partition("**")[0].rstrip("/") + "/"
-        if out.startswith(before):
-            raise ConfigError(
-                f"--out {out} lies below {before}, where logs are searched for: choose a place "
                 "outside of it"
             )
 
@@ -124,21 +108,14 @@ def sha256_of(log: FoundLog) -> str:
     Raises:
         SourceError: the log cannot be read.
     """
+    is_url, digest = "://" in log.path, hashlib.sha256()
     try:
-        is_url, digest = "://" in log.path, hashlib.sha256()
-        with StoredPath(log.path).open() if is_url else Path(log.path).open("rb") as stream:
+        with StoredPath(log.path).opened() if is_url else Path(log.path).open("rb") as stream:
             while chunk := stream.read(CHUNK):
                 digest.update(chunk)
-        return digest.hexdigest()
-    except Exception as error:  # a store's library may raise anything
+    except OSError as error:
         raise SourceError(f"{log.path}: {error}") from error
-
-
-def own_bytes(log: FoundLog) -> bytes | None:
-    """Return the bytes of a log in ``memory://``, which no other process can read, else None."""
-    if not log.path.startswith("memory://"):
-        return None
-    return StoredPath(log.path).read_bytes()
+    return digest.hexdigest()
 
 
 def _below(path: str, ends: tuple[str, ...]) -> Iterator[FoundLog]:

@@ -10,21 +10,18 @@ from pathlib import Path
 from typing import Any, Final
 
 from yawid.config.run import OF_RECORDS
-from yawid.dataset.files import misfit
-from yawid.dataset.places import MANIFEST, read_manifest
+from yawid.dataset.files import DataSet, misfit, peek
 from yawid.dataset.schema import ANALYSIS_VERSION
-from yawid.dataset.values import FAILED, USAGE, Entry, ReadRow, Row, failed
+from yawid.dataset.values import FAILED, USAGE, Entry, ReadRow, failed
 from yawid.errors import SinkError, SourceError
 from yawid.fleet.cluster import check_installed, workers_of
-from yawid.fleet.find_logs import FoundLog, check_apart, find_logs, own_bytes, sha256_of
-from yawid.fleet.journal import Journal, check_ours, opened, peek
+from yawid.fleet.find_logs import FoundLog, check_apart, find_logs, sha256_of
 from yawid.fleet.local import HERE, local_workers
 from yawid.fleet.spec import Spec
 from yawid.fleet.worker import Task
-from yawid.runs.stop import Interrupted, StopFlag
+from yawid.runs.stop import StopFlag
 from yawid.sinks.words import duration
 from yawid.sources.formats import FORMATS
-from yawid.system.stores import Place
 
 TIMEOUT_S: Final = 600.0
 """Default time limit of one log in s."""
@@ -42,7 +39,7 @@ class FleetRun:
     """The settings of a fleet run: which logs, where the data set is, and which workers."""
 
     paths: Sequence[str]
-    out: Place
+    out: Path
     spec: Spec = field(default_factory=Spec)
     workers: int | None = None
     scheduler: str | None = None
@@ -162,9 +159,7 @@ def _need_libraries(logs: Sequence[FoundLog]) -> None:
 
 def dry_run(run: FleetRun) -> Plan:
     """Return what a run would do, without writing anything. Raises as :func:`run_fleet` does."""
-    found = _found(run)
-    check_ours(run.out)
-    return plan_of(run, found, peek(run.out))
+    return plan_of(run, _found(run), peek(run.out))
 
 
 def _found(run: FleetRun) -> list[FoundLog]:
@@ -179,16 +174,15 @@ def run_fleet(
     stop: StopFlag,
     show: Callable[[Progress], None] = lambda progress: None,
     began: Callable[[Plan], None] = lambda plan: None,
-) -> tuple[Row, Progress]:
-    """Run every log that the data set does not have; return the manifest and the progress.
+) -> Progress:
+    """Run every log that the data set does not have; return the progress.
 
     When ``stop`` is set, finished logs are kept. ``began`` is called once with the plan, ``show``
     after each log and while waiting for one.
 
     Raises:
-        Interrupted: ``stop`` was set before the run began, or, in a new data set, before a log was
-            finished.
-        SourceError: there is no log, or a log or the data set cannot be read.
+        Interrupted: ``stop`` was set before the run began.
+        SourceError: there is no log, or a log cannot be read; the data set is of another version.
         SinkError: the data set cannot be written, or the scheduler is lost.
         ConfigError: a scheduler is asked for and Dask is not installed, or the data set's folder
             contains the logs or lies among them.
@@ -197,22 +191,20 @@ def run_fleet(
         check_installed()
     with stop.raising():
         found = _found(run)
-    with opened(run.out) as journal:
+    with DataSet(run.out) as data:
         with stop.raising():
-            plan = plan_of(run, found, journal.known())
+            plan = plan_of(run, found, data.known())
         began(plan)
         progress = Progress(len(plan.todo), plan.size)
         if plan.todo:
-            _run(run, plan, journal, progress, stop, show)
-    if not (run.out / MANIFEST).exists():  # stopped before the first log's end
-        raise Interrupted(stop.exit_code)
-    return read_manifest(run.out), progress
+            _run(run, plan, data, progress, stop, show)
+    return progress
 
 
 def _run(
     run: FleetRun,
     plan: Plan,
-    journal: Journal,
+    data: DataSet,
     progress: Progress,
     stop: StopFlag,
     show: Callable[[Progress], None],
@@ -221,7 +213,7 @@ def _run(
     own = {"config_hash": run.spec.config_hash, "analysis_version": ANALYSIS_VERSION}
     address = run.scheduler
     readable = (log for log in plan.todo if log.failure is None)
-    tasks = (Task(log.path, run.spec, run.timeout_s, own_bytes(log)) for log in readable)
+    tasks = (Task(log.path, run.spec, run.timeout_s) for log in readable)
 
     def add(log: FoundLog, rows: Any, address: str) -> None:
         entry = _entry(log, rows, own, address, run.spec.name_of(log.path))
@@ -231,7 +223,7 @@ def _run(
         if row["outcome"] == USAGE:
             progress.why_usage = progress.why_usage or f"{log.path}: {row['text']}"
         elif row["outcome"] != FAILED or log.path not in plan.answered:
-            journal.add(entry)  # a failure does not replace an earlier answer
+            data.add(entry)  # a failure does not replace an earlier answer
         progress.add(row["outcome"], log.size)
         show(progress)
 

@@ -36,7 +36,7 @@ START_S = 300.0
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """A log to be replayed: its path or URL, and its bytes if no other process can read them.
+    """A log to be replayed: its path or URL.
 
     ``spec`` is a :class:`yawid.fleet.spec.Spec`, whose import would be large.
     """
@@ -44,7 +44,6 @@ class Task:
     path: str
     spec: Any
     timeout_s: float
-    data: bytes | None = None
 
 
 class Replayer:
@@ -72,7 +71,7 @@ class Replayer:
                 tempfile.TemporaryDirectory(dir=self._scratch) as scratch,
                 _killed_after(task.timeout_s, child, is_late),
             ):
-                answer = child.answer((task.path, task.spec, Path(scratch), task.data))
+                answer = child.answer((task.path, task.spec, Path(scratch)))
             if answer is not DIED:
                 return answer
             how = self.close()

@@ -1,7 +1,4 @@
-"""Files in a store that fsspec knows (``s3://bucket/data``), by the methods of Path used on them.
-
-A store has no locks, no half-written files, and often no folders.
-"""
+"""Files in a store that fsspec knows (``s3://bucket/flight.BIN``), which are read there."""
 
 import errno
 import os
@@ -9,7 +6,6 @@ import re
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
-from functools import cached_property
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, BinaryIO, Final
@@ -20,36 +16,15 @@ CHUNK: Final = 1 << 20
 
 
 class StoredPath:
-    """A file, or what would be a folder, in a store; where a method fails it raises OSError.
-
-    Raises:
-        ConfigError: at its first use; fsspec or the store's own library is not installed.
-    """
+    """A file in a store, with the names that a Path has."""
 
     def __init__(self, url: str) -> None:
         self._url = url.rstrip("/")
-
-    @cached_property
-    def _found(self) -> tuple[Any, str]:
-        with _os_errors(self._url):
-            store, name = fsspec().core.url_to_fs(self._url)
-        return store, str(name).rstrip("/")
-
-    @property
-    def _store(self) -> Any:
-        return self._found[0]
-
-    @property
-    def _name(self) -> str:
-        return self._found[1]
 
     def __str__(self) -> str:
         return self._url
 
     __repr__ = __str__
-
-    def __truediv__(self, below: str) -> "StoredPath":
-        return StoredPath(f"{self._url}/{below}")
 
     @property
     def name(self) -> str:
@@ -75,101 +50,31 @@ class StoredPath:
         """Return itself."""
         return self
 
-    def exists(self) -> bool:
-        """Return whether there is such a file, or a file below it."""
-        return bool(self._asked("exists"))
-
-    def is_dir(self) -> bool:
-        """Return whether there is a file below it."""
-        return bool(self._asked("isdir"))
-
-    def below(self, folder: str = "") -> list[str]:
-        """Return the names of all files below it, or below one of its folders, relative to it."""
-        place = self / folder if folder else self
-        start = len(self._name) + 1
-        return [str(name)[start:] for name in place._asked("find")]
-
-    def open(self, mode: str = "rb") -> BinaryIO:
-        """Open the file for reading."""
-        with _os_errors(str(self)):
-            stream: BinaryIO = self._store.open(self._name, mode)
-        return stream
-
-    def read_bytes(self) -> bytes:
-        """Return the content of the file."""
-        return bytes(self._asked("cat_file"))
-
-    def write_bytes(self, data: bytes) -> None:
-        """Put a file as a whole."""
-        with _os_errors(str(self)):
-            self._make_folder()
-            self._store.pipe_file(self._name, data)
-
-    def copy_to(self, local: Path) -> None:
-        """Copy the file to one of this machine.
+    @contextmanager
+    def opened(self) -> Iterator[BinaryIO]:
+        """Open the file for reading while a context lasts.
 
         Raises:
-            SourceError: it cannot be read.
+            ConfigError: fsspec or the store's own library is not installed.
+            SourceError: it cannot be read, or the context ended with another error.
         """
         try:
-            with self.open() as stream, local.open("wb") as out, _os_errors(str(self)):
-                shutil.copyfileobj(stream, out, CHUNK)
-        except OSError as error:
-            raise SourceError(f"{self} cannot be read: {error.strerror}") from error
-
-    def create(self, data: bytes) -> bool:
-        """Put a file if there is none, and return whether this was done."""
-        if self.exists():
-            return False
-        try:
-            with _os_errors(str(self)):
-                self._make_folder()
-                self._store.pipe_file(self._name, data, mode="create")
-        except OSError:
-            if self.exists():  # not every store raises FileExistsError
-                return False
+            with fsspec().open(self._url) as stream:
+                yield stream
+        except YawidError:
             raise
-        return True
+        except ImportError as error:
+            raise ConfigError(f"{self}: {error}") from error
+        except Exception as error:  # a store's library may raise anything
+            number = getattr(error, "errno", None)
+            number = errno.ENOENT if isinstance(error, FileNotFoundError) else number
+            said = os.strerror(number) if number else f"{type(error).__name__}: {error}"
+            raise SourceError(f"{self} cannot be read: {said}") from error
 
-    @property
-    def creates_once(self) -> bool:
-        """Whether of two that create this file, which must exist, only one can succeed."""
-        import fsspec.spec
-
-        if type(self._store).pipe_file is fsspec.spec.AbstractFileSystem.pipe_file and not hasattr(
-            self._store, "_pipe_file"
-        ):
-            return False  # fsspec's own pipe_file looks first, and then writes
-        before = self.read_bytes()
-        try:
-            self._store.pipe_file(self._name, before, mode="create")
-        except Exception:
-            return True
-        return False
-
-    def unlink(self, missing_ok: bool = False) -> None:
-        """Remove the file."""
-        try:
-            self._asked("rm_file")
-        except FileNotFoundError:
-            if not missing_ok:
-                raise
-
-    def replace(self, target: "StoredPath") -> None:
-        """Give the file another name, by a copy."""
-        with _os_errors(str(self)):
-            target._make_folder()
-            self._store.cp_file(self._name, target._name)
-        self.unlink()
-
-    def _make_folder(self) -> None:
-        if self._name.startswith("/"):  # not a store of objects: it has folders
-            self._store.makedirs(self.parent._name, exist_ok=True)
-
-    def _asked(self, method: str) -> Any:
-        with _os_errors(str(self)):
-            self._store.invalidate_cache()  # others write there, too
-            return getattr(self._store, method)(self._name)
+    def copy_to(self, local: Path) -> None:
+        """Copy the file to one of this machine. Raises as :meth:`opened` does."""
+        with self.opened() as stream, local.open("wb") as out:
+            shutil.copyfileobj(stream, out, CHUNK)
 
 
 Place = Path | StoredPath
@@ -215,27 +120,3 @@ def fsspec() -> Any:
     except ImportError as error:
         raise ConfigError("URLs need fsspec: pip install 'yawid[fleet]'") from error
     return fsspec
-
-
-@contextmanager
-def _os_errors(name: str) -> Iterator[None]:
-    """Turn what a store's library raises into OSErrors that have a text.
-
-    Raises:
-        ConfigError: the library of this kind of store is not installed.
-    """
-    try:
-        yield
-    except YawidError:
-        raise
-    except ImportError as error:
-        raise ConfigError(f"{name}: {error}") from error
-    except OSError as error:
-        by_kind = {FileNotFoundError: errno.ENOENT, FileExistsError: errno.EEXIST}
-        code = by_kind.get(type(error)) or error.errno or errno.EIO
-        of_code = os.strerror(code) if type(error) in by_kind else ""
-        said = error.strerror or of_code or str(error) or type(error).__name__
-        raise OSError(code, said, name) from error
-    except Exception as error:  # a store's library may raise anything
-        said = f"{type(error).__name__}: {error}"
-        raise OSError(errno.EIO, said, name) from error

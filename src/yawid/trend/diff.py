@@ -11,6 +11,7 @@ also scatters by tau, and the flights of its own log are left out of the data se
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Final
 
 import numpy as np
@@ -139,7 +140,7 @@ def _compared(one: _Side, other: _Side) -> Diff:
         return result if flown is None else replace(result, damper=_of_dampers(result, flown))
     notes: list[str] = []
     for run, fleet, name in ((one, other, "B"), (other, one, "A")):
-        if fleet.run is None:
+        if fleet.run is None and isinstance(fleet.path, Path):
             flights = read_flights(fleet.path, run.sha256)
             notes += [f"warning {each.id} in {name}: {each.text}" for each in mixed(flights)]
             studied = study(flights)
@@ -191,7 +192,7 @@ def _of_dampers(result: Diff, found: BeforeAfter) -> DamperDiff:
 
 def _side(path: Place, stack: ExitStack) -> _Side:
     """Return a side; a run in a store is copied, and its copy is removed when ``stack`` ends."""
-    if path.is_dir():
+    if isinstance(path, Path) and path.is_dir():
         return _Side(path)
     run = open_answered(stack.enter_context(brought(path)))
     rows: dict[str, FlightRow] = {

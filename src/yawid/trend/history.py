@@ -8,17 +8,17 @@ and that which ``--ordinary`` finds.
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
 from yawid.answers.reasons import Reason
 from yawid.blocks import Floats, Ints
-from yawid.dataset.files import read_flights_by_loop
+from yawid.dataset.files import read_table
 from yawid.dataset.schema import BARE, ORDINARY
 from yawid.quantities.airspeed import density_ratio
 from yawid.quantities.vehicles import autopilot_name, type_name
-from yawid.system.stores import Place
 from yawid.trend import SEVERAL
 from yawid.trend.days import Track
 
@@ -69,7 +69,7 @@ class Flights:
     histories: list[History]
 
 
-def read_flights(folder: Place, without_sha: str | None = None) -> Flights:
+def read_flights(folder: Path, without_sha: str | None = None) -> Flights:
     """Return a data set's histories, sorted by vehicle.
 
     The flights of the log with the hash ``without_sha`` are left out.
@@ -79,7 +79,7 @@ def read_flights(folder: Place, without_sha: str | None = None) -> Flights:
     """
     bare = [name for name, *_ in (*BARE, *ORDINARY)]
     columns = [*_WHO, *MADE, *FOLLOWED, *FOLLOWED.values(), *bare, *_MIXED, "altitude_m"]
-    table = read_flights_by_loop(folder, columns)
+    table = read_table(folder, "flights_by_loop", columns)
     dates = table["date"].cast("int64").to_pylist()
     rows = [row | {"date": date} for row, date in zip(table.to_pylist(), dates, strict=True)]
     if without_sha is not None:

@@ -10,6 +10,7 @@ reported at the same rate for a single test; they do not count as changes.
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from pathlib import Path
 from typing import Final
 
 import numpy as np
@@ -19,7 +20,6 @@ from yawid.answers.reasons import Reason
 from yawid.answers.run_summary import Value
 from yawid.errors import ConfigError
 from yawid.quantities.table import QUANTITIES
-from yawid.system.stores import Place
 from yawid.trend.changes import Change, Fitted, fit_fleets, profile
 from yawid.trend.days import YEAR_US
 from yawid.trend.history import Flights, History, measured_otherwise, mixed, read_flights
@@ -142,7 +142,7 @@ class Studied:
     followed: Followed
 
 
-def trend(folder: Place, vehicle: str | None = None) -> tuple[Trend, list[Studied]]:
+def trend(folder: Path, vehicle: str | None = None) -> tuple[Trend, list[Studied]]:
     """Return the trends of a data set, or only those of ``vehicle``, judged among all the same.
 
     Raises:

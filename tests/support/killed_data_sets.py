@@ -1,4 +1,4 @@
-"""Merges of a data set, each of which is ended by kill -9 before its n-th step on disk."""
+"""Data sets whose writer is ended by kill -9 before its n-th step, of SQL or on disk."""
 
 from __future__ import annotations
 
@@ -6,20 +6,23 @@ import json
 import os
 import shutil
 import signal
+import sqlite3
 import subprocess
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from data_sets import merge
+
 MOST_S = 120.0
-STEPS = ("os.rename", "os.remove", "os.mkdir", "os.rmdir")
+STEPS = ("os.rename", "os.remove", "os.mkdir", "open")
 
 
 def killed_at_every_step(start: Path, entries: Sequence[Any], into: Path) -> list[Path]:
-    """Merge entries into copies of ``start``; the n-th merge is killed before its n-th step.
+    """Put entries into copies of ``start``; the n-th writer is killed before its n-th step.
 
-    Return the folders of the copies. The last merge was not killed, as it has no such step. One
+    Return the folders of the copies. The last writer was not killed, as it has no such step. One
     process forks for all of them.
     """
     command = [sys.executable, __file__, str(start), str(into)]
@@ -30,8 +33,6 @@ def killed_at_every_step(start: Path, entries: Sequence[Any], into: Path) -> lis
 
 
 def _main(start: Path, into: Path) -> None:
-    from yawid.dataset.files import merge
-
     entries, step, is_killed = json.load(sys.stdin), 0, True
     merge(into / "warm", entries)  # so that late imports are done before the forks
     while is_killed:
@@ -52,16 +53,23 @@ def _main(start: Path, into: Path) -> None:
 def _count_to(step: int, folder: Path) -> None:
     left = [step]
 
-    def count(event: str, arguments: tuple[Any, ...]) -> None:
-        path = arguments[0] if arguments else None
-        if not isinstance(path, str | os.PathLike) or str(folder) not in os.fspath(path):
-            return
-        if event in STEPS or (event == "open" and set(arguments[1] or "") & set("wax")):
-            left[0] -= 1
-            if left[0] == 0:
-                os.kill(os.getpid(), signal.SIGKILL)
+    def count(*_: object) -> None:
+        left[0] -= 1
+        if left[0] == 0:
+            os.kill(os.getpid(), signal.SIGKILL)
 
-    sys.addaudithook(count)
+    def event(name: str, arguments: tuple[Any, ...]) -> None:
+        path = arguments[0] if arguments else None
+        if name in STEPS and isinstance(path, str | os.PathLike) and str(folder) in os.fspath(path):
+            count()
+
+    def connect(*arguments: Any, **named: Any) -> sqlite3.Connection:
+        database = connected(*arguments, **named)
+        database.set_trace_callback(count)
+        return database
+
+    connected, sqlite3.connect = sqlite3.connect, connect
+    sys.addaudithook(event)
 
 
 if __name__ == "__main__":
