@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import shutil
 from pathlib import Path
 
 import pytest
 from cases import answers
-from places import C172P
 
 HEAD = "log,exit_code,usable,wn,wn_std,zeta,zeta_std,reasons,manoeuvres,usable_manoeuvres"
 OLD = "f/a.tlog,0,True,2,0.1,0.2,0.02,,2,2"
@@ -48,36 +46,3 @@ def test_a_changed_answer_is_counted_by_its_kind_and_said(
     assert named.startswith("f/a.tlog: ")
     assert said in named
     assert "b.tlog" not in named
-
-
-def test_a_flight_that_only_one_table_has_is_named(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    old = table(tmp_path, "old.csv", OLD, OLD.replace("a.tlog", "gone.tlog"))
-    new = table(tmp_path, "new.csv", OLD)
-
-    assert answers.main([str(new), "--against", str(old)]) == 1
-    assert "| only in the earlier table: f/gone.tlog | 1 |" in capsys.readouterr().out
-    assert answers.main([str(new), "--against", str(new)]) == 0
-
-
-def test_the_logs_of_a_folder_are_replayed_and_a_log_that_fails_has_its_exit_code(
-    tmp_path: Path,
-) -> None:
-    folder = tmp_path / "flown"
-    (folder / "below").mkdir(parents=True)
-    shutil.copy(C172P, folder / "below" / "good.tlog")
-    (folder / "bad.tlog").write_bytes(b"no frames at all " * 100)
-    path = tmp_path / "table.csv"
-
-    assert answers.main([str(path), str(folder)]) == 0
-
-    rows = answers.read(path)
-    assert list(rows) == ["flown/bad.tlog", "flown/below/good.tlog"]
-    bad, good = rows.values()
-    assert (bad["usable"], bad["wn"], bad["manoeuvres"]) == ("False", "", "0")
-    assert bad["exit_code"] not in ("0", "5")
-    # JSBSim's own linearisation says 2.404 and 0.233
-    assert abs(float(good["wn"]) - 2.404) < 2.0 * float(good["wn_std"])
-    assert abs(float(good["zeta"]) - 0.233) < 2.0 * float(good["zeta_std"])
-    assert (good["exit_code"], good["usable"], good["usable_manoeuvres"]) == ("0", "True", "1")

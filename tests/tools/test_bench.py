@@ -58,15 +58,6 @@ def test_a_bench_that_misses_its_aim_exits_with_1_and_its_first_table_is_written
     assert readme.read_text(encoding="utf-8").endswith("| s |\n|---|---|\n\nwhat follows\n")
 
 
-def test_without_being_asked_nothing_is_written(readme: Path):
-    before = readme.read_text(encoding="utf-8")
-
-    assert bench.main(["fake"]) == 0
-    assert bench.main(["none"]) == bench.main([]) == 2
-
-    assert readme.read_text(encoding="utf-8") == before
-
-
 @pytest.mark.parametrize("path", sorted((ROOT / "tools").glob("*.py")), ids=lambda path: path.name)
 def test_a_tool_in_the_root_runs_as_a_command(
     path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]

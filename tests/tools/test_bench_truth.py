@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-import csv
 import math
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from bench import truth as bench
-from bench.table import write_csv
 from checks import judge_response
 from checks.judge import Row, compared
-from flights.moved import PLACES, Draw
 from flights.sealed import plan_at
 from flights.truth import dutch_roll, response, with_roll_hold
 from hand_flights import estimate, plain_summary, roll_of, verdict
@@ -163,18 +159,6 @@ def test_a_figure_misses_its_limit_only_by_more_than_its_own_error() -> None:
     assert "wn, turbulence: RMS" not in near  # nothing was flown in it
 
 
-def test_the_worst_condition_is_held_to_the_limit_of_all() -> None:
-    bad = [row | {"gyro": "noisy"} for row in answers(*[1.5] * 20)]
-    rows = [*answers(*[0.5] * 60), *bad]
-
-    found = held(rows)
-
-    assert found["wn, every condition, worst: noisy gyro: z"].value == pytest.approx(1.5)
-    assert found["wn, every condition, worst: noisy gyro: z"].excess > 0.0
-    few = held([*answers(*[0.5] * 60), *bad[:19]])
-    assert not any("noisy gyro" in name for name in few)
-
-
 def test_one_answer_beyond_three_and_a_half_sigma_is_named_and_is_one_too_many() -> None:
     rows = answers(0.0, 0.5, 3.6)
 
@@ -225,26 +209,3 @@ def test_an_answer_with_jsbsim_s_own_response_is_not_off() -> None:
     # a step of the rudder makes the yaw acceleration of its column, to the left if b is positive
     assert acceleration == pytest.approx(-b[3], rel=0.05)
     assert 0.0 < K < acceleration
-
-
-def test_a_flight_is_flown_once_and_has_a_row_for_every_estimate(tmp_path: Path) -> None:
-    rows = bench.flight_rows(Draw(161, PLACES), False, tmp_path, 2)
-    stamp = (tmp_path / "002.tlog").stat().st_mtime_ns
-    again = bench.flight_rows(Draw(161, PLACES), False, tmp_path, 2)
-    write_csv(tmp_path / "rows.csv", rows)
-
-    assert {row["kind"] for row in rows} == {"rml", "els", "manoeuvre", "flight"}
-    (answer,) = bench.estimates(rows, "manoeuvre")
-    assert all(abs(answer[f"{name}_error_pct"]) < 15.0 for name in judge_response.SHOWN[:3])
-    assert again == rows
-    assert (tmp_path / "002.tlog").stat().st_mtime_ns == stamp
-    flight = next(row for row in rows if row["kind"] == "flight")
-    assert flight["usable"]
-    assert abs(flight["wn_error_pct"]) < 5.0
-    assert 0.0 < flight["wn_true_sigma"] < 0.02 * flight["wn_true"]
-    with (tmp_path / "rows.csv").open(encoding="utf-8") as file:
-        assert [float(row["wn_true"]) for row in csv.DictReader(file)] == pytest.approx(
-            [row["wn_true"] for row in rows], rel=1e-5
-        )
-    with pytest.raises(SystemExit, match="is flight 2 of seed 161"):
-        bench.flight_rows(Draw(162, PLACES), False, tmp_path, 2)

@@ -1,13 +1,9 @@
 """What is found in whole flights is held to the truth of the manoeuvre it overlaps, and counted."""
 
-import json
-from pathlib import Path
 from typing import Any
 
 import pytest
-from bench import upset
 from checks import judge
-from flights.legs import PLANS, Leg, LegPlan
 from hand_flights import estimate, manoeuvre, plain_summary, verdict
 
 from yawid.answers.model_parts import Fit
@@ -85,13 +81,6 @@ def test_what_is_found_elsewhere_has_no_truth_and_both_are_missed() -> None:
     assert [row["of"] for row in missed] == [1, 2]
 
 
-def test_two_pieces_of_one_manoeuvre_are_both_held_to_its_truth() -> None:
-    pieces = rows_of(found(99.0, 2.0, 0.25), found(125.0, 2.6, 0.25), found(199.0, 2.5, 0.25))
-
-    assert [row["of"] for row in pieces] == [1, 1, 2]
-    assert [row["wn_error_pct"] for row in pieces] == pytest.approx([0.0, 30.0, 0.0])
-
-
 def test_the_flight_is_held_to_the_truth_at_its_airspeed_and_in_its_sigmas() -> None:
     flight = Flight(
         airspeed_m_s=45.0, loop="with_roll_loop", used=[1, 2], disagree=[3], verdict=verdict(),
@@ -104,20 +93,3 @@ def test_the_flight_is_held_to_the_truth_at_its_airspeed_and_in_its_sigmas() -> 
 
     assert told["wn_error_pct"] == pytest.approx(2.0)  # of 2.25: 2.0 at 40 m/s, 2.5 at 50
     assert (told["kappa"], told["kappa_true"], told["disagree"]) == (0.0505, 0.05, 1)
-
-
-def test_an_upset_is_flown_once_and_what_is_usable_in_it_is_told_with_its_leg(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    short = LegPlan("c172p", 90.0, (Leg("idle", 2.0), Leg("gust", 4.0, gust_m_s=6.0)))
-    monkeypatch.setitem(PLANS, "upset", short)
-    monkeypatch.setattr(judge, "replayed", lambda *_: summary(found(33.0, 2.6, 0.1)))
-
-    (row,) = upset.rows_of(tmp_path, 2)
-    stamp = (tmp_path / "upset_002.tlog").stat().st_mtime_ns
-    assert upset.rows_of(tmp_path, 2) == [row]
-
-    assert (row["usable"], row["leg"], row["wn"]) == (True, "gust", 2.6)
-    assert stamp == (tmp_path / "upset_002.tlog").stat().st_mtime_ns
-    truth = json.loads((tmp_path / "upset_002.json").read_text(encoding="utf-8"))
-    assert truth["manoeuvres"] == []

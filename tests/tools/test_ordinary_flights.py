@@ -128,20 +128,6 @@ def test_without_turns_the_course_stays_and_a_resting_rudder_never_moves() -> No
     assert np.ptp(columns(made, "SERVO_OUTPUT_RAW", "servo4_raw")) == 0.0
 
 
-def test_servo_messages_come_at_other_times_than_the_attitudes() -> None:
-    flight = kinds.jsbsim(2000, 0)
-    every_ms = round(1000.0 / flight.link.attitude_hz)
-    made = fly_ordinary(replace(CALM, link=replace(CALM.link, servo_ms=45)))
-
-    attitude = columns(made, "ATTITUDE", "time_boot_ms")[:, 0]
-    servo = columns(made, "SERVO_OUTPUT_RAW", "time_usec")[:, 0] / 1e3
-    later = (servo[:, None] - attitude[None, :-1]).min(
-        1, where=servo[:, None] >= attitude[:-1], initial=1e9
-    )
-    assert np.median(later[5:]) == pytest.approx(43.0, abs=3.0)
-    assert 5 <= flight.link.servo_ms < every_ms
-
-
 def test_the_first_law_is_proportional_and_the_autopilots_integrate() -> None:
     plan = FlightPlan(roll_gain=0.8, roll_rate_gain=0.2, speed_kt=100.0)
     hold, px4, arduplane = (RollLaw(name, plan) for name in ("hold", "px4", "arduplane"))
@@ -202,15 +188,6 @@ def test_a_line_has_its_frequency_and_its_share_of_the_yaw_rate_in_its_axes(
         assert power[abs(w - 4.0) < math.tau * 0.05].sum() > 0.8 * power.sum()
 
 
-def test_backlash_and_a_stiff_hold_make_a_limit_cycle() -> None:
-    calm = replace(CALM, turns_s=None)
-    stiff = replace(calm, plan=replace(T37, roll_gain=2.5, roll_rate_gain=0.1))
-
-    smooth, playing = (flown(replace(stiff, backlash=x))[0][1000:, P] for x in (0.0, 0.03))
-
-    assert playing.std() > 5.0 * smooth.std()
-
-
 def test_a_damper_moves_the_rudder_on_its_own_and_the_truth_stays_bare() -> None:
     gusty = replace(CALM, severity=2, mix=0.5)
 
@@ -244,35 +221,6 @@ def test_what_is_sent_of_a_hostile_flight_is_changed_and_the_flight_is_not() -> 
         found, still = sent(kinds.FAMILIES[name](np.random.default_rng(1), 0, flight))
         assert still == truth
         assert found == pytest.approx(np.array(expected), abs=0.01)
-
-
-def test_the_grid_has_all_severities_rates_laws_and_both_rudders() -> None:
-    flights = [kinds.jsbsim(2000, number) for number in range(80)]
-
-    for of in (
-        lambda x: (x.plan.aircraft, x.severity), lambda x: (x.severity, x.link.attitude_hz),
-        lambda x: (x.severity, x.mix > 0.0), lambda x: (x.severity, x.frozen),
-        lambda x: (x.law, x.mix > 0.0), lambda x: (x.law, x.link.attitude_hz),
-    ):  # fmt: skip
-        counts = np.unique([str(of(each)) for each in flights], return_counts=True)[1]
-        assert counts.min() >= 2
-        assert counts.max() <= 3.0 * counts.min()
-    assert kinds.jsbsim(2000, 7) == kinds.jsbsim(2000, 7) != kinds.jsbsim(2001, 7)
-
-
-def test_small_aircraft_have_modes_from_3_to_12_rad_s_that_their_rate_shows() -> None:
-    flights = [kinds.small(2000, number) for number in range(24)]
-
-    modes = []
-    for flight in flights:
-        poles = np.linalg.eigvals(trimmed(flight.plan).A)
-        pair = poles[np.argmax(poles.imag)]
-        modes.append(abs(pair))
-        assert 0.12 <= -pair.real / abs(pair) <= 0.31
-        assert 0.06 <= -1.0 / poles.real[abs(poles.imag) < 1e-9].min() <= 0.15
-        assert 2.2 * abs(pair) < 0.8 * math.pi * flight.link.attitude_hz
-    assert min(modes) < 3.4
-    assert max(modes) > 10.5
 
 
 def test_there_are_ten_hostile_families_and_nothing_flies_on_the_ground(

@@ -45,12 +45,6 @@ def test_the_sealed_aircraft_are_sixteen_or_more_that_no_limit_was_chosen_on() -
     assert opened.isdisjoint(place[0] for place in sealed.sealed_places())
 
 
-def test_an_opened_aircraft_flies_with_its_own_roll_hold() -> None:
-    place = next(each for each in sealed.nonlinear_places() if each[0] == "A4")
-
-    assert sealed.plan_at(place).roll_gain == 0.1
-
-
 @pytest.mark.parametrize("own", SEALED["jsbsim"], ids=lambda own: str(own["aircraft"]))
 def test_a_sealed_aircraft_finds_a_trim_and_has_the_dutch_roll_that_is_noted(
     own: dict[str, Any],

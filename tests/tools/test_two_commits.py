@@ -10,6 +10,8 @@ import pytest
 from cases.two_commits import answers, differences
 from places import REPLAY_LOGS, ROOT
 
+pytestmark = pytest.mark.long  # it guards no run of yawid, and replays twelve times
+
 
 @pytest.fixture(scope="module")
 def first() -> dict[str, Any]:
