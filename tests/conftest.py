@@ -2,7 +2,9 @@
 
 import gc
 import os
+import shutil
 import signal
+import tempfile
 
 import pytest
 from drawn import settings
@@ -21,6 +23,10 @@ def pytest_configure(config: pytest.Config) -> None:
     A shell starts a job in the background with SIGINT ignored, which its children would inherit:
     here tests send SIGINT.
     """
+    if not hasattr(config, "workerinput"):
+        # Before the workers start: they make each run once, and share it (finished_runs.replayed).
+        folder = os.environ["YAWID_TEST_RUNS"] = tempfile.mkdtemp(prefix="yawid-runs-")
+        config.add_cleanup(lambda: shutil.rmtree(folder))
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
     if not (hasattr(config, "workerinput") or is_plain() or RUNNER.is_compiled()):
