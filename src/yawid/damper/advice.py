@@ -57,6 +57,11 @@ class Closed:
     phase_margin_deg: Floats
     damps: Bools
 
+    def at(self, v: int, m: int) -> dict[str, float]:
+        """Return what is known of one gain at one airspeed, by the names of ``DamperAt``."""
+        _, *names = DamperAt.__struct_fields__
+        return finite({name: float(getattr(self, name)[v, m]) for name in names})
+
 
 @dataclass(frozen=True, slots=True)
 class Predicted:
@@ -153,16 +158,12 @@ def recommended(closed: Closed, flown: float, aim: float | None) -> Recommended 
     stable &= closed.gain_margin_db >= LEAST_GAIN_DB
     allowed = np.logical_and.accumulate((stable & closed.damps).all(axis=0))
     zeta = np.where(np.isnan(closed.zeta), np.inf, closed.zeta)
-    most = int(np.count_nonzero(allowed)) - 1
-    if most < 1:
-        return None
     # The last gain whose least damped airspeed is within the aim, and the first that reaches it.
     least = zeta.min(axis=0)
-    within = np.flatnonzero(least <= high_aim)
-    high = min(most, int(within[-1]) if len(within) else 0)
-    if high < 1:
+    within = int(np.flatnonzero(least <= high_aim).max(initial=0))
+    if (high := min(int(np.count_nonzero(allowed)) - 1, within)) < 1:
         return None
-    low = min(high, int(np.argmax(least >= low_aim)) if (least >= low_aim).any() else high)
+    low = int(np.flatnonzero(least >= low_aim).min(initial=high))
     band = float(gains[low]), float(gains[high])
     if flown > 0.0:
         step = min(max(flown, band[0]), band[1], MOST_RAISED * flown)
@@ -175,16 +176,8 @@ def recommended(closed: Closed, flown: float, aim: float | None) -> Recommended 
 
 def table(closed: Closed) -> list[DamperGain]:
     """Return the predictions as they are printed."""
-
-    def at(v: int, m: int) -> DamperAt:
-        numbers = {name: float(getattr(closed, name)[v, m]) for name in _NAMES}
-        return DamperAt(airspeed_m_s=float(closed.airspeeds_m_s[v]), **finite(numbers))
-
-    speeds = range(len(closed.airspeeds_m_s))
+    speeds = [*enumerate(map(float, closed.airspeeds_m_s))]
     return [
-        DamperGain(value=float(gain), at=[at(v, m) for v in speeds])
-        for m, gain in enumerate(closed.gains)
+        DamperGain(value=gain, at=[DamperAt(airspeed_m_s=v, **closed.at(i, m)) for i, v in speeds])
+        for m, gain in enumerate(closed.gains.tolist())
     ]
-
-
-_NAMES = ("wn_rad_s", "wn_std", "zeta", "zeta_std", "gain_margin_db", "phase_margin_deg")

@@ -1,17 +1,16 @@
 """The aircraft that a run identified: the draws of its manoeuvres' answers."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from math import radians
+from dataclasses import replace
 
 from yawid.answers.more_manoeuvres import of_mean
 from yawid.answers.run_summary import Flight, Manoeuvre
 from yawid.damper.autopilots import Autopilot, Law
-from yawid.damper.refusals import MOST_GAIN_STD, Refused, check_turn, gain_uncertain
+from yawid.damper.refusals import MOST_GAIN_STD, Refused, check_sigma, check_turn
 from yawid.errors import NotIdentifiable
 from yawid.models.answered import Answered
 from yawid.models.draws import Aircraft, drawn_aircraft
-from yawid.models.flown import Flown, Rows, flown_in
+from yawid.models.flown import Flown, flown_in
 from yawid.models.identify import Recorded
 
 
@@ -24,18 +23,11 @@ class Facts(Recorded):
     ) -> list[Law]:  # fmt: skip
         """Return the damper at each airspeed, for the unit that this run's rudder has."""
         laws = [autopilot.law(known, loop_hz, speed) for speed in airspeeds_m_s]
-        return [replace(law, scaling=law.scaling * self.half_travel) for law in laws]
+        return [replace(law, scaling=law.scaling * self.config.half_travel) for law in laws]
 
-    @property
-    def used(self) -> list[Manoeuvre]:
-        """The manoeuvres that the flight's answer uses."""
-        of = self.summary.flight.used if self.summary.flight is not None else ()
-        return [each for each in self.summary.manoeuvres or () if each.n in of]
-
-    @property
-    def half_travel(self) -> float:
-        """Half the rudder's travel, in the unit of its channel."""
-        return radians(self.config.rudder_max_deg) if self.config.rudder_max_deg else 1.0
+    def flown(self, manoeuvres: Sequence[Manoeuvre]) -> list[Flown]:
+        """Return the manoeuvres that have samples, with these."""
+        return flown_in(self.rows(manoeuvres), self.config)
 
     def turn_left(self, found: Manoeuvre, factor: float | None) -> float:
         """Return the part of the turn rate that the damper takes off a manoeuvre's yaw rate.
@@ -47,34 +39,21 @@ class Facts(Recorded):
         return factor - float(found.turn_removed)
 
 
-@dataclass(frozen=True, slots=True)
-class Identified:
-    """The aircraft without its damper, from the rudder to the yaw rate less the wanted turn.
-
-    ``manoeuvre`` is the first of the flight's, and ``turn`` the part of the turn rate that is still
-    to be taken off its yaw rate.
-    """
-
-    aircraft: Aircraft
-    manoeuvre: Flown
-    turn: float
-
-
 def identified(
-    facts: Facts, flight: Flight, rows: Sequence[Rows], turn_factor: float | None,
+    facts: Facts, flight: Flight, flown: Sequence[Flown], turn_factor: float | None,
     most_gain_std: float = MOST_GAIN_STD,
-) -> Identified:  # fmt: skip
-    """Return the aircraft of a usable flight from the answers of its manoeuvres.
+) -> Aircraft:  # fmt: skip
+    """Return the aircraft without its damper, from the rudder to the yaw rate less the wanted turn.
 
-    ``turn_factor`` is the damper's parameter of the wanted turn, None where it has no such term.
-    Closed on the yaw rate less that turn, the loop has the term exactly.
+    It is that of a usable flight, from the answers of the manoeuvres ``flown``. ``turn_factor`` is
+    the damper's parameter of the wanted turn, None where it has no such term. Closed on the yaw
+    rate less that turn, the loop has the term exactly.
 
     Raises:
         Refused: the manoeuvres have no models or no samples, the gain at wn is not known well
             enough, or the wanted turn is too large a part of the yaw rate.
     """
     assert flight.dutch_roll is not None  # usable_flight() has seen to it
-    flown = flown_in(rows, facts.config)
     try:
         models = [Answered.of(each.found) for each in flown]
     except NotIdentifiable as error:
@@ -83,24 +62,23 @@ def identified(
     if turn_factor and flown and facts.config.turn == "keep":
         check_turn(flown, flight.dutch_roll.wn_rad_s, turn_factor)
     models = [_turned(*each) for each in zip(models, flown, left, strict=True)]
-
-    def drawn(more: int) -> Aircraft | None:
-        """Return the draws, with the sigmas of the mean after more manoeuvres."""
-        return drawn_aircraft(of_mean(flight, more), models)
-
-    aircraft = drawn(0)
+    n, aircraft = len(flight.used), drawn_aircraft(of_mean(flight), models)
     if aircraft is None:
         raise Refused("not_fitted", "its samples are not in the file", "replay the log again")
-    n = len(flight.used)
-    if (std := aircraft.effect_std(n)) > most_gain_std:
+    std = aircraft.effect_std(n)
 
-        def after(more: int) -> float | None:
-            later = drawn(more)
-            # Draws are few: what they say of later may be more than now, and sigma does not grow.
-            return None if later is None else min(std, later.effect_std(n + more))
+    def after(more: int) -> float | None:
+        """Return sigma of the rudder's effect on the pair, after more manoeuvres.
 
-        raise gain_uncertain(std, after, most_gain_std)
-    return Identified(aircraft, flown[0], left[0])
+        The gain itself is that over zeta wn, and its sigma mostly zeta's, which the predictions
+        have already. Draws are few: they may say more of later than of now, and sigma does not
+        grow.
+        """
+        later = drawn_aircraft(of_mean(flight, more), models) if more else aircraft
+        return None if later is None else min(std, later.effect_std(n + more))
+
+    check_sigma("gain_uncertain", "the rudder's effect at wn", after, most_gain_std)
+    return aircraft
 
 
 def _turned(model: Answered, flown: Flown, left: float) -> Answered:

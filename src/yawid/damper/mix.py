@@ -25,11 +25,11 @@ UNKNOWN: Final = (
 
 
 def mix_of(
-    summary: RunSummary, autopilot: Autopilot, flown: float | None, rudder_unit: float
+    summary: RunSummary, autopilot: Autopilot, flown: float | None, half_travel: float
 ) -> Mix:
     """Return the mix of a run, or in words why it is not known.
 
-    ``rudder_unit`` is half the travel in the unit of the rudder's channel.
+    ``half_travel`` is that of the rudder, in the unit of its channel.
     """
     bare, found = summary.bare, Mix(parameter=autopilot.mix, flown=flown, text=UNKNOWN)
     if bare is None:
@@ -41,7 +41,7 @@ def mix_of(
     if mix is None or mix.value is None or mix.std is None:
         why = "; ".join(reason.text for reason in bare.verdict.reasons)
         return replace(found, text=f"{UNKNOWN}{f' ({why})' if why else ''}")
-    value, std = mix.value / rudder_unit, mix.std / rudder_unit
+    value, std = mix.value / half_travel, mix.std / half_travel
     if std > max(MOST_STD, MOST_SHARE * abs(value)):
         text = f"the mix is only known as {value:.2g} ± {std:.2g}: move the aileron more"
         return replace(found, text=text)

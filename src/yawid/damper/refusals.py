@@ -67,13 +67,22 @@ def check_known(flight: Flight, most_wn_std: float = MOST_WN_STD) -> None:
         roll = of_mean(flight, more).dutch_roll
         return None if roll is None or roll.wn_std is None else roll.wn_std / roll.wn_rad_s
 
-    if (part := part_after(0)) is None or not part <= most_wn_std:
-        known = "no sigma" if part is None else f"a sigma of {percent(part)} %"
-        text = f"wn has {known}, and at most {100 * most_wn_std:g} % is needed"
-        raise Refused("wn_uncertain", text, fly_more(part_after, most_wn_std))
+    check_sigma("wn_uncertain", "wn", part_after, most_wn_std)
     if flight.airspeed_m_s is None or flight.airspeed_source != "airspeed":
         text = "the airspeed of the manoeuvres is not known, and the damper is scaled by it"
         raise Refused("airspeed_unknown", text, "fly with an airspeed in the log")
+
+
+def check_sigma(id_: str, what: str, falls: Falls, most: float) -> None:
+    """Check that the sigma of ``what`` is at most ``most``, a part of it; ``falls(0)`` is today's.
+
+    Raises:
+        Refused: it is not, or not known.
+    """
+    if (part := falls(0)) is None or not part <= most:
+        known = "no sigma" if part is None else f"a sigma of {percent(part)} %"
+        text = f"{what} has {known}, and at most {100 * most:g} % is needed"
+        raise Refused(id_, text, fly_more(falls, most))
 
 
 def fly_more(falls: Falls, most: float) -> str:
@@ -98,11 +107,11 @@ def autopilot_of(summary: RunSummary, name: str | None) -> Autopilot:
     Raises:
         Refused: its damper is not known.
     """
-    if name is not None:
-        return AUTOPILOTS[name]
-    vehicle, known = summary.vehicle, {row.number: row for row in AUTOPILOTS.values()}
-    if vehicle is not None and vehicle.autopilot in known:
-        return known[vehicle.autopilot]
+    vehicle = summary.vehicle
+    number = vehicle.autopilot if vehicle is not None else None
+    for row in AUTOPILOTS.values():
+        if name == row.name or (name is None and number == row.number):
+            return row
     found = "names no autopilot" if vehicle is None else f"is of {vehicle.autopilot_name}"
     text = f"the log {found}, and only the dampers of ArduPlane and PX4 are known"
     raise Refused("no_autopilot", text, "name the autopilot: --autopilot ardupilot or px4")
@@ -159,19 +168,6 @@ def gain_flown(summary: RunSummary, manoeuvre: Manoeuvre, name: str, last: float
     inner = manoeuvre.from_s + quarter, manoeuvre.to_s - quarter
     values = set(gains_between(seen, summary.boots, *inner).get(name, [last]))
     return values.pop() if len(values) == 1 else None
-
-
-def gain_uncertain(std: float, falls: Falls, most_std: float) -> Refused:
-    """Return the reason where sigma of the rudder's effect on the pair is above ``most_std``.
-
-    The gain itself is that over zeta wn, and its sigma mostly zeta's, which the predictions have
-    already. ``falls`` says what to do about it.
-    """
-    text = (
-        f"the rudder's effect at wn has a sigma of {percent(std)} %, and at most "
-        f"{100 * most_std:g} % is needed"
-    )
-    return Refused("gain_uncertain", text, fly_more(falls, most_std))
 
 
 def check_turn(flown: Sequence[Flown], wn: float, factor: float) -> None:

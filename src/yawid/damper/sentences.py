@@ -24,15 +24,19 @@ class Without(NamedTuple):
     suffices: bool
 
 
-def without_damper(roll: DutchRoll, aim: float | None) -> Without | None:
-    """Return how far above the aim zeta is without a damper, None where it is not above it.
+NOT_KNOWN: Final = Without("", suffices=False)
+"""Without a damper zeta is not above the aim, or nothing is known of it."""
+
+
+def without_damper(roll: DutchRoll, aim: float | None) -> Without:
+    """Return how far above the aim zeta is without a damper; no text where it is not above it.
 
     ``roll`` has the sigma of the mean. No damper is needed where zeta is above the aim with 95 %.
     """
     low, high = aimed(aim)
     std, above = roll.zeta_std, roll.zeta - high
     if above <= 0.0:
-        return None
+        return NOT_KNOWN
     sigmas = above / std if std else 0.0
     known = f"{roll.zeta:.2f} ± {std:.2f}" if std else f"{roll.zeta:.2f}, of unknown sigma"
     by = f"{sigmas:.1f} sigma above the aim of {low:g} to {high:g}"
@@ -84,7 +88,7 @@ def takes_damping(closed: Closed) -> bool:
 
 def sentences(
     predicted: Predicted, name: str, flown: float, found: Recommended | None, aim: float | None,
-    without: Without | None,
+    without: Without,
 ) -> Iterable[str]:  # fmt: skip
     """Yield what the predictions mean: the band, the next step, and what to look for in flight."""
     closed = predicted.closed
@@ -92,8 +96,7 @@ def sentences(
     low_aim, _ = aimed(aim)
     at = int(np.argmin(np.abs(closed.gains - flown)))
     felt = f"wn {wn[0, at]:.3g} rad/s and zeta {zeta[0, at]:.2f}"
-    enough = without is not None and without.suffices
-    if without is not None and enough:
+    if without.suffices:
         yield without.text
         yield leave_out(name, flown)
     yield "The answer is the aircraft without its damper" + (
@@ -102,7 +105,7 @@ def sentences(
     if takes_damping(closed):
         yield _with_more_gain(predicted, name)
     if found is None:
-        if not enough:
+        if not without.suffices:
             yield _why_none(closed, name, without)
         return
     least = zeta[:, int(np.argmin(np.abs(closed.gains - found.high)))].min()
@@ -127,8 +130,8 @@ def sentences(
     yield PREDICTION
 
 
-def _why_none(closed: Closed, name: str, without: Without | None) -> str:
-    if without is not None:
+def _why_none(closed: Closed, name: str, without: Without) -> str:
+    if without.text:
         return f"No gain is recommended. {without.text}"
     if not closed.damps[:, 1].all():
         return "No gain is recommended, as none surely adds damping."

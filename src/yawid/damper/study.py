@@ -35,7 +35,14 @@ from yawid.damper.refusals import (
     gain_flown,
     usable_flight,
 )
-from yawid.damper.sentences import Without, leave_out, sentences, warnings, without_damper
+from yawid.damper.sentences import (
+    NOT_KNOWN,
+    Without,
+    leave_out,
+    sentences,
+    warnings,
+    without_damper,
+)
 from yawid.errors import ConfigError
 
 DIGITS: Final = 6
@@ -101,7 +108,7 @@ def study(facts: Facts, asked: Asked) -> Study:
     """
     known: dict[str, float] = {**facts.parameters, **asked.parameters}
     said: dict[str, Any] = {"log": facts.summary.log}
-    without = None
+    without = NOT_KNOWN
     try:
         flight = usable_flight(facts.summary)
         check_input(facts.summary, facts.config)
@@ -111,18 +118,18 @@ def study(facts: Facts, asked: Asked) -> Study:
         check_known(flight)
         autopilot = autopilot_of(facts.summary, asked.autopilot)
         said |= {"autopilot": autopilot.words, "parameter": autopilot.gain}
-        said["mix"] = mix_of(facts.summary, autopilot, known.get(autopilot.mix), facts.half_travel)
+        mix, half_travel = known.get(autopilot.mix), facts.config.half_travel
+        said["mix"] = mix_of(facts.summary, autopilot, mix, half_travel)
         loop_hz = asked.loop_rate_hz or known.get(autopilot.loop_rate, 0.0)
         check_loop(autopilot, known, loop_hz)
-        used = facts.used
         flown, seen = known[autopilot.gain], list[float | None]()
         if autopilot.gain not in asked.parameters:
-            seen = [gain_flown(facts.summary, each, autopilot.gain, flown) for each in used]
+            seen = [gain_flown(facts.summary, each, autopilot.gain, flown) for each in facts.used]
             flown = next((each for each in reversed(seen) if each is not None), flown)
         # A parameter is a float32, whose 0.2 is 3e-9 more than ours: one gain is one row.
         known[autopilot.gain] = flown = round(flown, DIGITS)
         said |= {"flown": flown, "loop_rate_hz": loop_hz}
-        predicted = _predicted(facts, flight, used, autopilot, known, loop_hz, asked)
+        predicted = _predicted(facts, flight, autopilot, known, loop_hz, asked)
     except Refused as refused:
         return Study(DamperReport(**said, **_refused(refused, without, said)))
     found = recommended(predicted.closed, flown, asked.aim)
@@ -135,36 +142,37 @@ def study(facts: Facts, asked: Asked) -> Study:
     return Study(report, predicted)
 
 
-def _refused(refused: Refused, without: Without | None, said: Mapping[str, Any]) -> dict[str, Any]:
+def _refused(refused: Refused, without: Without, said: Mapping[str, Any]) -> dict[str, Any]:
     """Return the sentences and the verdict where no gain can be predicted.
 
     An aircraft that needs no damper needs no gain: then the reason is only a warning.
     """
-    if without is None or not without.suffices:
-        verdict = Verdict(usable=False, reasons=[refused.reason], next=refused.to_do)
-        return {"gains": [], "says": [], "verdict": verdict}
-    text = f"no gain was predicted: {refused.reason.text}"
-    warned = Reason(refused.reason.id, text, weight="warning")
-    says = [without.text]
-    if "flown" in said:
-        says.append(leave_out(said["parameter"], said["flown"]))
-    verdict = Verdict(usable=True, reasons=[warned])
+    says, reason = list[str](), refused.reason
+    if without.suffices:
+        says = [without.text]
+        reason = Reason(reason.id, f"no gain was predicted: {reason.text}", weight="warning")
+        if "flown" in said:
+            says.append(leave_out(said["parameter"], said["flown"]))
+    to_do = None if without.suffices else refused.to_do
+    verdict = Verdict(usable=without.suffices, reasons=[reason], next=to_do)
     return {"gains": [], "says": says, "verdict": verdict}
 
 
 def _predicted(
-    facts: Facts, flight: Flight, used: Sequence[Manoeuvre], autopilot: Autopilot,
-    known: Mapping[str, float], loop_hz: float, asked: Asked,
+    facts: Facts, flight: Flight, autopilot: Autopilot, known: Mapping[str, float],
+    loop_hz: float, asked: Asked,
 ) -> Predicted:  # fmt: skip
-    found = identified(facts, flight, facts.rows(used), autopilot.turn_factor(known))
-    speeds = _airspeeds(flight, used, asked)
+    flown, factor = facts.flown(facts.used), autopilot.turn_factor(known)
+    aircraft = identified(facts, flight, flown, factor)
+    speeds = _airspeeds(flight, facts.used, asked)
     laws = facts.laws(autopilot, known, loop_hz, speeds)
-    largest = largest_gain(found.aircraft, laws, speeds)
+    largest = largest_gain(aircraft, laws, speeds)
     gains = _gains(largest, known[autopilot.gain], asked.gains)
-    closed = closed_with(found.aircraft, laws, gains, speeds, facts.sample_time_s)
-    near = int(np.argmin(np.abs(np.array(speeds) - found.aircraft.airspeed_m_s)))
-    pilot, _ = pilots_part(found.manoeuvre, laws[near], known[autopilot.gain], found.turn)
-    return Predicted(found.aircraft, tuple(laws), closed, found.manoeuvre, pilot)
+    closed = closed_with(aircraft, laws, gains, speeds, facts.sample_time_s)
+    near = int(np.argmin(np.abs(np.array(speeds) - aircraft.airspeed_m_s)))
+    turn = facts.turn_left(flown[0].found, factor)
+    pilot, _ = pilots_part(flown[0], laws[near], known[autopilot.gain], turn)
+    return Predicted(aircraft, tuple(laws), closed, flown[0], pilot)
 
 
 def _airspeeds(flight: Flight, used: Sequence[Manoeuvre], asked: Asked) -> list[float]:

@@ -63,6 +63,12 @@ class Recorded:
                 each.add(block)
         return found
 
+    @property
+    def used(self) -> list[Manoeuvre]:
+        """The manoeuvres that the flight's answer uses."""
+        of = () if self.summary.flight is None else self.summary.flight.used
+        return [each for each in self.summary.manoeuvres or () if each.n in of]
+
     def inputs(self, names: Sequence[str]) -> tuple[Signal, ...]:
         """Return inputs with their units."""
         return tuple(
@@ -115,8 +121,7 @@ def _flight(run: Recorded) -> LinearModel:
     if flight is None or flight.dutch_roll is None:
         why = _why(run.summary.deciding) or "no manoeuvre was found"
         raise NotIdentifiable(f"the flight has no answer: {why}")
-    used = [each for each in run.summary.manoeuvres or () if each.n in flight.used]
-    aircraft = drawn_aircraft(flight, [Answered.of(each) for each in used])
+    aircraft = drawn_aircraft(flight, [Answered.of(each) for each in run.used])
     if aircraft is None:
         raise NotIdentifiable("the airspeed is not known: take the model of one manoeuvre")
     inputs = run.inputs(("rudder",))
