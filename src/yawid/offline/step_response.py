@@ -23,6 +23,7 @@ import sys
 import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from itertools import product, starmap
 from pathlib import Path
 from typing import Any, Final
 
@@ -121,15 +122,15 @@ def yaw_from_grid(t: Floats, y: Floats) -> tuple[float, float, float]:
     every = slice(None, None, max(1, len(t) // 400))
     t, y = t[every], y[every]
     slowest, fastest = 2.0 * math.pi / t[-1], math.pi / (2.0 * float(np.median(np.diff(t))))
-    best, found = math.inf, (0.0, 0.5, 1.0)
-    for omega in np.geomspace(slowest, max(fastest, 2.0 * slowest), 40):
-        for xi in (0.05, 0.15, 0.3, 0.5, 0.8):
-            plain = yaw_response(t, 1.0, 0.0, xi, omega)
-            terms = np.stack([np.ones(len(t)), plain, yaw_response(t, 1.0, 1.0, xi, omega) - plain])
-            (offset, K, KT), *_ = np.linalg.lstsq(terms.T, y, rcond=None)
-            left = float(np.linalg.norm(y - (offset, K, KT) @ terms))
-            if left < best and K:
-                best, found = left, (float(KT / K), xi, float(omega))
+
+    def nearest(xi: float, omega: float) -> tuple[float, tuple[float, float, float]]:
+        plain = yaw_response(t, 1.0, 0.0, xi, omega)
+        terms = np.stack([np.ones(len(t)), plain, yaw_response(t, 1.0, 1.0, xi, omega) - plain])
+        (offset, K, KT), *_ = np.linalg.lstsq(terms.T, y, rcond=None)
+        return float(np.linalg.norm(y - (offset, K, KT) @ terms)), (float(KT / K), xi, omega)
+
+    omegas = np.geomspace(slowest, max(fastest, 2.0 * slowest), 40).tolist()
+    _, found = min(starmap(nearest, product((0.05, 0.15, 0.3, 0.5, 0.8), omegas)))
     return found
 
 

@@ -24,7 +24,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from yawid.blocks import Floats, runs_of, shifted
+from yawid.blocks import Floats, runs_of
 from yawid.config.estimator import ArmaxOrders
 from yawid.errors import ConfigError, NotIdentifiable
 from yawid.estimation.all_pole import all_pole
@@ -70,33 +70,31 @@ def two_stage(u: ArrayLike, y: ArrayLike, orders: ArmaxOrders, bias: bool = Fals
     """
     u, y = checked_samples(u, y, orders.n_inputs, finite_or_nan=True)
     known, nc = known_regressors(u, y, orders, bias), orders.nc
-    of_c = [orders.n_theta - nc] * nc  # where c1.. stand in theta
+    c_at = [orders.n_theta - nc] * nc  # where c1.. are inserted into theta
     rows = np.isfinite(known).all(axis=1) & np.isfinite(y)
     if rows.sum() <= 2 * known.shape[1] + nc:
         raise ConfigError(f"{rows.sum()} samples with their lags are too few for {orders}")
     arx, std = _least_squares(known[rows], y[rows])
-    theta, eps, share, last = np.insert(arx, of_c, 0.0), y - known @ arx, 1.0, np.inf
-    is_exact = np.linalg.norm(eps[rows]) <= NOISELESS * np.linalg.norm(y[rows])
-    converged = nc == 0 or bool(is_exact)
-    if is_exact:  # without noise C cannot be estimated
-        std = np.insert(std, of_c, np.inf)
-    for round_ in range(0 if converged else MOST_ROUNDS):
-        past = np.where(rows, eps, 0.0)
-        lagged = [np.nan_to_num(shifted(past, i + 1)) for i in range(nc)]
-        phi = np.insert(known, of_c, np.stack(lagged, axis=1), axis=1)
-        target, std = _least_squares(phi[rows], y[rows])
+    theta, eps, share, last = np.insert(arx, c_at, 0.0), y - known @ arx, 1.0, np.inf
+    if nc == 0 or np.linalg.norm(eps[rows]) <= NOISELESS * np.linalg.norm(y[rows]):
+        return TwoStage(theta, np.insert(std, c_at, np.inf), arx, eps, converged=True)
+    # By eq. 32 C stands to eps as B to one more input, which acts from the next sample on.
+    with_eps = ArmaxOrders(orders.na, (*orders.nb, nc), 0, (*orders.nk, 1))
+    for _ in range(MOST_ROUNDS):
+        past = np.column_stack([u, np.where(rows, eps, 0.0)])
+        phi = np.nan_to_num(known_regressors(past, y, with_eps, bias)[rows])
+        target, std = _least_squares(phi, y[rows])
         move = float(np.max(np.abs(target - theta) / std))
-        if round_ and move > last:
-            share = max(0.5 * share, SMALLEST_SHARE)
-        theta = theta + share * (target - theta) if round_ else target
+        share = max(0.5 * share, SMALLEST_SHARE) if move > last else share
+        theta, last = theta + share * (target - theta), move
         c = c_of(theta, orders)
         c[:] = reflected(c)
-        eps, last = y - known @ np.delete(theta, slice(of_c[0], of_c[0] + nc)), move
+        eps = y - known @ np.delete(theta, range(c_at[0], c_at[0] + nc))
         for start, stop in runs_of(rows):  # eq. 33, from eps = 0 before each run
             eps[start:stop] = all_pole(c, eps[start:stop])
-        if converged := move <= STILL:
-            break
-    return TwoStage(theta, std, arx, eps, converged)
+        if move <= STILL:
+            return TwoStage(theta, std, arx, eps, converged=True)
+    return TwoStage(theta, std, arx, eps, converged=False)
 
 
 def _least_squares(phi: Floats, y: Floats) -> tuple[Floats, Floats]:
