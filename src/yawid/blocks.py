@@ -108,7 +108,14 @@ class Columns:
         if len(blocks) == 1:
             return first
         columns = [[getattr(block, name) for block in blocks] for name in cls.__slots__]
-        return cls(*[np.concatenate(c) if isinstance(c[0], np.ndarray) else c[0] for c in columns])
+        return cls(
+            *(
+                np.concatenate(each) if isinstance(each[0], np.ndarray)
+                else type(each[0]).joined(each) if isinstance(each[0], Columns)
+                else each[0]
+                for each in columns
+            )
+        )  # fmt: skip
 
 
 class Status(IntEnum):
@@ -311,7 +318,7 @@ class StampedRows(Columns):
 
 
 @dataclass(frozen=True, slots=True)
-class MotionBlock:
+class MotionBlock(Columns):
     """The lateral motion as it was measured and commanded, next to the samples.
 
     - ``attitude``: roll and pitch in rad, p, q and r in rad/s, always finite;
@@ -323,12 +330,6 @@ class MotionBlock:
     attitude: StampedRows
     commands: StampedRows
     acceleration: StampedRows
-
-    @staticmethod
-    def joined(blocks: "Sequence[MotionBlock]") -> "MotionBlock":
-        """Return several blocks, at least one, as one."""
-        columns = zip(*((b.attitude, b.commands, b.acceleration) for b in blocks), strict=True)
-        return MotionBlock(*map(StampedRows.joined, columns))
 
     def __len__(self) -> int:
         return len(self.attitude) + len(self.commands) + len(self.acceleration)

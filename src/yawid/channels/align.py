@@ -10,12 +10,12 @@ in.
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from yawid.blocks import Bools, Columns, Floats, Held, Ints, Noted, SampleBlock
-from yawid.channels.series import Piece, Readings, Series, flow_together
+from yawid.channels.series import NEWEST, Piece, Series, flow_together
 from yawid.channels.yaw_reader import LINEAR, ROW
 
 MOST_INSTANTS = 2**16
@@ -54,12 +54,8 @@ class Aligner:
     gaps_us: tuple[float, float]
     lines: Sequence[int] = ()
     gaps: int = 0
-    _yaw: Series = field(default_factory=lambda: Series.empty(len(ROW)))
-    _surface: Series = field(default_factory=lambda: Series.empty(0))
-    _offset: Readings = field(default_factory=Readings.none)
+    _kept: Piece = field(init=False)
     _next_k: int | None = None
-    _why: Held = Held.NONE
-    _epoch: int = 0
     _in_gap: bool = False
     _last_unix_ns: int = 0
     _last_mode: float = math.nan
@@ -67,10 +63,9 @@ class Aligner:
     def feed_piece(self, piece: Piece) -> SampleBlock | None:
         """Take one piece of a segment in; return the samples that it completes, or None."""
         if piece.opens:
-            self._open(piece)
-        self._surface = Series.joined([self._surface, piece.surface])
-        self._yaw = Series.joined([self._yaw, piece.yaw])
-        self._offset = Readings.joined([self._offset, piece.offset])
+            self._kept, self._next_k, self._in_gap = piece, None, False
+        else:
+            self._kept = Piece.joined([self._kept, piece])
         blocks = [] if self._next_k is not None else self._start()
         before = None
         while self._next_k is not None and self._next_k != before:
@@ -79,38 +74,35 @@ class Aligner:
         self._prune()
         return self._samples(blocks) if blocks else None
 
-    def _open(self, piece: Piece) -> None:
-        self._yaw, self._surface = piece.yaw.select(slice(0, 0)), piece.surface.select(slice(0, 0))
-        self._offset = Readings.none()
-        self._next_k, self._why, self._in_gap = None, piece.why, False
-        self._epoch = piece.epoch
-
     @property
     def _ts_us(self) -> float:
         return 1e6 * self.sample_time_s
 
     def _start(self) -> list[AlignedRows]:
         """Begin the grid once both channels have rows; return a held sample if a segment ended."""
-        together = flow_together(self._yaw, self._surface)
+        together = flow_together(self._kept.yaw, self._kept.surface)
         if together is None:
             return []
         both, begin = together
         self._next_k = math.ceil(begin / self._ts_us)
-        if self._why == Held.NONE:
+        if self._kept.why == Held.NONE:
             return []
-        received = self._yaw if self._yaw.order[0] == both else self._surface
-        hole = np.full((1, len(ROW)), np.nan), np.full((1, self._surface.values.shape[1]), np.nan)
-        k, order, why = np.array([[self._next_k - 1], [both], [int(self._why)]])
-        offset_us = self._offset.at(order)
+        received = self._kept.yaw if self._kept.yaw.order[0] == both else self._kept.surface
+        hole = (
+            np.full((1, len(ROW)), np.nan),
+            np.full((1, self._kept.surface.values.shape[1]), np.nan),
+        )
+        k, order, why = np.array([[self._next_k - 1], [both], [int(self._kept.why)]])
+        offset_us = self._kept.offset.at(order)
         none = np.zeros(1)
         return [AlignedRows(k, order, received.received_us[:1], offset_us, *hole, none, why)]
 
     def _emit(self, first_k: int) -> list[AlignedRows]:
         """Return rows at the grid instants that both channels have passed, from ``first_k`` on."""
-        last = min(self._yaw.t_us[-1], self._surface.t_us[-1] - self._ts_us) / self._ts_us
+        last = min(self._kept.yaw.t_us[-1], self._kept.surface.t_us[-1] - self._ts_us) / self._ts_us
         stop = min(math.floor(last) + 3, first_k + MOST_INSTANTS)
         edges = np.arange(first_k, stop) * self._ts_us
-        ready = (edges[:-1] <= self._yaw.t_us[-1]) & (edges[1:] <= self._surface.t_us[-1])
+        ready = (edges[:-1] <= self._kept.yaw.t_us[-1]) & (edges[1:] <= self._kept.surface.t_us[-1])
         n = int(ready.sum())
         if n == 0:
             return []
@@ -122,22 +114,26 @@ class Aligner:
         self._next_k, self._in_gap = first_k + n, bool(gap[-1])
         self.gaps += int(first_of_gap.sum())
         yaw[gap], surface[gap] = np.nan, np.nan
-        later = self._yaw.order[yaw_row] >= self._surface.order[surface_row]
-        order = np.where(later, self._yaw.order[yaw_row], self._surface.order[surface_row])
-        received = self._yaw.received_us[yaw_row], self._surface.received_us[surface_row]
+        later = self._kept.yaw.order[yaw_row] >= self._kept.surface.order[surface_row]
+        order = np.where(
+            later, self._kept.yaw.order[yaw_row], self._kept.surface.order[surface_row]
+        )
+        received = self._kept.yaw.received_us[yaw_row], self._kept.surface.received_us[surface_row]
         received_us = np.where(later, *received)
         held = np.where(gap, int(Held.GAP), 0)
-        rows = AlignedRows(k, order, received_us, self._offset.at(order), yaw, surface, moves, held)
+        rows = AlignedRows(
+            k, order, received_us, self._kept.offset.at(order), yaw, surface, moves, held
+        )
         keep = ~gap | first_of_gap
         return [rows.select(keep)] if keep.any() else []
 
     def _at_instants(self, t: Floats) -> tuple[Floats, Ints, Bools]:
         """Return the yaw columns at times t in us, the later of the messages used, and the gaps."""
-        b = np.searchsorted(self._yaw.t_us, t, side="left")
-        a = np.where(self._yaw.t_us[b] == t, b, b - 1)
-        width = (self._yaw.t_us[b] - self._yaw.t_us[a]).astype(float)
-        weight = (t - self._yaw.t_us[a]) / np.maximum(width, 1.0)
-        low, high = self._yaw.values[a], self._yaw.values[b]
+        b = np.searchsorted(self._kept.yaw.t_us, t, side="left")
+        a = np.where(self._kept.yaw.t_us[b] == t, b, b - 1)
+        width = (self._kept.yaw.t_us[b] - self._kept.yaw.t_us[a]).astype(float)
+        weight = (t - self._kept.yaw.t_us[a]) / np.maximum(width, 1.0)
+        low, high = self._kept.yaw.values[a], self._kept.yaw.values[b]
         between = low + weight[:, None] * (high - low)
         between[:, len(LINEAR) :] = low[:, len(LINEAR) :]
         return between, b, width > self.gaps_us[0]
@@ -148,19 +144,19 @@ class Aligner:
         That is 1 where a command of the inputs changed within it, the message that ends it, and
         whether it lies in a gap.
         """
-        times = self._surface.t_us
+        times = self._kept.surface.t_us
         inside = times[(times > edges[0]) & (times < edges[-1])].astype(float)
         cuts = np.union1d(edges, inside)
         starts = np.searchsorted(cuts, edges[:-1])
         holds = np.searchsorted(times, cuts[:-1], side="right") - 1
-        value = self._surface.values[holds]
+        value = self._kept.surface.values[holds]
         interval = (times[holds + 1] - times[holds]).astype(float)
         inputs = np.delete(value[:, :-1], [i for i in self.lines if i < value.shape[1] - 1], axis=1)
         most, least = (each.reduceat(inputs, starts, axis=0) for each in (np.maximum, np.minimum))
         moves = np.any(most > least, axis=1).astype(float)
         if self.lines:  # the mean of a straight line is its value in the middle
             weight = (0.5 * (cuts[:-1] + cuts[1:]) - times[holds]) / interval
-            step = self._surface.values[holds + 1] - value
+            step = self._kept.surface.values[holds + 1] - value
             value[:, self.lines] += (weight[:, None] * step)[:, self.lines]
         area = value * np.diff(cuts)[:, None]
         mean = np.add.reduceat(area, starts, axis=0) / self._ts_us
@@ -174,16 +170,15 @@ class Aligner:
         """Forget the rows that no later sample needs."""
         if self._next_k is None:
             # Until the other channel starts, only the newest row can reach into the first sample.
-            last = slice(-1, None)
-            self._yaw, self._surface = self._yaw.select(last), self._surface.select(last)
-        else:
-            t = self._next_k * self._ts_us
-            self._yaw, self._surface = _from(self._yaw, t), _from(self._surface, t)
-        row = -1
-        if len(self._yaw) and len(self._surface):
-            oldest = min(self._yaw.order[0], self._surface.order[0])
-            row = max(int(np.searchsorted(self._offset.order, oldest, side="right")) - 1, 0)
-        self._offset = self._offset.select(slice(row, None))
+            self._kept = self._kept.select(NEWEST)
+            return
+        t, offset = self._next_k * self._ts_us, self._kept.offset
+        yaw, surface = (_from(each, t) for each in (self._kept.yaw, self._kept.surface))
+        oldest = min(yaw.order[0], surface.order[0])
+        row = max(int(np.searchsorted(offset.order, oldest, side="right")) - 1, 0)
+        self._kept = replace(
+            self._kept, yaw=yaw, surface=surface, offset=offset.select(slice(row, None))
+        )
 
     def _samples(self, blocks: list[AlignedRows]) -> SampleBlock:
         rows = AlignedRows.joined(blocks)
@@ -206,7 +201,7 @@ class Aligner:
             sample_time_s=self.sample_time_s, k=k, boot_us=boot_us, unix_ns=unix,
             received_us=rows.received_us, u=u, y=y, aileron=aileron,
             noted=self._noted(row["mode"]) + noted, held=held,
-            epoch=np.full(len(k), self._epoch, np.int64), **row,
+            epoch=np.full(len(k), self._kept.epoch, np.int64), **row,
         )  # fmt: skip
 
     def _noted(self, mode: Floats) -> Ints:

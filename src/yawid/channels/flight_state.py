@@ -8,7 +8,6 @@ hovers or flies on its wings.
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 
@@ -34,6 +33,8 @@ LEAST_HEIGHT_M = 15.0
 """A slow aircraft flies from this height above its lowest place on: a barometer drifts by 10 m."""
 LEAP_M = 30.0
 """An altitude that changes by more than this in one message has a new reference."""
+FAR_M = 2.0**24
+"""More than any altitude, and exact when added to one."""
 LEAST_MOTION = 1.0
 """An aircraft with both speeds below this, in m/s, stands."""
 BANKED_RAD, CLIMBED_M = np.deg2rad(5.0), 5.0
@@ -99,14 +100,11 @@ class SlowFlight:
         altitude = altitude_m[rows]
         leaps = np.abs(np.diff(altitude, prepend=self._last_m)) > LEAP_M
         self._last_m = float(altitude[-1])
-        starts = np.flatnonzero(leaps).tolist()
-        for first, stop in pairwise([0, *starts, len(altitude)]):
-            part = altitude[first:stop]
-            if stop > first:
-                self._lowest_m = np.inf if leaps[first] else self._lowest_m
-                lowest = np.minimum.accumulate(np.append(self._lowest_m, part))[1:]
-                high[rows[first:stop]] = part - lowest >= LEAST_HEIGHT_M
-                self._lowest_m = float(lowest[-1])
+        # Each leap begins a level of its own, below which nothing lies that came before.
+        level = FAR_M * np.cumsum(leaps)
+        lowest = np.minimum.accumulate(np.append(self._lowest_m, altitude - level))[1:] + level
+        self._lowest_m = float(lowest[-1])
+        high[rows] = altitude - lowest >= LEAST_HEIGHT_M
         moves = np.fmax(airspeed, over_ground) >= LEAST_MOTION
         return high & slow & moves
 

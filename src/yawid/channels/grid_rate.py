@@ -6,13 +6,13 @@ the whole run are counted here too.
 """
 
 import math
-from dataclasses import dataclass, field, replace
-from itertools import takewhile
+from collections import deque
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from yawid.blocks import Ints
-from yawid.channels.series import Piece, Series, flow_together
+from yawid.channels.series import NEWEST, Piece, flow_together
 from yawid.config.run import DEFAULT_RATE_HZ
 from yawid.errors import ConfigError
 
@@ -27,79 +27,48 @@ MOST_SEGMENTS = 1000
 not fill the memory."""
 RATE_TOLERANCE = 1.05
 """The factor by which a given rate may exceed the measured one, since message intervals jitter."""
+NEVER = np.iinfo(np.int64).max
+"""A place behind every byte of a stream."""
 LONGEST_STEP_US = 2_000_000
 """A longer step counts as a gap or as a leap of the clock, not as an interval."""
 
 
 @dataclass(slots=True)
 class StartUp:
-    """The pieces kept until both channels have had messages together for five seconds."""
+    """The segments kept, one piece each, until both channels have had messages for five seconds."""
 
-    pieces: list[Piece] = field(default_factory=list)
+    pieces: deque[Piece] = field(default_factory=lambda: deque(maxlen=MOST_SEGMENTS))
     intervals_us: tuple[float, float] | None = None
-    _first: int = 0
-    _opened: list[int] = field(default_factory=list)
 
     def feed_piece(self, piece: Piece) -> bool:
         """Take a piece in; return whether the message rates are known now."""
-        if piece.opens:
-            self._opened.append(len(self.pieces))
-            self._drop_the_oldest()
-            self._first = len(self.pieces)
+        if not piece.opens:
+            piece = Piece.joined([self.pieces.pop(), piece])
+        together = flow_together(piece.yaw, piece.surface)
+        if together is None:  # while one channel is silent, no sample needs an older row
+            self.pieces.append(piece.select(NEWEST))
+            return False
         self.pieces.append(piece)
-        yaw, surface = self._segment()
-        together = flow_together(yaw, surface)
-        if together is None:
-            self._forget(yaw, surface)
-            return False
         _, begin = together
-        ends = [s.order[s.t_us >= begin + WINDOW_US] for s in (yaw, surface)]
-        if not any(len(end) for end in ends):
-            return False
-        last = min(int(end[0]) for end in ends if len(end))
-        self.intervals_us = _medians(yaw, surface, begin, last)
+        both = piece.yaw, piece.surface
+        ends = [int(s.order[s.t_us >= begin + WINDOW_US].min(initial=NEVER)) for s in both]
+        if min(ends) < NEVER:
+            self.intervals_us = _medians(piece, begin, min(ends))
         return self.intervals_us is not None
-
-    def _forget(self, yaw: Series, surface: Series) -> None:
-        """Keep only the newest row: while one channel is silent, no sample needs an older one."""
-        opened, newest = self.pieces[self._first], self.pieces[-1]
-        last = slice(-1, None)
-        kept = replace(
-            opened,
-            yaw=yaw.select(last),
-            surface=surface.select(last),
-            offset=newest.offset.select(last),
-        )
-        self.pieces[self._first :] = [kept]
-
-    def _drop_the_oldest(self) -> None:
-        if len(self._opened) > MOST_SEGMENTS:
-            cut = self._opened[1]
-            del self.pieces[:cut]
-            self._opened = [place - cut for place in self._opened[1:]]
 
     def give_up(self) -> bool:
         """Use what there is at the end of the stream; return whether it gives message rates."""
-        starts = [i for i, piece in enumerate(self.pieces) if piece.opens]
-        for self._first in starts:
-            yaw, surface = self._segment()
-            if len(yaw) and len(surface):
-                begin = max(int(yaw.t_us[0]), int(surface.t_us[0]))
-                last = max(int(yaw.order[-1]), int(surface.order[-1]))
-                self.intervals_us = self.intervals_us or _medians(yaw, surface, begin, last)
+        for piece in self.pieces:
+            if self.intervals_us is None and len(piece.yaw) and len(piece.surface):
+                begin = max(int(piece.yaw.t_us[0]), int(piece.surface.t_us[0]))
+                self.intervals_us = _medians(piece, begin, NEVER)
         return self.intervals_us is not None
 
-    def _segment(self) -> tuple[Series, Series]:
-        """Return the rows of the segment that begins with piece ``_first``."""
-        opened, *later = self.pieces[self._first :]
-        own = [opened, *takewhile(lambda piece: not piece.opens, later)]
-        return Series.joined([p.yaw for p in own]), Series.joined([p.surface for p in own])
 
-
-def _medians(yaw: Series, surface: Series, begin: int, last: int) -> tuple[float, float] | None:
+def _medians(piece: Piece, begin: int, last: int) -> tuple[float, float] | None:
     """Return the median message intervals (yaw, surface) in us, None with fewer than 3 messages."""
     found = []
-    for series in (yaw, surface):
+    for series in (piece.yaw, piece.surface):
         t = series.t_us[(series.t_us >= begin) & (series.order <= last)]
         if len(t) < 3:
             return None

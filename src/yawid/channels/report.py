@@ -33,7 +33,7 @@ def report_of(channels: Channels) -> ChannelReport:
     lock, segmenter, aligner = channels.lock, channels.segmenter, channels.aligner
     intervals_us, (yaw_flow, rudder_flow) = channels.intervals_us, channels.flows
     return ChannelReport(
-        is_record=channels.is_record,
+        is_record=channels.record is not None,
         vehicle=convert(lock.vehicle, VehicleSeen | None, from_attributes=True),
         vehicles=convert(lock.vehicles, list[VehicleSeen]),
         why_no_vehicle="" if lock.vehicle else lock.why_none(),
@@ -113,8 +113,8 @@ def _missing(channels: Channels) -> Iterator[Reason]:
 def _assumed(channels: Channels) -> Iterator[Reason]:
     """Yield what is assumed of the channels, with all texts of one reason in one."""
     texts: dict[str, list[str]] = {}
-    if channels.units_assumed:
-        text = f"the unit of {', '.join(channels.units_assumed)} is not given: rad and rad/s are"
+    if channels.record is not None and channels.record.assumed:
+        text = f"the unit of {', '.join(channels.record.assumed)} is not given: rad and rad/s are"
         texts["unit_assumed"] = [f"{text} assumed"]
     fast_s = channels.fast * channels.conditioner.sample_time_s if channels.fast else 0.0
     if fast_s > LEAST_FAST_S:

@@ -28,6 +28,8 @@ FIRST_WINDOW = 64
 that breaks at every message would cost a search of all rows each time."""
 OFFSET_WINDOW_US = 5_000_000
 """The time at the beginning of each segment in which the offset to Unix time is determined."""
+NEVER = np.iinfo(np.int64).min
+"""A time before any."""
 MOST_BOOTS = 1000
 """The most boots that are remembered: a clock that falls back at every message must not fill the
 memory."""
@@ -42,7 +44,7 @@ class Segmenter:
     ``clock_steps`` and ``silences`` count the breaks, ``epoch`` the changes of meaning.
     """
 
-    newest: list[int | None] = field(default_factory=lambda: [None, None])
+    newest: list[int] = field(default_factory=lambda: [NEVER, NEVER])
     received_us: list[int] = field(default_factory=lambda: [0, 0])
     began_us: int | None = None
     offset_us: int | None = None
@@ -63,7 +65,7 @@ class Segmenter:
         row = np.where(by_order < len(yaw), by_order, by_order - len(yaw))
         start, window = 0, max(FIRST_WINDOW, len(kind))
         while start < len(kind):
-            opens = self.newest == [None, None]
+            opens = self.newest == [NEVER, NEVER]
             near = slice(start, start + window)
             stop, good = self._until_break(merged.t_us[near], kind[near])
             rows, kinds = row[start : start + stop], kind[start : start + stop]
@@ -87,23 +89,18 @@ class Segmenter:
         before = np.stack([_newest_before(t, kind == k, self.newest[k]) for k in (0, 1)])
         own = before[kind, np.arange(len(t))]
         other = before[1 - kind, np.arange(len(t))]
-        never = np.iinfo(np.int64).min
-        back = (own != never) & (t <= own - BACK_STEP_US)
-        silent = (own != never) & (t - np.maximum(own, 0) > SILENCE_US)
-        alone = (other != never) & (t - np.maximum(other, 0) > SILENCE_US)
+        back = (own != NEVER) & (t <= own - BACK_STEP_US)
+        silent = (own != NEVER) & (t - np.maximum(own, 0) > SILENCE_US)
+        alone = (other != NEVER) & (t - np.maximum(other, 0) > SILENCE_US)
         breaks = back | silent | alone
         stop = int(np.argmax(breaks)) if breaks.any() else len(t)
-        good = (own[:stop] == never) | (t[:stop] > own[:stop])
+        good = (own[:stop] == NEVER) | (t[:stop] > own[:stop])
         for k in (0, 1):
-            mine = t[:stop][kind[:stop] == k]
-            if len(mine):
-                last = self.newest[k]
-                self.newest[k] = int(max(mine.max(), mine[0] if last is None else last))
+            self.newest[k] = int(t[:stop][kind[:stop] == k].max(initial=self.newest[k]))
         return stop, good
 
     def _break(self, t: int, received_us: int, kind: int) -> None:
-        own = self.newest[kind]
-        step = 0 if own is None else t - own
+        step = 0 if self.newest[kind] == NEVER else t - self.newest[kind]
         leap = step - (received_us - self.received_us[kind])
         has_leapt = step > 0 and leap > LEAP_US
         self.leap_us = max(self.leap_us, leap) if has_leapt else self.leap_us
@@ -115,7 +112,7 @@ class Segmenter:
     def begin_segment(self, why: Held = Held.RUDDER_CHANGED) -> None:
         """Start a new segment; where the rudder changes, its unit has another meaning there."""
         self.epoch += bool(why & Held.RUDDER_CHANGED)
-        self._why, self.newest = why, [None, None]
+        self._why, self.newest = why, [NEVER, NEVER]
         self.began_us = self.offset_us = None
 
     def _offsets(self, rows: Series) -> Readings:
@@ -133,12 +130,9 @@ class Segmenter:
         return Readings(rows.order, offsets)
 
 
-def _newest_before(t: Ints, mine: Bools, carried: int | None) -> Ints:
-    """Return the newest time of one channel strictly before each row; int64's minimum if none."""
-    never = np.iinfo(np.int64).min
-    seen = np.append(never if carried is None else carried, np.where(mine, t, never))
-    newest: Ints = np.maximum.accumulate(seen)[:-1]
-    return newest
+def _newest_before(t: Ints, mine: Bools, carried: int) -> Ints:
+    """Return the newest time of one channel strictly before each row, ``NEVER`` without any."""
+    return np.maximum.accumulate(np.append(carried, np.where(mine, t, NEVER)))[:-1]
 
 
 def outside(config: RunConfig, what: str) -> ConfigError:

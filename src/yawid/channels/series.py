@@ -56,7 +56,7 @@ class Readings(Columns):
 
 
 @dataclass(frozen=True, slots=True)
-class Piece:
+class Piece(Columns):
     """A stretch of one segment: its rows and, if it opens the segment, why the last one ended.
 
     ``epoch`` counts the changes of the surfaces' meaning, ``boot`` the vehicle's boots from 1.

@@ -76,18 +76,15 @@ class Channels:
         self.yaw = YawReader(config.airborne == "all", config.keeps_motion)
         self._surface = SurfaceReader(len(config.inputs))
         self.twins = self._surface.twins
-        self.is_record = False
-        self.measured: tuple[str, ...] = ()
-        """The surfaces of a record that are measured deflections, not commands."""
-        self.units_assumed: tuple[str, ...] = ()
-        """The columns of a record whose units are not given and therefore assumed."""
-        self._modes_of: tuple[int, int] | None = None
+        self.record: RecordBlock | None = None
+        """What is common to all rows of a record, None for a log of messages."""
 
     @property
     def modes_of(self) -> tuple[int, int] | None:
         """Autopilot and vehicle type, which name the flight modes; None where they are unknown."""
-        vehicle = self.lock.vehicle
-        return self._modes_of if vehicle is None else (vehicle.autopilot, vehicle.type)
+        if (vehicle := self.lock.vehicle) is not None:
+            return vehicle.autopilot, vehicle.type
+        return None if self.record is None else self.record.modes_of
 
     # A float of the log may hold any bits: an absurd value becomes NaN, and its sample is held.
     @np.errstate(over="ignore", invalid="ignore")
@@ -103,8 +100,7 @@ class Channels:
     @np.errstate(over="ignore", invalid="ignore")
     def feed_rows(self, block: RecordBlock) -> list[SampleBlock]:
         """Take rows of a record in; return the samples that they complete, in order."""
-        self.is_record, self._modes_of = True, block.modes_of
-        self.units_assumed, self.measured = block.assumed, block.measured
+        self.record = block.select(slice(0))
         self.command.armed = self.command.moved = True  # a record needs no check of its commands
         self.surfaces = record_surfaces(block, self.config)
         changes = np.flatnonzero(~(block.has_yaw | block.has_surfaces))
@@ -152,7 +148,7 @@ class Channels:
                 if self.yaw.rows:
                     self.segmenter.begin_segment()
                 self.yaw.source = name
-        yield _between(messages, low, None)
+        yield _between(messages, low, END)
 
     def _places_of_change(
         self, messages: Mapping[str, MessageBlock], parameters: list[MessageBlock]
@@ -250,9 +246,8 @@ class Channels:
         # The difference quotient of the yaw angle is taken on the grid itself.
         finer = self.config.band is not None and self.config.output != "yaw"
         count = finer_by(sample_time_s, min(startup.intervals_us)) if finer else 1
-        lines = [
-            i for i, name in enumerate((*self.config.inputs, "aileron")) if name in self.measured
-        ]
+        measured = () if self.record is None else self.record.measured
+        lines = [i for i, name in enumerate((*self.config.inputs, "aileron")) if name in measured]
         self.startup, self.aligner = None, Aligner(sample_time_s / count, gaps_us, lines)
         self.conditioner = Conditioner(self.config, sample_time_s, count)
         return [block for piece in startup.pieces for block in self._align(piece)]
@@ -273,16 +268,10 @@ class Channels:
 
 
 def _between(
-    messages: Mapping[str, MessageBlock], low: int, high: int | None
+    messages: Mapping[str, MessageBlock], low: int, high: int
 ) -> Mapping[str, MessageBlock]:
     """Return the messages at or after byte ``low`` and before ``high``."""
-    if low < 0 and high is None:
+    if low < 0 and high == END:
         return messages
-    chosen = {}
-    for name, block in messages.items():
-        rows = block.order >= low
-        if high is not None:
-            rows &= block.order < high
-        if rows.any():
-            chosen[name] = block.select(rows)
-    return chosen
+    chosen = {n: b.select((b.order >= low) & (b.order < high)) for n, b in messages.items()}
+    return {name: block for name, block in chosen.items() if len(block)}

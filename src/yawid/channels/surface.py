@@ -138,16 +138,15 @@ def _field(message: str, number: int) -> str:
 
 def raw_outputs(block: MessageBlock) -> Iterator[tuple[int, Floats]]:
     """Yield the number and the raw values (n,) of every output; SERVO_OUTPUT_RAW's by ports."""
-    fields = block.fields
+    ports, numbers = np.zeros(len(block), int), range(1, 17)
     if block.name in ARRAYS:
         name, first = ARRAYS[block.name]
-        for i in range(fields[name].shape[1]):
-            yield first + i, np.asarray(fields[name][:, i], float)
-        return
-    for port in np.unique(fields["port"]).tolist():
-        own = fields[fields["port"] == port]
-        for i in range(1, 17):
-            yield 16 * port + i, np.asarray(own[f"servo{i}_raw"], float)
+        numbers = range(first, first + block.fields[name].shape[1])
+    else:
+        ports = block.fields["port"]
+    for port in np.unique(ports).tolist():
+        own = block.select(ports == port)
+        yield from ((16 * port + i, raw_output(own, 16 * port + i)) for i in numbers)
 
 
 def raw_output(block: MessageBlock, number: int) -> Floats:
