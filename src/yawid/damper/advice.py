@@ -104,8 +104,7 @@ def closed_with(
 
 
 def _bound(values: Floats) -> Floats:
-    found: Floats = np.percentile(values, BOUND_PCT, axis=-1, method="lower")
-    return found
+    return np.asarray(np.percentile(values, BOUND_PCT, axis=-1, method="lower"))
 
 
 def spread(values: Floats) -> tuple[Floats, Floats]:

@@ -7,6 +7,7 @@ airframe (``lateral/mix.py``): no model from rudder to yaw rate says anything of
 
 from typing import Final
 
+import numpy as np
 from msgspec.structs import replace
 
 from yawid.answers.damper_report import Mix
@@ -45,8 +46,7 @@ def mix_of(
     if std > max(MOST_STD, MOST_SHARE * abs(value)):
         text = f"the mix is only known as {value:.2g} ± {std:.2g}: move the aileron more"
         return replace(found, text=text)
-    low, high = LIMITS
-    best = f"{min(max(value, low), high):.2f}"
+    best = f"{np.clip(value, *LIMITS):.2f}"
     found_at = f"found {value:.2f} ± {std:.2f} at {bare.airspeed_m_s:.1f} m/s; flown "
     found_at += "an unknown mix" if flown is None else f"{flown:g}"
     if float(best) == 0.0:

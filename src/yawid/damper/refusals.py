@@ -142,16 +142,14 @@ def check_loop(autopilot: Autopilot, known: Mapping[str, float], loop_hz: float)
     if (against := autopilot.against(known)) is not None:
         raise Refused("other_loop", against, "set it so, and fly again")
     missing = [names[0] for names in autopilot.needs(known) if first(known, names) is None]
-    give = [f"--param {name}=VALUE" for name in missing]
-    also = f"; nor are {', '.join(missing)}" if missing else ""
+    names, give = ", ".join(missing), [f"--param {name}=VALUE" for name in missing]
+    id_, text = "parameters_unknown", f"not in the log: {names}"
     if not (isfinite(loop_hz) and loop_hz > 0.0):
-        text = f"{autopilot.loop_rate} is not in the log: delay and washout depend on it{also}"
-        to_do = f"give {' '.join(['--loop-rate HZ', *give])}, or log all parameters"
-        raise Refused("loop_rate_unknown", text, to_do)
-    if missing:
-        text = f"not in the log: {', '.join(missing)}"
-        to_do = f"give {' '.join(give)}, or log all parameters"
-        raise Refused("parameters_unknown", text, to_do)
+        id_, give = "loop_rate_unknown", ["--loop-rate HZ", *give]
+        text = f"{autopilot.loop_rate} is not in the log: delay and washout depend on it"
+        text += f"; nor are {names}" if missing else ""
+    if give:
+        raise Refused(id_, text, f"give {' '.join(give)}, or log all parameters")
 
 
 def gain_flown(summary: RunSummary, manoeuvre: Manoeuvre, name: str, last: float) -> float | None:
