@@ -259,9 +259,4 @@ class Outgoing:
 
 def senders(compid: int, key: SigningKey | None) -> Callable[[int], Outgoing]:
     """Return a function from a system id to its one sender: two would use the same numbers."""
-
-    @cache
-    def sender(sysid: int) -> Outgoing:
-        return Outgoing(sysid, compid, key)
-
-    return sender
+    return cache(partial(Outgoing, compid=compid, key=key))

@@ -107,20 +107,15 @@ def hold_last(opening: tuple[float, ...], *parts: tuple[Ints, Floats]) -> tuple[
     Each of the ``parts`` has places (m,) and values (m,). Returned are the places (n,) and each
     column (n,). The first row, at place -1, is the ``opening``; each place has one row.
     """
-    places = np.concatenate([[-1], *(own for own, _ in parts)])
-    in_place = np.argsort(places, kind="stable")
+    places = np.unique(np.concatenate([[-1], *(own for own, _ in parts)]))
     columns = []
-    start = 1
     for first, (own, values) in zip(opening, parts, strict=True):
-        column = np.full(len(places), np.nan)
-        column[0], column[start : start + len(own)] = first, values
-        known = np.where(np.isnan(column[in_place]), -1, np.arange(len(places)))
-        rows = np.maximum.accumulate(known)
-        columns.append(np.where(rows < 0, np.nan, column[in_place][rows]))
-        start += len(own)
-    places = places[in_place]
-    last = np.append(np.diff(places) != 0, True)
-    return places[last], [column[last] for column in columns]
+        known = ~np.isnan(values)
+        at, held = np.append(-1, own[known]), np.append(first, values[known])
+        in_place = np.argsort(at, kind="stable")
+        newest = np.searchsorted(at[in_place], places, side="right") - 1
+        columns.append(held[in_place][newest])
+    return places, columns
 
 
 def merged(name: str, before: float, **columns: tuple[Ints, Floats]) -> PlacedFields:

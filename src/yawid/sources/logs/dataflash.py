@@ -19,6 +19,7 @@ rate.
 
 from collections.abc import Iterator
 from dataclasses import replace
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -265,11 +266,9 @@ def _hud(index: DataflashIndex) -> PlacedFields:
 
 def _first_of(index: DataflashIndex, wanted: tuple[tuple[str, str], ...]) -> tuple[Ints, Floats]:
     """Return the first of these columns that the log has, and where it is reported."""
-    for name, column in wanted:
-        if index.has(name, column):
-            offsets, rows = index.reported(name)
-            return offsets, index.si(name, rows, column)
-    return _NONE, np.zeros(0)
+    name, column = next((each for each in wanted if index.has(*each)), wanted[0])
+    offsets, rows = index.found(name, column)
+    return offsets, index.si(name, rows, column)
 
 
 def _system_state(index: DataflashIndex) -> PlacedFields:
@@ -281,10 +280,8 @@ def _system_state(index: DataflashIndex) -> PlacedFields:
 
 def _vehicle_type(index: DataflashIndex) -> int:
     """Return the MAV_TYPE by the build or the firmware's name, 0 (generic) without either."""
-    if index.has("VER", "BU"):
-        build = int(index.reported("VER")[1]["BU"][0])
-        if build in _TYPE_OF_BUILD:
-            return _TYPE_OF_BUILD[build]
+    builds = index.found("VER", "BU")[1]["BU"][:1].tolist()
     texts = index.found("MSG", "Message")[1]["Message"].tolist()
-    kinds = (kind for text in texts for name, kind in _TYPE_OF_NAME.items() if name in text)
-    return next(kinds, 0)
+    by_build = [_TYPE_OF_BUILD[each] for each in builds if each in _TYPE_OF_BUILD]
+    by_name = (kind for text in texts for name, kind in _TYPE_OF_NAME.items() if name in text)
+    return next(chain(by_build, by_name), 0)

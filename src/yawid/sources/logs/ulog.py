@@ -380,12 +380,10 @@ def sampled(topic: UlogTopic) -> Ints:
 
 def array(topic: UlogTopic, name: str, size: int) -> Floats:
     """Return the columns name[0], name[1], ... as (n, size), NaN where the log has fewer."""
-    values = np.full((len(topic["timestamp"]), size), np.nan)
+    nothing = np.full(len(topic["timestamp"]), np.nan)
+    columns = [topic.get(f"{name}[{i}]", nothing) for i in range(size)]
     with quiet():
-        for i in range(size):
-            if f"{name}[{i}]" in topic:
-                values[:, i] = topic[f"{name}[{i}]"]
-    return values
+        return np.stack(columns, axis=1).astype(float)
 
 
 def system_state(topics: Mapping[tuple[str, int], UlogTopic]) -> PlacedFields:

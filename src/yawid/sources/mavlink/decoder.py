@@ -102,13 +102,12 @@ class Decoder:
         return self._columns(joined, buffer, believed, order[rows], stamps[rows])
 
     def _hold(self, joined: bytes, records: Frames, order: Ints) -> None:
-        spans = list(zip(records.begin - STAMP_SIZE, records.end, strict=True))
-        self._held = b"".join(joined[first:stop] for first, stop in spans)
-        sizes = records.end - records.begin + STAMP_SIZE
-        place = STAMP_SIZE + np.cumsum(sizes) - sizes
-        moves = place - (records.begin - STAMP_SIZE)
+        first = records.begin - STAMP_SIZE
+        self._held = b"".join(joined[a:b] for a, b in zip(first, records.end, strict=True))
+        sizes = records.end - first
+        moves = STAMP_SIZE + np.cumsum(sizes) - sizes - first
         places = (records.begin, records.end, records.payload)
-        begin, end, payload = (column + moves for column in places)
+        begin, end, payload = (each + moves for each in places)
         self._held_frames = Frames(begin, end, payload, records.length, records.row)
         self._held_order = order
 

@@ -175,9 +175,8 @@ def rudder_of(
             f"the side {turns}",
             SIGN,
         )
-    max_deg, said = asked.rudder_max_deg, own.get("rudder_max_deg")
-    if max_deg is None and said is not None:
-        max_deg = float(said)
+    given = asked.rudder_max_deg, own.get("rudder_max_deg")
+    max_deg = next((float(each) for each in given if each is not None), None)
     values = values if unit.factor == 1.0 else values * unit.factor
     stroke = None
     if unit.symbol == "rad" and max_deg is None:

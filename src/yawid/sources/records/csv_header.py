@@ -157,10 +157,8 @@ def _split(line: str, separator: str) -> Row:
 
 def _trimmed(row: Row) -> Row:
     """Return a row without the empty cells at its end."""
-    end = len(row)
-    while end and not row[end - 1].strip():
-        end -= 1
-    return row[:end]
+    filled = (i for i, cell in enumerate(row) if cell.strip())
+    return row[: max(filled, default=-1) + 1]
 
 
 def _layout(rows: Sequence[Row]) -> tuple[int, int] | None:

@@ -359,10 +359,8 @@ def offsets_us(t_us: Ints, unix_ns: Ints) -> Ints:
 
     It is 0 if all dates are unknown.
     """
-    known = np.flatnonzero(unix_ns != NO_DATE)
-    if not len(known):
+    known = unix_ns != NO_DATE
+    if not known.any():
         return np.zeros(len(t_us), np.int64)
-    found = np.floor_divide(unix_ns[known] + 500, 1000) - t_us[known]
-    newest = np.maximum(np.searchsorted(known, np.arange(len(t_us)), side="right") - 1, 0)
-    held: Ints = found[newest]
-    return held
+    newest = np.maximum(np.cumsum(known) - 1, 0)
+    return np.asarray((np.floor_divide(unix_ns[known] + 500, 1000) - t_us[known])[newest])
