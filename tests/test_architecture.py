@@ -49,7 +49,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "trend": {"damper", "dataset", "report", "sinks", "sinks/mcap"},
     "tables": {"config", "damper", "models", "report", "runs", "sources", "sinks", "sinks/mcap"},
     "cli": {"config", "damper", "dataset", "estimation", "fleet", "report"}
-    | {"runs", "runs/live", "runs/regress", "sinks", "sinks/mcap", "sinks/terminal", "sources"}
+    | {"runs", "runs/live", "runs/regress", "sinks", "sinks/terminal", "sources"}
     | {"tables", "trend"},
     "__main__": {"cli"},
 }
@@ -65,7 +65,7 @@ ONLY_IN = {
     "mcap": {
         "sinks/mcap/chunks.py",
         "sinks/mcap/reader.py",
-        "sinks/mcap/recover.py",
+        "sinks/mcap/torn.py",
     },
     "rerun": {"sinks/rerun/recording.py", "sinks/rerun/blueprint.py"},
     "filterpy": {"estimation/reference.py"},

@@ -8,7 +8,7 @@ a socket.
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from concurrent.futures import Executor, Future
 from dataclasses import replace
 from typing import Final
@@ -45,13 +45,12 @@ BLOCK = 4096
 class Pipeline:
     """The whole run: feed it messages, or samples from a run's file, then ``finish``.
 
-    ``sinks`` get the rows; sinks may be added until the first sample. ``make_bank`` makes the
-    estimators once the sample time is known. For samples without messages, ``modes_of`` has the
-    autopilot and the vehicle type, which name the flight modes, ``rates_hz`` the rates of yaw and
-    rudder messages, and ``of_file`` the rudder, with gains of a yaw damper, and the boots. With
-    ``worker``, an executor of one thread, manoeuvres are answered there, and ``collect`` returns
-    those that are ready; ``lateral_worker`` is the same for the fits of the bare airframe, which
-    ``collect_lateral`` returns.
+    ``sinks`` get the rows; sinks may be added until the first sample. For samples without
+    messages, ``modes_of`` has the autopilot and the vehicle type, which name the flight modes,
+    ``rates_hz`` the rates of yaw and rudder messages, and ``of_file`` the rudder, with gains of a
+    yaw damper, and the boots. With ``worker``, an executor of one thread, manoeuvres are answered
+    there, and ``collect`` returns those that are ready; ``lateral_worker`` is the same for the fits
+    of the bare airframe, which ``collect_lateral`` returns.
 
     Raises:
         ConfigError: the rate asked for does not fit the log.
@@ -65,7 +64,6 @@ class Pipeline:
         self,
         config: RunConfig,
         sinks: Sequence[Sink] = (),
-        make_bank: Callable[[RunConfig, float], Bank] = Bank,
         modes_of: tuple[int, int] = (0, 0),
         rates_hz: tuple[float, float] | None = None,
         worker: Executor | None = None,
@@ -80,7 +78,6 @@ class Pipeline:
         self.newest: SampleBlock | None = None
         self.samples = self._used = 0
         self._held = Held(0)
-        self._make_bank = make_bank
         self._modes_of = modes_of
         self._rates_hz = rates_hz
         self._worker, self._lateral_worker = worker, lateral_worker
@@ -273,7 +270,7 @@ class Pipeline:
                 self.collect_lateral()
 
     def _open_bank(self, sample_time_s: float) -> Bank:
-        self.bank = self._make_bank(self.config, sample_time_s)
+        self.bank = Bank(self.config, sample_time_s)
         self._physics = PhysicsStage(
             self.config.armax_orders(),
             sample_time_s,

@@ -109,12 +109,11 @@ def test_zsh_offers_commands_options_values_files_and_cases(script: Path):
         assert offers("replay --maneuvers=") >= {"auto", "off"}
         assert offers("replay --rudder-sign nose-right --method ") >= {"els", "rml"}
         assert offers("replay --rerun s") >= {"save", "spawn"}
-        logs = {"a.tlog", "b.BIN", "c.mcap", "replay_logs/"}
+        logs = {"a.tlog", "b.BIN", "c.mcap", "d.mcap.part", "replay_logs/"}
         assert (of_replay := offers("replay ")) >= logs
-        assert not of_replay & {"d.mcap.part", "e.toml", "f.html"}
+        assert not of_replay & {"e.toml", "f.html"}
         assert not (of_view := offers("view ")) & {"a.tlog", "b.BIN"}
         assert of_view >= {"c.mcap", "replay_logs/"}
-        assert offers("recover d") >= {"d.mcap.part"}
         assert offers("replay --config ") >= {"e.toml", "replay_logs/"}
         assert offers("regress cl") >= {"climb"}
 
@@ -136,10 +135,11 @@ def test_bash_offers_values_files_by_their_suffix_and_cases(script: Path):
     assert offered(script, "replay", "--rerun", "s") == {"save", "spawn"}
     assert offered(script, "inspect", "--inputs", "") == {"rudder", "rudder,aileron"}
     files_of(script.parent)
-    assert offered(script, "replay", "") == {"a.tlog", "b.BIN", "c.mcap", "replay_logs"}
+    assert offered(script, "replay", "") == {
+        "a.tlog", "b.BIN", "c.mcap", "d.mcap.part", "replay_logs",
+    }  # fmt: skip
     assert offered(script, "fleet", "") == offered(script, "replay", "")
     assert offered(script, "view", "") == {"c.mcap", "replay_logs"}
-    assert offered(script, "recover", "d") == {"d.mcap.part"}
     assert offered(script, "replay", "--config", "") == {"e.toml", "replay_logs"}
     assert offered(script, "report", "c.mcap", "-o", "") == {"f.html", "replay_logs"}
     assert offered(script, "trend", "") == {"replay_logs"}

@@ -38,7 +38,7 @@ NO_RUDDER = str(REPLAY_LOGS / "no_rudder" / "log.tlog")
         (["replay", "x", "--rudder-sing", "y"], "--rudder-sing; did you mean --rudder-sign? "),
         (["inspect", "x", "--publish", "y"], "has no option --publish: it belongs to live;"),
         (["inspect", "x", "y"], "y: too many arguments, usage: yawid inspect LOG [options];"),
-        (["view", "x", "--in", "reru"], "foxglove, got 'reru'; did you mean rerun? "),
+        (["export", "x", "--what", "mode"], "modes, model, got 'mode'; did you mean mod"),
         (["replay"], "LOG"),
         (["replay", "x.tlog", "--rat", "3", "--also"], "--also"),
         (["replay", "x.tlog", "--rate", "fast"], "--rate: must be a number, got 'fast'"),

@@ -43,7 +43,6 @@ COMMANDS = {
     "step": ["step", "step.csv"],
     "simulate": ["simulate", "yaw", "--seconds", "5", "--out", "OUT/s.csv"],
     "view": ["view", "a.mcap", "--save", "OUT/v.rrd"],
-    "recover": ["recover", "a.mcap", "--out", "OUT/r.mcap"],
     "regress": ["regress", "no_rudder"],
 }
 IN_THE_GATE = ("help", "replay", "replay --json", "regress")

@@ -49,15 +49,3 @@ def test_a_data_set_whose_rows_are_nested_too_deeply_is_one_line_and_exit_code_6
 
     assert main(["fleet", str(logs), "--out", str(data), "--workers", "1"]) == 6
     assert DATABASE in capsys.readouterr().err.splitlines()[-1]
-
-
-@pytest.mark.xfail(strict=True, reason="The upper house")
-def test_a_saved_state_that_is_nested_too_deeply_is_one_line_and_exit_code_2(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    state = tmp_path / "state"
-    state.write_text("[" * DEEP, encoding="utf-8")
-    options = ["--state", str(state), "--out", str(tmp_path / "out"), "--seconds", "0.1"]
-
-    assert main(["live", "udpin:127.0.0.1:0", *options]) == 2
-    assert str(state) in one_line(capsys)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree as ET
@@ -12,16 +11,16 @@ from xml.etree import ElementTree as ET
 import pytest
 from finished_runs import replayed
 from forged_runs import forge
-from msgspec import structs
-from places import C172P
+from places import C172P, SRC
 from sinks.mcap.mcap_reading import decoded
 from sinks.rerun.rerun_reading import recorded, statics
 from sinks.sink_blocks import FLIGHT, make_manoeuvre
 
 from yawid.cli.main import main
-from yawid.runs.view import FOXGLOVE, PLOTJUGGLER, plotjuggler_layout
 from yawid.sinks.mcap.reader import open_run
 from yawid.sinks.palette import DATA, MODEL, RUDDER
+
+FOXGLOVE, PLOTJUGGLER = (SRC / "layouts" / name for name in ("foxglove.json", "plotjuggler.xml"))
 
 
 @pytest.fixture(scope="module")
@@ -205,48 +204,3 @@ def test_both_layouts_have_the_colours_of_all_pictures():
     assert curves["/yawid/sample/yaw_rate"] == DATA
     assert curves["/yawid/estimate/y_hat"] == MODEL
     assert curves["/yawid/sample/rudder"] == RUDDER
-
-
-def test_plotjuggler_is_given_the_run_in_a_layout_without_what_the_run_has_not(run: Path):
-    told = open_run(run)
-    assert told.grid is not None
-    told.grid = replace(told.grid, methods=("els",), parameters=("a1", "b1", "c1", "bias"))
-    told.summary = structs.replace(told.summary, manoeuvres=None, flight=None)
-    root = ET.fromstring(plotjuggler_layout(told))
-    curves = {each.get("name", "") for each in root.iter("curve")}
-    assert {name for name in curves if "/parameters/" in name} == {
-        f"/yawid/estimate/parameters/{name}" for name in told.grid.parameters
-    }
-    assert "wn + 2 sigma" in curves
-    assert not any("rml" in name or "manoeuvre" in name or "flight" in name for name in curves)
-    assert not any("manoeuvre" in each.get("name", "") for each in root.iter("snippet"))
-    file = root.find("previouslyLoaded_Datafiles/fileInfo")
-    assert file is not None
-    assert file.get("filename") == str(run)
-    assert file.find("plugin[@ID='DataLoad MCAP']/parameters") is not None
-    unusable = structs.replace(told.summary.verdict, usable=False)
-    told.summary = structs.replace(told.summary, verdict=unusable)
-    first = next(ET.fromstring(plotjuggler_layout(told)).iter("Tab"))
-    assert first.get("tab_name", "").startswith("NOT USABLE")
-
-
-@pytest.mark.parametrize("viewer", ["plotjuggler", "foxglove"])
-def test_a_program_that_is_not_here_is_named_with_its_layout_and_one_that_is_is_started(
-    run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys, viewer: str
-):
-    monkeypatch.setenv("PATH", str(tmp_path))
-    assert main(["view", str(run), "--in", viewer]) == 6
-    [line] = capsys.readouterr().err.splitlines()
-    assert "get it from" in line
-    assert "/layouts/" in line
-    program = tmp_path / {"foxglove": "foxglove-studio"}.get(viewer, viewer)
-    program.write_text(f'#!/bin/sh\necho "$@" > {tmp_path}/told\n', encoding="utf-8")
-    program.chmod(0o755)
-    assert main(["view", str(run), "--in", viewer]) == 0
-    assert str(run) in capsys.readouterr().out
-    *options, file = (tmp_path / "told").read_text(encoding="utf-8").split()
-    assert options == (["--nosplash", "--layout"] if viewer == "plotjuggler" else [])
-    assert str(run) in (Path(file).read_text(encoding="utf-8") if options else file)
-    program.write_text("#!/bin/sh\nexit 3\n", encoding="utf-8")
-    assert main(["view", str(run), "--in", viewer]) == 6
-    assert main(["view", str(run), "--in", viewer, "--save", "x.rrd"]) == 2

@@ -120,7 +120,7 @@ def test_what_cannot_be_written_is_one_line_and_leaves_nothing(
     assert [line for line in said if "yawid: " not in line] == []
     for line, words in zip(
         said,
-        ("--force", "must end in .parquet, .csv, .npz", "recover", "does not exist"),
+        ("--force", "must end in .parquet, .csv, .npz", "what is left of it", "does not exist"),
         strict=True,
     ):
         assert words in line

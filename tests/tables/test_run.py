@@ -130,7 +130,7 @@ def test_what_was_torn_is_refused_as_by_replay(mcap: Path, tmp_path: Path) -> No
     flipped.write_bytes(data[:middle] + bytes([data[middle] ^ 255]) + data[middle + 1 :])
 
     for path in (torn, flipped):
-        with pytest.raises(SourceError, match="yawid recover"):
+        with pytest.raises(SourceError, match="what is left of it"):
             yawid.load(path)
     with pytest.raises(SourceError, match="not an MCAP file"):
         yawid.load(C172P)
@@ -142,7 +142,7 @@ def test_a_long_run_is_read_a_block_at_a_time(mcap: Path, monkeypatch: pytest.Mo
     stream = mcap.open("rb")
     monkeypatch.setattr(reader, "BLOCK_ROWS", 100)
     found = reader.open_run(mcap)
-    monkeypatch.setattr(reader, "_opened", lambda path: stream)
+    monkeypatch.setattr(reader, "opened", lambda path: stream)
 
     blocks = found.blocks()
     next(blocks)

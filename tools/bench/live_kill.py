@@ -12,13 +12,14 @@ from checks.children import LEAVE_S
 from flights.send_tlog import send
 from flights.surgery import Record, split
 from mcap.reader import make_reader
+from mcap.records import Metadata
 
 from bench.live import session
 from yawid.estimation.machine.runner import RUNNER
 from yawid.runs.outputs import Outputs
 from yawid.runs.replay import replay
 from yawid.runs.stop import StopFlag
-from yawid.sinks.mcap.recover import recover
+from yawid.sinks.mcap.torn import intact
 
 Row = tuple[str, int, bytes]
 
@@ -27,7 +28,7 @@ Row = tuple[str, int, bytes]
 class Loss:
     """What a kill cost: the seconds missing at the end of each file, and whether the rest is right.
 
-    ``is_same`` is whether every row of the recovered MCAP equals, bit for bit, one of a replay of
+    ``is_same`` is whether every row of the torn MCAP equals, bit for bit, one of a replay of
     the tlog. ``frames`` and ``rows`` are how many the two files have.
     """
 
@@ -66,15 +67,14 @@ def kill_once(frames: Sequence[Record], moment_s: float, folder: Path, speed: fl
 
 
 def measure(folder: Path, sent_s: Sequence[float], killed_s: float) -> Loss:
-    """Replay the incomplete tlog, recover the incomplete MCAP, and compare them."""
+    """Replay the incomplete tlog, read the incomplete MCAP, and compare them."""
     [tlog], [mcap] = folder.glob("*.tlog.part"), folder.glob("*.mcap.part")
     frames = len(split(tlog.read_bytes()))
-    recover(mcap, folder / "recovered.mcap")
     replay(tlog, {}, Outputs(folder, "again"), StopFlag())
-    rescued, again = rows(folder / "recovered.mcap"), rows(folder / "again.mcap")
+    rescued, again = rows_left(mcap), rows(folder / "again.mcap")
     missing_s = killed_s - sent_s[frames] if frames < len(sent_s) else 0.0
     last_s = max((received for _, received, _ in rescued), default=0) / 1e9
-    # Rows from before the kill that the replay of the tlog has, and the recovered file lacks.
+    # Rows from before the kill that the replay of the tlog has, and the torn file lacks.
     unwritten = [r / 1e9 for _, r, _ in again if last_s < r / 1e9 <= killed_s]
     return Loss(
         tlog_s=max(0.0, missing_s),
@@ -83,6 +83,17 @@ def measure(folder: Path, sent_s: Sequence[float], killed_s: float) -> Loss:
         rows=len(rescued),
         is_same=set(rescued) <= set(again),
     )
+
+
+def rows_left(path: Path) -> list[Row]:
+    """Return what :func:`rows` does of a file that was cut off."""
+    with path.open("rb") as stream:
+        return [
+            (each[1].topic, each[2].publish_time, each[2].data)
+            for each in intact(stream)
+            if not isinstance(each, Metadata)
+            and each[1].topic not in ("/yawid/verdict", "/yawid/log")
+        ]
 
 
 def rows(path: Path) -> list[Row]:

@@ -102,7 +102,7 @@ def words_of_gains(gains: Mapping[str, Sequence[float]]) -> str | None:
 
 
 class LinkCounts(Part, frozen=True):
-    """The counts of the link; empty for a recovered run, for which they are unknown."""
+    """The counts of the link; empty for a torn run, of which they are unknown."""
 
     frames: Count | None = None
     skipped_bytes: Count | None = None

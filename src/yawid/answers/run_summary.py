@@ -17,7 +17,7 @@ from yawid.answers.model_parts import Value as Value
 from yawid.answers.ordinary import OrdinaryAnswer as OrdinaryAnswer
 from yawid.answers.part import Count, Number, Part, Positive
 from yawid.answers.reasons import Reason, Verdict
-from yawid.answers.session import LiveFacts, Recovered
+from yawid.answers.session import LiveFacts
 
 FORM: Final = "1"
 """The form of stored answers: another one where those of the version before may not be used."""
@@ -329,7 +329,6 @@ class RunSummary(Origin, Judged, frozen=True, kw_only=True):
     ordinary: OrdinaryAnswer | None = None
     live: LiveFacts | None = None
     files: dict[str, str] | None = None
-    recovered: Recovered | None = None
 
     @classmethod
     def from_json(cls, data: bytes, *, is_whole: bool = True) -> Self:

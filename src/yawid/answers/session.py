@@ -1,4 +1,4 @@
-"""What a summary says of a live session, and of a file that was recovered from a torn one."""
+"""What a summary says of a live session."""
 
 from yawid.answers.part import Count, Number, Part
 
@@ -18,10 +18,3 @@ class LiveFacts(Part, frozen=True, kw_only=True):
     failed: list[str] | None = None
     latency_ms: dict[str, Number] | None = None
     viewer_skipped: Count | None = None
-
-
-class Recovered(Part, frozen=True):
-    """The samples of a file recovered from a torn one, and what was left out, in words."""
-
-    samples: Count
-    left_out: str

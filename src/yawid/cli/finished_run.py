@@ -1,4 +1,4 @@
-"""The commands on the file of a run: ``yawid view``, ``report``, ``export`` and ``recover``."""
+"""The commands on the file of a run: ``yawid view``, ``report`` and ``export``."""
 
 import argparse
 import sys
@@ -29,12 +29,8 @@ DIMENSIONS = (
 def add_finished_run(commands: Commands) -> None:
     """Add these commands to the parser."""
     view = _on_run(
-        commands, "view", "show a finished run in Rerun, PlotJuggler or Foxglove",
-        "yawid view yawid-out/flight.mcap\nyawid view yawid-out/flight.mcap --in plotjuggler",
-    )  # fmt: skip
-    view.add_argument(
-        "--in", dest="viewer", choices=("rerun", "plotjuggler", "foxglove"), default="rerun",
-        help="the program to show it in (default: rerun)",
+        commands, "view", "show a finished run in Rerun",
+        "yawid view yawid-out/flight.mcap\nyawid view yawid-out/flight.mcap --save flight.rrd",
     )  # fmt: skip
     view.add_argument("--save", type=Path, metavar="X.rrd", help="write a recording instead")
     view.add_argument(
@@ -49,19 +45,6 @@ def add_finished_run(commands: Commands) -> None:
     report.add_argument("-o", "--out", type=Path, metavar="R.html", help=text)
     _add_force(report, _report, "files that exist")
     _add_export(commands)
-    recover = add_command(
-        commands, "recover", "BROKEN.mcap -o OUT.mcap",
-        "make a proper MCAP of one that was cut off",
-        "yawid recover yawid-out/live.mcap.part -o flight.mcap\n"
-        "yawid recover damaged.mcap -o whole.mcap --force",
-    )  # fmt: skip
-    recover.add_argument(
-        "broken", metavar="BROKEN.mcap", type=Path, help="what a crash left, .part or damaged"
-    )
-    recover.add_argument(
-        "-o", "--out", metavar="OUT.mcap", type=Path, required=True, help="the file to write"
-    )
-    _add_force(recover, _recover, "a file that exists")
 
 
 def _add_export(commands: Commands) -> None:
@@ -101,15 +84,8 @@ def _add_force(command: argparse.ArgumentParser, run: Run, what: str) -> None:
 
 
 def _view(arguments: argparse.Namespace) -> int:
-    from yawid.runs.view import VIEWERS, view
+    from yawid.runs.view import view
 
-    if arguments.viewer != "rerun":
-        if arguments.save is not None or arguments.to is not None or arguments.force:
-            raise ConfigError(
-                f"--save, --to and --force work with Rerun only, not with {arguments.viewer}"
-            )
-        print_line(str(VIEWERS[arguments.viewer](arguments.mcap)))
-        return 0
     if arguments.save is not None and arguments.save.suffix.lower() != ".rrd":
         raise ConfigError(
             f"--save writes a Rerun recording, whose name ends with .rrd, got {arguments.save}; a "
@@ -179,14 +155,3 @@ def _model(arguments: argparse.Namespace) -> Path:
     for reason in model.reasons:
         say(f"{'warning' if model.usable else 'not usable'} {reason}")
     return path
-
-
-def _recover(arguments: argparse.Namespace) -> int:
-    from yawid.sinks.mcap.recover import recover
-
-    found = recover(arguments.broken, arguments.out, force=arguments.force)
-    topics = ", ".join(f"{topic} {count}" for topic, count in sorted(found.counts.items()))
-    if found.left_out:
-        say(f"left out, as it is damaged or unknown: {found.left_out}")
-    print_line(f"{arguments.out}: {topics}")
-    return 0

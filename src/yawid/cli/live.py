@@ -17,9 +17,6 @@ from yawid.errors import ConfigError
 from yawid.sinks.door import print_answer
 
 ASKED_HZ = 50.0
-COMPID = 194
-REQUEST_SYSID = 250
-MOST_VEHICLES = 64
 _ENDPOINT = (
     "udpin:HOST:PORT, udpbcast:HOST:PORT, mcast:, tcp:HOST:PORT or a serial port such as "
     "/dev/ttyUSB0,57600; udpout:HOST:PORT with --request-rates; IPv6 as udpin:[::1]:14560"
@@ -39,27 +36,9 @@ def add_live(commands: Commands) -> None:
     )
     live.add_argument("--no-record", action="store_true", help="write no tlog")
     live.add_argument(
-        "--most-vehicles", type=int, default=MOST_VEHICLES, metavar="N",
-        help="with --sysid all: the largest number of sessions, 1 to 255 "
-        f"(default: {MOST_VEHICLES})",
-    )  # fmt: skip
-    live.add_argument(
-        "--record-others", action="store_true",
-        help="with --sysid all: each vehicle's tlog also has the frames of ground stations and of "
-        "other senders that are not a vehicle",
-    )  # fmt: skip
-    live.add_argument(
-        "--state", type=Path, metavar="FILE", help="resume from FILE, and save to it every minute"
-    )
-    live.add_argument(
         "--request-rates", type=float, nargs="?", const=ASKED_HZ, metavar="HZ",
         help="transmit: ask the vehicle for attitude and servos at HZ, 50 if left out "
         "(default: transmit nothing)",
-    )  # fmt: skip
-    live.add_argument(
-        "--request-sysid", type=int, default=REQUEST_SYSID, metavar="N",
-        help="system id with which --request-rates sends until a vehicle is heard, 1 to 255; then "
-        f"it is the vehicle's (default: {REQUEST_SYSID})",
     )  # fmt: skip
     live.add_argument(
         "--publish", metavar="ENDPOINT", action="append",
@@ -67,10 +46,6 @@ def add_live(commands: Commands) -> None:
         "udpout:HOST:PORT (a ground station listens there), to whoever sends to udpin:HOST:PORT, "
         "or to tap: back over the tap's own link, so to the vehicle as well; may be given several "
         "times (default: transmit nothing)",
-    )  # fmt: skip
-    live.add_argument(
-        "--publish-compid", type=int, default=COMPID, metavar="N",
-        help=f"component of the vehicle's system that publishes, 2 to 255 (default: {COMPID})",
     )  # fmt: skip
     add_outputs(live)
     live.set_defaults(run=_live)
@@ -97,14 +72,9 @@ def _live(arguments: argparse.Namespace) -> int:
     options = LiveOptions(
         arguments.endpoint,
         arguments.seconds,
-        arguments.state,
         arguments.request_rates,
-        request_sysid=arguments.request_sysid,
         every_vehicle=every_vehicle,
-        most_vehicles=arguments.most_vehicles,
-        record_others=arguments.record_others,
         publish=tuple(arguments.publish or ()),
-        publish_compid=arguments.publish_compid,
     )
     with StopFlag().installed() as stop:
         ended = live(

@@ -56,7 +56,7 @@ MOST_SAID = 300
 """The most characters of an unforeseen error's text that are printed: it may hold an array."""
 OVERVIEW = {
     "a flight": ("replay", "live", "inspect", "orders"),
-    "a finished run": ("view", "report", "damper", "export", "recover"),
+    "a finished run": ("view", "report", "damper", "export"),
     "many flights": ("fleet", "trend", "diff", "regress"),
     "the paper's plants and step responses": ("simulate", "step"),
     "the program itself": ("explain", "schema", "completion"),

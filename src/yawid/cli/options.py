@@ -18,7 +18,10 @@ if TYPE_CHECKING:
     from yawid.sources.open_log import ReadOptions
 
 DEFAULT_OUT = "yawid-out"
-REPLACED_BY = {"fly": "yawid replay LOG --report answers a log and opens the page"}
+REPLACED_BY = {
+    "fly": "yawid replay LOG --report answers a log and opens the page",
+    "recover": "yawid replay reads what is left of a .tlog.part, .mcap.part or damaged MCAP",
+}
 """What does the work of a command that is gone, where no other has a name like it."""
 
 

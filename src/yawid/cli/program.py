@@ -127,11 +127,9 @@ def _files(action: argparse.Action, any_file: Any, folder: Any) -> Any:
         return folder
     suffixes = re.findall(r"\.(\w+)", metavar)
     if metavar in _LOGS:
-        suffixes = [each.name for each in FORMATS]
+        suffixes = [*(each.name for each in FORMATS), "part"]
     elif action.dest == "config":
         suffixes = ["toml"]
-    elif action.dest == "broken":
-        suffixes.append("part")
     if not suffixes:
         return any_file
     return {

@@ -21,7 +21,7 @@ from yawid.errors import ConfigError, SourceError, YawidError
 from yawid.pipeline import Pipeline
 from yawid.quantities.link import LinkStats
 from yawid.results.summary import judged, of_stream
-from yawid.sinks.mcap.reader import McapRun, log_sha256_of, open_run, reading_of
+from yawid.sinks.mcap.reader import DamagedError, McapRun, log_sha256_of, open_run, reading_of
 from yawid.sources.formats import RUN
 from yawid.system.stores import Place
 
@@ -34,8 +34,10 @@ CHANGEABLE = (
 class FinishedRun:
     """A run's MCAP to be replayed, with the methods of :class:`yawid.runs.job.RecordedLog`.
 
+    Of a file that was cut off it has the seconds before its first bad record.
+
     Raises:
-        SourceError: the file cannot be read, was not finished or is not the file of a run.
+        SourceError: the file cannot be read, has no sample or is not the file of a run.
     """
 
     format = RUN
@@ -43,7 +45,12 @@ class FinishedRun:
     link = LinkStats()
 
     def __init__(self, path: Path) -> None:
-        self._run = run = open_run(path)
+        try:
+            self._run = run = open_run(path)
+        except DamagedError as error:
+            from yawid.sinks.mcap.torn import open_torn  # seldom needed
+
+            self._run = run = open_torn(path, error)
         self.path: Place = path  # or where the file was brought from
         self.size = path.stat().st_size
         self.log_lines = run.log

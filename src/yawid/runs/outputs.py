@@ -66,8 +66,11 @@ class Outputs:
 
 
 def output_names(logs: Sequence[Place]) -> list[str]:
-    """Return a name for each log's outputs: its stem, with the folder's name where two agree."""
-    stems = [log.stem for log in logs]
+    """Return a name for each log's outputs: its stem, with the folder's name where two agree.
+
+    What was cut off (``x.tlog.part``) has the name that it would have had.
+    """
+    stems = [Path(log.name.removesuffix(".part")).stem for log in logs]
     names: list[str] = []
     for log, stem in zip(logs, stems, strict=True):
         name = stem if stems.count(stem) == 1 else f"{log.absolute().parent.name}-{stem}"

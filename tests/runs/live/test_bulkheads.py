@@ -112,7 +112,6 @@ def causes(session: Session) -> list[str]:
 
 
 OUTPUTS = {
-    "yawid.runs.live.saved_state.StateFile._content": "state",
     "yawid.runs.live.standing.Standing.line": "status",
     "yawid.runs.live.vehicle_session.RerunSink.take": "viewer",
     "yawid.runs.live.publish.values_of": "publishing",
@@ -128,7 +127,7 @@ LIVE, LINK, SINK = "yawid.runs.live.", "yawid.sources.link.", "yawid.sinks.mcap.
 @pytest.mark.parametrize(
     "places",
     [
-        (*list(OUTPUTS)[:4], LIVE + "loop.RateRequests.tick"),
+        (*list(OUTPUTS)[:3], LIVE + "loop.RateRequests.tick"),
         (LINK + "publisher.Publisher.send_texts", SINK + "_write"),
         (SINK + "_finish",),
         (LIVE + "guarded_sink.TlogRecorder._write",),
@@ -140,7 +139,7 @@ def test_where_outputs_fail_each_is_said_once_the_rest_goes_on_and_the_exit_code
 ):
     failed = {OUTPUTS[place] for place in places}
     shown = Outputs(tmp_path, "live", "rerun+http://127.0.0.1:9/proxy")
-    asked = {"state": tmp_path / "state", "publish": ("tap",), "request_hz": 50.0}
+    asked = {"publish": ("tap",), "request_hz": 50.0}
     with monkeypatch.context() as patched:
         for place in places:
             fail(patched, place)

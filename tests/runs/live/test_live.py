@@ -250,32 +250,22 @@ def test_silence_is_said_once_and_so_is_the_return(tmp_path: Path, monkeypatch: 
     assert said.count("no data for") == said.count("the link is back") == 1
 
 
-def test_a_torn_mcap_is_recovered_from_the_command_line(
+def test_the_mcap_of_a_session_that_goes_on_is_replayed_as_far_as_it_is(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ):
     with listening(tmp_path) as session:
-        sent = frames(20.0)
-        send(sent, session.port)
+        send(frames(20.0), session.port)
         session.screen.wait_for("tracking")
         wait_for_size(session.part("mcap"), 20_000)
         (tmp_path / "torn.mcap").write_bytes(session.part("mcap").read_bytes()[:-5])
-    out = tmp_path / "whole.mcap"
 
-    assert main(["recover", str(tmp_path / "torn.mcap"), "-o", str(out)]) == 0
-    assert "/yawid/estimate" in capsys.readouterr().out
-    rescued, all_of_it = messages(out), messages(tmp_path / "live.mcap")
-    assert 0 < len(rescued) <= len(all_of_it)
-    assert set(rescued) <= set(all_of_it)
-
-
-def test_a_file_from_which_nothing_can_be_recovered_is_one_line(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-):
-    (tmp_path / "empty.mcap").write_bytes(b"")
-    out = tmp_path / "whole.mcap"
-    assert main(["recover", str(tmp_path / "empty.mcap"), "-o", str(out)]) == 6
-    assert capsys.readouterr().err.count("\n") == 1
-    assert not out.exists()
+    assert main(["replay", str(tmp_path / "torn.mcap"), "--out", str(tmp_path / "again")]) == 130
+    assert "interrupted: torn.mcap was cut off" in capsys.readouterr().out
+    samples, all_of_it = (
+        [each for each in messages(path) if "sample" in str(each)]
+        for path in (tmp_path / "again" / "torn.mcap", tmp_path / "live.mcap")
+    )
+    assert 0 < len(samples) <= len(all_of_it)
 
 
 def test_every_vehicle_is_one_json_object_a_line(

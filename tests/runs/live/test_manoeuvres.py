@@ -222,27 +222,3 @@ def test_each_vehicle_has_its_own_manoeuvres(tmp_path: Path):
         assert f"system {sysid}: {line}" in session.screen.getvalue()
     one, two = (ended.summary.manoeuvres[0] for ended in session.ended)
     assert (one.duration_s, one.dutch_roll) != (two.duration_s, two.dutch_roll)
-
-
-def test_a_session_resumed_from_a_state_counts_its_manoeuvres_anew(tmp_path: Path):
-    numbers = []
-    for name, first_s in (("one", 100.0), ("two", 500.0)):
-        sent = frames(20.0, first_s=first_s)
-        outputs = Outputs(tmp_path, name)
-        with listening(tmp_path, CONFIG, outputs, state=tmp_path / "state") as session:
-            send(sent, session.port)
-            wait_for_size(session.part("tlog", name), tlog_size(sent))
-        numbers.append([found.n for found in session.ended[0].summary.manoeuvres])
-    assert "resumed from" in session.screen.getvalue()
-    assert numbers == [[1], [1]]
-
-
-def test_a_state_fits_whether_manoeuvres_are_looked_for_or_not(tmp_path: Path):
-    for name, manoeuvres in (("one", "auto"), ("two", "off")):
-        config = replace(CONFIG, manoeuvres=manoeuvres)
-        outputs = Outputs(tmp_path, name)
-        with listening(tmp_path, config, outputs, state=tmp_path / "state") as session:
-            send(frames(20.0), session.port)
-    assert "resumed from" in session.screen.getvalue()
-    assert session.ended[0].summary.manoeuvres is None
-    assert told(session.ended[0]) == []

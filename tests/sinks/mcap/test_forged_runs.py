@@ -42,7 +42,7 @@ def codes(mcap: Path, folder: Path, capsys: pytest.CaptureFixture[str]) -> list[
         if found[-1] == 6:
             assert said.startswith(f"yawid: {mcap}")
             assert said.count("\n") == 1
-            assert "recover" not in said  # what was forged is not torn
+            assert "what is left" not in said  # what was forged is not torn
             assert not list(folder.glob("out*"))
     return found
 

@@ -131,7 +131,7 @@ def test_rerun_and_mcap_are_loaded_only_by_those_who_use_them() -> None:
     script = (
         "import sys, yawid.sinks.base, yawid.sinks.rerun.sink\n"
         "assert not {'rerun', 'mcap', 'google.protobuf'} & sys.modules.keys()\n"
-        "import yawid.sinks.mcap.sink, yawid.sinks.mcap.recover\n"
+        "import yawid.sinks.mcap.sink, yawid.sinks.mcap.torn\n"
         "assert 'rerun' not in sys.modules"
     )
     run_script(script)

@@ -7,7 +7,6 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import partial
-from pathlib import Path
 
 from yawid.answers.session import LiveFacts
 from yawid.config.run import RunConfig
@@ -17,7 +16,7 @@ from yawid.runs.live.bulkhead import Bulkhead
 from yawid.runs.live.overload import Overload
 from yawid.runs.live.publish import Publish
 from yawid.runs.live.vehicle_session import MOST_EVENTS, Ended, Setting
-from yawid.runs.live.vehicles import MOST_VEHICLES, Fleet, Single
+from yawid.runs.live.vehicles import Fleet, Single
 from yawid.runs.live.worker import FitWorker, SharedDisk, Worker
 from yawid.runs.outputs import Outputs
 from yawid.runs.stop import StopFlag
@@ -60,10 +59,9 @@ class LiveOptions:
     """The options of a live run that are not in its configuration and outputs.
 
     ``seconds`` None: the run lasts until it is stopped. ``request_hz`` None: no rate is requested.
-    ``every_vehicle``: each vehicle has its own session, ``most_vehicles`` at most; their tlogs hold
-    frames of senders that are not vehicles only with ``record_others``. ``publish`` has where to
-    send the answer; where it is empty, no answer is ever sent. ``answers_s`` is how long a stop
-    waits for the answers of manoeuvres.
+    ``every_vehicle``: each vehicle has its own session, ``MOST_VEHICLES`` at most.
+    ``publish`` has where to send the answer; where it is empty, no answer is ever sent.
+    ``answers_s`` is how long a stop waits for the answers of manoeuvres.
 
     Raises:
         ConfigError: a value is outside its limits, or two options exclude each other.
@@ -71,14 +69,9 @@ class LiveOptions:
 
     endpoint: str
     seconds: float | None = None
-    state: Path | None = None
     request_hz: float | None = None
-    request_sysid: int = SYSID
     every_vehicle: bool = False
-    most_vehicles: int = MOST_VEHICLES
-    record_others: bool = False
     publish: tuple[str, ...] = ()
-    publish_compid: int = COMPID
     answers_s: float = ANSWERS_S
 
     @property
@@ -94,19 +87,6 @@ class LiveOptions:
             raise ConfigError(f"--request-rates must be 0.1 to 1000 Hz, got {self.request_hz!r}")
         if self.request_hz is not None and self.every_vehicle:
             raise ConfigError("--request-rates asks one vehicle only: name it by --sysid N")
-        if not 1 <= self.most_vehicles <= 255:
-            raise ConfigError(f"--most-vehicles must be 1 to 255, got {self.most_vehicles}")
-        if self.record_others and not self.every_vehicle:
-            raise ConfigError(
-                "--record-others goes with --sysid all: a single session records everything anyway"
-            )
-        if not 1 <= self.request_sysid <= 255:
-            raise ConfigError(f"--request-sysid must be 1 to 255, got {self.request_sysid}")
-        if not 2 <= self.publish_compid <= 255:
-            raise ConfigError(
-                "--publish-compid must be 2 to 255 (1 is the autopilot's), "
-                f"got {self.publish_compid}"
-            )
         endpoint = parse_endpoint(self.endpoint)
         parse_all(self.publish, endpoint)
         kind = endpoint.kind
@@ -129,9 +109,9 @@ def live(
     """Listen on a link until asked to stop; return the result of each vehicle's session.
 
     Raises:
-        ConfigError: the state to resume from does not fit, or the rate asked for is too high.
+        ConfigError: the rate asked for is too high.
         SourceError: the endpoint cannot be opened.
-        SinkError: the folder cannot be made, or the state cannot be written.
+        SinkError: the folder cannot be made.
     """
     endpoint, stamps = parse_endpoint(options.endpoint), Stamps()
     with os_errors_as_sink_error(outputs.folder):
@@ -148,7 +128,7 @@ def live(
         with open_tap(endpoint, stamps, may_transmit=options.may_transmit, key=key) as tap:
             RUNNER.compile_behind()
             setting = Setting(
-                options.endpoint, config, outputs, read_options, options.state, console.say,
+                options.endpoint, config, outputs, read_options, console.say,
                 stamps.now, tap.reached_us, fits, SharedDisk(disk), viewers, lateral,
             )  # fmt: skip
             with _publishing(tap, setting, options) as publish:
@@ -172,7 +152,7 @@ def _attend(
     """Read the tap until asked to stop, close it and finish; after an error files stay readable."""
     sessions: Single | Fleet = Single(setting)
     if options.every_vehicle:
-        sessions = Fleet(setting, options.most_vehicles, record_others=options.record_others)
+        sessions = Fleet(setting)
     try:
         loop = _Loop(tap, sessions, setting, options, console, publish)
         loop.run(stop)
@@ -196,7 +176,7 @@ def _publishing(tap: Tap, setting: Setting, options: LiveOptions) -> Iterator[Pu
         yield None
         return
     key = setting.read_options.key
-    with open_publisher(options.publish, tap, options.publish_compid, key) as publisher:
+    with open_publisher(options.publish, tap, COMPID, key) as publisher:
         names, compid = publisher.names, publisher.compid
         setting.say(f"publishing to {names} as component {compid} of the vehicle")
         yield Publish(publisher, setting.reached_us)
@@ -246,9 +226,7 @@ class _Loop:
         self._rates = None
         if hz is not None:
             sender_of = None if publish is None else publish.sender_of
-            self._rates = RateRequests(
-                tap, hz, setting.read_options, options.request_sysid, sender_of
-            )
+            self._rates = RateRequests(tap, hz, setting.read_options, SYSID, sender_of)
         self._publish, self._answers_s = publish, options.answers_s
         self._publishing = Bulkhead("publishing", "nothing more is published", self._say)
         self._asking = Bulkhead("asking for rates", "no more rates are asked for", self._say)

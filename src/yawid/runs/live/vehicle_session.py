@@ -14,14 +14,12 @@ from yawid.answers.run_summary import Bare, Manoeuvre, RunSummary
 from yawid.answers.session import LiveFacts
 from yawid.config.run import RunConfig
 from yawid.errors import UNFORESEEN, ConfigError, SinkError
-from yawid.estimation.bank import Bank
 from yawid.pipeline import Pipeline
 from yawid.quantities.vehicles import NOT_A_VEHICLE
 from yawid.results.summary import summarise
 from yawid.runs.live.bulkhead import Bulkhead, cause_of
 from yawid.runs.live.guarded_sink import Guarded, TlogRecorder
 from yawid.runs.live.running_answer import RunningAnswer
-from yawid.runs.live.saved_state import StateFile, of_vehicle
 from yawid.runs.live.screen_facts import Gatherer
 from yawid.runs.live.standing import Latency, Standing
 from yawid.runs.live.viewer_thread import Viewer
@@ -58,7 +56,6 @@ class Setting(NamedTuple):
     config: RunConfig
     outputs: Outputs
     read_options: ReadOptions
-    state: Path | None
     say: Callable[[str], None]
     now_us: Callable[[], int]
     reached_us: Callable[[], int]
@@ -79,10 +76,6 @@ class LiveSession:
 
     Each of these parts may fail without the others; recording goes on where estimation fails.
     ``publishing`` guards what :class:`yawid.runs.live.publish.Publish` does for this session.
-
-    Raises:
-        ConfigError: the state to resume from does not fit.
-        SinkError: the state cannot be written.
     """
 
     def __init__(self, setting: Setting, label: str = "") -> None:
@@ -92,16 +85,12 @@ class LiveSession:
         self.latency = Latency()
         self._setting = setting
         self._label = label
-        self._state: StateFile | None = None
-        if setting.state is not None:
-            self._state = StateFile(setting.state, setting.config, self.say)
         self._viewer = self._open_viewer()
         self._sinks: list[Sink] = [] if self._viewer is None else [self._viewer]
         self.decoder = setting.read_options.decoder(Pipeline.reads)
         self.pipeline = Pipeline(
-            setting.config, self._sinks, self._make_bank,
-            worker=setting.fits, lateral_worker=setting.lateral,
-        )  # fmt: skip
+            setting.config, self._sinks, worker=setting.fits, lateral_worker=setting.lateral
+        )
         self._guards: dict[str, Guarded] = {}
         self._tlog: TlogRecorder | None = None
         self._sha256 = hashlib.sha256()
@@ -171,8 +160,6 @@ class LiveSession:
         self._estimating.attempt(self._look, None)
         for sink in self._sinks:
             sink.take(Flush())
-        if self._state is not None and self.is_estimated:
-            self._state.tick(self.pipeline, self._setting.disk.worker)
 
     def _look(self) -> None:
         """Report new manoeuvres, further vehicles, and signatures that are not checked."""
@@ -256,8 +243,6 @@ class LiveSession:
 
     def finish(self, live: LiveFacts) -> Ended:
         """Finish every file, after :meth:`settle`; ``live`` is the tap's part of the summary."""
-        if self._state is not None and self.is_estimated:
-            self._state.save(self.pipeline)
         tlog = None if self._tlog is None else self._tlog.finish()
         log = self._setting.endpoint if tlog is None else str(tlog)
         path = self._setting.outputs.path
@@ -373,12 +358,6 @@ class LiveSession:
             lambda warn: RerunSink(outputs.rerun, name=outputs.name, warn=warn), self.say, viewers
         )
 
-    def _make_bank(self, config: RunConfig, sample_time_s: float) -> Bank:
-        bank = Bank(config, sample_time_s)
-        if self._state is not None:
-            self._state.resume(bank, self.pipeline)
-        return bank
-
     def _misfit(self, error: Exception) -> bool:
         """Return whether what was asked for does not fit the link; that shows before any sample."""
         return isinstance(error, ConfigError) and self.pipeline.bank is None
@@ -388,7 +367,7 @@ class LiveSession:
         viewing = None if self._viewer is None else self._viewer.working
         parts = {
             "estimation": self._estimating, **self._guards, "tlog": self._tlog,
-            "state": self._state, "viewer": viewing, "status": self._showing,
+            "viewer": viewing, "status": self._showing,
             "publishing": self.publishing,
         }  # fmt: skip
         found = {name: part.failure for name, part in parts.items() if part is not None}
@@ -406,12 +385,7 @@ class LiveSession:
 
 
 def for_vehicle(setting: Setting, sysid: int) -> LiveSession:
-    """Return the session of one of several vehicles; its files and state have its number."""
+    """Return the session of one of several vehicles; its files have its number."""
     outputs = replace(setting.outputs, name=f"{setting.outputs.name}-{sysid}")
-    state = setting.state
-    own = setting._replace(
-        config=replace(setting.config, sysid=sysid),
-        outputs=outputs,
-        state=None if state is None else of_vehicle(state, sysid),
-    )
+    own = setting._replace(config=replace(setting.config, sysid=sysid), outputs=outputs)
     return LiveSession(own, f"system {sysid}: ")

@@ -9,8 +9,6 @@ from functools import partial
 from yawid.answers.session import LiveFacts
 from yawid.errors import ConfigError
 from yawid.quantities.vehicles import AUTOPILOT_INVALID, NOT_A_VEHICLE
-from yawid.runs.live.bulkhead import cause_of
-from yawid.runs.live.saved_state import check_states
 from yawid.runs.live.standing import SILENT
 from yawid.runs.live.vehicle_session import Ended, LiveSession, Setting, for_vehicle
 from yawid.sinks.terminal.live_facts import VehicleFacts
@@ -71,24 +69,13 @@ class Fleet:
 
     Where there is a key the HEARTBEAT must be signed with it.
 
-    Each session gets its own vehicle's records, also the last ones from before it was opened. With
-    ``record_others`` it also gets the records of all systems without a session (ground stations,
-    radios, systems that are not yet known), as a ground station would. At most ``most`` sessions
-    are opened. Without any vehicle nothing is recorded.
-
-    Raises:
-        ConfigError: the state of some vehicle does not fit.
-        SinkError: states cannot be written.
+    Each session gets its own vehicle's records, also the last ones from before it was opened. At
+    most ``MOST_VEHICLES`` sessions are opened. Without any vehicle nothing is recorded.
     """
 
-    def __init__(
-        self, setting: Setting, most: int = MOST_VEHICLES, *, record_others: bool = False
-    ) -> None:
+    def __init__(self, setting: Setting) -> None:
         self._setting = setting
-        self._most, self._record_others = most, record_others
         self._too_many_said = False
-        if setting.state is not None:
-            check_states(setting.state, setting.config)
         self._sessions: dict[int, LiveSession] = {}
         self._early: deque[tuple[int, bytes]] = deque(maxlen=KEPT)
         self._refused: set[int] = set()
@@ -105,18 +92,12 @@ class Fleet:
             self._records += 1
             sysid = sysid_of(record[STAMP_SIZE : STAMP_SIZE + 6])
             if sysid not in parts and self._may_open(record[STAMP_SIZE:]):
-                parts[sysid] = [
-                    r
-                    for of, r in self._early
-                    if of == sysid or (self._record_others and of not in parts)
-                ]
+                parts[sysid] = [early for of, early in self._early if of == sysid]
                 self._open(sysid)
             if sysid in parts:
                 parts[sysid].append(record)
             else:
                 self._early.append((sysid, record))
-                for own in parts.values() if self._record_others else ():
-                    own.append(record)
         joined = {sysid: b"".join(own) for sysid, own in parts.items() if own}
         for act in (LiveSession.record, LiveSession.estimate):  # everything is recorded first
             for sysid, own_data in joined.items():
@@ -164,21 +145,20 @@ class Fleet:
         self._setting.end_fits()
         if not self.running():
             quiet = replace(self._setting.outputs, rerun="off")
-            return [LiveSession(self._setting._replace(outputs=quiet, state=None)).finish(live)]
+            return [LiveSession(self._setting._replace(outputs=quiet)).finish(live)]
         return [session.finish(live) for session in self.running()]
 
     def _may_open(self, frame: bytes) -> bool:
         """Return whether the frame is a HEARTBEAT for which a session is to be opened."""
         if not self._is_vehicle(frame):
             return False
-        if len(self._sessions) < self._most:
+        if len(self._sessions) < MOST_VEHICLES:
             return True
         if not self._too_many_said:
             self._too_many_said = True
             self._setting.say(
-                f"system {sysid_of(frame)}: no session is opened, as there are {self._most} "
-                "already: --most-vehicles N allows more; without --signing-key-file anybody can "
-                "claim to be a vehicle"
+                f"system {sysid_of(frame)}: no session is opened, as there are {MOST_VEHICLES} "
+                "already: without --signing-key-file anybody can claim to be a vehicle"
             )
         return False
 
@@ -197,16 +177,10 @@ class Fleet:
         return False
 
     def _open(self, sysid: int) -> None:
-        """Open a session; a state that has become unusable since the start is left out."""
+        """Open the session of a vehicle."""
         if len(self._sessions) >= FEW:  # their manoeuvres may end at once
             self._setting.fits.spread()
-        try:
-            self._sessions[sysid] = for_vehicle(self._setting, sysid)
-        except Exception as error:
-            session = for_vehicle(self._setting._replace(state=None), sysid)
-            session.failures["state"] = cause_of(error)
-            session.say(f"{cause_of(error)}: estimated from the start; the state is not saved")
-            self._sessions[sysid] = session
+        self._sessions[sysid] = for_vehicle(self._setting, sysid)
 
     def _guard(self, sysid: int, act: Callable[[LiveSession], None]) -> None:
         """Call ``act`` for one vehicle; a ConfigError ends its session and no other."""

@@ -155,12 +155,11 @@ def _do(future: "Future[_T]", act: Callable[[], _T]) -> None:
 class SharedDisk(Disk):
     """A disk whose files a thread synchronises, which takes milliseconds: the loop does not wait.
 
-    Each file waits once at most; what is written after that is for the next call. Others may use
-    ``worker`` for writing too.
+    Each file waits once at most; what is written after that is for the next call.
     """
 
     def __init__(self, worker: Executor) -> None:
-        self.worker = worker
+        self._worker = worker
         self._syncing: dict[BinaryIO, Future[None]] = {}
 
     def sync_soon(self, stream: BinaryIO) -> None:
@@ -173,7 +172,7 @@ class SharedDisk(Disk):
             del self._syncing[stream]
             before.result()
         # The thread needs its own descriptor: the stream may be closed before its turn comes.
-        self._syncing[stream] = self.worker.submit(_sync_and_close, os.dup(stream.fileno()))
+        self._syncing[stream] = self._worker.submit(_sync_and_close, os.dup(stream.fileno()))
 
     def sync_now(self, stream: BinaryIO) -> None:
         """See :meth:`yawid.system.part_file.Disk.sync_now`; it is the last call for a stream."""

@@ -1,1 +1,1 @@
-"""The MCAP file of a run: writing it, reading it, and recovering a damaged one."""
+"""The MCAP file of a run: writing it, reading it, and what is left of a damaged one."""

@@ -23,8 +23,8 @@ from zstandard import ZstdError, frame_content_size
 
 from mcap.exceptions import McapError
 from mcap.reader import McapReader, NonSeekingReader, make_reader
-from mcap.records import Chunk, Schema
-from mcap.stream_reader import StreamReader
+from mcap.records import Channel, Chunk, Message, Schema
+from mcap.stream_reader import StreamReader, get_chunk_data_stream
 from yawid.answers.run_summary import FORM, RunSummary
 from yawid.blocks import Ints, MotionBlock, SampleBlock, Status
 from yawid.config.run import RunConfig, check_settings
@@ -62,12 +62,13 @@ DAMAGE: Final = (McapError, struct.error, ValueError, ZstdError, MemoryError, Ov
 _DAMAGE: Final = (*DAMAGE, DecodeError, KeyError, TypeError, OSError)  # OSError: bad offsets
 
 
+_REPLAY: Final = "replay its log again; yawid replay of this file reads what is left of it"
 Waiting: TypeAlias = dict[str, tuple[list[int], list[bytes]]]
 """Log times and data of messages by topic."""
 
 
-class Incomplete(ValueError):  # noqa: N818 it names a finding, not a fault
-    """Some samples lack their estimates or modes, as in a recovered file."""
+class DamagedError(SourceError):
+    """A run's file was cut off or is damaged; its first samples may be there."""
 
 
 @dataclass(slots=True)
@@ -96,7 +97,7 @@ class McapRun:
     def rates_hz(self, rudder: str) -> tuple[float, float] | None:
         """Return the rates in Hz of the messages of yaw and of ``rudder``, the input's name.
 
-        A recovered file has no rates: there the grid's rate stands for them, which is no higher
+        A torn file has no rates: there the grid's rate stands for them, which is no higher
         than theirs. Without a grid the result is None.
         """
         if self.grid is None:
@@ -166,6 +167,15 @@ class McapRun:
         assert self.grid is not None  # without a grid there are no rows
         return samples_from(rows, unix_ns, self.grid.sample_time_s)
 
+    def _messages(
+        self, stream: BinaryIO, topics: list[str]
+    ) -> Iterator[tuple[Schema | None, Channel, Message]]:
+        """Yield the messages of these topics in the order of the file."""
+        # The seeking reader would hold the whole file in memory in this order: a gigabyte for
+        # five hours.
+        reader = NonSeekingReader(stream, validate_crcs=True)
+        return reader.iter_messages(topics, log_time_order=False)
+
     def _rows(
         self, topics: tuple[str, ...], others: Waiting | None = None
     ) -> Iterator[tuple[list[Rows], Ints]]:
@@ -179,13 +189,8 @@ class McapRun:
         layouts: dict[str, RowLayout] = {}
         waiting: dict[str, list[bytes]] = {topic: [] for topic in topics}
         log_ns: list[int] = []
-        with _opened(self.path) as stream, _damage_reported(self.path):
-            # The seeking reader would hold the whole file in memory in this order: a gigabyte for
-            # five hours.
-            reader = NonSeekingReader(stream, validate_crcs=True)
-            for schema, channel, message in reader.iter_messages(
-                [*topics, *others], log_time_order=False
-            ):
+        with opened(self.path) as stream, _damage_reported(self.path):
+            for schema, channel, message in self._messages(stream, [*topics, *others]):
                 topic = channel.topic
                 if schema is None:
                     raise ValueError(f"{topic} has no schema")
@@ -212,16 +217,18 @@ def open_run(path: Path) -> McapRun:
     Raises:
         SourceError: it cannot be read, is not an MCAP file, was never finished, or is not yawid's.
     """
-    with _opened(path) as stream:
+    with opened(path) as stream:
         if stream.read(len(MAGIC)) != MAGIC:
             raise SourceError(f"{path} is not an MCAP file: yawid replay makes one from a log")
         stream.seek(0)
         with _damage_reported(path):
             for record in StreamReader(stream, emit_chunks=True).records:
-                if isinstance(record, Chunk) and is_bomb(record):
-                    raise SourceError(
-                        f"{path}: one of its chunks unpacks to too much data, so it is not read"
-                    )
+                if isinstance(record, Chunk):
+                    if is_bomb(record):
+                        raise SourceError(
+                            f"{path}: one of its chunks unpacks to too much data, so it is not read"
+                        )
+                    get_chunk_data_stream(record, validate_crc=True)
             stream.seek(0)
             reader = make_reader(stream, validate_crcs=True)
             metadata = {record.name: record.metadata for record in reader.iter_metadata()}
@@ -231,10 +238,7 @@ def open_run(path: Path) -> McapRun:
     if "configuration" not in metadata:
         raise SourceError(f"{path} is an MCAP file, but not of a yawid run")
     if "summary.json" not in attachments:
-        raise SourceError(
-            f"{path} holds no summary, as its run was cut off: replay the log itself, or use yawid "
-            "recover"
-        )
+        raise DamagedError(f"{path} holds no summary, as its run was cut off: {_REPLAY}")
     try:
         is_whole = _is_of_this_form(metadata)
         summary = RunSummary.from_json(attachments["summary.json"], is_whole=is_whole)
@@ -276,19 +280,19 @@ def _damage_reported(path: Path) -> Iterator[None]:
     """Turn the errors that libraries raise on damaged bytes into a SourceError of one line."""
     try:
         yield
-    except Incomplete as error:
-        raise SourceError(
-            f"{path}: {error}: yawid replay of this file estimates them again"
-        ) from error
     except _DAMAGE as error:
         reason = str(error).partition("\n")[0] or "it ends too early"
-        raise SourceError(
-            f"{path} is damaged or was never finished ({reason}): yawid recover makes a whole file "
-            "from what is left"
+        raise DamagedError(
+            f"{path} is damaged or was never finished ({reason}): {_REPLAY}"
         ) from error
 
 
-def _opened(path: Path) -> BinaryIO:
+def opened(path: Path) -> BinaryIO:
+    """Open a file for reading.
+
+    Raises:
+        SourceError: it cannot be read.
+    """
     try:
         return path.open("rb")
     except OSError as error:
@@ -319,12 +323,11 @@ def _joined(layouts: Mapping[str, RowLayout], waiting: dict[str, list[bytes]]) -
     """Return the rows (n,) of each topic and empty the lists of messages.
 
     Raises:
-        Incomplete: the topics differ in their number of messages.
-        ValueError: the messages of a topic have different sizes.
+        ValueError: the topics differ in their number of messages, or those of one in size.
     """
     counts = {len(messages) for messages in waiting.values()}
     if len(counts) != 1:
-        raise Incomplete("some of its samples lack their estimates")
+        raise ValueError("some of its samples lack their estimates")
     rows = []
     for topic, messages in waiting.items():
         layout = layouts[topic]

@@ -130,7 +130,7 @@ def origin(summary: Origin) -> Iterator[str]:
         if count or name == "frames"
     )
     leapt = f"; the vehicle's clock jumped by {leap_s:.0f} s" if leap_s else ""
-    if counts or leapt:  # a recovered run has neither
+    if counts or leapt:  # a torn run has neither
         yield f"    link  {counts}{leapt}"
     if summary.vehicles is not None:
         yield f"vehicles  {_vehicles(summary.vehicles, summary.vehicle)}"
