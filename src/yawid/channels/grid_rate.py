@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from yawid.blocks import Ints
-from yawid.channels.series import NEWEST, Piece, flow_together
+from yawid.channels.series import END, NEWEST, Piece, flow_together
 from yawid.config.run import DEFAULT_RATE_HZ
 from yawid.errors import ConfigError
 
@@ -27,8 +27,6 @@ MOST_SEGMENTS = 1000
 not fill the memory."""
 RATE_TOLERANCE = 1.05
 """The factor by which a given rate may exceed the measured one, since message intervals jitter."""
-NEVER = np.iinfo(np.int64).max
-"""A place behind every byte of a stream."""
 LONGEST_STEP_US = 2_000_000
 """A longer step counts as a gap or as a leap of the clock, not as an interval."""
 
@@ -51,8 +49,8 @@ class StartUp:
         self.pieces.append(piece)
         _, begin = together
         both = piece.yaw, piece.surface
-        ends = [int(s.order[s.t_us >= begin + WINDOW_US].min(initial=NEVER)) for s in both]
-        if min(ends) < NEVER:
+        ends = [int(s.order[s.t_us >= begin + WINDOW_US].min(initial=END)) for s in both]
+        if min(ends) < END:
             self.intervals_us = _medians(piece, begin, min(ends))
         return self.intervals_us is not None
 
@@ -61,7 +59,7 @@ class StartUp:
         for piece in self.pieces:
             if self.intervals_us is None and len(piece.yaw) and len(piece.surface):
                 begin = max(int(piece.yaw.t_us[0]), int(piece.surface.t_us[0]))
-                self.intervals_us = _medians(piece, begin, NEVER)
+                self.intervals_us = _medians(piece, begin, END)
         return self.intervals_us is not None
 
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from yawid.blocks import Floats, MessageBlock, MotionBlock, RecordBlock, StampedRows
-from yawid.channels.series import Piece, Series, boot_us
+from yawid.channels.series import END, Piece, Series, boot_us
 from yawid.config.run import RunConfig
 from yawid.quantities.airspeed import GRAVITY
 
@@ -47,7 +47,7 @@ class MotionReader:
     config: RunConfig
     _source: str | None = None
     _waiting: Series = field(default_factory=lambda: Series.empty(1))
-    _begins: list[int | None] = field(default_factory=lambda: [None, None])
+    _begins: list[int] = field(default_factory=lambda: [END, END])
     _unix_ns: list[int] = field(default_factory=lambda: [0, 0, 0])
     _ready: list[MotionBlock] = field(default_factory=list)
 
@@ -71,21 +71,18 @@ class MotionReader:
         """Take a piece in; return it with the first ``width`` columns of its yaw rows alone."""
         bare = replace(piece.yaw, values=np.ascontiguousarray(piece.yaw.values[:, :width]))
         motion = replace(piece.yaw, values=piece.yaw.values[:, width:])
-        if piece.opens:
-            self._begins = [None, None]
-        for i, rows in enumerate((piece.yaw, piece.surface)):
-            if self._begins[i] is None and len(rows):
-                self._begins[i] = int(rows.order[0])
-        first, second = self._begins
-        if self.config.boot in (None, piece.boot) and first is not None and second is not None:
-            self._make(piece, motion, max(first, second))
+        begins = zip(
+            [END, END] if piece.opens else self._begins, (piece.yaw, piece.surface), strict=True
+        )
+        self._begins = [int(rows.order.min(initial=begin)) for begin, rows in begins]
+        if self.config.boot in (None, piece.boot) and max(self._begins) < END:
+            self._make(piece, motion, max(self._begins))
         return replace(piece, yaw=bare)
 
     def _make(self, piece: Piece, motion: Series, both: int) -> None:
         """Add a block from the rows at or after the place ``both``."""
         attitude = replace(motion, values=motion.values[:, : len(COLUMNS)])
-        known = np.asarray(np.isfinite(attitude.values).all(axis=1), bool)
-        attitude = attitude.select(known)
+        attitude = attitude.select(np.asarray(np.isfinite(attitude.values).all(axis=1)))
         later = self._waiting.order > (motion.order[-1] if len(motion) else -1)
         next_one = np.searchsorted(motion.order, self._waiting.order[~later])
         accelerations = self._waiting.select(~later)
@@ -99,9 +96,8 @@ class MotionReader:
         surface = replace(piece.surface, values=commands)
         next_us, next_order = motion.t_us[next_one], motion.order[next_one]
         ay = np.column_stack([accelerations.values[:, 0], next_us])
-        absurd = ~(np.abs(ay[:, 0]) < ABSURD_M_S2)  # also NaN
-        away = np.abs(accelerations.t_us - next_us) > APART_US
-        near = ~absurd & ~away & (accelerations.order >= both)
+        near = np.abs(accelerations.t_us - next_us) <= APART_US
+        near &= (np.abs(ay[:, 0]) < ABSURD_M_S2) & (accelerations.order >= both)
         accelerations = replace(accelerations, values=ay, order=next_order)
         made = (
             self._stamped(0, piece, attitude.select(attitude.order >= both)),

@@ -13,6 +13,8 @@ import numpy as np
 
 from yawid.blocks import Array, Columns, Floats, Held, Ints, MessageBlock
 
+END = int(np.iinfo(np.int64).max)
+"""A place behind every byte of a stream."""
 NEWEST = slice(-1, None)
 """The newest row, all that is kept of an earlier series."""
 

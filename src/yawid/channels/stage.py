@@ -19,7 +19,7 @@ from yawid.channels.grid_rate import Flow, StartUp, bridged_gaps_us, sample_rate
 from yawid.channels.motion_reader import MotionReader
 from yawid.channels.parameters import ParameterTable
 from yawid.channels.segments import Boots, Segmenter
-from yawid.channels.series import Piece, Series
+from yawid.channels.series import END, Piece, Series
 from yawid.channels.surface import OUTPUTS, STICKS, Surface
 from yawid.channels.surface_reader import SurfaceReader, record_surfaces, record_values
 from yawid.channels.vehicle import VehicleLock
@@ -37,8 +37,6 @@ WANTED = (
 FAST_RAD_S = 6.0
 """A yaw rate beyond this (344 deg/s) is counted: no aircraft holds it, but a gyro in deg/s that is
 read as rad/s shows it in every manoeuvre. Without it such a record is usable without a word."""
-END = np.iinfo(np.int64).max
-"""A place behind every byte of a stream."""
 
 
 class Channels:
