@@ -91,14 +91,14 @@ def closed_with(
     for law, speed in zip(laws, airspeeds_m_s, strict=True):
         G = aircraft.at(speed)  # noqa: N806
         wn = float(np.median(np.abs(G.dutch_roll)))
-        found = margins(G, law, gains, known_frequencies(wn, sample_time_s))
+        phase, gain, beyond = margins(G, law, gains, known_frequencies(wn, sample_time_s))
         s = closed_dutch_roll(G, law, gains)
         zeta = -s.real / np.abs(s)
         # A pair that has become two real poles is damped more than any pair.
         more = np.where(np.isnan(zeta) & np.isfinite(zeta[0]), np.inf, zeta) - zeta[0]
         damps = _bound(np.where(np.isnan(more), -np.inf, more)) > 0.0
-        unknown = np.where(found.beyond.mean(axis=1) > BOUND_PCT / 100.0, np.nan, 0.0)
-        least = [_bound(each) + unknown for each in (found.gain_db, found.phase_deg)]
+        unknown = np.where(beyond.mean(axis=1) > BOUND_PCT / 100.0, np.nan, 0.0)
+        least = [_bound(each) + unknown for each in (gain, phase)]
         rows.append((*spread(np.abs(s)), *spread(zeta), *least, damps | (gains == gains[0])))
     return Closed(gains, airspeeds_m_s, *(np.stack(each) for each in zip(*rows, strict=True)))
 

@@ -94,10 +94,6 @@ class Autopilot:
     turn: str | None
     mix: str
 
-    def turn_factor(self, known: Parameters) -> float | None:
-        """Return the parameter of the wanted turn, None where the damper has no such term."""
-        return None if self.turn is None else known.get(self.turn, 1.0)
-
 
 def first(values: Parameters, names: tuple[str, ...]) -> float | None:
     """Return the first of these parameters that is known and finite."""

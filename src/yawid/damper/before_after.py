@@ -114,8 +114,8 @@ def _model(facts: Facts, autopilot: Autopilot) -> Aircraft:
     flight = usable_flight(facts.summary)
     check_known(flight, MOST_WN_STD)
     check_input(facts.summary, facts.config)
-    flown, factor = facts.flown(facts.used), autopilot.turn_factor(facts.parameters)
-    return identified(facts, flight, flown, factor, MOST_GAIN_STD)
+    flown = facts.flown(facts.used)
+    return identified(facts, flight, flown, autopilot, facts.parameters, MOST_GAIN_STD)
 
 
 def _flown(
@@ -123,13 +123,11 @@ def _flown(
     by: Aircraft | None,
 ) -> Iterator[FlownGain]:  # fmt: skip
     """Yield what each gain of a flight gives as the other's model predicts it, and as flown."""
-    known = facts.parameters
     check_input(facts.summary, facts.config)
-    loop_hz = known.get(autopilot.loop_rate, 0.0)
-    check_loop(autopilot, known, loop_hz)
+    check_loop(autopilot, facts.parameters)
     for gain, manoeuvres in by_gain.items():
         speed = float(np.mean([each.airspeed_m_s or 0.0 for each in manoeuvres]))
-        (law,) = facts.laws(autopilot, known, loop_hz, [speed])
+        (law,) = facts.laws(autopilot, facts.parameters, [speed])
         found: dict[str, Any] = {}
         if by is not None:
             gains = gain * np.linspace(0.0, 1.0, ROWS)
@@ -148,11 +146,12 @@ def _decays(
     """Return the damped sine of the decays as flown and as predicted, nothing without a decay."""
     flown: list[Floats] = []
     predicted: list[Floats] = []
-    step, factor = facts.sample_time_s, autopilot.turn_factor(facts.parameters)
+    step = facts.sample_time_s
     for then in facts.flown(manoeuvres):
         if facts.config.output == "yaw" or np.mean(then.known) < 0.5:
             continue
-        v, error = pilots_part(then, law, gain, facts.turn_left(then.found, factor))
+        turn = facts.turn_left(then.found, autopilot, facts.parameters)
+        v, error = pilots_part(then, law, gain, turn)
         speed = then.found.airspeed_m_s or by.airspeed_m_s
         G = by.central.faster(speed / by.airspeed_m_s)  # noqa: N806
         decays = [rows for rows in decays_in(v, step, wn) if then.known[rows].all()]

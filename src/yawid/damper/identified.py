@@ -18,10 +18,10 @@ class Facts(Recorded):
     """A run as the study of its damper needs it."""
 
     def laws(
-        self, autopilot: Autopilot, known: Mapping[str, float], loop_hz: float,
-        airspeeds_m_s: Sequence[float],
-    ) -> list[Law]:  # fmt: skip
+        self, autopilot: Autopilot, known: Mapping[str, float], airspeeds_m_s: Sequence[float]
+    ) -> list[Law]:
         """Return the damper at each airspeed, for the unit that this run's rudder has."""
+        loop_hz = known[autopilot.loop_rate]
         laws = [autopilot.law(known, loop_hz, speed) for speed in airspeeds_m_s]
         return [replace(law, scaling=law.scaling * self.config.half_travel) for law in laws]
 
@@ -29,25 +29,27 @@ class Facts(Recorded):
         """Return the manoeuvres that have samples, with these."""
         return flown_in(self.rows(manoeuvres), self.config)
 
-    def turn_left(self, found: Manoeuvre, factor: float | None) -> float:
+    def turn_left(
+        self, found: Manoeuvre, autopilot: Autopilot, known: Mapping[str, float]
+    ) -> float:
         """Return the part of the turn rate that the damper takes off a manoeuvre's yaw rate.
 
-        ``factor`` is the damper's parameter of the wanted turn, None where it has no such term.
+        It is the parameter of the wanted turn, where the damper has such a term, less what the fit
+        has taken off.
         """
-        if factor is None or self.config.turn == "remove":
+        if autopilot.turn is None or self.config.turn == "remove":
             return 0.0
-        return factor - float(found.turn_removed)
+        return known.get(autopilot.turn, 1.0) - float(found.turn_removed)
 
 
 def identified(
-    facts: Facts, flight: Flight, flown: Sequence[Flown], turn_factor: float | None,
-    most_gain_std: float = MOST_GAIN_STD,
+    facts: Facts, flight: Flight, flown: Sequence[Flown], autopilot: Autopilot,
+    known: Mapping[str, float], most_gain_std: float = MOST_GAIN_STD,
 ) -> Aircraft:  # fmt: skip
     """Return the aircraft without its damper, from the rudder to the yaw rate less the wanted turn.
 
-    It is that of a usable flight, from the answers of the manoeuvres ``flown``. ``turn_factor`` is
-    the damper's parameter of the wanted turn, None where it has no such term. Closed on the yaw
-    rate less that turn, the loop has the term exactly.
+    It is that of a usable flight, from the answers of the manoeuvres ``flown``. Closed on the yaw
+    rate less that turn, the loop has the damper's term of it exactly.
 
     Raises:
         Refused: the manoeuvres have no models or no samples, the gain at wn is not known well
@@ -58,9 +60,10 @@ def identified(
         models = [Answered.of(each.found) for each in flown]
     except NotIdentifiable as error:
         raise Refused("not_fitted", str(error), "replay the log with this version") from error
-    left = [facts.turn_left(each.found, turn_factor) for each in flown]
-    if turn_factor and flown and facts.config.turn == "keep":
-        check_turn(flown, flight.dutch_roll.wn_rad_s, turn_factor)
+    left = [facts.turn_left(each.found, autopilot, known) for each in flown]
+    factor = known.get(autopilot.turn, 1.0) if autopilot.turn is not None else 0.0
+    if factor and flown and facts.config.turn == "keep":
+        check_turn(flown, flight.dutch_roll.wn_rad_s, factor)
     models = [_turned(*each) for each in zip(models, flown, left, strict=True)]
     n, aircraft = len(flight.used), drawn_aircraft(of_mean(flight), models)
     if aircraft is None:

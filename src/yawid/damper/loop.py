@@ -11,7 +11,6 @@ The Dutch roll is followed from gain 0, as the eigenvalue nearest to where it wa
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -60,28 +59,24 @@ def _closed_poles(G: Transfer, law: Law, gain: float) -> Complexes:  # noqa: N80
     return np.asarray(np.linalg.eigvals(closed), np.complex128)
 
 
-@dataclass(frozen=True, slots=True)
-class Margins:
-    """The open loop's margins (m, n) for m gains and n models, infinite where nothing crosses.
-
-    ``phase_deg`` is the least over all frequencies at which |L| = 1, on both sides of the mode;
-    ``gain_db`` the least over those at which L is negative. ``beyond`` (m, n) says that |L| is
-    still above 1 at the highest frequency where G is known: then both are unknown.
-    """
-
-    phase_deg: Floats
-    gain_db: Floats
-    beyond: Bools
-
-
 def known_frequencies(wn_rad_s: float, sample_time_s: float) -> Floats:
     """Return the frequencies (k,) in rad/s over which G is known."""
     highest = min(HIGHEST_OF_WN * wn_rad_s, HIGHEST_OF_RATE * 2.0 * np.pi / sample_time_s)
     return np.geomspace(LOWEST * wn_rad_s, max(highest, 1.2 * wn_rad_s), POINTS)
 
 
-def margins(G: Transfer, law: Law, gains: Floats, w: Floats) -> Margins:  # noqa: N803
-    """Return the margins for gains (m,) over the frequencies w (k,) in rad/s.
+def margins(
+    G: Transfer,  # noqa: N803
+    law: Law,
+    gains: Floats,
+    w: Floats,
+) -> tuple[Floats, Floats, Bools]:
+    """Return the phase margin in degrees, the gain margin in dB, and where both are unknown.
+
+    Each is (m, n) for gains (m,) and n models, infinite where nothing crosses at the frequencies w
+    (k,) in rad/s. The phase margin is the least over all at which |L| = 1, on both sides of the
+    mode; the gain margin the least over those at which L is negative. Both are unknown where |L| is
+    still above 1 at the highest frequency where G is known.
 
     The angle of L is continuous, and nearest to 0 at the mode: where |L| is 1 the loop is stable as
     long as it lies between -180 and 180 degrees. At the lowest frequency it is not known: the sign
@@ -103,7 +98,7 @@ def margins(G: Transfer, law: Law, gains: Floats, w: Floats) -> Margins:  # noqa
         is_negative = _where(np.sin(angle), np.cos(angle)) < 0.0
         largest = np.where(is_negative, _where(np.sin(angle), over), -np.inf).max(axis=1)
         gain_db[row], beyond[row] = -20.0 / np.log(10.0) * largest, over[:, -1] > 0.0
-    return Margins(phase, gain_db, beyond)
+    return phase, gain_db, beyond
 
 
 def _where(level: Floats, other: Floats) -> Floats:

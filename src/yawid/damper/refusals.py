@@ -108,7 +108,7 @@ def autopilot_of(summary: RunSummary, name: str | None) -> Autopilot:
         Refused: its damper is not known.
     """
     vehicle = summary.vehicle
-    number = vehicle.autopilot if vehicle is not None else None
+    number = None if vehicle is None else vehicle.autopilot
     for row in AUTOPILOTS.values():
         if name == row.name or (name is None and number == row.number):
             return row
@@ -133,7 +133,7 @@ def check_input(summary: RunSummary, config: RunConfig) -> None:
         raise Refused("travel_unknown", text, "replay with --rudder-max-deg D")
 
 
-def check_loop(autopilot: Autopilot, known: Mapping[str, float], loop_hz: float) -> None:
+def check_loop(autopilot: Autopilot, known: Mapping[str, float]) -> None:
     """Check that the damper can be modelled, and that its rate and parameters are known.
 
     Raises:
@@ -144,6 +144,7 @@ def check_loop(autopilot: Autopilot, known: Mapping[str, float], loop_hz: float)
     missing = [names[0] for names in autopilot.needs(known) if first(known, names) is None]
     names, give = ", ".join(missing), [f"--param {name}=VALUE" for name in missing]
     id_, text = "parameters_unknown", f"not in the log: {names}"
+    loop_hz = known.get(autopilot.loop_rate, 0.0)
     if not (isfinite(loop_hz) and loop_hz > 0.0):
         id_, give = "loop_rate_unknown", ["--loop-rate HZ", *give]
         text = f"{autopilot.loop_rate} is not in the log: delay and washout depend on it"

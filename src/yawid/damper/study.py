@@ -6,11 +6,10 @@ from typing import Any, Final
 
 import numpy as np
 
-from yawid.answers.damper_report import DamperReport, Recommended
+from yawid.answers.damper_report import DamperGain, DamperReport, Recommended
 from yawid.answers.more_manoeuvres import of_mean
 from yawid.answers.reasons import Reason, Verdict
 from yawid.answers.run_summary import Flight, Manoeuvre
-from yawid.blocks import Floats
 from yawid.damper.advice import (
     FINE,
     Closed,
@@ -118,26 +117,26 @@ def study(facts: Facts, asked: Asked) -> Study:
         check_known(flight)
         autopilot = autopilot_of(facts.summary, asked.autopilot)
         said |= {"autopilot": autopilot.words, "parameter": autopilot.gain}
-        mix, half_travel = known.get(autopilot.mix), facts.config.half_travel
-        said["mix"] = mix_of(facts.summary, autopilot, mix, half_travel)
-        loop_hz = asked.loop_rate_hz or known.get(autopilot.loop_rate, 0.0)
-        check_loop(autopilot, known, loop_hz)
+        said["mix"] = mix_of(
+            facts.summary, autopilot, known.get(autopilot.mix), facts.config.half_travel
+        )
+        known |= {autopilot.loop_rate: asked.loop_rate_hz} if asked.loop_rate_hz else {}
+        check_loop(autopilot, known)
         flown, seen = known[autopilot.gain], list[float | None]()
         if autopilot.gain not in asked.parameters:
             seen = [gain_flown(facts.summary, each, autopilot.gain, flown) for each in facts.used]
             flown = next((each for each in reversed(seen) if each is not None), flown)
         # A parameter is a float32, whose 0.2 is 3e-9 more than ours: one gain is one row.
         known[autopilot.gain] = flown = round(flown, DIGITS)
-        said |= {"flown": flown, "loop_rate_hz": loop_hz}
-        predicted = _predicted(facts, flight, autopilot, known, loop_hz, asked)
+        said |= {"flown": flown, "loop_rate_hz": known[autopilot.loop_rate]}
+        predicted = _predicted(facts, flight, autopilot, known, asked)
     except Refused as refused:
         return Study(DamperReport(**said, **_refused(refused, without, said)))
     found = recommended(predicted.closed, flown, asked.aim)
     says = list(sentences(predicted, autopilot.gain, flown, found, asked.aim, without))
     reasons = list(warnings(predicted, autopilot.gain, flown, seen))
     verdict = Verdict(method=flight.method, usable=True, reasons=reasons)
-    rows = _shown(predicted.closed, found, flown, asked.gains)
-    gains = [each for i, each in enumerate(table(predicted.closed)) if i in rows]
+    gains = _shown(predicted.closed, found, flown, asked.gains)
     report = DamperReport(**said, gains=gains, recommended=found, says=says, verdict=verdict)
     return Study(report, predicted)
 
@@ -159,18 +158,20 @@ def _refused(refused: Refused, without: Without, said: Mapping[str, Any]) -> dic
 
 
 def _predicted(
-    facts: Facts, flight: Flight, autopilot: Autopilot, known: Mapping[str, float],
-    loop_hz: float, asked: Asked,
+    facts: Facts, flight: Flight, autopilot: Autopilot, known: Mapping[str, float], asked: Asked
 ) -> Predicted:  # fmt: skip
-    flown, factor = facts.flown(facts.used), autopilot.turn_factor(known)
-    aircraft = identified(facts, flight, flown, factor)
+    flown = facts.flown(facts.used)
+    aircraft = identified(facts, flight, flown, autopilot, known)
     speeds = _airspeeds(flight, facts.used, asked)
-    laws = facts.laws(autopilot, known, loop_hz, speeds)
-    largest = largest_gain(aircraft, laws, speeds)
-    gains = _gains(largest, known[autopilot.gain], asked.gains)
+    laws = facts.laws(autopilot, known, speeds)
+    # The gains that are tried: finely spaced from 0, with the one flown and those asked for.
+    most = max(largest_gain(aircraft, laws, speeds), known[autopilot.gain])
+    step = nice(most / FINE)
+    fine = np.arange(0.0, most + 0.5 * step, step)
+    gains = np.unique(np.round([*fine, known[autopilot.gain], *asked.gains], DIGITS))
     closed = closed_with(aircraft, laws, gains, speeds, facts.sample_time_s)
     near = int(np.argmin(np.abs(np.array(speeds) - aircraft.airspeed_m_s)))
-    turn = facts.turn_left(flown[0].found, factor)
+    turn = facts.turn_left(flown[0].found, autopilot, known)
     pilot, _ = pilots_part(flown[0], laws[near], known[autopilot.gain], turn)
     return Predicted(aircraft, tuple(laws), closed, flown[0], pilot)
 
@@ -194,21 +195,14 @@ def _airspeeds(flight: Flight, used: Sequence[Manoeuvre], asked: Asked) -> list[
     return sorted({low, *between, high})
 
 
-def _gains(largest: float, flown: float, asked: Sequence[float]) -> Floats:
-    """Return the gains that are tried, ascending from 0: finely spaced, with those asked for."""
-    step = nice(max(largest, flown) / FINE)
-    fine = np.arange(0.0, max(largest, flown) + 0.5 * step, step)
-    return np.unique(np.round(np.concatenate([fine, [flown], asked]), DIGITS))
-
-
 def _shown(
     closed: Closed, found: Recommended | None, flown: float, asked: Sequence[float]
-) -> set[int]:
-    """Return the rows that are printed: some at equal distances, and those that have a name."""
-    gains = closed.gains
+) -> list[DamperGain]:
+    """Return the gains that are printed: some at equal distances, and those that have a name."""
+    gains, rows = closed.gains, table(closed)
     named = [0.0, flown, *asked]
     if found is not None:
         named += [found.low, found.high, found.next]
     if not asked:
         named += np.arange(0.0, 1.0001 * gains[-1], nice(float(gains[-1]) / LEAST_SHOWN)).tolist()
-    return {int(np.argmin(np.abs(gains - each))) for each in named}
+    return [rows[i] for i in sorted({int(np.argmin(np.abs(gains - each))) for each in named})]
