@@ -26,9 +26,7 @@ def replay(capsys, tmp_path: Path, name: str, *options: object) -> tuple[int, di
     "options",
     [
         (),
-        ("--forgetting", 1, "--method", "rml", "--orders", "2,2,1,2"),
         ("--rudder", "control:2"),
-        ("--rudder", "servo:1"),
         ("--rudder", "rc:4", "--inputs", "rudder,aileron"),
     ],
 )

@@ -69,7 +69,7 @@ def ended(run: AbstractContextManager[subprocess.Popen[str]]) -> str:
     return str(said)
 
 
-@pytest.mark.slow
+@pytest.mark.long  # three processes that interpret what others run compiled
 def test_a_replay_and_a_fleet_give_the_same_answers_and_files_on_each_system(tmp_path: Path):
     make_logs(tmp_path / "logs", 2)
     found: dict[str, Any] = {}

@@ -34,14 +34,6 @@ LIMITS = {
 TEXTS = {name: (ROOT / name).read_text(encoding="utf-8") for name in LIMITS}
 FOR_USERS = TEXTS["README.md"]
 SET_UP = re.findall(r"^python3 -m venv .*$", FOR_USERS, re.MULTILINE)
-TELEGRAMS = (
-    "wn = kappa V, at least", "RML's fit of all of it answers", "One begins 1 s before the rudder",
-    "In it: noise, scatter", "The stream answers by ELS", "Two lost messages are bridged",
-    "u(k) the mean rudder over", "Its unit is half the travel", "The yaw rate is ATTITUDE's",
-    "Only `--request-rates` and", "MAVProxy draws what comes by", "Units in a second row, or",
-    "what to do (code 0: a warning", "off, sigma: median of wn", "sigma is total; a replay starts",
-)  # fmt: skip
-"""Sentences that the README has had and that only who wrote them understood."""
 FITTED = ("gain", "bare", "mix", "refusal")
 """Outputs whose last digits differ between processors."""
 NUMBER = re.compile(r"\d+(?:\.\d+)?")
@@ -221,11 +213,6 @@ def test_the_first_answer_is_as_right_as_the_text_below_it_says():
     assert abs(zeta - true[1]) < zeta_std
     page = " ".join((SRC / "manual" / "accuracy.md").read_text(encoding="utf-8").split())
     assert f"linearisation says {true[0]:.3f} rad/s and {true[1]:.3f}" in page
-
-
-@pytest.mark.parametrize("words", TELEGRAMS)
-def test_no_telegram_is_left(words: str):
-    assert words not in " ".join(FOR_USERS.split())
 
 
 def test_the_exit_codes_are_those_of_the_code():
