@@ -222,6 +222,7 @@ def test_the_facts_do_not_depend_on_the_cut():
     assert (whole.moved, whole.armed, whole.disarmed) == (cut.moved, cut.armed, cut.disarmed)
 
 
+@pytest.mark.long
 @RECORDED
 def test_the_flight_that_px4_was_a_passenger_of_is_refused_by_inspects_own_line(capsys, tmp_path):
     log = str(FLIGHTS / "seaway_flight3.ulg")

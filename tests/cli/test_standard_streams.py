@@ -45,7 +45,7 @@ COMMANDS = {
     "view": ["view", "a.mcap", "--save", "OUT/v.rrd"],
     "regress": ["regress", "no_rudder"],
 }
-IN_THE_GATE = ("help", "replay", "replay --json", "regress")
+IN_THE_GATE = ("help", "replay")
 """The other commands, which print through the same door, are in the long list: each is a child."""
 NAMES = [
     pytest.param(name, marks=() if name in IN_THE_GATE else pytest.mark.long) for name in COMMANDS
@@ -127,7 +127,9 @@ def test_a_pipe_that_nobody_reads_is_quiet_and_exit_6(
 
 
 @FULL
-@pytest.mark.parametrize("redirected", ["2> /dev/full", "2>&-"])
+@pytest.mark.parametrize(
+    "redirected", ["2> /dev/full", pytest.param("2>&-", marks=pytest.mark.long)]
+)
 @pytest.mark.parametrize(("arguments", "expected"), [(["step", "none.csv"], 6), (["--what"], 2)])
 def test_a_stderr_that_takes_nothing_changes_no_exit_code(
     folder: Path, tmp_path: Path, redirected: str, arguments: list[str], expected: int
@@ -137,10 +139,12 @@ def test_a_stderr_that_takes_nothing_changes_no_exit_code(
 
 @pytest.mark.parametrize(
     "environment",
-    [{"PYTHONIOENCODING": "ascii"},
-     {"LC_ALL": "C", "PYTHONCOERCECLOCALE": "0", "PYTHONUTF8": "0"}],
+    [
+        pytest.param({"PYTHONIOENCODING": "ascii"}, marks=pytest.mark.long),
+        {"LC_ALL": "C", "PYTHONCOERCECLOCALE": "0", "PYTHONUTF8": "0"},
+    ],
     ids=["PYTHONIOENCODING", "LC_ALL"],
-)  # fmt: skip
+)
 def test_a_terminal_of_ascii_only_gets_plain_words(
     folder: Path, tmp_path: Path, environment: dict[str, str]
 ) -> None:

@@ -170,6 +170,7 @@ def test_ctrl_c_keeps_what_is_finished(place: Path, logs: Path, env: dict[str, s
     assert "Traceback" not in said[1]
 
 
+@pytest.mark.long
 def test_a_scheduler_that_is_lost_ends_the_run_in_one_line_and_harms_nothing(
     place: Path, logs: Path, env: dict[str, str]
 ) -> None:

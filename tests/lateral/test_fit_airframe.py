@@ -67,7 +67,11 @@ def near(found: Airframe, sigmas: float = 3.0) -> None:
 
 
 @pytest.mark.parametrize(
-    ("lag_s", "gust"), [(0.0, 0.0), (0.1, 0.0), pytest.param(0.1, 0.02, marks=pytest.mark.long)]
+    ("lag_s", "gust"),
+    [
+        (0.1, 0.0),
+        *(pytest.param(*each, marks=pytest.mark.long) for each in ((0.0, 0.0), (0.1, 0.02))),
+    ],
 )
 def test_the_airframe_is_found_with_noise_lag_and_gusts(lag_s: float, gust: float) -> None:
     found = fit_airframe([flown(1, lag_s=lag_s, gust=gust)])
@@ -156,6 +160,7 @@ def test_when_a_rudder_jumped_between_two_messages_does_not_matter() -> None:
     assert found.roll_s.value == pytest.approx(roll_s, rel=0.06)
 
 
+@pytest.mark.long
 def test_what_a_slower_rudder_servo_does_to_the_derivatives_is_in_their_sigma() -> None:
     """The model has one lag for both, and gives the rest to the rudder's side force: -7 sigma."""
     motion = flown(1, lag_s=0.1)
@@ -217,6 +222,7 @@ def test_the_colour_of_the_innovations_is_that_over_40_ms(
     assert autocorrelation(e.ravel(), [record]) == pytest.approx(correlated, abs=0.06)
 
 
+@pytest.mark.long
 def test_a_jump_after_which_nothing_is_measured_changes_nothing() -> None:
     """It comes in the last samples, in which p is missing."""
     motion = flown(3)

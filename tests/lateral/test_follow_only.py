@@ -55,7 +55,7 @@ def errors(bare: Bare, of: Truth) -> dict[str, tuple[float, float]]:
 @pytest.mark.parametrize(
     "seed",
     [
-        pytest.param(4, id="the roll damping was 70 sigma off"),
+        pytest.param(4, id="the roll damping was 70 sigma off", marks=pytest.mark.long),
         pytest.param(36, id="a second minimum: zeta was 15 sigma off, L_p 70"),
     ],
 )

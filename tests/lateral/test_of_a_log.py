@@ -255,6 +255,7 @@ def test_a_session_on_a_socket_and_the_replay_of_its_tlog_have_the_same_airframe
     assert refused == [damper] * 3
 
 
+@pytest.mark.long
 def test_after_a_reboot_the_motion_is_that_of_its_own_boot():
     """The second boot has the same times: only the Unix time says whose rows are whose."""
     two = run(log() + bytes(_later(bytearray(log(seed=4)), 100.0)))
@@ -331,7 +332,7 @@ def mcap(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return replayed(folder / "log.tlog", folder, "--lateral", "auto", "--servo-lag", 0)
 
 
-@pytest.mark.parametrize("suffix", ["csv", "parquet"])
+@pytest.mark.parametrize("suffix", ["csv", pytest.param("parquet", marks=pytest.mark.long)])
 def test_an_export_has_the_motion_and_its_replay_says_why_it_has_no_airframe(
     mcap: Path, suffix: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ):

@@ -58,7 +58,9 @@ def test_the_lag_of_the_roll_angle_in_the_hold_is_found():
     assert (law.roll_gain, law.rate_gain) == pytest.approx(HOLD, rel=0.1)
 
 
-@pytest.mark.parametrize(("roll_lag_s", "apart"), [(1e-3, 0.03), (0.1, 0.025)])
+@pytest.mark.parametrize(
+    ("roll_lag_s", "apart"), [pytest.param(1e-3, 0.03, marks=pytest.mark.long), (0.1, 0.025)]
+)
 def test_closed_with_the_law_the_airframe_is_the_aircraft_as_flown(roll_lag_s: float, apart: float):
     """Without its roll hold its damping is another."""
     motion = flown(

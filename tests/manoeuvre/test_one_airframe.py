@@ -39,7 +39,7 @@ def warnings(bare: Any) -> dict[str, str]:
     return {reason.id: reason.text for reason in bare.verdict.reasons}
 
 
-@pytest.mark.parametrize("manual", [False, True])
+@pytest.mark.parametrize("manual", [False, pytest.param(True, marks=pytest.mark.long)])
 def test_two_aircraft_of_one_flight_have_no_airframe_in_common(folder: Path, manual: bool):
     """With flaps wn is 2.08 for 2.50 rad/s: the mean, 2.26, is the airframe of neither."""
     run = airframe(folder, [Leg(), Leg(FLAPS)], manual=manual)
@@ -110,7 +110,13 @@ def test_a_pool_that_scatters_beyond_the_limit_of_sigma_is_none(folder: Path):
     assert run.bare.verdict.reasons[0].text.startswith("sigma of wn is 0.04")
 
 
-@pytest.mark.parametrize(("given_s", "gust_rad"), [(0.1, 0.0), (0.0, 0.0), (0.15, 0.005)])
+@pytest.mark.parametrize(
+    ("given_s", "gust_rad"),
+    [
+        (0.1, 0.0),
+        *(pytest.param(*each, marks=pytest.mark.long) for each in ((0.0, 0.0), (0.15, 0.005))),
+    ],
+)
 def test_a_servo_lag_that_the_flight_contradicts_is_a_warning_with_both_numbers(
     folder: Path, given_s: float, gust_rad: float
 ):
@@ -128,7 +134,11 @@ def test_a_servo_lag_that_the_flight_contradicts_is_a_warning_with_both_numbers(
 
 @pytest.mark.parametrize(
     ("later", "at", "seed"),
-    [(FLAPS, 0.12, 12), (FLAPS, 0.16, 16), (LIGHT | {"N_r": -1.2}, 0.12, 12)],
+    [
+        (FLAPS, 0.12, 12),
+        pytest.param(FLAPS, 0.16, 16, marks=pytest.mark.long),
+        pytest.param(LIGHT | {"N_r": -1.2}, 0.12, 12, marks=pytest.mark.long),
+    ],
 )
 def test_an_aircraft_that_changes_within_a_manoeuvre_has_no_airframe(
     folder: Path, later: dict[str, float], at: float, seed: int
@@ -177,7 +187,7 @@ def test_a_reversed_rudder_is_a_warning_and_gives_no_mix(folder: Path):
     assert right.verdict.reasons == []
 
 
-@pytest.mark.parametrize("suffix", ["json", "mat", "xml"])
+@pytest.mark.parametrize("suffix", ["json", pytest.param("mat", marks=pytest.mark.long), "xml"])
 def test_a_model_with_a_reversed_aileron_says_so_in_its_file_and_on_stderr(
     reversed_aileron: Any, folder: Path, suffix: str, capsys: pytest.CaptureFixture[str]
 ):

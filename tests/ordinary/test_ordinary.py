@@ -100,7 +100,9 @@ def test_any_cut_of_the_stream_gives_the_same_to_the_bit() -> None:
         assert (cut.seconds, cut.turns, cut.speed) == (whole.seconds, whole.turns, whole.speed)
 
 
-@pytest.mark.parametrize(("seed", "gust"), [(4, 0.001), (6, 0.02)])
+@pytest.mark.parametrize(
+    ("seed", "gust"), [(4, 0.001), pytest.param(6, 0.02, marks=pytest.mark.long)]
+)
 def test_the_mode_of_a_linear_aircraft_is_found_in_calm_air_and_in_gusts(
     seed: int, gust: float
 ) -> None:
@@ -207,7 +209,7 @@ def test_a_yaw_damper_is_refused_before_any_fit() -> None:
     assert found.dutch_roll is None
 
 
-@pytest.mark.parametrize("wn_part", [0.8, 1.0])
+@pytest.mark.parametrize("wn_part", [0.8, pytest.param(1.0, marks=pytest.mark.long)])
 def test_a_line_in_the_yaw_rate_near_the_mode_is_refused(wn_part: float) -> None:
     flight = flown(12, gust=0.005)
     rng, n = np.random.default_rng(12), len(flight)

@@ -45,6 +45,7 @@ def test_the_sealed_aircraft_are_sixteen_or_more_that_no_limit_was_chosen_on() -
     assert opened.isdisjoint(place[0] for place in sealed.sealed_places())
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("own", SEALED["jsbsim"], ids=lambda own: str(own["aircraft"]))
 def test_a_sealed_aircraft_finds_a_trim_and_has_the_dutch_roll_that_is_noted(
     own: dict[str, Any],
@@ -81,6 +82,7 @@ def test_a_linear_aircraft_has_the_dutch_roll_that_is_noted(own: dict[str, Any])
     )
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "place",
     [
@@ -101,6 +103,7 @@ def test_the_decay_after_a_small_pulse_is_the_mode_that_is_noted(place: Place) -
     assert seen["zeta"] == pytest.approx(zeta, abs=0.006)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("place", [("C130", 5000.0, 180.0), ("p51d", 5000.0, 210.0)], ids=str)
 def test_an_aircraft_without_thrust_keeps_speed_and_altitude_in_air_that_rises(
     place: Place,
@@ -213,10 +216,10 @@ def test_a_linear_aircraft_does_after_a_pulse_what_its_matrices_say(project: Pat
 @pytest.mark.parametrize(
     ("bench", "few"),
     [
-        ("lateral", ["--flights", "1", "--manoeuvres", "1"]),
-        ("truth", ["--flights", "1"]),
+        pytest.param("lateral", ["--flights", "1", "--manoeuvres", "1"], marks=pytest.mark.long),
+        pytest.param("truth", ["--flights", "1"], marks=pytest.mark.long),
         ("verdict", []),
-        ("ordinary", ["--jsbsim", "1", "--seconds", "8"]),
+        pytest.param("ordinary", ["--jsbsim", "1", "--seconds", "8"], marks=pytest.mark.long),
     ],
 )
 def test_a_sealed_run_appends_a_row_for_its_commit_and_only_one(

@@ -62,7 +62,9 @@ def test_a_call_that_fails_in_a_child_fails_here():
         worker.shutdown()
 
 
-@pytest.mark.parametrize("by", [signal.SIGINT, signal.SIGKILL])
+@pytest.mark.parametrize(
+    "by", [pytest.param(signal.SIGINT, marks=pytest.mark.long), signal.SIGKILL]
+)
 def test_no_process_outlives_a_session_that_is_ended_at_once(
     by: signal.Signals, tmp_path: Path
 ) -> None:

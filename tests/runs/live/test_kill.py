@@ -9,7 +9,7 @@ from bench.live_kill import kill_once
 from live_link import frames
 
 
-@pytest.mark.parametrize("moment_s", [1.9, 3.1])
+@pytest.mark.parametrize("moment_s", [pytest.param(1.9, marks=pytest.mark.long), 3.1])
 def test_a_killed_session_loses_at_most_its_last_second(moment_s: float, tmp_path: Path):
     sent = frames(60.0)
     stamped = [(1_700_000_000_000_000 + 10_000 * i, frame) for i, frame in enumerate(sent)]

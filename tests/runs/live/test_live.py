@@ -113,7 +113,9 @@ def test_rates_are_asked_of_the_vehicle_and_what_came_is_in_the_summary(
     assert all(entry["achieved_hz"] >= 0.0 for entry in rates.values())
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize(
+    "number", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.long)]
+)
 def test_a_signal_ends_a_session_with_every_file_finished(number: int, tmp_path: Path):
     port = free_udp_port()
     arguments = [f"udpin:127.0.0.1:{port}", "--out", str(tmp_path), "--json"]

@@ -64,6 +64,7 @@ def test_each_vehicle_has_its_own_files_and_its_own_estimate(tmp_path: Path):
         assert again.link.lost == 0
 
 
+@pytest.mark.long
 def test_vehicles_that_fly_a_doublet_at_once_give_what_their_replays_give_to_the_bit(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
