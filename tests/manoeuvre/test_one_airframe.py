@@ -17,6 +17,8 @@ from yawid.cli.main import main
 FLAPS = LIGHT | {"N_beta": 3.6, "N_r": -0.8, "L_p": -4.6}
 DAMPED = LIGHT | {"N_r": -1.6}
 LAG_S = 0.05
+RUNS: dict[str, Any] = {}
+"""By legs and options."""
 DIMENSIONS = [
     "--mass=1000", "--ixx=1000", "--izz=2000", "--ixz=10", "--area=16", "--span=11",
     "--rudder-max-deg=20", "--aileron-max-deg=15",
@@ -29,10 +31,13 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def airframe(folder: Path, legs: list[Leg], *, lag_s: float | None = LAG_S, **changed: Any) -> Any:
-    """Return the run of a flight, which is given the lag; its log stays in the folder."""
-    path = folder / f"flight{len(list(folder.iterdir()))}.tlog"
-    path.write_bytes(tlog(legs, **changed))
-    return yawid.replay(path, lateral="auto", servo_lag=lag_s)
+    """Return the run of a flight, given the lag and made once; its log stays in the folder."""
+    key = repr((legs, lag_s, changed))
+    if key not in RUNS:
+        path = folder / f"flight{len(RUNS)}.tlog"
+        path.write_bytes(tlog(legs, **changed))
+        RUNS[key] = yawid.replay(path, lateral="auto", servo_lag=lag_s)
+    return RUNS[key]
 
 
 def warnings(bare: Any) -> dict[str, str]:
@@ -74,14 +79,15 @@ def test_a_frozen_airspeed_is_no_airframe_and_the_true_one_is(folder: Path):
 def test_one_of_four_that_differs_is_left_out_with_a_warning(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ):
-    run = airframe(folder, [Leg(), Leg(), Leg(FLAPS), Leg()])
-    main(["replay", str(run.path), "--lateral", "auto", "--servo-lag", str(LAG_S),
-          "--out", str(folder / "out"), "--force"])  # fmt: skip
+    (folder / "four.tlog").write_bytes(tlog([Leg(), Leg(), Leg(FLAPS), Leg()]))
+    main(["replay", str(folder / "four.tlog"), "--lateral", "auto", "--servo-lag", str(LAG_S),
+          "--out", str(folder / "out")])  # fmt: skip
     printed = " ".join(capsys.readouterr().out.split())
+    bare = yawid.load(folder / "out/four.mcap").bare
 
-    assert run.bare.used == [1, 2, 4]
-    assert run.bare.dutch_roll.wn_rad_s == pytest.approx(dutch_roll()[0], rel=0.02)
-    assert warnings(run.bare)["manoeuvres_disagree"].startswith("manoeuvre 3 has wn 2.0")
+    assert bare.used == [1, 2, 4]
+    assert bare.dutch_roll.wn_rad_s == pytest.approx(dutch_roll()[0], rel=0.02)
+    assert warnings(bare)["manoeuvres_disagree"].startswith("manoeuvre 3 has wn 2.0")
     assert "warning manoeuvres disagree: manoeuvre 3 has wn 2.0" in printed
 
 
