@@ -81,8 +81,10 @@ def test_closed_with_the_law_the_airframe_is_the_aircraft_as_flown(roll_lag_s: f
 def test_under_the_law_the_airframe_yaws_as_measured_by_the_rudder_alone():
     """The airframe is known from a flight whose aileron moved; in this one it only follows."""
     found = fit_airframe([flown(amplitude=0.3, lag_s=0.1)], servo_lag_s=0.1)
-    theta = np.zeros(len(NAMES))
-    theta[[AT[name] for name in found.names]] = found.theta
+    theta, known = np.zeros(len(NAMES)), dict(found.derivatives)
+    known |= {"alpha": found.alpha_rad, "servo_lag": found.servo_lag_s, "delay": found.delay_s}
+    theta[AT["log_Y_beta"]] = np.log(-known.pop("Y_beta").value)
+    theta[[AT[name] for name in known]] = [each.value for each in known.values()]
     motion = flown(amplitude=0.3, aileron=0.0, hold=HOLD, lag_s=0.1, roll_lag_s=0.1)
 
     yaw_rate = yaw_rate_closed(theta, Record(motion), Law(*HOLD, 0.1))

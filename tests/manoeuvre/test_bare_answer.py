@@ -14,7 +14,7 @@ from scipy.signal import dlsim, lti
 
 from yawid.answers.reasons import Reason
 from yawid.answers.run_summary import DutchRoll
-from yawid.lateral.airframe import Airframe, AsFlown, FailedGate, Known
+from yawid.lateral.airframe import Airframe, AsFlown, Known
 from yawid.lateral.motion import Motion
 from yawid.manoeuvre import bare_answer
 from yawid.manoeuvre.bare_answer import Fitted, against_flown, bare_of, fitted, lateral_of
@@ -34,7 +34,7 @@ def airframe(v: float = 50.0, wn: float = 2.4, std: float = 0.02, **changed: Any
         "rudder_mix": Known(0.3, 0.05), "gust_std_rad": 0.01,
         "rho1": 0.1, "airspeed_m_s": v,
         "alpha_rad": Known(0.05, 0.01), "correlations": np.eye(14), "from_prior": (),
-        "aileron_fed_back": 0.0, "names": (), "theta": np.zeros(0),
+        "aileron_fed_back": 0.0,
     }  # fmt: skip
     return Airframe(**(given | changed))
 
@@ -85,7 +85,7 @@ def test_a_scatter_beyond_their_sigmas_makes_sigma_larger():
 
 
 def test_only_manoeuvres_that_pass_are_used():
-    failed = airframe(wn=9.0, failed=(FailedGate("coloured", 0.5, 0.35),))
+    failed = airframe(wn=9.0, failed={"coloured": 0.5})
 
     bare = bare_of([found(1, failed), found(2, airframe()), found(3, None, "no attitude")], None)
 
@@ -97,8 +97,8 @@ def test_only_manoeuvres_that_pass_are_used():
 
 def test_where_none_passes_the_cause_is_that_of_the_best_known():
     """It was that of the fewest gates: a hand-flown log's was an unusable manoeuvre's."""
-    noise = airframe(std=100.0, failed=(FailedGate("not_settled", 1.0, 30.0),))
-    gates = FailedGate("coloured", 0.67, 0.35), FailedGate("too_slow", 0.49, 0.25)
+    noise = airframe(std=100.0, failed={"not_settled": 1.0})
+    gates = {"coloured": 0.67, "too_slow": 0.49}
     seen = airframe(std=0.5, failed=gates)
 
     bare = bare_of([found(1, noise), found(2, seen), found(3, None, "no attitude")], None)
@@ -109,7 +109,7 @@ def test_where_none_passes_the_cause_is_that_of_the_best_known():
 
 
 def test_a_manoeuvre_that_a_gate_stops_has_its_words_and_no_number():
-    told = lateral_of(found(4, airframe(failed=(FailedGate("coloured", 0.5, 0.35),))))
+    told = lateral_of(found(4, airframe(failed={"coloured": 0.5})))
 
     assert told.dutch_roll is None
     assert told.derivatives is None
@@ -202,7 +202,7 @@ def test_manoeuvres_whose_lag_is_unknown_are_fitted_together(
         return airframe()
 
     monkeypatch.setattr(bare_answer, "fit_airframe", fit)
-    failed = airframe(failed=(FailedGate(gate, 1.0, 2.0),))
+    failed = airframe(failed={gate: 1.0})
 
     bare = bare_of([found(1, failed), found(2, failed)], None)
 

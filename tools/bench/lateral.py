@@ -97,7 +97,7 @@ def _row(truth: dict[str, Any], number: int, given: Motion) -> Row:
     true_wn, true_zeta = float(abs(pair)), float(-pair.real / abs(pair))
     conditions = ("aircraft", "speed_kt", "severity", "aileron", "seed", "number")
     return {name: truth[name] for name in conditions} | {
-        "manoeuvre": number, "failed": " ".join(each.name for each in found.failed),
+        "manoeuvre": number, "failed": " ".join(found.failed),
         "true_wn": true_wn, "true_zeta": true_zeta, "wn": wn.value, "wn_sigma": wn.std,
         "zeta": zeta.value, "zeta_sigma": zeta.std,
         "wn_pct": 100.0 * (wn.value / true_wn - 1.0), "zeta_error": zeta.value - true_zeta,

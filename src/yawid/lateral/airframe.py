@@ -1,7 +1,8 @@
 """The bare airframe as the fit finds it: modes and derivatives with sigma, and the verdict."""
 
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import msgspec
 import numpy as np
@@ -19,15 +20,6 @@ class Known:
 
     value: float = math.nan
     std: float = math.nan
-
-
-@dataclass(frozen=True, slots=True)
-class FailedGate:
-    """A gate that stops the airframe: its name in ``gates.GATES``, what was found and the limit."""
-
-    name: str
-    found: float
-    limit: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,8 +44,9 @@ class Airframe:
     (negative: it diverges). ``derivatives`` are those of eq. 20-22 in the field's symbols, by
     DESIGN's names: dimensional, in 1/s (of rates, and Y_beta and Y_delta_r per airspeed) or 1/s^2,
     with Ixz folded in. ``gust_std_rad`` is the sideslip of the gusts and ``rho1`` the largest
-    autocorrelation of the innovations over one sample, or over 40 ms where that is more. ``theta``
-    (n,) are the free parameters by ``names``. ``failed`` is empty where the airframe is known.
+    autocorrelation of the innovations over one sample, or over 40 ms where that is more. ``failed``
+    is what was found for each gate of ``gates.GATES`` that stops it, by name: empty where the
+    airframe is known.
     """
 
     wn_rad_s: Known
@@ -75,19 +68,12 @@ class Airframe:
     airspeed_m_s: float
     aileron_fed_back: float
     """R squared of the aileron on roll and p: over .95 it is feedback alone."""
-    names: tuple[str, ...]
-    theta: Floats
     as_flown: AsFlown | None = None
     """None where no roll law is found."""
     given_lag_s: Known = Known()
     free_lag_s: Known = Known()
     """The servo lag that was given, and what a fit without it finds; NaN where none was given."""
-    failed: tuple[FailedGate, ...] = ()
-
-    @property
-    def is_known(self) -> bool:
-        """Return whether all gates let the airframe pass."""
-        return not self.failed
+    failed: Mapping[str, float] = field(default_factory=dict)
 
 
 def with_modes(found: Bare, correlations: Floats) -> Bare:
@@ -105,8 +91,8 @@ def with_modes(found: Bare, correlations: Floats) -> Bare:
     std = np.array([each.std or 0.0 for each in known.values()])
     covariance = correlations[: len(std), : len(std)] * np.outer(std, std)
     value, step = np.array([each.value for each in known.values()], float), _SLOPE * std
-    constants = (found.roll_mode, found.spiral)
-    poles = [-1.0 / each.time_constant_s if each is not None else np.nan for each in constants]
+    poles = [-1.0 / each.time_constant_s if each is not None else np.nan
+             for each in (found.roll_mode, found.spiral)]  # fmt: skip
     wanted = np.array([roll.wn_rad_s, roll.zeta, *poles])
     given = np.isfinite(wanted)
     for _ in range(_STEPS):
@@ -114,11 +100,13 @@ def with_modes(found: Bare, correlations: Floats) -> Bare:
         theta[:, at] = np.vstack([value, value + np.diag(step)])
         theta[:, AT["log_Y_beta"]] = np.log(np.maximum(-theta[:, AT["log_Y_beta"]], step.min()))
         now = modes(theta, speed_m_s)[:, given]
+        if not np.isfinite(now).all():  # a mode is lost on the way
+            return found
         slopes = (now[1:] - now[0]).T / step
         gain = covariance @ slopes.T @ np.linalg.pinv(slopes @ covariance @ slopes.T)
         value = value + gain @ (wanted[given] - now[0])
     if not np.allclose(now[0], wanted[given], rtol=1e-9, atol=1e-12):
         return found
-    pairs = zip(known.items(), value.tolist(), strict=True)
-    numbers = {name: Value(new, each.std) for (name, each), new in pairs}
+    both = zip(known.items(), value.tolist(), strict=True)
+    numbers = {name: Value(new, each.std) for (name, each), new in both}
     return msgspec.structs.replace(found, alpha_rad=numbers.pop("alpha"), derivatives=numbers)

@@ -14,14 +14,12 @@ import numpy as np
 
 from yawid.blocks import Floats
 from yawid.estimation.machine.products import cross
-from yawid.lateral.model import AT, PARAMETERS, SIZES, Guess, system
+from yawid.lateral.model import AT, PARAMETERS, Guess, system
 from yawid.lateral.predictor import Predictor, whitened
 from yawid.lateral.record import Record
 
 _RIDGE = 1e-13
-"""Of start, trims and times, as a share of their power: it holds what the record does not show."""
-_NOTHING = 1e-12
-"""The length below which what a jump adds is nothing, as that of a jump in the last sample."""
+"""Of start and trims, as a share of their power: it holds what the record does not show."""
 _DIFFERENCE = 1e-5
 """Step of the slopes in scales."""
 
@@ -38,6 +36,7 @@ class Criterion:
         self, records: Sequence[Record], guess: Guess, priors: dict[str, tuple[float, float]]
     ) -> None:
         self.records = records
+        self.airspeed_m_s = float(np.mean([each.motion.airspeed_m_s for each in records]))
         stays = {"log_sigma_p"}
         if not any(record.aileron_moves for record in records):
             stays |= {"L_delta_a", "N_delta_a"}
@@ -49,7 +48,6 @@ class Criterion:
         least = [each.least(guess) if each.least else -math.inf for each in rows]
         self.least = np.array(least) / self.scale
         self.is_noise = np.array([each.is_noise for each in rows])
-        self.is_size = np.array([each.name in SIZES for each in rows])
         known = [
             priors.get(each.name) or (each.prior(guess) if each.prior else (0.0, math.inf))
             for each in rows
@@ -108,9 +106,8 @@ class Criterion:
 class Part:
     """One manoeuvre at a point: its predictor, its start, trims and times ``own`` (8 + j,).
 
-    ``e`` (3 n + j,) are the innovations and those times over their
-    sigma, ``columns`` (3 n + j, 8 + j) what ``own`` adds to them, each of length 1, and ``power``
-    their products.
+    ``e`` (3 n + j,) are the innovations and those times over their sigma, ``columns``
+    (3 n + j, 8 + j) what a unit of ``own`` adds to them, and ``power`` their products.
     """
 
     predictor: Predictor
@@ -141,23 +138,21 @@ def _part(record: Record, theta: Floats) -> Part:
     """Return one manoeuvre at the parameters ``theta`` (1, len(PARAMETERS))."""
     pair = _pair(theta[0])
     inputs, later = record.inputs(*pair), record.later(*pair)
-    model = system(theta, record.airspeed_m_s, record.pitch)
+    model = system(theta, record.motion.airspeed_m_s, record.pitch)
     predictor = Predictor.of(model, record.sample_time_s)
     y, u = (np.zeros((9 + len(later), *x.shape)) for x in (record.y, inputs))
     y[0], u[0], u[9:] = record.y, inputs, later
-    own = np.eye(9 + len(later), 8, -1)  # one run with the record, one of each unit
-    runs = whitened(predictor, y, u, record.unused, own[:, :4], own[:, 4:]).reshape(len(u), -1)
-    size = np.maximum(np.linalg.norm(runs[1:], axis=1), _NOTHING)
-    e, columns = runs[0], np.ascontiguousarray((runs[1:] / size[:, None]).T)
-    power = cross(columns, columns) + _RIDGE * np.eye(len(size))
-    slope = cross(columns, e)
-    if len(later):
-        noise = math.sqrt(float(np.mean((e - columns @ np.linalg.solve(power, slope)) ** 2)))
-        known = np.eye(len(later), len(size), 8) * (noise / record.jump_std_s) / size
-        e, columns = np.append(e, np.zeros(len(later))), np.vstack([columns, known])
-        power += known.T @ known
-    found = -np.linalg.solve(power, slope)
-    return Part(predictor, found / size, columns, power, e + columns @ found)
+    units = np.eye(9 + len(later), 8, -1)  # one run with the record, one of each unit
+    runs = whitened(predictor, y, u, record.unused, units[:, :4], units[:, 4:]).reshape(len(u), -1)
+    e, columns = runs[0], np.ascontiguousarray(runs[1:].T)
+    power, slope = cross(columns, columns), cross(columns, e)
+    power += np.diag(_RIDGE * np.diag(power) + np.finfo(float).tiny)
+    noise = math.sqrt(float(np.mean((e - columns @ np.linalg.solve(power, slope)) ** 2)))
+    known = np.eye(len(later), len(power), 8) * noise / record.jump_std_s
+    e, columns = np.append(e, np.zeros(len(later))), np.vstack([columns, known])
+    power += known.T @ known
+    own = np.asarray(-np.linalg.solve(power, slope), np.float64)
+    return Part(predictor, own, columns, power, e + columns @ own)
 
 
 def _pair(theta: Floats) -> tuple[float, float]:
@@ -167,12 +162,13 @@ def _pair(theta: Floats) -> tuple[float, float]:
 def _slopes(record: Record, theta: Floats, part: Part) -> Floats:
     """Return the slopes (3 n + j, v) of one manoeuvre's innovations to the parameters (v, ...)."""
     pairs = [_pair(each) for each in theta]
-    inputs = {pair: record.inputs(*pair, part.own[8:]) for pair in set(pairs)}
+    inputs = {pair: record.inputs(*pair, part.own[8:].tolist()) for pair in set(pairs)}
     u, own = np.stack([inputs[pair] for pair in pairs]), np.tile(part.own[:8], (len(theta), 1))
-    model = system(theta, record.airspeed_m_s, record.pitch)
+    model = system(theta, record.motion.airspeed_m_s, record.pitch)
     predictor = Predictor.of(model, record.sample_time_s, part.predictor)
     runs = whitened(predictor, record.y[None], u, record.unused, own[:, :4], own[:, 4:])
-    found = runs.reshape(len(theta), -1)
-    slopes = np.zeros((len(part.e), len(theta)))  # times stay, so their distances have none
-    slopes[: found.shape[1]] = (found - part.e[: found.shape[1]]).T / _DIFFERENCE
+    found = (runs.reshape(len(theta), -1) - part.e[: record.y.size]).T / _DIFFERENCE
+    slopes = np.pad(
+        found, ((0, len(record.jumps)), (0, 0))
+    )  # times stay: their distances have none
     return slopes - part.columns @ np.linalg.solve(part.power, part.columns.T @ slopes)

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,7 +12,7 @@ from yawid.estimation.machine.products import cross
 from yawid.lateral.criterion import Criterion, Point
 from yawid.lateral.model import NAMES, Guess
 from yawid.lateral.record import Record
-from yawid.lateral.start import equation_error, middle_of, plain
+from yawid.lateral.start import N_R, equation_error, middle_of
 
 START_LAGS_S = (0.04, 0.1, 0.16)
 """Servo lags from which the fit starts. The aircraft of the second start is a plain one."""
@@ -29,9 +30,9 @@ parameters, and by all."""
 class Fit:
     """Where the steps ended: the point in scales (n,), its covariance (n, n), and the criterion.
 
-    ``criterion`` is twice the negative logarithm of likelihood and priors. ``errors`` (l,) are the
-    innovations and the jumps' times over their scale; ``noise_scale`` is that of all sizes of
-    noise in ``x``.
+    ``criterion`` is twice the negative logarithm of likelihood and priors. ``errors`` are each
+    record's innovations (3 n,) over their scale; ``noise_scale`` is that of all sizes of noise in
+    ``x``.
     """
 
     of: Criterion
@@ -39,7 +40,7 @@ class Fit:
     covariance: Floats
     criterion: float
     noise_scale: float
-    errors: Floats
+    errors: list[Floats]
     settled: bool
 
 
@@ -54,7 +55,7 @@ def guesses(records: Sequence[Record], servo_lag_s: float | None) -> list[Guess]
     lags = START_LAGS_S if servo_lag_s is None else (servo_lag_s, servo_lag_s, START_LAGS_S[-1])
     starts = [equation_error(records, lag_s, middle) for lag_s in lags]
     wn = max(math.sqrt(abs(starts[1]["N_beta"])), 0.5)
-    starts[1] |= plain(middle)
+    starts[1] |= {"N_beta": middle**2, "N_p": 0.0, "N_r": N_R * middle}
     return [
         _guess(records, start | {"servo_lag": lag_s if servo_lag_s is None else servo_lag_s}, wn)
         for lag_s, start in zip(lags, starts, strict=True)
@@ -105,17 +106,18 @@ def fit(criterion: Criterion) -> Fit:
         while (below := free & (at.x <= criterion.least) & (_step(H, score, free) < 0.0)).any():
             free &= ~below
         settled = _is_settled(H[np.ix_(free, free)], score[free], criterion.is_noise[free])
-        better = None
-        while not settled and better is None and damping < _MOST:
-            move = _step(H + damping * np.eye(len(H)), score, free)
-            move = np.clip(move, -LONGEST_STEP, LONGEST_STEP)
-            tried = _at_or_none(criterion, np.maximum(at.x + move, criterion.least))
-            if tried is not None and tried.loss(variance) < at.loss(variance):
-                better = tried
-            damping = damping * _HARDER if better is None else max(damping / _SOFTER, _LEAST)
-        if better is None or step == ITERATIONS:
+        if settled or step == ITERATIONS:
             break
-        at = better
+        tried, loss = at, at.loss(variance)
+        while damping < _MOST and not tried.loss(variance) < loss:
+            move = _step(H + damping * np.eye(len(H)), score, free)
+            x = np.maximum(at.x + np.clip(move, -LONGEST_STEP, LONGEST_STEP), criterion.least)
+            with suppress(np.linalg.LinAlgError):  # there is no predictor so far away
+                tried = criterion.at(x)
+            damping *= _HARDER
+        if not tried.loss(variance) < loss:
+            break
+        at, damping = tried, max(damping / _HARDER / _SOFTER, _LEAST)
     return _ended(criterion, at, H, settled)
 
 
@@ -128,14 +130,9 @@ def _ended(criterion: Criterion, at: Point, H: Floats, settled: bool) -> Fit:
     total = criterion.count * math.log(variance) + float(at.surprise @ at.surprise)
     scale = math.sqrt(variance)
     noise_scale = scale / math.exp(float(at.parts[0].predictor.log_det[0]) / 3.0)
-    return Fit(criterion, at.x, covariance, total, noise_scale, at.e / scale, settled)
-
-
-def _at_or_none(criterion: Criterion, x: Floats) -> Point | None:
-    try:
-        return criterion.at(x)
-    except np.linalg.LinAlgError:
-        return None
+    errors = [part.e[: each.y.size] / scale
+              for each, part in zip(criterion.records, at.parts, strict=True)]  # fmt: skip
+    return Fit(criterion, at.x, covariance, total, noise_scale, errors, settled)
 
 
 def _curvature(criterion: Criterion, at: Point, variance: float) -> tuple[Floats, Floats]:

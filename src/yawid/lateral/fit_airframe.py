@@ -1,19 +1,19 @@
 """The entry of the room: manoeuvres of one speed to the bare airframe, its sigma and verdict."""
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
 
 from yawid.blocks import Floats
-from yawid.lateral.airframe import Airframe, AsFlown, FailedGate, Known
+from yawid.lateral.airframe import Airframe, AsFlown, Known
 from yawid.lateral.criterion import Criterion
 from yawid.lateral.fit import Fit, fit, guesses
-from yawid.lateral.gates import failed_gates
-from yawid.lateral.mix import rudder_mixes
-from yawid.lateral.model import AT, DERIVATIVES, NAMES, RUDDER, Guess, modes
+from yawid.lateral.gates import failed_gates, stopped_by
+from yawid.lateral.mix import ROLLS_S, rudder_mixes
+from yawid.lateral.model import AT, DERIVATIVES, NAMES, RUDDER, Guess, Law, modes
 from yawid.lateral.motion import Motion
 from yawid.lateral.record import Record
 from yawid.lateral.roll_law import dutch_roll_closed, roll_law, yaw_rate_closed
@@ -43,8 +43,6 @@ limit was chosen. Over one sample of 50 Hz a smooth roll angle is (0.4 in SITL),
 COMPARED = ("wn_rad_s", "zeta", "roll_mode")
 """The numbers in which parts of a record are compared. L_delta_a of a part in which the aileron
 only follows the roll hold is wrong: 3.2 ± 1.8 for 13 in the first half of a T-6's, seed 701."""
-PARTS_APART = 3.0
-"""Sigmas by which parts of a record may differ in COMPARED: chance goes beyond in 1 %."""
 OF_PRIOR = 0.7
 """A parameter is the prior's where its sigma is a larger part of the prior's: the record has less
 than the prior's information."""
@@ -53,8 +51,16 @@ ANSWERED = (*DERIVATIVES, "alpha_rad", "servo_lag_s")
 HELD = 1.0
 """Sigma in scales by which a parameter of a part is held where the fit of the whole ended: half a
 manoeuvre, in which the rudder rests, shows nothing of some."""
-NUMBERS = ("wn_rad_s", "zeta", "roll_mode", "spiral", *NAMES)
-"""What a fit's numbers are, with Y_beta as itself under its logarithm's name."""
+NUMBERS = (
+    "wn_rad_s", "zeta", "roll_mode", "spiral", *NAMES, "wn_rad_s", "zeta",
+    *["rudder_mix"] * len(ROLLS_S),
+)  # fmt: skip
+"""What a fit's numbers are, with Y_beta as itself under its logarithm's name; wn and zeta come once
+more as flown, and the rudder mix for each of ROLLS_S."""
+_THETA = slice(4, 4 + len(NAMES))
+_CLOSED, _MIXES = slice(_THETA.stop, -len(ROLLS_S)), slice(-len(ROLLS_S), None)
+_Y_BETA, _Y_DELTA_R = NUMBERS.index("log_Y_beta"), NUMBERS.index("Y_delta_r")
+NO_LAW = Law()
 _OF = {"Y_beta": "log_Y_beta", "alpha_rad": "alpha", "servo_lag_s": "servo_lag"}
 """The parameters that they are made of, where they have other names."""
 _STEP = 1e-4
@@ -80,16 +86,14 @@ def fit_airframe(motions: Sequence[Motion], *, servo_lag_s: float | None = None)
     if not fits:
         raise ValueError("the fit of the bare airframe found no predictor from any start")
     fits.sort(key=lambda each: each.criterion - 2.0 * NATS * each.settled)
-    airspeed_m_s = float(np.mean([each.airspeed_m_s for each in records]))
-    airframe = _airframe(fits, records, airspeed_m_s)
+    airframe = _airframe(fits, records)
     agreeing, given = _agreeing(fits, airframe), servo_lag_s is not None
-    gates = list(failed_gates(airframe, records, fits[0].settled, agreeing, given))
-    if not gates and (apart := _most_apart(fits[0], airspeed_m_s)) > PARTS_APART:
-        gates = [FailedGate("changes", apart, PARTS_APART)]
+    gates = failed_gates(airframe, records, fits[0].settled, agreeing, given)
+    gates = gates or stopped_by({"changes": _most_apart(fits[0])})
     if not gates and servo_lag_s is not None:
         airframe = replace(airframe, given_lag_s=Known(servo_lag_s, GIVEN_LAG_STD_S),
                            free_lag_s=_free_lag(fits[0], starts[0]))  # fmt: skip
-    return replace(airframe, failed=tuple(gates))
+    return replace(airframe, failed=gates)
 
 
 def _free_lag(found: Fit, guess: Guess) -> Known:
@@ -108,7 +112,7 @@ def _free_lag(found: Fit, guess: Guess) -> Known:
     return Known(float(ended.x[i] * free.scale[i]), float(std)) if ended.settled else Known()
 
 
-def _most_apart(found: Fit, airspeed_m_s: float) -> float:
+def _most_apart(found: Fit) -> float:
     """Return by how many sigmas a part of the record differs in COMPARED from all parts.
 
     A fit of a manoeuvre in which flaps moved lies between two airframes, and noise that it takes
@@ -120,11 +124,9 @@ def _most_apart(found: Fit, airspeed_m_s: float) -> float:
         parts = [fit(found.of.part(each, found.x, HELD)) for each in _parts(found.of.records)]
     except (np.linalg.LinAlgError, ValueError):  # a part without samples or without any motion
         return 0.0
-    at, rows = [NUMBERS.index(name) for name in COMPARED], []
-    for part in parts:
-        values, slopes = (each[at] for each in _values(part, airspeed_m_s))
-        rows.append((values, _stds(COMPARED, values, slopes, part.covariance)))
-    value, std = np.array(rows).swapaxes(0, 1)
+    numbers, at = [_numbers(part) for part in parts], [NUMBERS.index(name) for name in COMPARED]
+    rows = np.array([(values[at], _stds(values, of)[at]) for values, of in numbers])
+    value, std = rows.swapaxes(0, 1)
     weights = std**-2.0
     away = value - (weights * value).sum(axis=0) / weights.sum(axis=0)
     apart = np.abs(away) / np.sqrt(std**2 - 1.0 / weights.sum(axis=0))
@@ -170,105 +172,65 @@ def mean(value: Floats, std: Floats, name: str) -> Known:
     return Known(middle, math.sqrt(variance))
 
 
-def _in_gusts(names: Sequence[str]) -> Floats:
-    """Return the errors of numbers (n,) over their sigma of noise."""
-    return np.array([OTHERS_IN_GUSTS.get(name, IN_GUSTS) for name in names])
+def _numbers(found: Fit, law: Law = NO_LAW) -> tuple[Floats, Floats]:
+    """Return NUMBERS (m,) of a fit and their covariance (m, m) by the delta method, in gusts.
+
+    Those of the Dutch roll as flown are the airframe's under a roll law.
+    """
+    theta = found.of.theta(np.vstack([found.x, found.x + _STEP * np.eye(len(found.x))]))
+    airspeed_m_s = found.of.airspeed_m_s
+    closed, mixes = dutch_roll_closed(theta, airspeed_m_s, law), rudder_mixes(theta, airspeed_m_s)
+    numbers = np.hstack([modes(theta, airspeed_m_s), theta, closed, mixes])
+    numbers[:, _Y_BETA] = -np.exp(numbers[:, _Y_BETA])
+    in_gusts = np.array([OTHERS_IN_GUSTS.get(name, IN_GUSTS) for name in NUMBERS])
+    slopes = in_gusts[:, None] * (numbers[1:] - numbers[0]).T / _STEP
+    return numbers[0], slopes @ found.covariance @ slopes.T
 
 
-def _stds(names: Sequence[str], values: Floats, slopes: Floats, covariance: Floats) -> Floats:
-    """Return sigma (m,) of numbers by the delta method, in gusts, with what a model is worth."""
-    variances = _in_gusts(names) ** 2 * np.einsum("ij,jk,ik->i", slopes, covariance, slopes)
-    return _at_least(names, values, variances)
+def _stds(values: Floats, covariance: Floats) -> Floats:
+    """Return sigma (m,) of NUMBERS, with what a linear model is worth."""
+    least = [floor(*each) for each in zip(NUMBERS, values.tolist(), strict=True)]
+    return np.asarray(np.sqrt(np.diag(covariance) + np.square(least)), np.float64)
 
 
-def _at_least(names: Sequence[str], values: Floats, variances: Floats) -> Floats:
-    """Return sigma (m,) of numbers with these variances, and with what a linear model is worth."""
-    least = [floor(*each) for each in zip(names, values.tolist(), strict=True)]
-    return np.asarray(np.sqrt(variances + np.square(least)), np.float64)
-
-
-def _values(found: Fit, airspeed_m_s: float) -> tuple[Floats, Floats]:
-    """Return NUMBERS (m,) of a fit, and their slopes (m, n)."""
-    return _of_theta(found, lambda theta: _numbers(theta, airspeed_m_s))
-
-
-def _of_theta(found: Fit, function: Callable[[Floats], Floats]) -> tuple[Floats, Floats]:
-    """Return a function (v, l) -> (v, m) of the parameters (m,), and its slopes (m, n) to x."""
-    points = np.vstack([found.x, found.x + _STEP * np.eye(len(found.x))])
-    values = function(found.of.theta(points))
-    return values[0], (values[1:] - values[0]).T / _STEP
-
-
-def _numbers(theta: Floats, airspeed_m_s: float) -> Floats:
-    """Return modes and parameters (v, 4 + len(PARAMETERS)), Y_beta as itself."""
-    values = np.hstack([modes(theta, airspeed_m_s), theta])
-    values[:, 4 + AT["log_Y_beta"]] = -np.exp(theta[:, AT["log_Y_beta"]])
-    return np.asarray(values, np.float64)
-
-
-def _to_prior(found: Fit, name: str, airspeed_m_s: float) -> Floats:
-    """Return the values of :func:`_values` if a parameter had its prior's mean, the others by it.
+def _airframe(fits: Sequence[Fit], records: Sequence[Record]) -> Airframe:
+    """Return the airframe of the first fit; sigma has the ends of the others that are as likely.
 
     Of p, r and roll alone, a side force of the rudder, one of sideslip and damping in yaw may trade
-    places. What the rudder's side force is away from what is known of it therefore counts in sigma:
-    without that N_r of an A320 and of a T-6 was up to 10 sigma wrong, where wn and zeta were right.
+    places. What the rudder's side force is away from 0, which is known of it, therefore counts in
+    sigma: without that N_r of an A320 and of a T-6 was up to 10 sigma wrong, where wn and zeta were
+    right. The rudder mix has the scatter between rolls of different lengths.
     """
-    of, i = found.of, found.of.names.index(name)
-    away = of.mean[i] / of.scale[i] - found.x[i]
-    x = found.x + found.covariance[:, i] / found.covariance[i, i] * away
-    return np.asarray(_numbers(of.theta(x[None]), airspeed_m_s)[0], np.float64)
-
-
-def _airframe(fits: Sequence[Fit], records: Sequence[Record], airspeed_m_s: float) -> Airframe:
-    best = fits[0]
-    values, slopes = _values(best, airspeed_m_s)
+    best, law = fits[0], roll_law(records[0]) if len(records) == 1 else None
+    values, covariance = _numbers(best, law or NO_LAW)
+    side = -covariance[:, _Y_DELTA_R] / covariance[_Y_DELTA_R, _Y_DELTA_R] * values[_Y_DELTA_R]
     near = [each for each in fits if each.criterion - best.criterion < 2.0 * NATS]
-    others = np.array([_values(each, airspeed_m_s)[0] for each in near]) - values
-    slopes = _in_gusts(NUMBERS)[:, None] * slopes
-    whole = slopes @ best.covariance @ slopes.T + others.T @ others / len(near)
-    side = _to_prior(best, "Y_delta_r", airspeed_m_s)[4:] - values[4:]
-    whole[4:, 4:] += np.outer(side, side)
-    stds = _at_least(NUMBERS, values, np.diag(whole))
-    wn, zeta, roll, spiral = map(Known, values[:4].tolist(), stds[:4].tolist())
-    by_name = dict(zip(NAMES, map(Known, values[4:].tolist(), stds[4:].tolist()), strict=True))
+    others = np.array([_numbers(each, law or NO_LAW)[0] for each in near]) - values
+    covariance = covariance + others.T @ others / len(near)
+    covariance[_THETA, _THETA] += np.outer(side[_THETA], side[_THETA])
+    known = list(map(Known, values.tolist(), _stds(values, covariance).tolist()))
+    by_name = dict(zip(NAMES, known[_THETA], strict=True))
     by_name["Y_beta"] = by_name["log_Y_beta"]
-    for name in {"L_delta_a", "N_delta_a"} - set(best.of.names):
-        by_name[name] = Known()
-    mix = _mix(best, airspeed_m_s) if np.isfinite(by_name["N_delta_a"].value) else Known()
-    gust = math.exp(by_name["log_gust"].value) * best.noise_scale
+    by_name |= dict.fromkeys({"L_delta_a", "N_delta_a"} - set(best.of.names), Known())
+    rolls, variance = values[_MIXES], covariance[_MIXES, _MIXES].mean()
+    mix = Known(float(rolls.mean()), math.sqrt(max(variance + np.var(rolls, ddof=1), 0.0)))
+    as_flown = None
+    if law is not None:
+        yaw_rate = yaw_rate_closed(best.of.theta(best.x[None])[0], records[0], law)
+        wn, zeta = known[_CLOSED]
+        as_flown = AsFlown(wn, zeta, records[0].inputs(0.0, 0.0)[:, RUDDER], yaw_rate)
     return Airframe(
-        wn_rad_s=wn, zeta=zeta, roll_s=_time_constant(roll), spiral_s=_time_constant(spiral),
+        wn_rad_s=known[0], zeta=known[1],
+        roll_s=_time_constant(known[2]), spiral_s=_time_constant(known[3]),
         derivatives={name: by_name[name] for name in DERIVATIVES},
-        alpha_rad=by_name["alpha"], correlations=_correlations(whole[4:, 4:]),
+        alpha_rad=by_name["alpha"], correlations=_correlations(covariance[_THETA, _THETA]),
         from_prior=tuple(_from_prior(best)), servo_lag_s=by_name["servo_lag"],
-        delay_s=by_name["delay"], rudder_mix=mix,
-        gust_std_rad=gust, rho1=autocorrelation(best.errors, records),
-        airspeed_m_s=airspeed_m_s, aileron_fed_back=max(each.fed_back for each in records),
-        names=best.of.names, theta=best.x * best.of.scale,
-        as_flown=_as_flown(best, records[0]) if len(records) == 1 else None,
+        delay_s=by_name["delay"],
+        rudder_mix=mix if math.isfinite(by_name["N_delta_a"].value) else Known(),
+        gust_std_rad=math.exp(by_name["log_gust"].value) * best.noise_scale,
+        rho1=autocorrelation(best.errors, records), airspeed_m_s=best.of.airspeed_m_s,
+        aileron_fed_back=max(each.fed_back for each in records), as_flown=as_flown,
     )  # fmt: skip
-
-
-def _mix(found: Fit, airspeed_m_s: float) -> Known:
-    """Return the rudder mix; its sigma also has the scatter between rolls of different lengths."""
-    rolls, slopes = _of_theta(found, lambda theta: rudder_mixes(theta, airspeed_m_s))
-    mean = slopes.mean(axis=0)
-    variance = IN_GUSTS**2 * mean @ found.covariance @ mean + np.var(rolls, ddof=1)
-    return Known(float(rolls.mean()), math.sqrt(max(float(variance), 0.0)))
-
-
-def _as_flown(found: Fit, record: Record) -> AsFlown | None:
-    """Return the airframe closed with the roll law of the manoeuvre; None where none is found."""
-    law = roll_law(record)
-    if law is None:
-        return None
-    pair, slopes = _of_theta(
-        found, lambda theta: dutch_roll_closed(theta, record.airspeed_m_s, law)
-    )
-    stds = _stds(("wn_rad_s", "zeta"), pair, slopes, found.covariance)
-    wn, zeta = map(Known, pair.tolist(), stds.tolist())
-    yaw_rate = yaw_rate_closed(found.of.theta(found.x[None])[0], record, law)
-    return AsFlown(wn, zeta, record.inputs(0.0, 0.0)[:, RUDDER], yaw_rate)
 
 
 def _correlations(covariance: Floats) -> Floats:
@@ -296,17 +258,14 @@ def _time_constant(pole: Known) -> Known:
     return Known(-1.0 / pole.value, pole.std / pole.value**2)
 
 
-def autocorrelation(errors: Floats, records: Sequence[Record]) -> float:
+def autocorrelation(errors: Sequence[Floats], records: Sequence[Record]) -> float:
     """Return the largest of the innovations of p, r and roll after COLOUR_S, of a fit's errors."""
-    start, products, power = 0, np.zeros(3), np.zeros(3)
+    products, power = np.zeros(3), np.zeros(3)
     later = max(1, round(COLOUR_S / records[0].sample_time_s))
-    for each in records:
-        n = len(each.y)
-        e = errors[start : start + 3 * n].reshape(n, 3)
-        both = ~(each.unused[later:] | each.unused[:-later])
+    for each, error in zip(records, errors, strict=True):
+        e, both = error.reshape(-1, 3), ~(each.unused[later:] | each.unused[:-later])
         products += (e[later:] * e[:-later])[both].sum(axis=0)
         power += (e**2).sum(axis=0)
-        start += 3 * n + len(each.jumps)
     rho = products / np.maximum(power, np.finfo(float).tiny)
     return float(rho[np.argmax(np.abs(rho))])
 
@@ -316,8 +275,8 @@ def _agreeing(fits: Sequence[Fit], airframe: Airframe) -> int:
 
     Their wn, zeta and roll mode are within AGREES_SIGMAS.
     """
-    roll = airframe.roll_s
-    stds = airframe.wn_rad_s.std, airframe.zeta.std, roll.std / roll.value**2
-    found = np.array([_values(each, airframe.airspeed_m_s)[0][:3] for each in fits])
-    apart = np.abs(found - found[0]) / np.array(stds)
+    wn, zeta, roll = airframe.wn_rad_s, airframe.zeta, airframe.roll_s
+    theta = np.vstack([each.of.theta(each.x[None]) for each in fits])
+    found = modes(theta, airframe.airspeed_m_s)[:, :3]
+    apart = np.abs(found - found[0]) / np.array([wn.std, zeta.std, roll.std / roll.value**2])
     return int((~(apart > AGREES_SIGMAS)).all(axis=1).sum())

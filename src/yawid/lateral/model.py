@@ -145,10 +145,6 @@ PARAMETERS = (
 the criterion eliminates the scale of all noise, and this one stands for it."""
 NAMES = tuple(each.name for each in PARAMETERS)
 AT = {name: i for i, name in enumerate(NAMES)}
-SIZES = (
-    "log_sigma_r", "log_sigma_roll", "log_roll_gust", "log_yaw_gust", "log_gust", "log_roll_drift",
-)  # fmt: skip
-"""Logarithms of standard deviations of noise."""
 DERIVATIVES = (
     "Y_beta", "L_beta", "L_p", "L_r", "L_delta_a", "L_delta_r",
     "N_beta", "N_p", "N_r", "N_delta_a", "N_delta_r", "Y_delta_r",

@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yawid.blocks import Floats
-from yawid.errors import ConfigError
 
 Flags = NDArray[np.bool_]
 COMMAND_STEP_S = 0.005
@@ -33,11 +32,8 @@ class Motion:
     stamps of the messages and never NaN; they begin LEAD_S before the first measurement where the
     log has them. ``airspeed_m_s`` is the mean true airspeed, ``climb`` the mean angle of climb in
     rad. With ``commands_exact`` False the commands are known on the grid of the measurements only.
-    ``aileron_known`` is False where no aileron was found; ``aileron`` is 0 then.
-
-    Raises:
-        ConfigError: lengths differ, the commands have gaps or do not cover the measurements, or
-            sample time or airspeed is not > 0.
+    ``aileron_known`` is False where no aileron was found; ``aileron`` is 0 then. The store that
+    makes it says in words what is missing.
     """
 
     sample_time_s: float
@@ -54,26 +50,10 @@ class Motion:
     commands_exact: bool = True
     aileron_known: bool = True
 
-    def __post_init__(self) -> None:
-        if not (0.0 < self.sample_time_s < math.inf and 0.0 < self.airspeed_m_s < math.inf):
-            given = f"{self.sample_time_s!r} s and {self.airspeed_m_s!r} m/s"
-            raise ConfigError(f"sample time and airspeed must be > 0 and finite, got {given}")
-        n = len(self.p)
-        if any(len(x) != n for x in (self.r, self.roll, self.pitch, self.q)):
-            raise ConfigError("p, r, roll, pitch and q must have the same length")
-        commands = np.stack([self.rudder, self.aileron])
-        if not np.isfinite(commands).all():
-            raise ConfigError("rudder and aileron commands must be finite")
-        end_s = self.commands_start_s + (commands.shape[1] - 1) * COMMAND_STEP_S
-        last_s = (n - 1) * self.sample_time_s
-        if self.commands_start_s > 0.0 or end_s < last_s - COMMAND_STEP_S:
-            covered = f"{self.commands_start_s:.3f} to {end_s:.3f} s"
-            raise ConfigError(f"commands must cover 0 to {last_s:.3f} s, got {covered}")
-
     def command_times_s(self) -> Floats:
         """Return the times (m,) of the commands in s."""
-        k = np.arange(len(self.rudder))
-        return np.asarray(self.commands_start_s + COMMAND_STEP_S * k, np.float64)
+        times_s = self.commands_start_s + COMMAND_STEP_S * np.arange(len(self.rudder))
+        return np.asarray(times_s, np.float64)
 
     def contradiction(self) -> str | None:
         """Return in words why no airframe moves like this, None where one may."""

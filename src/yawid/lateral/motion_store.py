@@ -12,7 +12,6 @@ from itertools import pairwise
 import numpy as np
 
 from yawid.blocks import Floats, MotionBlock, SampleBlock, StampedRows
-from yawid.errors import ConfigError
 from yawid.lateral.motion import COMMAND_STEP_S, LEAD_S, Motion
 from yawid.quantities.airspeed import true_of_equivalent
 
@@ -63,7 +62,7 @@ class MotionStore:
             return "the log has no attitude with roll and roll rate"
         if (np.diff(samples.k) < 0).any():
             return "the vehicle rebooted during it"
-        used = samples.select((samples.held == 0) & np.isfinite(samples.airspeed))
+        used = samples.select((samples.held == 0) & (samples.airspeed > 0.0))
         if not len(used):
             return "the airspeed is not known"
         airspeed_m_s = float(true_of_equivalent(used.airspeed, used.altitude).mean())
@@ -75,12 +74,11 @@ class MotionStore:
         its = block.commands.values[:, 2] == samples.epoch[-1]
         before_us = round(1e6 * (LEAD_S + LONGEST_COMMAND_S))
         commands = _rows(block.commands.select(its), samples, first_us - before_us, last_us, 2)
-        try:
-            found = motion_of(attitude, commands, airspeed_m_s)
-            climb = angle_of_climb(samples, airspeed_m_s)
-            return found if isinstance(found, str) else replace(found, climb=climb)
-        except ConfigError as error:  # the answer as flown must not fail with it
-            return str(error)
+        found, climb = (
+            motion_of(attitude, commands, airspeed_m_s),
+            angle_of_climb(samples, airspeed_m_s),
+        )
+        return found if isinstance(found, str) else replace(found, climb=climb)
 
 
 def motion_of(attitude: StampedRows, commands: StampedRows, airspeed_m_s: float) -> Motion | str:
@@ -122,8 +120,7 @@ def angle_of_climb(samples: SampleBlock, airspeed_m_s: float) -> float:
     t_s, altitude = samples.boot_us[known] / 1e6, samples.altitude[known]
     if len(t_s) < LEAST_ROWS:
         return 0.0
-    t_s = t_s - t_s.mean()
-    rate = float(t_s @ altitude / (t_s @ t_s))
+    rate = float(np.polyfit(t_s - t_s.mean(), altitude, 1)[0])
     return math.asin(min(max(rate / airspeed_m_s, -STEEPEST), STEEPEST))
 
 

@@ -6,7 +6,7 @@ mode 17 % too fast. So how much later is sought for every jump, as start and tri
 """
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from itertools import pairwise
 
 import numpy as np
@@ -43,40 +43,34 @@ class Record:
 
     ``turn`` are means and slopes (n, 2) of f1 and f2 over each step; ``fed_back`` the R squared of
     the aileron on roll and p. An aileron that a hold moves is an input like any other: it depends
-    on the past alone. ``jumps`` are those of the commands: aileron or rudder, the command at its
-    middle, and its size; ``jump_std_s`` is sigma of its time, of which nothing else than its sample
-    is known. ``late`` (j, 2, m) is what a command adds whose jump is later by 1 s.
+    on the past alone. ``jumps`` are those of the commands: aileron or rudder, and what it adds
+    (m,) if it is later by 1 s; ``jump_std_s`` is sigma of its time, of which only its sample is
+    known.
     """
 
     def __init__(self, motion: Motion) -> None:
         self.motion, self.sample_time_s = motion, motion.sample_time_s
-        self.airspeed_m_s = motion.airspeed_m_s
         columns = np.stack([motion.p, motion.r, motion.roll], axis=1)
         self.missing: Flags = np.isnan(columns.sum(axis=1))
         self.unused = unused(self.missing)
         self.times_s = np.asarray(np.arange(len(columns)) * self.sample_time_s, np.float64)
         self._filled = np.stack([self._fill(x) for x in (*columns.T, motion.pitch, motion.q)])
         self.roll_delay_s = self._take_roll_in_time()
-        self.mean = self._filled[:3].mean(axis=1)
         self.pitch = float(self._filled[3].mean())
         self.alpha = self._alpha()
-        self.y = self._filled[:3].T - self.mean
+        self.y = self._filled[:3].T - self._filled[:3].mean(axis=1)
         self.turn = self._turn()
         times = motion.command_times_s()
         inside = (times >= 0.0) & (times <= self.times_s[-1])
         commands = np.stack([motion.aileron, motion.rudder])
         self.commands = commands - commands[:, inside].mean(axis=1)[:, None]
         self.aileron_moves = motion.aileron_known and bool(self.commands[0, inside].std() > AT_REST)
-        self.fed_back = self._fed_back(times, inside)
+        held = explained(self.commanded(0.0, 0.0)[:, 0], self.y[:, [0, 2]])
+        self.fed_back = held if self.aileron_moves else 0.0
         its = [RUDDER] if self.fed_back > FOLLOWS else [AILERON, RUDDER]
         jumps = [jump for surface in its for jump in self._jumps(surface, inside)]
+        self.jumps = sorted(jumps, key=lambda jump: -float(np.ptp(jump[1])))[:MOST_JUMPS]
         self.jump_std_s = self.sample_time_s / math.sqrt(12.0)
-        self.jumps = sorted(jumps, key=lambda jump: -abs(jump[2]))[:MOST_JUMPS]
-        self.late = np.zeros((len(self.jumps), *self.commands.shape))
-        for late, (surface, at, size) in zip(self.late, self.jumps, strict=True):
-            within = np.clip((times - times[at]) / self.sample_time_s + 0.5, 0.0, 1.0)
-            parabola = within * (1.0 - within)
-            late[surface] = -size * parabola / (COMMAND_STEP_S * parabola.sum())
 
     def _fill(self, x: Floats) -> Floats:
         """Return x with lines over its gaps."""
@@ -89,29 +83,21 @@ class Record:
         """Take roll at the times of its rates, and return by how much later it was in s; or 0.
 
         Its difference from their integral is regressed on their sum and a slow drift. Between
-        samples roll is a cubic.
+        samples roll is a cubic spline.
         """
         p, _, roll, *_ = self._filled
-        step_s, k = self.sample_time_s, np.arange(len(p))
         rate = p + self._turning()
-        turned = np.append(0.0, np.cumsum(0.5 * step_s * (rate[1:] + rate[:-1])))
-        columns = np.column_stack([rate, np.vander(np.linspace(-1.0, 1.0, len(k)), _DRIFT)])
-        if len(k) <= columns.shape[1]:
-            return 0.0
+        turned = np.append(0.0, np.cumsum(0.5 * self.sample_time_s * (rate[1:] + rate[:-1])))
+        columns = np.column_stack([rate, np.vander(np.linspace(-1.0, 1.0, len(p)), _DRIFT)])
         found, *_ = np.linalg.lstsq(columns, roll - turned, rcond=None)
         delay_s, left = -float(found[0]), roll - turned - columns @ found
         power = float(np.linalg.pinv(columns.T @ columns)[0, 0])
         least_s = max(LEAST_DELAY_S, SURELY_LATE * math.sqrt(left.var() * power))
         if not least_s < abs(delay_s) < MOST_DELAY_S:
             return 0.0
-        at = k + delay_s / step_s
-        whole = np.clip(np.floor(at), 1, len(k) - 3)
-        f, i = at - whole, whole.astype(int)
-        self._filled[2] = (
-            (f + 1.0) * (f - 1.0) * (f - 2.0) / 2.0 * roll[i]
-            - (f + 1.0) * f * (f - 2.0) / 2.0 * roll[i + 1]
-            + f * (f - 1.0) * ((f + 1.0) * roll[i + 2] - (f - 2.0) * roll[i - 1]) / 6.0
-        )
+        from scipy.interpolate import CubicSpline  # it takes long to load, and few runs need it
+
+        self._filled[2] = CubicSpline(self.times_s, roll)(self.times_s + delay_s)
         return delay_s
 
     def _turning(self) -> Floats:
@@ -135,85 +121,76 @@ class Record:
         mean, slope = 0.5 * (both + after), (after - both) / self.sample_time_s
         return np.asarray(mean, np.float64), np.asarray(slope, np.float64)
 
-    def _fed_back(self, times: Floats, inside: np.ndarray) -> float:
-        """Return R squared of the aileron on roll and p, 0 where it does not move."""
-        if not self.aileron_moves:
-            return 0.0
-        roll, p = (np.interp(times, self.times_s, self._filled[i] - self.mean[i]) for i in (2, 0))
-        columns = np.stack([np.ones(len(times)), roll, p], axis=1)[inside]
-        aileron = self.commands[0][inside]
-        law, *_ = np.linalg.lstsq(columns, aileron, rcond=None)
-        return 1.0 - float((aileron - columns @ law).var() / aileron.var())
-
-    def _jumps(self, surface: int, inside: np.ndarray) -> Iterator[tuple[int, int, float]]:
-        """Yield surface, command in the middle, and size of each jump within a sample."""
-        width = round(self.sample_time_s / COMMAND_STEP_S)
-        u = self.commands[surface]
-        change = np.where(inside[:-width], u[width:] - u[:-width], 0.0)
-        large = np.abs(change) > JUMP * np.ptp(u[inside])
-        signs = np.sign(change) * large
-        edges = np.flatnonzero(np.diff(signs, prepend=0.0, append=0.0))
-        for start, stop in pairwise(edges.tolist()):
-            if large[start]:
-                at = start + int(np.abs(change[start:stop]).argmax())
-                yield surface, at + width // 2, float(change[at])
-
-    def inputs(self, lag_s: float, delay_s: float, later_s: Floats | None = None) -> Floats:
-        """Return the inputs (n, 8) over each step: aileron, rudder, f1 and f2, then their slopes.
-
-        Each is the line with the input's area and first moment over the step. With ``later_s`` (j,)
-        the jumps come so much later.
-        """
-        commands = self.commands
-        if later_s is not None:
-            commands = commands + np.tensordot(later_s, self.late, 1)
-        mean, slope = self._lines(commands, lag_s, delay_s)
-        return np.hstack([mean.T, self.turn[0], slope.T, self.turn[1]])
-
-    def later(self, lag_s: float, delay_s: float) -> Floats:
-        """Return what a jump that is later by 1 s adds to the inputs (j, n, 8), for each jump.
+    def _jumps(self, surface: int, inside: Flags) -> Iterator[tuple[int, Floats]]:
+        """Yield the surface of each jump within a sample, and what it adds (m,) if later by 1 s.
 
         The jump may be anywhere in a sample. The step that is expected for a jump that is known to
         be late differs from the line by a parabola over that sample.
         """
-        found = np.zeros((len(self.jumps), len(self.times_s), 8))
-        for row, late, (surface, *_) in zip(found, self.late, self.jumps, strict=True):
-            row[:, surface::4] = np.vstack(self._lines(late[[surface]], lag_s, delay_s)).T
-        return found
+        width, u = round(self.sample_time_s / COMMAND_STEP_S), self.commands[surface]
+        change = np.where(inside[:-width], u[width:] - u[:-width], 0.0)
+        large = np.abs(change) > JUMP * np.ptp(u[inside])
+        edges = np.flatnonzero(np.diff(np.sign(change) * large, prepend=0.0, append=0.0))
+        for start, stop in pairwise(edges.tolist()):
+            if large[start]:
+                at = start + int(np.abs(change[start:stop]).argmax())
+                from_middle_s = COMMAND_STEP_S * (np.arange(len(u)) - at - width // 2)
+                within = np.clip(from_middle_s / self.sample_time_s + 0.5, 0.0, 1.0)
+                parabola = within * (1.0 - within)
+                yield surface, -change[at] * parabola / (COMMAND_STEP_S * parabola.sum())
 
-    def commanded(self, lag_s: float, delay_s: float) -> Floats:
-        """Return aileron and rudder (n, 2) at each instant."""
-        at_s = self.times_s - delay_s
-        times_s, lagged = (
-            self.motion.command_times_s(),
-            lagged_lines(self.commands, lag_s, COMMAND_STEP_S),
-        )
-        return np.stack([np.interp(at_s, times_s, x) for x in lagged], axis=1)
+    def inputs(self, lag_s: float, delay_s: float, later_s: Sequence[float] = ()) -> Floats:
+        """Return the inputs (n, 8) over each step: aileron, rudder, f1 and f2, then their slopes.
+
+        Each is the line with the input's area and first moment over the step. The first jumps come
+        so much later.
+        """
+        commands = self.commands.copy()
+        for by_s, (surface, late) in zip(later_s, self.jumps, strict=False):
+            commands[surface] += by_s * late
+        mean, slope = self._lines(commands, lag_s, delay_s)
+        return np.hstack([mean.T, self.turn[0], slope.T, self.turn[1]])
+
+    def later(self, lag_s: float, delay_s: float) -> Floats:
+        """Return what a jump that is later by 1 s adds to the inputs (j, n, 8), for each jump."""
+        found, j = np.zeros((len(self.jumps), len(self.times_s), 8)), np.arange(len(self.jumps))
+        late = np.array([row for _, row in self.jumps]).reshape(len(j), self.commands.shape[1])
+        at = np.array([surface for surface, _ in self.jumps], int)
+        mean, slope = self._lines(late, lag_s, delay_s)
+        found[j, :, at], found[j, :, at + 4] = mean, slope
+        return found
 
     def _lines(self, signals: Floats, lag_s: float, delay_s: float) -> tuple[Floats, Floats]:
         """Return means and slopes (s, n) over each step of signals (s, m) after delay and lag.
 
-        The lag is exact at the points of the commands' grid; between them the signal is a line, so
-        that its integral, and the integral of that, are known at every time.
+        They are those of the line with the signal's area and first moment over the step. The lag is
+        exact at the points of the commands' grid; between them the signal is a line, so that its
+        integral, and the integral of that, are known at every time but for constants.
         """
-        h, step_s = COMMAND_STEP_S, self.sample_time_s
+        h, step_s, begins_s = COMMAND_STEP_S, self.sample_time_s, self.motion.commands_start_s
         x = lagged_lines(signals, lag_s, h)
-        area = _summed(0.5 * h * (x[:, :-1] + x[:, 1:]))
-        twice = _summed(h * area[:, :-1] + h**2 * (x[:, :-1] / 3.0 + x[:, 1:] / 6.0))
-        edges_s = np.append(self.times_s, self.times_s[-1] + step_s) - delay_s
-        since = np.maximum(edges_s - self.motion.commands_start_s, 0.0)
-        at = np.minimum((since / h + 1e-9).astype(int), x.shape[1] - 2)
-        into, begins = np.minimum(since - at * h, 2.0 * h), x[:, at]
-        bent = into * (x[:, at + 1] - begins) / h
-        twice = twice[:, at] + into * (area[:, at] + into * (begins / 2.0 + bent / 6.0))
-        area = area[:, at] + into * (begins + bent / 2.0)
+        area = h * (np.cumsum(x, axis=1) - 0.5 * x)
+        twice = h * (np.cumsum(area, axis=1) - 0.5 * area) - h**2 / 12.0 * x
+        since = (np.append(self.times_s, self.times_s[-1] + step_s) - delay_s - begins_s) / h
+        i = np.clip(since + 1e-9, 0, x.shape[1] - 2).astype(int)
+        into, bent = h * (since - i), (since - i) * (x[:, i + 1] - x[:, i])
+        twice = twice[:, i] + into * (area[:, i] + into * (x[:, i] / 2.0 + bent / 6.0))
+        area = area[:, i] + into * (x[:, i] + bent / 2.0)
         moment = 0.5 * step_s * (area[:, 1:] + area[:, :-1]) - np.diff(twice)
         return np.diff(area) / step_s, moment * 12.0 / step_s**3
 
+    def commanded(self, lag_s: float, delay_s: float) -> Floats:
+        """Return aileron and rudder (n, 2) at each instant."""
+        at_s, times_s = self.times_s - delay_s, self.motion.command_times_s()
+        lagged = lagged_lines(self.commands, lag_s, COMMAND_STEP_S)
+        return np.stack([np.interp(at_s, times_s, x) for x in lagged], axis=1)
 
-def _summed(x: Floats) -> Floats:
-    """Return the sums (s, m) of x (s, m - 1) before each instant."""
-    return np.hstack([np.zeros((len(x), 1)), np.cumsum(x, axis=1)])
+
+def explained(x: Floats, by: Floats) -> float:
+    """Return R squared of x (n,) on columns (n, m) and a constant."""
+    columns = np.column_stack([by, np.ones(len(x))])
+    left = x - columns @ np.linalg.lstsq(columns, x, rcond=1e-9)[0]
+    return 1.0 - float(left.var()) / max(float(x.var()), np.finfo(float).tiny)
 
 
 def lagged_lines(signals: Floats, lag_s: float, step_s: float) -> Floats:

@@ -92,7 +92,7 @@ def yaw_rate_closed(theta: Floats, record: Record, law: Law) -> Floats:
     Raises:
         numpy.linalg.LinAlgError: the model is not finite.
     """
-    whole, drive = closed(theta[None], record.airspeed_m_s, law)
+    whole, drive = closed(theta[None], record.motion.airspeed_m_s, law)
     Ts = record.sample_time_s
     Phi, area, moment = exponential(whole, Ts)
     inputs = record.inputs(float(theta[AT["servo_lag"]]), float(theta[AT["delay"]]))

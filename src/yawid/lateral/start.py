@@ -18,7 +18,7 @@ from yawid.blocks import Floats
 from yawid.lateral.record import Record, lagged_lines
 from yawid.quantities.airspeed import GRAVITY
 
-_Y_BETA, _N_R = -0.1, -0.2
+_Y_BETA, N_R = -0.1, -0.2
 """Of the middle frequency: Y_beta at the start, and N_r of a plain one."""
 _FILTER = 4.0
 """The filter over the middle frequency: with 1 two of the three starts of a fast aircraft ended in
@@ -42,11 +42,6 @@ def equation_error(records: Sequence[Record], lag_s: float, middle: float) -> di
     return {"Y_beta": _Y_BETA * middle} | dict(derivatives)
 
 
-def plain(middle: float) -> dict[str, float]:
-    """Return the derivatives of r of an aircraft whose wn is the middle frequency in rad/s."""
-    return {"N_beta": middle**2, "N_p": 0.0, "N_r": _N_R * middle}
-
-
 def middle_of(records: Sequence[Record]) -> float:
     """Return the frequency in rad/s that halves r's power."""
     Ts = records[0].sample_time_s
@@ -67,7 +62,7 @@ def _regression(record: Record, lag_s: float, middle: float) -> Floats:
     """
     t, Ts, (p, r, roll) = record.times_s, record.sample_time_s, record.y.T
     rate = -_Y_BETA * middle
-    moved = record.pitch * p - r + GRAVITY / record.airspeed_m_s * roll
+    moved = record.pitch * p - r + GRAVITY / record.motion.airspeed_m_s * roll
     beta = lagged_lines(moved[None], 1.0 / rate, Ts) / rate
     signals = np.vstack([beta, p, r, record.commanded(lag_s, 0.0).T, np.exp(-rate * t)])
     w = _FILTER * middle

@@ -23,9 +23,9 @@ from yawid.answers.run_summary import (
     Value,
 )
 from yawid.blocks import AIRSPEED_SHARE
-from yawid.lateral.airframe import Airframe, AsFlown, FailedGate, Known, with_modes
+from yawid.lateral.airframe import Airframe, AsFlown, Known, with_modes
 from yawid.lateral.fit_airframe import ANSWERED, fit_airframe, mean
-from yawid.lateral.gates import GATES, WN_KNOWN
+from yawid.lateral.gates import GATES, stopped_by
 from yawid.lateral.motion import Motion
 from yawid.manoeuvre.answered import seen_in
 from yawid.manoeuvre.conditions import SIGMAS
@@ -54,12 +54,6 @@ LAWS: Final[Mapping[str, int]] = {
     "alpha_rad": -2,
 }  # fmt: skip
 """The power of the airspeed to which each number is proportional, in air of one density."""
-FED_BACK: Final = 0.1
-"""The most of the rudder near the mode that may feed back the yaw rate: with .21 to .29 flights
-of SITL in turbulence had zeta .46 to .57 for .63. Without a damper none is seen at all."""
-MOST_APART: Final = 1.5
-"""The most by which the airframe may differ from the answer as flown, in sums of both sigmas: their
-errors are of one record, so that they are not added in squares. Carried over from earlier gates."""
 NOT_DRIVEN: Final = frozenset({"not_excited", "mode_not_driven"})
 """The reasons against an answer as flown that also stop the airframe: at the end of a go-around,
 with the rudder moved by the autopilot to one side, wn was 9 % low with a sigma of 2.5 %."""
@@ -80,12 +74,12 @@ class Fitted:
     @property
     def is_known(self) -> bool:
         """Whether all gates let the airframe pass."""
-        return self.airframe is not None and self.airframe.is_known
+        return self.airframe is not None and not self.airframe.failed
 
     @property
     def may_join(self) -> bool:
         """Whether it may be in a fit over several manoeuvres."""
-        return self.airframe is not None and {g.name for g in self.airframe.failed} <= OF_ALL
+        return self.airframe is not None and self.airframe.failed.keys() <= OF_ALL
 
 
 def yaw_damped(n: int, gains: str) -> Fitted:
@@ -108,9 +102,9 @@ def fitted(n: int, motion: Motion | str, servo_lag_s: float | None) -> Fitted:
     if lacks := [GATES[name] for name, has in known.items() if not has]:  # no fit is needed
         return Fitted(n, motion, None, lacks[0].sentence, _sentences([lacks[0].remedy]))
     found, why = _fit([motion], servo_lag_s)
-    if found is not None and (share := _fed_back(motion, found)) > FED_BACK:
-        gate = FailedGate("rudder_feeds_back", share, FED_BACK)
-        found = replace(found, failed=(gate, *found.failed))
+    if found is not None:
+        fed_back = stopped_by({"rudder_feeds_back": _fed_back(motion, found)})
+        found = replace(found, failed={**fed_back, **found.failed})
     return Fitted(n, motion, found, why)
 
 
@@ -132,11 +126,8 @@ def against_flown(found: Fitted, flown: Manoeuvre) -> Fitted:
         own = _seen_as_flown(airframe.as_flown, flown, found.motion)
     if own is None:
         return found
-    away = _away(own, roll)
-    if away <= MOST_APART:
-        return found
-    gate = FailedGate("differs_from_flown", away, MOST_APART)
-    return replace(found, airframe=replace(airframe, failed=(*airframe.failed, gate)))
+    apart = stopped_by({"differs_from_flown": _away(own, roll)})
+    return replace(found, airframe=replace(airframe, failed={**airframe.failed, **apart}))
 
 
 def _away(own: tuple[Known, Known], flown: DutchRoll) -> float:
@@ -235,15 +226,15 @@ def _warned(found: Bare, *said: Reason) -> Bare:
     return msgspec.structs.replace(found, verdict=Verdict(usable=True, reasons=reasons))
 
 
-def _stopped(failed: Sequence[FailedGate], used: Sequence[int], step: str = "") -> Bare:
+def _stopped(failed: Mapping[str, float], used: Sequence[int], step: str = "") -> Bare:
     """Return an answer stopped by gates, the one that decides first, with the remedy of each.
 
     ``step`` replaces these remedies.
     """
     decides = list(GATES)
-    rows = sorted(failed, key=lambda each: decides.index(each.name))
-    said = [GATES[each.name].sentence.format(found=each.found, limit=each.limit) for each in rows]
-    step = step or _sentences([GATES[each.name].remedy for each in rows])
+    names = sorted(failed, key=decides.index)
+    said = [GATES[name].said(failed[name]) for name in names]
+    step = step or _sentences([GATES[name].remedy for name in names])
     return _unknown(used, "; ".join(said), step)
 
 
@@ -325,7 +316,7 @@ def bare_of(
             both = sorted(n for _, ns in known for n in ns)
             return _unknown(both, text, KINDS[DISAGREE].now)
         answer = _warned(answer, left_out(text, len(apart), share))
-    if failed := list(_against_pool(answer, found, flown)):
+    if failed := dict(_against_pool(answer, found, flown)):
         return _stopped(failed, answer.used, KINDS[DISAGREE].now)
     return _with_correlations(answer, [each for each, _ in used])
 
@@ -358,13 +349,11 @@ def _disagreement(apart: Sequence[tuple[Airframe, list[int]]], rest: Bare) -> st
 
 def _against_pool(
     found: Bare, each: Sequence[Fitted], flown: Flight | None
-) -> Iterator[FailedGate]:
-    """Yield the gates that stop the answer from all manoeuvres, although each of them passed."""
+) -> Iterator[tuple[str, float]]:
+    """Yield what was found for the gates that stop the answer from all, each of which passed."""
     roll = found.dutch_roll
     assert roll is not None  # it is known
-    share = (roll.wn_std or 0.0) / roll.wn_rad_s
-    if not share < WN_KNOWN:
-        yield FailedGate("wn_uncertain", share, WN_KNOWN)
+    yield from stopped_by({"wn_uncertain": (roll.wn_std or 0.0) / roll.wn_rad_s}).items()
     if flown is None or flown.dutch_roll is None or found.airspeed_m_s is None:
         return
     speeds = [e.motion.airspeed_m_s for e in each
@@ -372,8 +361,7 @@ def _against_pool(
     by = float(np.median(speeds)) / found.airspeed_m_s if speeds else 1.0
     wn = Known(by * roll.wn_rad_s, by * (roll.wn_std or 0.0))
     own = wn, Known(roll.zeta, roll.zeta_std or 0.0)
-    if (away := _away(own, flown.dutch_roll)) > MOST_APART:
-        yield FailedGate("differs_from_flown", away, MOST_APART)
+    yield from stopped_by({"differs_from_flown": _away(own, flown.dutch_roll)}).items()
 
 
 def _uncertainty(found: Fitted) -> float:
@@ -425,7 +413,7 @@ def _together(
         return None
     motions = [each.motion for each in group if isinstance(each.motion, Motion)]
     found, _ = _fit(motions, servo_lag_s)
-    if found is None or not found.is_known:
+    if found is None or found.failed:
         return None
     return found, [each.n for each in group]
 

@@ -114,11 +114,9 @@ class Laterals:
         text = "the airframe changes within it: two parts are {:.1f} sigma apart, and wn and zeta "
         text += "lie between them"
         return {
-            each.n: [Reason("airframe_changes", text.format(gate.found))]
+            each.n: [Reason("airframe_changes", text.format(each.airframe.failed["changes"]))]
             for each in self._found
-            if each.airframe is not None
-            for gate in each.airframe.failed
-            if gate.name == "changes"
+            if each.airframe is not None and "changes" in each.airframe.failed
         }
 
     def flight(self, flown: Sequence[Flight]) -> Bare | None:
