@@ -11,7 +11,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from yawid.blocks import Held
 from yawid.channels.series import unwrap_uint32_us
-from yawid.sinks.terminal.summary_table import origin
+from yawid.sinks.run_page import origin
 
 
 @given(
@@ -95,7 +95,7 @@ def test_a_clock_that_leaps_by_minutes_while_the_stamps_do_not_is_reported():
 
     assert summary.link.clock_steps == 1
     assert summary.link.clock_leap_s == pytest.approx(447.0, abs=0.1)
-    link = list(origin(summary))[-1]
+    link = list(origin(summary))[-1].text
     assert "the vehicle's clock jumped by 447 s" in link
     assert "1 clock step;" in link or "1 clock step," in link
 

@@ -18,7 +18,7 @@ from yawid.cli.main import _parser, main
 from yawid.cli.options import given_options
 from yawid.config.run import check_settings
 from yawid.errors import ConfigError
-from yawid.sinks.terminal.summary_table import print_orders
+from yawid.sinks.run_page import print_orders
 
 QUIET = str(REPLAY_LOGS / "sitl_auto" / "log.tlog")
 C172P = str(REPLAY_LOGS / "c172p_3211" / "log.tlog")

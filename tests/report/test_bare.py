@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from pathlib import Path
 
 import msgspec
 import numpy as np
@@ -15,9 +16,9 @@ from yawid.answers.run_summary import Bare, DutchRoll, RunSummary, TimeConstant,
 from yawid.blocks import StampedRows
 from yawid.report.bare import bare_section
 from yawid.report.lateral_picture import acceleration
-from yawid.sinks.rerun.documents import verdict_markdown
+from yawid.sinks.rerun.recording import verdict_markdown
 from yawid.sinks.words import bare_rows
-from yawid.tables.page import answer
+from yawid.tables.page import as_text
 
 USABLE = Verdict(usable=True, reasons=[])
 KNOWN = Bare(
@@ -111,6 +112,6 @@ def test_the_acceleration_is_that_of_the_side_force_at_the_sensor_s_place(
 
 
 def test_the_viewers_text_and_python_have_it_next_to_the_answer():
-    assert "**The bare airframe:** wn 2.410 ± 0.030 rad/s" in verdict_markdown(summary(KNOWN))
-    assert "bare airframe" not in verdict_markdown(summary(None))
-    assert any(line.startswith("  bare  wn 2.410") for line in answer(summary(KNOWN)))
+    assert "**bare** wn 2.410 ± 0.030 rad/s" in verdict_markdown(summary(KNOWN), "half-travel")
+    assert "bare" not in verdict_markdown(summary(None), "half-travel")
+    assert "\n    bare  wn 2.410" in as_text(Path("log"), summary(KNOWN), [])

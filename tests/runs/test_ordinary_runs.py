@@ -30,7 +30,7 @@ from yawid.errors import NotIdentifiable
 from yawid.report.bare import ordinary_section, spectra_picture
 from yawid.report.write import write_report
 from yawid.results.ordinary_flight import compared
-from yawid.sinks.terminal.summary_table import print_summary
+from yawid.sinks.run_page import print_summary
 
 
 @pytest.fixture(scope="session")

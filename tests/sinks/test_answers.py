@@ -28,8 +28,8 @@ from yawid.answers.run_summary import DutchRoll, MethodSummary, RunSummary
 from yawid.report.write import Report
 from yawid.sinks.answers import cards, headline, use
 from yawid.sinks.mcap.reader import open_run
-from yawid.sinks.rerun.documents import verdict_markdown
-from yawid.sinks.terminal.summary_table import print_summary
+from yawid.sinks.rerun.recording import verdict_markdown
+from yawid.sinks.run_page import print_summary
 from yawid.sinks.words import percent
 
 LONG = (
@@ -49,8 +49,8 @@ def test_a_run_whose_manoeuvres_were_not_looked_for_is_shown_as_not_judged(tmp_p
     print_summary(run.summary, out)
     assert "verdict  not judged" in out.getvalue()
     assert "NOT USABLE" not in out.getvalue()
-    panel = verdict_markdown(run.summary)
-    assert panel.startswith("# Not judged\nThe stream, ELS: ")
+    panel = verdict_markdown(run.summary, "half-travel")
+    assert panel.startswith("# Not judged\n")
     assert "Do not use the numbers" not in panel
 
 

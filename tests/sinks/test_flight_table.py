@@ -25,8 +25,9 @@ from rich.console import Console
 
 from yawid.answers.run_summary import MethodSummary, RunSummary
 from yawid.sinks.door import WIDTH
-from yawid.sinks.terminal.flight_table import manoeuvres_table
-from yawid.sinks.terminal.summary_table import print_summary
+from yawid.sinks.flight_table import manoeuvre_grid
+from yawid.sinks.pages import rich_table
+from yawid.sinks.run_page import print_summary
 
 
 def printed(run: RunSummary, *, verbose: bool = True) -> list[str]:
@@ -100,7 +101,7 @@ def test_each_manoeuvre_has_a_row_that_says_what_came_of_it() -> None:
 def test_only_what_is_not_usable_is_dim() -> None:
     out = io.StringIO()
     console = Console(file=out, force_terminal=True, color_system="standard", width=WIDTH)
-    console.print(manoeuvres_table(four(), [flight()]))
+    console.print(rich_table(manoeuvre_grid(four(), [flight()])))
 
     dim = [line for line in out.getvalue().splitlines() if line.startswith("\x1b[2m")]
     assert ["215-247" in line for line in dim] == [True]

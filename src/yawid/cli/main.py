@@ -205,7 +205,7 @@ def _write_report(arguments: argparse.Namespace, summary: "RunSummary") -> None:
 
 
 def _print_summary(summary: "RunSummary", stream: TextIO, *, verbose: bool) -> None:
-    from yawid.sinks.terminal.summary_table import print_summary
+    from yawid.sinks.run_page import print_summary
 
     print_summary(summary, stream, verbose=verbose)
 
@@ -223,7 +223,7 @@ def _compile_behind() -> None:
 
 def _orders(arguments: argparse.Namespace) -> int:
     from yawid.runs.choose_orders import orders_report
-    from yawid.sinks.terminal.summary_table import print_orders
+    from yawid.sinks.run_page import print_orders
 
     settings, read_options = settings_of(arguments), read_options_of(arguments)
     report = orders_report(arguments.log, settings, read_options)

@@ -8,7 +8,7 @@ import os
 import shutil
 import socket
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Final
 from urllib.parse import urlsplit
@@ -19,7 +19,7 @@ import pyarrow as pa
 
 import rerun as rr
 from rerun.encodings import TensorDataBatch
-from yawid.answers.run_summary import Bare, DutchRoll, Manoeuvre, RunSummary
+from yawid.answers.run_summary import Bare, DutchRoll, Flight, Manoeuvre, RunSummary
 from yawid.blocks import Floats, Ints, SampleBlock
 from yawid.physics.modes import pair_poles
 from yawid.quantities.units import HALF_TRAVEL
@@ -35,10 +35,11 @@ from yawid.sinks.base import (
     RunRows,
     Sink,
 )
+from yawid.sinks.flight_table import manoeuvre_parts
+from yawid.sinks.pages import Note, Part, to_markdown, verdict_parts
 from yawid.sinks.palette import BAD, BARE, MODEL, NEUTRAL, RUDDER, rgba
 from yawid.sinks.rerun.blueprint import TIMELINE, blueprint, log_furniture, points
 from yawid.sinks.rerun.derived_panels import LAGS, Change, Marks, Plane, Rolls, Whiteness
-from yawid.sinks.rerun.documents import manoeuvres_markdown, verdict_markdown
 from yawid.sinks.rerun.file_pipe import FilePipe
 from yawid.sinks.rerun.series import (
     OF_BARE,
@@ -52,6 +53,8 @@ from yawid.sinks.rerun.series import (
     manoeuvre_styles,
     series_styles,
 )
+from yawid.sinks.run_page import stream_grid, yaw_channel_grids
+from yawid.sinks.words import answer_rows, lateral_says, numbers
 
 APPLICATION: Final = "yawid"
 DEFAULT_PORT: Final = 9876  # rerun's default
@@ -97,7 +100,7 @@ class RerunView(Sink):
         self._recording.send_recording_name(name)
         log_furniture(self._recording)
         self._show("verdict", "There is no verdict yet: the run goes on.\n")
-        self._show("manoeuvres", manoeuvres_markdown([]))
+        self._show_manoeuvres([])
 
     def take(self, event: Event) -> None:
         """See :meth:`yawid.sinks.base.Sink.take`; attachments and lateral motion are not used."""
@@ -152,7 +155,7 @@ class RerunView(Sink):
     def _find(self, found: Manoeuvre, span_ns: tuple[int, int]) -> None:
         """Show a manoeuvre: a state in its lane, its Dutch roll as bars, a row in the table."""
         self._manoeuvres.append(found)
-        self._show("manoeuvres", manoeuvres_markdown(self._manoeuvres))
+        self._show_manoeuvres(self._manoeuvres)
         boot_us, unix_ns = _span(found, span_ns)
         usable = found.verdict.usable
         state = f"{found.n} usable" if usable else f"{found.n} not usable"
@@ -169,7 +172,7 @@ class RerunView(Sink):
         """Show the bare airframe of manoeuvre ``n``: bars next to its Dutch roll, and poles."""
         at = next(i for i, each in enumerate(self._manoeuvres) if each.n == n)
         self._manoeuvres[at] = msgspec.structs.replace(self._manoeuvres[at], lateral=bare)
-        self._show("manoeuvres", manoeuvres_markdown(self._manoeuvres))
+        self._show_manoeuvres(self._manoeuvres)
         if (roll := bare.dutch_roll) is None:
             return
         boot_us, unix_ns = _span(self._manoeuvres[at], span_ns)
@@ -206,7 +209,7 @@ class RerunView(Sink):
         """
         self._show("verdict", verdict_markdown(summary, self._rudder_unit))
         found = self._manoeuvres if summary.manoeuvres is None else summary.manoeuvres
-        self._show("manoeuvres", manoeuvres_markdown(found, summary.by_loop))
+        self._show_manoeuvres(found, summary.by_loop)
         self._close()
 
     def _close(self) -> None:
@@ -242,6 +245,16 @@ class RerunView(Sink):
         after.append(_unix_times(np.append(unix_ns, unix_ns[1] + 1000)))
         for entity, rows in manoeuvre_rows(roll, kind).items():
             self._recording.send_columns(entity, after, rr.Scalars.columns(scalars=rows))
+
+    def _show_manoeuvres(self, found: Sequence[Manoeuvre], flights: Sequence[Flight] = ()) -> None:
+        """Show the manoeuvres as a table, and below it their bare airframes."""
+        bare = [
+            Note(f"{each.n}: {lateral_says(each.lateral)}")
+            for each in found
+            if each.lateral is not None
+        ]
+        table = manoeuvre_parts(found, flights, numbers) if found else [Note("No manoeuvre.")]
+        self._show("manoeuvres", to_markdown([*table, *bare]))
 
     def _show(self, entity: str, markdown: str) -> None:
         document = rr.TextDocument(markdown, media_type=rr.MediaType.MARKDOWN)
@@ -327,6 +340,16 @@ class RerunView(Sink):
             # Rerun writes in its own thread; without this, waiting rows would fill the memory.
             self._recording.flush(timeout_sec=FINISH_S)
             self._file.check()
+
+
+def verdict_markdown(summary: RunSummary, rudder_unit: str) -> str:
+    """Return the text of the panel of the verdict: the answers, then the stream and eq. 22-23."""
+    parts: list[Part] = [*verdict_parts(summary.deciding), *answer_rows(summary)]
+    if summary.estimates:
+        mark = [Note("Do not use the numbers: they are shown only to find out why.")]
+        parts += mark if summary.deciding.fatal else []
+        parts += [Note("Running estimates at the end:"), stream_grid(summary.estimates)]
+    return to_markdown([*parts, *yaw_channel_grids(summary, rudder_unit)])
 
 
 def _span(found: Manoeuvre, span_ns: tuple[int, int]) -> tuple[Ints, Ints]:

@@ -1,68 +1,54 @@
 """The gains of a yaw damper as a table, and what to fly next."""
 
-from collections.abc import Iterable
-from textwrap import fill, indent
+from collections.abc import Iterator
 from typing import TextIO
 
-from rich.console import Console
-from rich.table import Table
-from rich.text import Text
-
 from yawid.answers.damper_report import DamperAt, DamperReport
-from yawid.sinks.door import page_console
+from yawid.sinks.pages import Grid, Note, Part, Said, to_terminal
 from yawid.sinks.words import NEXT
 
 
 def print_damper(report: DamperReport, stream: TextIO) -> None:
     """Print the report of a damper: the gains, the band, what to look for; or why there is none."""
-    console = page_console(stream)
-    console.print(Text(report.log, style="bold"))
+    to_terminal(damper_parts(report), stream)
+
+
+def damper_parts(report: DamperReport) -> Iterator[Part]:
+    """Yield the parts of that page."""
+    yield Note(report.log, "bold")
+    mix = [] if report.mix is None else [Note(f"mix  {report.mix.text}")]
+    reasons = [Said("", str(reason)) for reason in report.verdict.reasons]
     if not report.verdict.usable:
-        console.print(Text("no gain can be given", style="bold red"))
-        _indented(console, map(str, report.verdict.reasons))
+        yield Note("no gain can be given", "bold red")
+        yield from reasons
         if report.verdict.next:
-            _indented(console, [f"{NEXT} {report.verdict.next}"])
-        _print_mix(console, report)
+            yield Said("", f"{NEXT} {report.verdict.next}")
+        yield from mix
         return
     found = report.recommended
     text = "none is recommended" if found is None else (
         f"aim at {found.low:g} to {found.high:g}, fly {found.next:g} next"
     )  # fmt: skip
     name = f"{report.parameter}  " if report.parameter else ""
-    console.print(Text(f"{name}{text}", style="bold"))
-    _indented(console, [*report.says, *map(str, report.verdict.reasons)])
-    if not report.gains:
-        _print_mix(console, report)
-        return
-    table = Table(box=None, pad_edge=False)
-    heads = (report.parameter, "V m/s", "wn rad/s", "zeta", "GM dB", "PM deg", "")
-    for heading in heads:
-        table.add_column(heading or "", justify="right")
-    for gain in report.gains:
-        marks = [name for name, value in _named(report) if value == gain.value]
+    yield Note(f"{name}{text}", "bold")
+    yield from (Said("", said) for said in report.says)
+    yield from reasons
+    if report.gains:
+        heads = (report.parameter or "", "V m/s", "wn rad/s", "zeta", "GM dB", "PM deg", "")
+        yield Grid(heads, list(_gains(report)), texts=(6,))
+    yield from mix
+    if report.gains:
+        yield Note(
+            "± is one sigma; GM, PM: margins of the open loop at the 95 % bound, - where nothing "
+            "crosses or the model is not known"
+        )
+
+
+def _gains(report: DamperReport) -> Iterator[list[str]]:
+    for gain in report.gains or ():
+        marks = ", ".join(name for name, value in _named(report) if value == gain.value)
         for at in gain.at:
-            table.add_row(
-                f"{gain.value:g}", f"{at.airspeed_m_s:.1f}", *_cells(at), ", ".join(marks)
-            )
-    console.print(table)
-    _print_mix(console, report)
-    means = (
-        "± is one sigma; GM, PM: margins of the open loop at the 95 % bound, - where nothing "
-        "crosses or the model is not known"
-    )
-    console.print(Text(means))
-
-
-def _indented(console: Console, texts: Iterable[str]) -> None:
-    """Print texts of one or more lines, each line two columns from the left."""
-    for text in texts:
-        lines = fill(text, console.width - 2, break_on_hyphens=False, break_long_words=False)
-        console.print(Text(indent(lines, "  ")), soft_wrap=True)
-
-
-def _print_mix(console: Console, report: DamperReport) -> None:
-    if report.mix is not None:
-        console.print(Text("mix  ", style="bold") + Text(report.mix.text))
+            yield [f"{gain.value:g}", f"{at.airspeed_m_s:.1f}", *_cells(at), marks]
 
 
 def _named(report: DamperReport) -> list[tuple[str, float | None]]:

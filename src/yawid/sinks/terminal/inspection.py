@@ -5,13 +5,12 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import TextIO
 
 import numpy as np
-from rich.text import Text
 
 from yawid.answers.inspection import FlightPhase, Inspection, MessageRate, Span
 from yawid.answers.run_summary import Flight, Manoeuvre
-from yawid.sinks.door import page_console
-from yawid.sinks.terminal.summary_table import NAME_WIDTH, hanging, origin, print_verdict
-from yawid.sinks.words import count, dutch_roll, flown, of_loop, says
+from yawid.sinks.pages import NAME_WIDTH, Note, to_terminal, verdict_parts
+from yawid.sinks.run_page import origin
+from yawid.sinks.words import Row, count, dutch_roll, flown, of_loop, says
 
 MOST_PHASES = 6
 LEAST_PHASE_S = 3.0
@@ -22,17 +21,12 @@ MOST_MANOEUVRES = 6
 
 def print_inspection(report: Inspection, stream: TextIO) -> None:
     """Print what a log can answer: verdict, channels, phases and stretches, and what to do."""
-    console = page_console(stream)
-    console.print(Text(report.log, style="bold"), soft_wrap=True)
-    print_verdict(console, report.deciding)
-    for line in origin(report):
-        console.print(Text(line))
-    for name, text in _rows(report):
-        console.print(Text(hanging(name, text, console.width)))
+    head, rows = Note(report.log, "bold", wraps=False), (Row(*each) for each in _rows(report))
+    to_terminal([head, *verdict_parts(report.deciding), *origin(report), *rows], stream)
     if report.command is not None:
         # The command that was tried is for copying: it must not be wrapped.
         word = "try" if report.exit_code == 0 else "tried"
-        console.print(Text(f"{word:>{NAME_WIDTH - 1}}  {report.command}"), soft_wrap=True)
+        to_terminal([Note(f"{word:>{NAME_WIDTH - 1}}  {report.command}", wraps=False)], stream)
 
 
 def _rows(report: Inspection) -> Iterator[tuple[str, str]]:

@@ -12,7 +12,8 @@ from rich.text import Text
 
 from yawid.blocks import WINDOW_S
 from yawid.results.excitation import LEAST_STROKE
-from yawid.sinks.terminal.flight_table import in_columns, manoeuvres_table
+from yawid.sinks.flight_table import in_columns, manoeuvre_grid
+from yawid.sinks.pages import rich_table
 from yawid.sinks.terminal.live_facts import LiveFacts, VehicleFacts
 from yawid.sinks.words import NEXT, conditions, counted, dutch_roll, whose
 
@@ -110,7 +111,11 @@ def _one(facts: LiveFacts, width: int, room: int) -> Group:
     foot = [*_answer(vehicle, width), *stream]
     rows = room - len(head) - len(foot) - 3
     newest = vehicle.manoeuvres[-max(rows, 1) :]
-    table = (Text(), manoeuvres_table(newest, vehicle.flights), Text()) if newest else (Text(),)
+    table = (
+        (Text(), rich_table(manoeuvre_grid(newest, vehicle.flights)), Text())
+        if newest
+        else (Text(),)
+    )
     return Group(*head, *table, *foot)
 
 

@@ -1,16 +1,15 @@
-"""The table of a flight's manoeuvres in the terminal, and the notes below it.
+"""The table of a flight's manoeuvres, and the notes below it.
 
-It is at most 80 columns wide; of many manoeuvres it has the first and the last.
+In a terminal it is at most 80 columns wide; of many manoeuvres it has the first and the last.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from datetime import datetime, timedelta
 from typing import Final
 
-from rich.table import Table
-
 from yawid.answers.run_summary import DutchRoll, Flight, Manoeuvre
 from yawid.quantities.airspeed import GROUND_SPEED
+from yawid.sinks.pages import Grid, Note, Part
 from yawid.sinks.words import (
     loop_of,
     outcome,
@@ -19,6 +18,9 @@ from yawid.sinks.words import (
     whose,
 )
 
+HEADS: Final = (
+    "n", "from-to s", "mode", "loop", "V m/s", "alt m", "wn rad/s", "zeta", "result",
+)  # fmt: skip
 MOST_ROWS: Final = 20
 """The largest number of rows; manoeuvres between the first and the last ten are in --json."""
 MOST_BOOTS: Final = 4
@@ -31,29 +33,37 @@ _LARGEST: Final = 1000.0
 """Numbers as large as this, from estimates that diverged, have three digits."""
 
 
-def manoeuvres_table(manoeuvres: Sequence[Manoeuvre], flights: Sequence[Flight]) -> Table:
-    """Return a table with a row for each manoeuvre; those that are not usable are dim.
+def manoeuvre_parts(
+    manoeuvres: Sequence[Manoeuvre],
+    flights: Sequence[Flight],
+    written: Callable[[DutchRoll | None], tuple[str, str]] | None = None,
+) -> Iterator[Part]:
+    """Yield a table with a row for each manoeuvre, dim if not usable, and the notes below it.
 
     A manoeuvre's wn and zeta are those that the answer of its loop, one of ``flights``, uses.
+    ``written`` returns them in other words than those that fit 80 columns.
     """
-    table = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0))
-    for name in ("n", "from-to s"):
-        table.add_column(name, justify="right", no_wrap=True)
-    for name in ("mode", "loop"):
-        table.add_column(name, no_wrap=True)
-    for name in ("V m/s", "alt m", "wn rad/s", "zeta"):
-        table.add_column(name, justify="right", no_wrap=True)
-    table.add_column("result", overflow="fold")
-    half = MOST_ROWS // 2
-    left_out = len(manoeuvres) - MOST_ROWS
+    yield manoeuvre_grid(manoeuvres, flights, written)
+    yield Note(table_notes(manoeuvres, flights), "dim")
+
+
+def manoeuvre_grid(
+    manoeuvres: Sequence[Manoeuvre],
+    flights: Sequence[Flight],
+    written: Callable[[DutchRoll | None], tuple[str, str]] | None = None,
+) -> Grid:
+    """Return that table."""
+    half, left_out = MOST_ROWS // 2, len(manoeuvres) - MOST_ROWS
     shown = list(manoeuvres) if left_out <= 0 else [*manoeuvres[:half], *manoeuvres[-half:]]
-    for i, each in enumerate(shown):
-        if left_out > 0 and i == half:
-            table.add_row("..", style="dim")
-        style = "" if each.verdict.usable else "dim"
-        mode = each.dutch_roll
-        table.add_row(*_cells(each), *in_columns(mode), outcome(each, flights), style=style)
-    return table
+    rows = [
+        [*_cells(each), *(written or in_columns)(each.dutch_roll), outcome(each, flights)]
+        for each in shown
+    ]
+    styles = ["" if each.verdict.usable else "dim" for each in shown]
+    if left_out > 0:
+        rows.insert(half, ["..", *[""] * (len(HEADS) - 1)])
+        styles.insert(half, "dim")
+    return Grid(HEADS, rows, styles, texts=(2, 3, 8))
 
 
 def _cells(each: Manoeuvre) -> Iterator[str]:
