@@ -220,12 +220,12 @@ def test_what_explodes_leaves_the_picture_and_takes_no_axis_with_it(
     grown[-100:] = np.inf
     measured = dataclasses.replace(drawn.measured, simulated=grown)
     model = dataclasses.replace(drawn.model, measured=measured)
-    track = data.tracks["els"]
+    track = data.track
     wild = 1e9 * (np.arange(len(track.t))[:, None] % 50 == 9)
     far = dataclasses.replace(track, dutch_roll=track.dutch_roll + wild)
 
     fit = manoeuvre_picture(dataclasses.replace(drawn, model=model), by_hand.grid)
-    over_time = modes_picture(dataclasses.replace(data, tracks=data.tracks | {"els": far}))
+    over_time = modes_picture(dataclasses.replace(data, track=far), "els")
 
     for picture in (fit, over_time):
         assert not re.findall(r"[0-9]{5,}\.[0-9]", picture.svg)

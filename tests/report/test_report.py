@@ -21,7 +21,7 @@ from yawid.cli.main import main
 from yawid.report.write import Report
 from yawid.sinks.mcap.reader import open_run
 
-PICTURES = ("whole", "modes", "parameters", "link")
+PICTURES = ("whole", "modes")
 STREAM = ("--manoeuvres", "off")
 """These tests are of the stream alone; tests of a flight's page are in test_flight_page.py."""
 

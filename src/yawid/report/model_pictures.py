@@ -81,17 +81,15 @@ def poles_picture(drawn: Drawn, bare: DutchRoll | None = None) -> Picture:
 
 def _with_sigma(model: Answered) -> Iterator[tuple[complex, Floats]]:
     """Yield the poles, one of each pair, and the covariance (2, 2) of their two parts."""
+
+    def parts(x: Floats) -> Floats:
+        poles, _ = replace(model, x=x).halves()
+        return np.stack([poles.real, poles.imag])
+
     poles, _ = model.halves()
+    changes = changes_of(parts, model.x, model.covariance)
     for i, pole in enumerate(poles.tolist()):
-        if i < model.pairs:
-            zeta = float(model.x[2 * i + 1])
-            slopes = np.array(
-                [pole / abs(pole), -abs(pole) * (1.0 + 1j * zeta / math.sqrt(1.0 - zeta**2))]
-            )
-            at, parts = slice(2 * i, 2 * i + 2), np.stack([slopes.real, slopes.imag])
-        else:
-            at, parts = slice(model.pairs + i, model.pairs + i + 1), np.array([[1.0], [0.0]])
-        yield pole, parts @ model.covariance[at, at] @ parts.T
+        yield pole, changes[:, i] @ changes[:, i].T
 
 
 def ellipse(ax: Axes, at: complex, covariance: Floats, least: float = 0.0) -> None:

@@ -1,4 +1,4 @@
-"""Pictures over time: the whole flight, a fit, parameters, modes, and the link's delays."""
+"""Pictures over time: the whole flight, a fit, and the running estimate."""
 
 import math
 from typing import Final
@@ -6,8 +6,6 @@ from typing import Final
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
-from matplotlib.ticker import StrMethodFormatter
 
 from yawid.blocks import Floats
 from yawid.models.flown import Flown
@@ -29,8 +27,6 @@ PERIODS_SHOWN: Final = 12.0
 LEAST_SHOWN_S, MOST_SHOWN_S = 8.0, 40.0
 OUTSIDE = 10.0
 """A simulated value more than this many heights of the picture outside it is not drawn."""
-MOST_NAMED: Final = 8
-"""Up to this many lines of a panel have names at their ends; there is no room for more."""
 TIME_LABEL = "time since boot [s]"
 
 
@@ -140,54 +136,6 @@ def _limits(y: Floats) -> tuple[float, float]:
     return low - room, high + room
 
 
-def parameters_picture(data: ReportData, run_grid: Grid) -> Picture:
-    """Return the picture of theta over time by every method, a panel for each polynomial."""
-    names = run_grid.parameters
-    unit = " or ".join(dict.fromkeys(run_grid.unit_of(name) for name in run_grid.inputs))
-    groups = [("A", "a"), (f"B [rad/s per {unit}]", "b"), ("C", "c"), ("bias [rad/s]", "bias")]
-    of = [name if name == "bias" else name[0] for name in names]
-    panels = [(title, [i for i, n in enumerate(of) if n == group]) for title, group in groups]
-    panels = [(title, columns) for title, columns in panels if columns]
-
-    def draw(figure: Figure) -> None:
-        grid = figure.subplots(-(-len(panels) // 2), 2, sharex=True, squeeze=False)
-        for ax, (title, columns) in zip(grid.flat, panels, strict=False):
-            _parameters(ax, data, columns)
-            if 1 < len(columns) <= MOST_NAMED:
-                _names_at_end(ax, data, {names[i]: i for i in columns})
-            ax.set_title(title)
-            ax.yaxis.set_major_formatter(StrMethodFormatter("{x:.3g}"))
-        for ax in list(grid.flat)[len(panels) :]:
-            ax.set_axis_off()
-        for ax in grid[-1]:
-            ax.set_xlabel(TIME_LABEL)
-        _methods_legend(figure, data)
-
-    look = "Do the lines settle, each within its own band (2 sigma of noise)? One that drifts: the "
-    look += "aircraft, its speed or the noise changed."
-    return Picture("parameters", "Parameters over time", look, draw)
-
-
-def _parameters(ax: Axes, data: ReportData, columns: list[int]) -> None:
-    lines = []
-    for method, track in data.tracks.items():
-        shade = METHODS.get(method, MODEL)
-        for i in columns:
-            theta, spread = track.theta[:, i], 2.0 * track.theta_std[:, i]
-            ax.plot(track.t, theta, color=shade, linewidth=1.0)
-            band(ax, track.t, theta - spread, theta + spread, shade, 0.12)
-            lines.append(theta)
-    sensible_limits(ax, *lines, settled=_settled(data))
-    mark_events(ax, data.events, numbered=False)
-
-
-def _width(line: Floats, settled: float) -> float:
-    """Return the range of the middle half of a line's values after it has settled."""
-    known = line[int(settled * len(line)) :]
-    known = known[np.isfinite(known)]
-    return float(np.subtract(*np.percentile(known, [75.0, 25.0]))) if len(known) else math.inf
-
-
 def _settled(data: ReportData) -> float:
     """Return the part of a track that may be a transient: up to the first manoeuvre, 0.25-0.8."""
     begins = [each.from_s for each in data.events.manoeuvres]
@@ -195,73 +143,26 @@ def _settled(data: ReportData) -> float:
     return float(np.clip(before, 0.25, 0.8))
 
 
-def _names_at_end(ax: Axes, data: ReportData, columns: dict[str, int]) -> None:
-    """Write each line's name next to its end, with at least a name's height between them."""
-    low, high = ax.get_ylim()
-    apart = 0.11 * (high - low)
-    track, placed = data.track, -math.inf
-    ends = []
-    for name, i in columns.items():
-        known = track.theta[np.isfinite(track.theta[:, i]), i]
-        if len(known):
-            ends.append((min(max(float(known[-1]), low), high), name))
-    for end, name in sorted(ends):
-        placed = max(end, placed + apart)
-        ax.annotate(name, (1.0, placed), (3, 0), xycoords=("axes fraction", "data"),
-                    textcoords="offset points", va="center", fontsize=8,
-                    annotation_clip=False)  # fmt: skip
-
-
-def _methods_legend(figure: Figure, data: ReportData) -> None:
-    handles = [Line2D([], [], color=METHODS.get(m, MODEL), label=m.upper()) for m in data.tracks]
-    figure.legend(handles=handles, loc="outside upper right", ncols=len(handles))
-
-
-def modes_picture(data: ReportData) -> Picture:
-    """Return the picture of every method's wn and zeta over time."""
+def modes_picture(data: ReportData, method: str) -> Picture:
+    """Return the picture of the running estimate's wn and zeta over time."""
+    track, shade = data.track, METHODS.get(method, MODEL)
 
     def draw(figure: Figure) -> None:
         axes = figure.subplots(2, 1, sharex=True)
         for i, (ax, label) in enumerate(zip(axes, ("ωn [rad/s]", "ζ"), strict=True)):
-            lines = []
-            for method, track in data.tracks.items():
-                value, spread = track.dutch_roll[:, 2 * i], 2.0 * track.dutch_roll[:, 2 * i + 1]
-                spread = np.where(spread < np.maximum(np.abs(value), 0.5), spread, np.nan)
-                shade = METHODS.get(method, MODEL)
-                ax.plot(track.t, value, color=shade)
-                band(ax, track.t, value - spread, value + spread, shade)
-                lines.append((value, value - spread, value + spread))
-            # The calmest method sets the limits: another that wanders is drawn only within them.
-            calm = min(lines, key=lambda some: _width(some[0], _settled(data)))
-            sensible_limits(ax, *calm, settled=_settled(data), least=0.5)
+            value, spread = track.dutch_roll[:, 2 * i], 2.0 * track.dutch_roll[:, 2 * i + 1]
+            spread = np.where(spread < np.maximum(np.abs(value), 0.5), spread, np.nan)
+            ax.plot(track.t, value, color=shade)
+            band(ax, track.t, value - spread, value + spread, shade)
+            lines = value, value - spread, value + spread
+            sensible_limits(ax, *lines, settled=_settled(data), least=0.5)
             ax.set_ylabel(label)
             mark_events(ax, data.events)
         axes[-1].set_xlabel(TIME_LABEL)
-        _methods_legend(figure, data)
 
     look = (
-        "The estimates sample by sample. Has each line settled before the end, and do both agree? "
-        "Band: 2 sigma of noise alone, of the first; a line that leaves its earlier band is moved "
-        "by more than noise. What lies far outside is cut off." + manoeuvres_note(data.events)
+        f"The estimates of {method.upper()} sample by sample. Has each line settled before the "
+        "end? Band: 2 sigma of noise alone; a line that leaves its earlier band is moved by more "
+        "than noise. What lies far outside is cut off." + manoeuvres_note(data.events)
     )
     return Picture("modes", "Dutch roll over time", look, draw)
-
-
-def link_picture(data: ReportData) -> Picture:
-    """Return the picture of each sample's delay, and of the held stretches."""
-    events = data.events
-
-    def draw(figure: Figure) -> None:
-        ax = figure.subplots()
-        back = np.diff(events.delay_t, prepend=events.delay_t[:1]) < 0.0
-        delay_ms = np.where(back, np.nan, 1e3 * events.delay_s)
-        ax.plot(events.delay_t, delay_ms, color=DATA, linewidth=0.9)
-        ax.set(xlabel=TIME_LABEL, ylabel="delay of a sample [ms]")
-        ax.set_ylim(bottom=min(0.0, float(np.nanmin(delay_ms))))
-        mark_events(ax, events, numbered=False)
-
-    look = (
-        "From a sample's instant until it was complete at the receiver. Spikes are stalls, a slope "
-        "a drifting clock; the estimates use the vehicle's clock. Grey: samples held."
-    )
-    return Picture("link", "Link: delay and held samples", look, draw, (5.6, 2.6))

@@ -24,10 +24,8 @@ from yawid.report.run_tables import (
     stream_numbers,
 )
 from yawid.report.time_pictures import (
-    link_picture,
     manoeuvre_picture,
     modes_picture,
-    parameters_picture,
     whole_picture,
 )
 from yawid.sinks.answers import cards, headline
@@ -90,9 +88,9 @@ class Report:
             shown = flight_numbers(summary, self._drawn, unit)
             yield numbers("Numbers of the answer", shown, against)
         else:
+            yield pictures("What was estimated, and when", self._of_stream())
             yield from self._stream("Numbers")
         yield tables("Channels and link", channel_tables(summary, self._data), facts=True)
-        yield pictures("", self._of_link())
         yield tables("Configuration and provenance", provenance(run), facts=True)
         yield folded(run)
         if summary.flight is not None:
@@ -100,9 +98,8 @@ class Report:
             yield from self._stream("Numbers of the stream, at its end")
 
     def _stream(self, title: str) -> Iterator[str]:
-        """Yield the sections on the stream: its pictures, and its numbers under this title."""
+        """Yield the section on the numbers of the stream, under this title."""
         summary, grid = self._summary, self._run.grid
-        yield pictures("What was estimated, and when", self._of_stream())
         if grid is not None and summary.answer is not None and self._data is not None:
             yield numbers(title, stream_numbers(summary, summary.answer, grid), [])
 
@@ -147,10 +144,7 @@ class Report:
     def _of_stream(self) -> list[Picture]:
         if self._data is None or self._run.grid is None:
             return []
-        return [modes_picture(self._data), parameters_picture(self._data, self._run.grid)]
-
-    def _of_link(self) -> list[Picture]:
-        return [] if self._data is None else [link_picture(self._data)]
+        return [modes_picture(self._data, self._run.grid.methods[0])]
 
 
 def _sigma(summary: RunSummary) -> str:
