@@ -36,7 +36,7 @@ FLYING = VehicleFacts(
     verdict=False,
     why=("not_excited: the rudder never moved on its own by 10 % of half its travel",),
 )
-LINK = LiveFacts("udpin:0.0.0.0:14550", 133.0, 0.12, "at least 7", (FLYING,), "1 vehicle, 9 msg/s")
+LINK = LiveFacts("udpin:0.0.0.0:14550", 133.0, 0.12, "at least 7", (FLYING,))
 SAID = [
     (f"12:03:0{i}", f"manoeuvre {i} (34 to 60 s, FBWA, 51 m/s): " + 5 * "word ") for i in (1, 2)
 ]
@@ -119,7 +119,8 @@ def test_of_many_vehicles_those_in_trouble_have_a_row_and_the_rest_are_counted()
 
 
 def test_a_window_too_small_for_the_page_has_the_line() -> None:
-    assert drawn(LINK, 50, 10)[0].strip() == "yawid: 1 vehicle, 9 msg/s"
+    said = "yawid: 1183 msg/s, lost 12345, dropped at least 7,"
+    assert drawn(LINK, 50, 10)[0].strip() == said
 
 
 def test_before_a_manoeuvre_is_answered_there_is_no_verdict() -> None:

@@ -16,7 +16,7 @@ from yawid.sinks.terminal.live_facts import LiveFacts
 from yawid.sinks.terminal.live_screen import LiveScreen
 from yawid.sinks.terminal.progress import progress
 
-facts = LiveFacts("udpin:127.0.0.1:1", 1.0, None, "0", (), "line")
+facts = LiveFacts("udpin:127.0.0.1:1", 1.0, None, "0", ())
 with StopFlag().installed(), progress(sys.stderr, "a log", 10.0) as bar:
     if sys.argv[1] == "bar":
         bar.show()

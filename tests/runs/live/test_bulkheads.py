@@ -112,7 +112,7 @@ def causes(session: Session) -> list[str]:
 
 
 OUTPUTS = {
-    "yawid.runs.live.standing.Standing.line": "status",
+    "yawid.runs.live.screen_facts.Gatherer.facts": "status",
     "yawid.runs.live.vehicle_session.RerunSink.take": "viewer",
     "yawid.runs.live.publish.values_of": "publishing",
     "yawid.sources.link.publisher.Publisher.send_texts": "publishing",

@@ -257,27 +257,25 @@ class _Loop:
     def _show(self) -> None:
         """Show the state of the sessions: as a line, or on the screen."""
         begun_s = time.monotonic()
-        line = self._sessions.line(self._dropped()) or "no vehicle yet"
+        facts = self._facts()
+        took_s = time.monotonic() - begun_s
         if self._console.failure is not None:
             self._drawing.give_up(self._console.failure)
         if not self._console.draws or self._drawing.failure is not None:
-            self._console.show(line)
-        elif not self._drawing.attempt(lambda: self._draw(line, begun_s), False):
+            self._console.show(facts.line, took_s)
+        elif not self._drawing.attempt(lambda: self._console.draw(facts, took_s), False):
             self._console.close()
 
-    def _draw(self, line: str, begun_s: float) -> bool:
+    def _facts(self) -> ScreenFacts:
         now_us, last_us = self._tap.stamps.now(), self._tap.inbox.last_us
-        facts = ScreenFacts(
+        return ScreenFacts(
             endpoint=str(self._tap.endpoint),
             lasted_s=time.monotonic() - self._begun_s,
             age_s=(now_us - last_us) / 1e6 if last_us else None,
             dropped=self._dropped(),
             vehicles=tuple(self._sessions.facts()),
-            line=line,
             to_send=self._tap.endpoint.to_send,
         )
-        self._console.draw(facts, time.monotonic() - begun_s)
-        return True
 
     def finish(self) -> list[Ended]:
         """Read what arrived last, then finish every session; the tap is already closed.

@@ -1,4 +1,4 @@
-"""The facts that the live screen shows of a session, gathered from its pipeline."""
+"""The facts that line and screen show of a session, gathered from its pipeline."""
 
 import time
 from collections import deque
@@ -10,8 +10,8 @@ from yawid.quantities.link import LinkStats
 from yawid.quantities.vehicles import type_name
 from yawid.results.advice import with_remedies
 from yawid.runs.live.running_answer import Answer, said
-from yawid.runs.live.standing import SILENT, state
-from yawid.sinks.terminal.live_facts import VehicleFacts
+from yawid.runs.live.standing import state
+from yawid.sinks.terminal.live_facts import SILENT, VehicleFacts
 
 WINDOW_S = 2.0
 """Rates are counted over this time; where no sample is used for this long, the reason is shown."""
@@ -22,7 +22,7 @@ class Gatherer:
     """Gathers the facts of one session; it keeps the counts that rates are made from."""
 
     def __init__(self) -> None:
-        self._counts: deque[tuple[float, int, int, int, int]] = deque()
+        self._counts = deque([(time.monotonic(), 0, 0, 0, 0)])
 
     def facts(
         self,
@@ -30,6 +30,7 @@ class Gatherer:
         link: LinkStats,
         quiet: str,
         answer: Answer,
+        label: str = "",
     ) -> VehicleFacts:
         """Return the facts.
 
@@ -49,6 +50,7 @@ class Gatherer:
         fatal = [reason for reason in reasons if reason.weight == "fatal"]
         return VehicleFacts(
             sysid=0 if vehicle is None else vehicle.sysid,
+            label=label,
             name=name,
             rudder=", ".join(
                 f"{each.source}{ASSUMED if each.how == 'assumed' else ''}"
@@ -70,6 +72,8 @@ class Gatherer:
             unanswered=unanswered,
             manoeuvres=tuple(pipeline.manoeuvres or ()),
             flights=answer.flights,
+            samples=pipeline.samples,
+            answer=said(answer) if status else "",
             stream=status if answer.known or not status else f"{said(answer)}, {status}",
             state=SILENT if quiet else status,
             verdict=None if verdict is None else verdict.usable,

@@ -1,17 +1,12 @@
-"""The state of a session in one line, and how long samples wait to be estimated."""
-
-import time
+"""Whether a session stands still, and how long samples wait to be estimated."""
 
 import numpy as np
 
 from yawid.blocks import Ints, Status, words
 from yawid.pipeline import Pipeline
-from yawid.quantities.link import LinkStats
-from yawid.runs.live.running_answer import Answer, said
 
 QUIET_S = 1.5
 """After this long without data or samples, the last estimate is no longer shown as current."""
-SILENT = "silent"
 _LATE_S = 0.3
 """A busy machine may read the last bytes this much later than they arrived."""
 _STEP_US = 250
@@ -19,42 +14,11 @@ _BINS = 4000  # up to 1 s; a longer wait is counted in the last bin
 
 
 class Standing:
-    """Makes the line of one session; ``received_us`` is when its last bytes were recorded, or 0."""
+    """Whether a session stands still; ``received_us`` is when its last bytes came, or 0."""
 
     def __init__(self) -> None:
         self.received_us = 0
-        self._rate_from = time.monotonic(), 0
         self._is_idle = False
-
-    def line(
-        self,
-        pipeline: Pipeline,
-        link: LinkStats,
-        now_us: int,
-        dropped: str,
-        answer: Answer,
-    ) -> str:
-        """Return the line: rate, losses, the answer once there is one; ``dropped`` is a number.
-
-        The least important part is the last one: a narrow terminal cuts it off.
-        """
-        now_s = time.monotonic()
-        since_s, before = self._rate_from
-        self._rate_from = now_s, link.frames
-        quiet = self.quiet(pipeline, now_us)
-        rate = (link.frames - before) / max(now_s - since_s, 1e-9)
-        parts = [quiet or f"{rate:.0f} msg/s", f"lost {link.lost}", f"dropped {dropped}"]
-        samples = f"{pipeline.samples} samples"
-        if pipeline.bank is None or not pipeline.bank.last:
-            return ", ".join([*parts, "waiting for rudder and yaw rate", samples])
-        parts.append(said(answer))
-        if not quiet:
-            parts.append(state(pipeline))
-        return ", ".join([*parts, samples])
-
-    def word(self, pipeline: Pipeline, now_us: int) -> str:
-        """Return the state in a word or two: the status of the method while samples arrive."""
-        return SILENT if self.quiet(pipeline, now_us) else state(pipeline) or "waiting"
 
     def stopped(self, pipeline: Pipeline, now_us: int) -> bool:
         """Return whether samples have stopped arriving since the last call."""

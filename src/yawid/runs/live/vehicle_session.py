@@ -203,39 +203,18 @@ class LiveSession:
             lambda: self._standing.stopped(self.pipeline, self._setting.reached_us()), False
         )
 
-    def line(self, dropped: str) -> str:
-        """Return the session's state in one line; ``dropped`` is the tap's count as text."""
-        now_us = self._setting.reached_us()
-        stands = self._shown(
-            lambda: self._standing.line(
-                self.pipeline,
-                self.decoder.link,
-                now_us,
-                dropped,
-                self.answer.look(self.pipeline, self.decoder.link),
-            ),
-            f"{FAILED}, dropped {dropped}",
-        )
-        return f"{self._label}{stands}"
-
     def facts(self) -> VehicleFacts:
-        """Return the facts a screen shows of the session; see :meth:`Gatherer.facts`."""
+        """Return the session's state; see :meth:`Gatherer.facts`."""
         vehicle = self.vehicle or (0, 0)
         name = f"{vehicle[0]}/{vehicle[1]}" if self.vehicle else ""
-        failed = VehicleFacts(vehicle[0], name, quiet=FAILED, state=FAILED)
+        failed = VehicleFacts(vehicle[0], self._label, name, quiet=FAILED, state=FAILED)
         return self._shown(self._facts, failed)
 
     def _facts(self) -> VehicleFacts:
         quiet = self._standing.quiet(self.pipeline, self._setting.reached_us())
         link = self.decoder.link
         answer = self.answer.look(self.pipeline, link)
-        return self._gatherer.facts(self.pipeline, link, quiet, answer)
-
-    def word(self) -> str:
-        """Return the session's state in one or two words."""
-        return self._shown(
-            lambda: self._standing.word(self.pipeline, self._setting.reached_us()), FAILED
-        )
+        return self._gatherer.facts(self.pipeline, link, quiet, answer, self._label)
 
     def _shown(self, act: Callable[[], _T], failed: _T) -> _T:
         """Return the result of ``act``, or ``failed``: no older number is shown as current."""

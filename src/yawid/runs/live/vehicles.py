@@ -1,7 +1,7 @@
 """Which session gets which records: one session takes all, or each vehicle has its own."""
 
 import time
-from collections import Counter, deque
+from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
@@ -9,7 +9,6 @@ from functools import partial
 from yawid.answers.session import LiveFacts
 from yawid.errors import ConfigError
 from yawid.quantities.vehicles import AUTOPILOT_INVALID, NOT_A_VEHICLE
-from yawid.runs.live.standing import SILENT
 from yawid.runs.live.vehicle_session import Ended, LiveSession, Setting, for_vehicle
 from yawid.sinks.terminal.live_facts import VehicleFacts
 from yawid.sources.link.tap import sysid_of
@@ -20,9 +19,7 @@ KEPT = 8192
 MOST_VEHICLES = 64
 """The default for how many sessions may be opened: one sender can claim to be 255 vehicles."""
 FEW = 4
-"""Up to this many vehicles each have their own part of the line, and one thread fits for all."""
-CLOSELY = 20
-"""For how many vehicles a screen shows the rudder's movement: a usual screen has as many rows."""
+"""For up to this many vehicles one thread fits."""
 _HEARTBEAT = 0
 
 
@@ -45,12 +42,8 @@ class Single:
         """Return the sessions that are running."""
         return [self._session]
 
-    def line(self, dropped: str) -> str:
-        """Return the sessions' state as a line, "" without any; ``dropped`` is the tap's count."""
-        return self._session.line(dropped)
-
     def facts(self) -> list[VehicleFacts]:
-        """Return the facts a screen shows of each session."""
+        """Return the state of each session."""
         return [self._session.facts()]
 
     def finish(self, live: LiveFacts, answers_s: float) -> list[Ended]:
@@ -80,8 +73,6 @@ class Fleet:
         self._early: deque[tuple[int, bytes]] = deque(maxlen=KEPT)
         self._refused: set[int] = set()
         self._unsigned: set[int] = set()
-        self._records = 0
-        self._rate_from = time.monotonic(), 0
 
     def feed(self, data: bytes) -> None:
         """See :class:`Single`."""
@@ -89,7 +80,6 @@ class Fleet:
             sysid: [] for sysid in self._sessions.keys() | self._refused
         }
         for record in records(data):
-            self._records += 1
             sysid = sysid_of(record[STAMP_SIZE : STAMP_SIZE + 6])
             if sysid not in parts and self._may_open(record[STAMP_SIZE:]):
                 parts[sysid] = [early for of, early in self._early if of == sysid]
@@ -112,29 +102,9 @@ class Fleet:
         """See :class:`Single`."""
         return [s for sysid, s in self._sessions.items() if sysid not in self._refused]
 
-    def line(self, dropped: str) -> str:
-        """See :class:`Single`; more than ``FEW`` vehicles are counted by their state."""
-        running = self.running()
-        if len(running) <= FEW:
-            return " | ".join(session.line(dropped) for session in running)
-        now_s, (since_s, before) = time.monotonic(), self._rate_from
-        self._rate_from = now_s, self._records
-        rate = (self._records - before) / max(now_s - since_s, 1e-9)
-        words = {sysid: s.word() for sysid, s in self._sessions.items() if s in running}
-        parts = [f"{count} {word}" for word, count in Counter(words.values()).most_common()]
-        silent = [str(sysid) for sysid, word in words.items() if word == SILENT]
-        if 0 < len(silent) <= FEW:
-            parts.append(f"system {' and '.join(silent)} is silent")
-        gaps = sum(session.decoder.link.lost for session in running)
-        counts = f"{len(running)} vehicles, {rate:.0f} msg/s, lost {gaps}, dropped {dropped}"
-        return f"{counts}: {', '.join(parts)}"
-
     def facts(self) -> list[VehicleFacts]:
-        """See :class:`Single`; of many only the ``CLOSELY`` most urgent have the slower facts."""
-        found = [(s.facts(), s) for s in self.running()]
-        first = sorted(found, key=lambda each: each[0].urgency)[:CLOSELY]
-        close = {facts.sysid: session.facts() for facts, session in first}
-        return [close.get(facts.sysid, facts) for facts, _ in found]
+        """See :class:`Single`."""
+        return [session.facts() for session in self.running()]
 
     def finish(self, live: LiveFacts, answers_s: float) -> list[Ended]:
         """See :class:`Single`; where there was no vehicle, one summary reports that."""

@@ -13,8 +13,6 @@ from yawid.sinks.terminal.progress import Console, updates_in_place
 from yawid.sinks.terminal.restore import OTHER_SCREEN, OWN_SCREEN, SHOWN, write_now
 
 REFRESH_S = 0.4
-SHARE = 0.03
-"""The part of a session's time that gathering the facts to be drawn may take."""
 KEPT = 200
 """The largest number of messages that are kept, and written when the screen is left."""
 USUAL_SIZE = 80, 24
@@ -48,7 +46,7 @@ class LiveScreen(Console):
     thread does all drawing, so that the session does not wait for a terminal that hangs.
     """
 
-    draws = True
+    draws, share = True, 0.03
 
     def __init__(self, stream: TextIO) -> None:
         super().__init__(stream, REFRESH_S)
@@ -84,9 +82,9 @@ class LiveScreen(Console):
         if not is_shown:
             super().say(text)
 
-    def draw(self, facts: LiveFacts, took_s: float) -> None:
+    def draw(self, facts: LiveFacts, took_s: float) -> bool:
         """Show the facts; the longer they took to gather, the later the next call is due."""
-        self._next_s = time.monotonic() + max(self._period_s, took_s / SHARE)
+        self._rest(took_s)
         is_first, self._facts = self._facts is None, facts
         if is_first:
             self._thread = threading.Thread(
@@ -94,6 +92,7 @@ class LiveScreen(Console):
             )
             self._thread.start()
         self._news.set()
+        return True
 
     def close(self) -> None:
         """Leave the screen; the thread that draws it is waited for, at most ``LEAVE_S``."""

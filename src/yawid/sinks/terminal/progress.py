@@ -112,6 +112,8 @@ class Console:
 
     draws = False
     """Whether the console takes facts and draws a screen; else it takes a line."""
+    share = 0.3
+    """The part of a session's time that gathering its state may take."""
     failure: Exception | None = None
     """The error after which nothing is drawn any more; lines are still written."""
 
@@ -134,19 +136,26 @@ class Console:
         """Return whether the next update of the line is due."""
         return time.monotonic() >= self._next_s
 
-    def draw(self, facts: LiveFacts, took_s: float) -> None:
-        """Draw the facts, which took ``took_s`` to gather; only where ``draws`` is True."""
+    def draw(self, facts: LiveFacts, took_s: float) -> bool:
+        """Draw the facts, which took ``took_s`` to gather; return True; only where it ``draws``."""
         raise NotImplementedError
 
-    def show(self, line: str) -> None:
-        """Show the session's state: in place on a terminal, else as a line of its own."""
-        self._next_s, line = time.monotonic() + self._period_s, plain(line)
+    def show(self, line: str, took_s: float = 0.0) -> None:
+        """Show the session's state: in place on a terminal, else as a line of its own.
+
+        The longer it took to gather, the later the next one is due.
+        """
+        self._rest(took_s)
+        line = plain(line)
         with self._lock:
             if self._is_terminal:
                 self._shown = line[: shutil.get_terminal_size().columns - 1]
                 self._outlet.write(CLEAR_LINE + self._shown)
             else:
                 self._outlet.write(f"yawid: {line}\n")
+
+    def _rest(self, took_s: float) -> None:
+        self._next_s = time.monotonic() + max(self._period_s, took_s / self.share)
 
     def close(self) -> None:
         """End the line that is updated, and wait for what is not yet written, see ``Outlet``."""
