@@ -1,6 +1,5 @@
 """How a command is stopped: the first SIGINT or SIGTERM asks it to end, a second one kills it."""
 
-import os
 import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -12,23 +11,11 @@ from yawid.sinks.terminal import restore
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
-_PAUSE: Any = getattr(signal, "SIGTSTP", None)  # Ctrl-Z; Windows has none
-
-
 def _end(number: int, frame: FrameType | None) -> None:
     """End the process by a signal at once, after the terminal was left whole."""
     restore.leave()
     signal.signal(number, signal.SIG_DFL)
     signal.raise_signal(number)
-
-
-def _pause(number: int, frame: FrameType | None) -> None:
-    """Stop the process (Ctrl-Z) with the terminal left whole; go on when it is continued."""
-    restore.leave()
-    signal.signal(number, signal.SIG_DFL)
-    os.kill(os.getpid(), number)  # it returns when a shell's fg or bg continues the process
-    signal.signal(number, _pause)
-    restore.come_back()
 
 
 class Interrupted(KeyboardInterrupt):
@@ -44,8 +31,8 @@ class StopFlag:
 
     ``exit_code`` is 128 plus the signal's number, ``name`` the signal's name. With ``raises`` the
     signal raises :class:`Interrupted` at once, and nobody has to look at the flag. A second signal
-    ends the process at once. It and Ctrl-Z leave the terminal whole. A signal that the process
-    was started to ignore, as shells do for jobs in the background, stays ignored.
+    ends the process at once, with the terminal left whole. A signal that the process was started to
+    ignore, as shells do for jobs in the background, stays ignored.
     """
 
     def __init__(self, *, raises: bool = False) -> None:
@@ -85,13 +72,8 @@ class StopFlag:
         self._before = {n: old for n, old in handlers.items() if old is not signal.SIG_IGN}
         for number in self._before:
             signal.signal(number, self._set)
-        pauses = _PAUSE is not None and signal.getsignal(_PAUSE) is signal.SIG_DFL
-        if pauses:
-            signal.signal(_PAUSE, _pause)
         try:
             yield self
         finally:
-            if pauses:
-                signal.signal(_PAUSE, signal.SIG_DFL)
             for number, handler in self._before.items():
                 signal.signal(number, handler)

@@ -10,7 +10,7 @@ from yawid.sinks.door import cleaned, plain
 from yawid.sinks.terminal.live_facts import LiveFacts
 from yawid.sinks.terminal.outlet import LEAVE_S, Direct
 from yawid.sinks.terminal.progress import Console, updates_in_place
-from yawid.sinks.terminal.restore import OTHER_SCREEN, OWN_SCREEN, SHOWN, write_now
+from yawid.sinks.terminal.restore import OWN_SCREEN, SHOWN
 
 REFRESH_S = 0.4
 KEPT = 200
@@ -57,18 +57,6 @@ class LiveScreen(Console):
         self._news = threading.Event()
         self._closing = threading.Event()
         self._thread: threading.Thread | None = None
-        self._drawing = threading.Lock()
-
-    def leave(self) -> None:
-        """Leave the other screen until ``come_back``: see :mod:`yawid.sinks.terminal.restore`."""
-        self._drawing.acquire(timeout=REFRESH_S)
-        write_now(self._stream, OWN_SCREEN)
-
-    def come_back(self) -> None:
-        """Go to the other screen again and draw it."""
-        write_now(self._stream, OTHER_SCREEN)
-        self._drawing.release()
-        self._news.set()
 
     def say(self, text: str) -> None:
         """Show a message on the screen; without the screen, write it as a line."""
@@ -126,21 +114,19 @@ class LiveScreen(Console):
         )
         live = Live(console=console, screen=True, auto_refresh=False, transient=True,
                     redirect_stdout=False, redirect_stderr=False)  # fmt: skip
-        SHOWN.append(self)  # first: Ctrl-Z may come at once
+        SHOWN.append(OWN_SCREEN)  # first: a signal may come at once
         try:
-            with self._drawing:
-                live.start()
+            live.start()
             while not self._closing.is_set():
                 self._news.wait()
                 self._news.clear()
                 facts = cleaned(self._facts or facts)
                 console.size = size_of(self._stream)
-                with self._drawing:
-                    live.update(Page(facts, tuple(self._said)), refresh=True)
+                live.update(Page(facts, tuple(self._said)), refresh=True)
                 self._closing.wait(REFRESH_S / 4)  # events within this time are drawn together
         finally:
             live.stop()
-            SHOWN.remove(self)
+            SHOWN.remove(OWN_SCREEN)
             with self._lock:
                 unsaid, self._thread = list(self._unsaid), None
             for text in unsaid:

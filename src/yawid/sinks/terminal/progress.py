@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, TextIO
 from yawid.sinks.door import plain
 from yawid.sinks.terminal.live_facts import LiveFacts
 from yawid.sinks.terminal.outlet import Outlet
-from yawid.sinks.terminal.restore import CLEAR_LINE, HIDE_CURSOR, SHOW_CURSOR, SHOWN, write_now
+from yawid.sinks.terminal.restore import CLEAR_LINE, SHOW_CURSOR, SHOWN
 
 if TYPE_CHECKING:
     from rich.progress import Progress, TaskID
@@ -20,6 +20,7 @@ SOON_S = 1.0
 """Work that takes no longer than this gets no bar."""
 PLAIN_LINE_S = 10.0
 TERMINAL_LINE_S = 0.5
+_UNDO = CLEAR_LINE + SHOW_CURSOR
 _TASK: "TaskID" = 0  # type: ignore[assignment] # the only task
 
 
@@ -62,7 +63,7 @@ class Bar:
                 console = RichConsole(file=self._stream, markup=False)
                 self._shown = parts.Progress(*columns, console=console, transient=True)
                 self._shown.add_task(self._name, total=self._total or None, completed=self._done)
-                SHOWN.append(self)  # first: Ctrl-Z may come at once
+                SHOWN.append(_UNDO)  # first: a signal may come at once
                 self._shown.start()
 
     def close(self) -> None:
@@ -71,15 +72,7 @@ class Bar:
             self._is_over = True
             if self._shown is not None:
                 self._shown.stop()
-                SHOWN.remove(self)
-
-    def leave(self) -> None:
-        """Remove the bar, and show the cursor: see :mod:`yawid.sinks.terminal.restore`."""
-        write_now(self._stream, CLEAR_LINE + SHOW_CURSOR)
-
-    def come_back(self) -> None:
-        """Hide the cursor again; the bar's own thread draws it."""
-        write_now(self._stream, HIDE_CURSOR)
+                SHOWN.remove(_UNDO)
 
 
 @contextmanager
