@@ -42,10 +42,10 @@ def plain(html: str) -> str:
 def test_the_report_has_modes_and_derivatives_with_their_sigmas():
     said = plain("".join(bare_section(summary(KNOWN))))
 
-    for part in ("2.410 ± 0.030", "0.1200 ± 0.0080", "0.250 ± 0.030", "-40 ± 12", "5.70 ± 0.20"):
-        assert part in said, part
+    for row in bare_rows(summary(KNOWN)):
+        assert row.text[1:] in said, row
+    assert "5.70 ± 0.20" in said
     assert "a_my^β" in said
-    assert "two manoeuvres" in said or "2 manoeuvres: 1, 3" in said
 
 
 def test_the_report_names_the_derivatives_that_only_the_prior_gives():
@@ -76,7 +76,7 @@ def test_an_airframe_that_is_not_known_has_its_cause_and_no_number():
 
     said = plain("".join(bare_section(summary(unknown))))
 
-    assert "not known: the aileron is a copy. Next: Move the rudder." in said
+    assert "not known: the aileron is a copy. Next: Move the rudder. (yawid explain" in said
     assert [row.text for row in bare_rows(summary(unknown))] == [
         "the bare airframe is not known: the aileron is a copy",
         "next: Move the rudder. (yawid explain bare_unknown)",

@@ -8,11 +8,11 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import StrMethodFormatter
 
 from yawid.answers.ordinary import OrdinaryAnswer
-from yawid.answers.run_summary import Bare, DutchRoll, RunSummary
-from yawid.report.html import grid, note, numbers, table
+from yawid.answers.run_summary import Bare, RunSummary
+from yawid.report.html import grid, note, tables
 from yawid.report.picture import Picture, band, log_axis
 from yawid.sinks.palette import BARE, DATA, NEUTRAL
-from yawid.sinks.words import NONE, bare_warnings, count, of_value, ordinary_rows, plus_minus
+from yawid.sinks.words import NONE, bare_rows, of_value, ordinary_rows
 
 SYMBOLS: Final = {
     "Y_beta": ("Y_β/V", "−a_z^β", "1/s"),
@@ -37,23 +37,17 @@ def bare_section(summary: RunSummary) -> Iterator[str]:
     bare = summary.bare
     if bare is None:
         return
+    first, *others = [row.text for row in bare_rows(summary)]
+    yield note("The bare airframe", f"{first[0].upper()}{first[1:]}.")
+    yield from (note("", f"{text[0].upper()}{text[1:].rstrip('.')}.") for text in others)
     if bare.dutch_roll is None:
-        why = "; ".join(reason.text for reason in bare.verdict.reasons)
-        step = f" Next: {bare.verdict.next}" if bare.verdict.next else ""
-        yield note("The bare airframe", f"It is not known: {why}.{step}")
         return
-    flown = None if summary.flight is None else summary.flight.dutch_roll
-    shown = [grid("Dutch roll, ± one σ", ("", "bare", "as flown"), _modes(bare.dutch_roll, flown))]
-    shown.append(table("Other modes", dict(_others(bare))))
     rows = [
         (symbol, paper, of_value(bare.derivatives[name]), unit)
         for name, (symbol, paper, unit) in SYMBOLS.items()
         if bare.derivatives and name in bare.derivatives
     ]
-    shown.append(grid("Derivatives, ± one σ", ("", "paper's", "value", "unit"), rows))
-    yield numbers("The bare airframe", shown, [])
-    for text in bare_warnings(bare):
-        yield note("", f"{text[0].upper()}{text[1:].rstrip('.')}.")
+    yield tables("", [grid("Derivatives, ± one σ", ("", "paper's", "value", "unit"), rows)])
     yield note(
         "",
         "This is the airframe without the roll loop that it was flown with, from p, r, roll and "
@@ -69,28 +63,6 @@ def _from_prior(bare: Bare) -> str:
     if not symbols:
         return ""
     return f" What is known of aircraft beforehand gives {' and '.join(symbols)}, not the flight."
-
-
-def _modes(bare: DutchRoll, flown: DutchRoll | None) -> list[tuple[str, str, str]]:
-    both = [bare, flown]
-    wn = [NONE if m is None else plus_minus(m.wn_rad_s, m.wn_std) for m in both]
-    zeta = [NONE if m is None else plus_minus(m.zeta, m.zeta_std) for m in both]
-    level = [NONE if m is None or m.level is None else str(m.level) for m in both]
-    return [
-        ("ωn, rad/s", wn[0], wn[1]), ("ζ", zeta[0], zeta[1]),
-        ("level (MIL-F-8785C)", level[0], level[1]),
-    ]  # fmt: skip
-
-
-def _others(bare: Bare) -> Iterator[tuple[str, str]]:
-    for name, mode in (("roll mode", bare.roll_mode), ("spiral", bare.spiral)):
-        if mode is not None:
-            yield f"{name}, time constant, s", plus_minus(mode.time_constant_s, mode.std)
-    if bare.servo_lag_s is not None:
-        yield "servo lag, s", of_value(bare.servo_lag_s)
-    if bare.airspeed_m_s is not None:
-        yield "at", f"{bare.airspeed_m_s:.1f} m/s (true airspeed)"
-    yield "from", f"{count(len(bare.used))}: {', '.join(map(str, bare.used))}"
 
 
 def ordinary_section(summary: RunSummary) -> Iterator[str]:
