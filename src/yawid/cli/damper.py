@@ -61,7 +61,7 @@ def _parameter(text: str) -> tuple[str, float]:
 
 def _damper(arguments: argparse.Namespace) -> int:
     from yawid.damper.study import Asked, study
-    from yawid.sinks.terminal.damper_table import print_damper
+    from yawid.sinks.damper_table import print_damper
     from yawid.tables.replay import run_of
 
     if arguments.out is not None and arguments.out.suffix != ".html":

@@ -14,8 +14,9 @@ from yawid.damper.loop import closed_dutch_roll, closed_response, known_frequenc
 from yawid.damper.study import Study
 from yawid.physics.continuous import Transfer
 from yawid.physics.modes import Complexes
-from yawid.report.html import Cell, head, listed, note, page, pictures, sheet
+from yawid.report.html import head, listed, note, page, pictures, sheet
 from yawid.report.picture import Picture, band, log_axis
+from yawid.sinks.damper_table import MEANS, gains_grid
 from yawid.sinks.palette import BAD, DATA, MODEL, NEUTRAL, RUDDER
 from yawid.system.part_file import check_free, write_whole
 
@@ -54,25 +55,10 @@ def _sections(report: DamperReport, predicted: Predicted, name: str) -> Iterator
         body += note("", f"Rudder mix, {report.mix.parameter}: {report.mix.text}")
     yield head(name, origin, sentence, body, usable=band_said is not None)
     yield pictures("The damped aircraft", list(_pictures(report, predicted)))
-    units = ("V m/s", "wn rad/s", "zeta", "gain margin dB", "phase margin deg")
-    heading = (report.parameter or "", *units)
-    yield sheet("Every gain", heading, [(cells, False) for cells in _rows(report)])
-    meaning = (
-        "± is one sigma, bands are 2 sigma. Margins are those of the open loop at the 95 % bound "
-        "of the model; where nothing crosses, or the model is not known, there is none."
-    )
-    yield note("", meaning)
-
-
-def _rows(report: DamperReport) -> Iterator[list[Cell]]:
-    for gain in report.gains:
-        for at in gain.at:
-            pairs = ((at.wn_rad_s, at.wn_std, ".2f"), (at.zeta, at.zeta_std, ".3f"))
-            cells = [f"{gain.value:g}", f"{at.airspeed_m_s:.1f}"]
-            cells += ["" if x is None else f"{x:{f}} ± {std or 0.0:{f}}" for x, std, f in pairs]
-            margins = (at.gain_margin_db, at.phase_margin_deg)
-            cells += ["" if x is None else f"{x:.0f}" for x in margins]
-            yield [(each, "") for each in cells]
+    grid = gains_grid(report)
+    rows = [([(cell, "") for cell in row], False) for row in grid.rows]
+    yield sheet("Every gain", grid.heads, rows)
+    yield note("", f"{MEANS}. Bands are 2 sigma.")
 
 
 def _pictures(report: DamperReport, predicted: Predicted) -> Iterator[Picture]:

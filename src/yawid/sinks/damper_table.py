@@ -1,11 +1,16 @@
 """The gains of a yaw damper as a table, and what to fly next."""
 
 from collections.abc import Iterator
-from typing import TextIO
+from typing import Final, TextIO
 
 from yawid.answers.damper_report import DamperAt, DamperReport
 from yawid.sinks.pages import Grid, Note, Part, Said, to_terminal
 from yawid.sinks.words import NEXT
+
+MEANS: Final = (
+    "± is one sigma; GM, PM: margins of the open loop at the 95 % bound, - where nothing crosses "
+    "or the model is not known"
+)
 
 
 def print_damper(report: DamperReport, stream: TextIO) -> None:
@@ -34,14 +39,16 @@ def damper_parts(report: DamperReport) -> Iterator[Part]:
     yield from (Said("", said) for said in report.says)
     yield from reasons
     if report.gains:
-        heads = (report.parameter or "", "V m/s", "wn rad/s", "zeta", "GM dB", "PM deg", "")
-        yield Grid(heads, list(_gains(report)), texts=(6,))
+        yield gains_grid(report)
     yield from mix
     if report.gains:
-        yield Note(
-            "± is one sigma; GM, PM: margins of the open loop at the 95 % bound, - where nothing "
-            "crosses or the model is not known"
-        )
+        yield Note(MEANS)
+
+
+def gains_grid(report: DamperReport) -> Grid:
+    """Return the table of every gain at every airspeed."""
+    heads = (report.parameter or "", "V m/s", "wn rad/s", "zeta", "GM dB", "PM deg", "")
+    return Grid(heads, list(_gains(report)), texts=(6,))
 
 
 def _gains(report: DamperReport) -> Iterator[list[str]]:
