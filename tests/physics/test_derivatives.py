@@ -13,7 +13,6 @@ from scipy.signal import cont2discrete
 
 from yawid.config.estimator import ArmaxOrders
 from yawid.physics.derivatives import (
-    LARGEST_ERROR,
     SERVO,
     summary_of,
     with_sigma,
@@ -191,21 +190,6 @@ def test_a_dead_time_changes_no_number(nk):
     np.testing.assert_allclose(values[0, :4], [0.8, 0.9, 2.4, 0.25], rtol=1e-9)
 
 
-def test_an_alternating_pole_hides_nothing():
-    K, T, omega, xi, ts = 0.8, 0.9, 2.4, 0.25, 0.1
-    theta = theta_of(*eq23(K, T, omega, xi), ts)
-    # Both sides times (1 + 0.3/z)/1.3 ... (1 + 0.3/z): a pole at -0.3 of DC gain one in series.
-    a = np.polymul([1.0, *theta[:2]], [1.0, 0.3])
-    b = 1.3 * np.array([theta[2], theta[3], 0.0])
-
-    values, error = yaw_channel(np.concatenate([a[1:], b])[None], THREE, ts)
-
-    np.testing.assert_allclose(values[0, [2, 3]], [omega, xi], rtol=1e-9)
-    # The pole at -0.3 advances by about a quarter of a sample: that is what eq. 23 cannot hold.
-    np.testing.assert_allclose(values[0, 0], K, rtol=0.1)
-    assert error[0] < LARGEST_ERROR
-
-
 @pytest.mark.parametrize("pole", [-0.05, -0.59, -1.2, 0.0])
 def test_an_alternating_pole_with_a_zero_on_it_is_left_out(pole):
     """As of orders too high by one without noise: A and B have a common factor."""
@@ -241,7 +225,7 @@ def test_what_is_no_yaw_channel_is_left_out(theta):
     assert summary_of(np.zeros(6), np.eye(6), THREE, 0.1) == {}
 
 
-@pytest.mark.parametrize("na", [2, 3, 4, 6])
+@pytest.mark.parametrize("na", [3, 6])
 def test_rows_of_a_block_are_those_of_single_calls_to_the_bit(na):
     """Of a block so long that NumPy works in place on its temporaries."""
     rng, orders = np.random.default_rng(9), ArmaxOrders(na=na, nb=na, nc=0, nk=1)
