@@ -13,9 +13,9 @@ from yawid.blocks import MotionBlock
 from yawid.lateral.model import Guess, Law
 from yawid.lateral.motion import COMMAND_STEP_S, Motion
 from yawid.ordinary import Ordinary, answer_of
-from yawid.ordinary.fit import fit, is_stable, left_over, loss_of, slope_of
-from yawid.ordinary.model import FREE, FREE_AT, Model, prior_of
-from yawid.ordinary.spectra import Band, Sums, band, window_sums
+from yawid.ordinary.fit import fit, is_stable, loss_of, slope_of
+from yawid.ordinary.model import AT, FREE, NAMES, Band, known_before
+from yawid.ordinary.spectra import Sums, spectra, window_sums
 from yawid.quantities.airspeed import GRAVITY
 
 GUST = 0.01
@@ -23,13 +23,14 @@ SMALL = DERIVATIVES | {
     "Y_beta": -0.5, "L_beta": -36.0, "L_p": -12.0, "L_r": 2.0, "L_delta_a": 60.0,
     "N_beta": 36.0, "N_p": -0.3, "N_r": -2.0,
 }  # fmt: skip
-X = np.array([
-    *(np.log(-DERIVATIVES["Y_beta"]) if name == "log_Y_beta" else DERIVATIVES[name] for name in (
-        "log_Y_beta", "L_beta", "L_p", "L_r", "L_delta_a", "N_beta", "N_p", "N_r", "N_delta_a",
-    )),
-    0.0, 0.0, 0.0, 0.0, -12.0, *np.log([GUST, GUST, 1e-8, 0.0004, 0.00012, 0.0004, 0.4, 4.0]),
-])  # fmt: skip
-"""What ``flown`` is made of, by FREE: noise of .002 at 25 Hz has a density of .0004^2."""
+START = dict.fromkeys(NAMES, 0.0) | DERIVATIVES | {
+    "log_Y_beta": np.log(-DERIVATIVES["Y_beta"]), "N_delta_r": 1.0, "log_span_lag": -12.0,
+    "log_gust": np.log(GUST), "log_roll_gust": np.log(GUST), "log_yaw_gust": np.log(1e-8),
+    "log_sigma_p": np.log(0.0004), "log_sigma_roll": np.log(0.00012),
+    "log_sigma_r": np.log(0.0004), "log_gust_rate": np.log(0.4), "log_roll_gust_rate": np.log(4.0),
+}  # fmt: skip
+"""What ``flown`` is made of: noise of .002 at 25 Hz has a density of .0004^2."""
+X = np.array([START[name] for name in NAMES])
 
 
 def streamed(flight: np.ndarray, pieces: int = 1) -> Ordinary:
@@ -49,14 +50,9 @@ def answered(seed: int, **how: Any) -> OrdinaryAnswer:
     return answer_of(streamed(flown(seed, **how)))
 
 
-def model_at(sums: Sums, low: float, high: float) -> tuple[Band, Model]:
-    found = band(sums, low, high)
-    return found, Model(found.w, AIRSPEED_M_S, Law(*LAW))
-
-
-def known_before() -> tuple[np.ndarray, np.ndarray]:
-    start = dict(zip(FREE, X, strict=True)) | {"N_delta_r": 0.0}
-    return prior_of(Guess(start, 2.0, 0.0))[0]
+def band_of(sums: Sums, low: float, high: float) -> Band:
+    known = known_before(Guess(START, 2.0, 0.0))
+    return Band(*spectra(sums, low, high), AIRSPEED_M_S, Law(*LAW), known)
 
 
 @pytest.mark.parametrize(("frozen", "span_s"), [(0.0, 0.0), (1.0, 0.0), (1.0, 0.3)])
@@ -65,12 +61,11 @@ def test_the_spectra_of_a_linear_aircraft_are_those_of_the_model(
 ) -> None:
     how = {"frozen": frozen, "span_s": span_s}
     sums = streamed(flown(1, seconds=900.0, gust=GUST, turns=False, **how)).sums()
-    data, model = model_at(sums, 0.6, 7.0)
-    x = X.copy()
-    x[FREE_AT["frozen"]], x[FREE_AT["log_span_lag"]] = frozen, np.log(span_s + 1e-5)
+    data, x = band_of(sums, 0.6, 7.0), X.copy()
+    x[AT["frozen"]], x[AT["log_span_lag"]] = frozen, np.log(span_s + 1e-5)
 
-    G, S = model.at(x)
-    _, E = left_over(data, model, G)
+    G, S = (each[0] for each in data.predict(x[None]))
+    _, E = data.left_over(G)
     white = np.einsum("bij,bji->b", np.linalg.inv(S), E).real
 
     for part in np.array_split(np.arange(len(data.w)), 4):
@@ -79,14 +74,15 @@ def test_the_spectra_of_a_linear_aircraft_are_those_of_the_model(
 
 
 def test_the_slope_is_that_of_the_likelihood() -> None:
-    data, model = model_at(streamed(flown(2, seconds=300.0)).sums(), 0.6, 7.0)
-    prior, x = known_before(), X + 0.1 * np.cos(np.arange(len(X)))
+    data = band_of(streamed(flown(2, seconds=300.0)).sums(), 0.6, 7.0)
+    x = X + 0.1 * np.cos(np.arange(len(X)))
 
-    slope, _ = slope_of(x, data, model, prior)
+    slope, _ = slope_of(x, data)
 
-    for i, step in enumerate(1e-4 * np.eye(len(x))):
-        up, down = (loss_of(x + sign * step, data, model, prior) for sign in (1.0, -1.0))
-        assert slope[i] == pytest.approx((up - down) / 2e-4, rel=1e-4, abs=1e-3), FREE[i]
+    for at, found in zip(FREE, slope, strict=True):
+        step = 1e-4 * np.eye(len(x))[at]
+        up, down = (loss_of(x + sign * step, data) for sign in (1.0, -1.0))
+        assert found == pytest.approx((up - down) / 2e-4, rel=1e-4, abs=1e-3), NAMES[at]
 
 
 def test_any_cut_of_the_stream_gives_the_same_to_the_bit() -> None:
@@ -157,12 +153,12 @@ def test_the_angle_of_attack_of_a_turn_is_in_what_it_does_to_sideslip() -> None:
         rudder=rest, aileron=rest, airspeed_m_s=AIRSPEED_M_S,
     )  # fmt: skip
 
-    data = band(window_sums(motion, 0.0 * p, 120.0, 1), 0.3, 3.0)
+    _, _, Z = spectra(window_sums(motion, 0.0 * p, 120.0, 1), 0.3, 3.0)
 
     level, g = float(pitch.mean()), GRAVITY / AIRSPEED_M_S
     left = np.array([-np.tan(level), 1.0, -g * np.cos(level), 0.0, -g, 0.0])
-    power = (left @ data.Z @ left).real.sum()
-    assert power < 1e-5 * data.Z[:, 1, 1].real.sum()
+    power = (left @ Z @ left).real.sum()
+    assert power < 1e-5 * Z[:, 1, 1].real.sum()
 
 
 def test_a_record_that_begins_in_flight_before_its_first_command_loses_a_second_of_it() -> None:
@@ -176,15 +172,13 @@ def test_a_record_that_begins_in_flight_before_its_first_command_loses_a_second_
 
 
 def test_an_unstable_aircraft_is_never_reached_although_the_spectra_are_the_same() -> None:
-    data, model = model_at(streamed(flown(7, seconds=400.0)).sums(), 0.6, 7.0)
-    mirrored = X.copy()
-    mirrored[FREE_AT["N_r"]] = 2.0
-    start = dict(zip(FREE, X, strict=True)) | {"N_delta_r": 0.0}
+    data, mirrored = band_of(streamed(flown(7, seconds=400.0)).sums(), 0.6, 7.0), X.copy()
+    mirrored[AT["N_r"]] = 2.0
 
-    found = fit(X, data, model, Guess(start, 2.0, 0.0))
+    found = fit(X, data)
 
-    assert not is_stable(mirrored, model)
-    assert is_stable(found.x, model)
+    assert not is_stable(mirrored, data)
+    assert is_stable(found.x, data)
 
 
 def test_a_flight_without_turns_is_refused_as_feedback_alone() -> None:
@@ -221,18 +215,6 @@ def test_a_line_in_the_yaw_rate_near_the_mode_is_refused(wn_part: float) -> None
     found = answer_of(streamed(flight))
 
     assert [reason.id for reason in found.verdict.reasons] == ["turns_differ"]
-
-
-def test_forgetting_leaves_the_newest_minutes() -> None:
-    motion, samples = blocks(flown(13, seconds=600.0))
-    stream = Ordinary(memory_s=120.0)
-    stream.move(motion)
-    stream.feed(samples)
-
-    weights = np.exp(-np.array([60.0, 120.0, 180.0, 240.0, 300.0, 360.0, 420.0]) / 120.0)
-    assert stream.sums().seconds == pytest.approx(
-        60.0 + 60.0 * weights[:6].sum() + 120.0 * weights[6]
-    )
 
 
 def test_what_is_said_travels_as_json() -> None:

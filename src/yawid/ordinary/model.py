@@ -23,30 +23,22 @@ from dataclasses import dataclass
 import numpy as np
 
 from yawid.blocks import Floats
-from yawid.lateral.model import AT, NAMES, PARAMETERS, Guess, Law, P, airframe
+from yawid.lateral.model import NAMES as LATERAL
+from yawid.lateral.model import PARAMETERS, Guess, Law, P, airframe
 from yawid.lateral.model import ROLL as ROLL_ANGLE
 from yawid.ordinary.spectra import AILERON, ROLL, Complex
 from yawid.quantities.airspeed import GRAVITY
 
-STRUCTURE = (
+NAMES = (*LATERAL, "frozen", "log_span_lag")
+"""The parameters x: those of ``lateral/model.py`` come first."""
+AT = {name: i for i, name in enumerate(NAMES)}
+FREE = np.array([AT[name] for name in (
     "log_Y_beta", "L_beta", "L_p", "L_r", "L_delta_a", "N_beta", "N_p", "N_r", "N_delta_a",
-    "alpha", "delay", "servo_lag",
-)  # fmt: skip
-"""The parameters that are free and of which G is made."""
-FREE = (
-    *STRUCTURE,
-    "frozen",
-    "log_span_lag",
-    "log_gust",
-    "log_roll_gust",
-    "log_yaw_gust",
-    "log_sigma_p",
-    "log_sigma_roll",
-    "log_sigma_r",
-    "log_gust_rate",
+    "alpha", "delay", "servo_lag", "frozen", "log_span_lag", "log_gust", "log_roll_gust",
+    "log_yaw_gust", "log_sigma_p", "log_sigma_roll", "log_sigma_r", "log_gust_rate",
     "log_roll_gust_rate",
-)
-FREE_AT = {name: i for i, name in enumerate(FREE)}
+)])  # fmt: skip
+"""Which of them a fit seeks; the others are 0, or of no effect."""
 FROZEN, SPAN = (0.5, 0.5), (0.5, 0.7)
 """Mean and sigma of c: 0 in JSBSim, whose gusts are north and east of the earth, 1 in nature. With
 c = 1 for all every zeta in JSBSim's turbulence was .05 low. And of T: the mean in 1/wn, and sigma
@@ -55,58 +47,38 @@ UNKNOWN_SIZES = "log_gust", "log_roll_gust", "log_yaw_gust", "log_sigma_p"
 SIZE_STD = 3.0
 """Sigma of a size's logarithm: without it one that is 0, as a gust in calm air, has no end, and the
 step towards it stops every other parameter: 11 of 20 fits ended in a false place."""
-_PARAMETER = {each.name: each for each in PARAMETERS}
-Prior = tuple[Floats, Floats]
 
 
-def prior_of(guess: Guess) -> tuple[Prior, Floats]:
-    """Return what is known of x beforehand, mean and sigma (inf: nothing), and its scales (n,)."""
-    rows = []
-    for name in FREE:
-        each = _PARAMETER.get(name)
-        prior, scale = (None, 0.3) if each is None else (each.prior, each.scale(guess))
-        if name == "frozen":
-            mean, std = FROZEN
-        elif name == "log_span_lag":
-            mean, std = math.log(SPAN[0] / guess.wn), SPAN[1]
-        elif name in UNKNOWN_SIZES:
-            mean, std = guess.start[name], SIZE_STD
-        else:
-            mean, std = prior(guess) if prior is not None else (0.0, np.inf)
-        rows.append((mean, std, scale))
-    mean, std, scales = np.array(rows).T
-    return (mean, std), scales
-
-
-def full(x: Floats) -> Floats:
-    """Return parameters x (v, n) by FREE as those (v, m) of ``lateral/model.py``.
-
-    Only a moment of yaw is the rudder's there, so that it shows what r takes part in.
-    """
-    theta = np.zeros((len(x), len(NAMES)))
-    theta[:, AT["N_delta_r"]] = 1.0
-    for i, name in enumerate(FREE):
-        if name in AT:
-            theta[:, AT[name]] = x[:, i]
-    return theta
+def known_before(guess: Guess) -> tuple[Floats, Floats]:
+    """Return mean and sigma (n,) of what is known of FREE beforehand; inf: nothing."""
+    own = {name: (guess.start[name], SIZE_STD) for name in UNKNOWN_SIZES}
+    own |= {"frozen": FROZEN, "log_span_lag": (math.log(SPAN[0] / guess.wn), SPAN[1])}
+    shared = {each.name: each.prior(guess) for each in PARAMETERS if each.prior}
+    mean, std = np.array([(shared | own).get(NAMES[i], (0.0, np.inf)) for i in FREE]).T
+    return mean, std
 
 
 @dataclass(frozen=True, slots=True)
-class Model:
-    """The model at frequencies ``w`` (b,) in rad/s, at one airspeed and under one roll law.
+class Band:
+    """Spectra at frequencies ``w`` (b,) in rad/s, their model, and its likelihood.
 
+    ``n`` (b,) counts; ``Z`` (b, 6, 6) sums z z^H, with f1 and f2 for f and g of ``spectra.py``.
+    They are of one airspeed and under one roll law. ``known`` is what :func:`known_before` gives.
     ``noise`` (b, 3, 3) takes the place of S where it is given: gusts then do not show the mode.
     """
 
     w: Floats
+    n: Floats
+    Z: Complex
     airspeed_m_s: float
     law: Law
+    known: tuple[Floats, Floats]
     noise: Complex | None = None
 
     def predict(self, x: Floats) -> tuple[Complex, Complex]:
         """Return G (v, b, 3, 3) from [a, f1, f2] to p, r, roll, and S (v, b, 3, 3), of x (v, n)."""
-        o, s, w = dict(zip(FREE, x.T[:, :, None], strict=True)), 1j * self.w, self.w
-        A, B = airframe(full(x), self.airspeed_m_s)
+        o, s, w = dict(zip(NAMES, x.T[:, :, None], strict=True)), 1j * self.w, self.w
+        A, B = airframe(x[:, : len(LATERAL)], self.airspeed_m_s)
         A, k = A[:, None, :4, :4], self.feedback()
         servo = np.exp(-s * o["delay"]) / (1.0 + s * o["servo_lag"])
         rate, roll_rate = np.exp(o["log_gust_rate"]), np.exp(o["log_roll_gust_rate"])
@@ -114,29 +86,22 @@ class Model:
         rolling = np.exp(o["log_roll_gust"]) / np.sqrt(1.0 + (w / roll_rate) ** 2)
         turning = o["frozen"] * s / (1.0 + s * np.exp(o["log_span_lag"]))
         moments = np.array([0.0, 1.0, 1.0, 0.0])
-        D = np.zeros((*servo.shape, 4, 6), complex)
+        heard = np.exp(np.stack([o["log_sigma_p"], o["log_sigma_roll"]], axis=-1))
+        D = np.zeros((*servo.shape, 4, 8), complex)
         D[..., 0] = servo[..., None] * B[:, None, :4, 0]
         D[..., 0, 1], D[..., 3, 2] = GRAVITY / self.airspeed_m_s, 1.0
         D[..., 3] = passing[..., None] * (A[..., 0] + turning[..., None] * moments * A[..., 2])
         D[..., 4] = rolling[..., None] * moments * A[..., 1]
         D[..., 2, 5] = np.exp(o["log_yaw_gust"])
-        whole = s[:, None, None] * np.eye(4) - A + D[..., :1] * k[:, None]
-        X = np.linalg.solve(whole, D)[..., 1:, :]
-        fed_back = [(0, P, np.exp(o["log_sigma_p"])), (2, ROLL_ANGLE, np.exp(o["log_sigma_roll"]))]
-        H = np.concatenate([X[..., 3:], np.zeros((*servo.shape, 3, 2))], axis=-1)
-        for i, (row, at, sigma) in enumerate(fed_back, start=3):
-            H[..., i] = -(sigma * k[:, at])[..., None] * X[..., 0]
-            H[..., row, i] += sigma
-        S = H @ H.conj().swapaxes(-1, -2)
+        D[..., 6:] = -D[..., :1] * (heard * k[:, [P, ROLL_ANGLE]])[..., None, :]
+        X = np.linalg.solve(s[:, None, None] * np.eye(4) - A + D[..., :1] * k[:, None], D)
+        X = X[..., 1:, :]
+        X[..., [0, 2], [6, 7]] += heard
+        S = X[..., 3:] @ X[..., 3:].conj().swapaxes(-1, -2)
         S[..., 1, 1] += np.exp(2.0 * o["log_sigma_r"])
         if self.noise is not None:
             S[:] = self.noise
         return np.asarray(X[..., :3], np.complex128), np.asarray(S, np.complex128)
-
-    def at(self, x: Floats) -> tuple[Complex, Complex]:
-        """Return G (b, 3, 3) and S (b, 3, 3) of one x (n,)."""
-        G, S = self.predict(x[None])
-        return G[0], S[0]
 
     def feedback(self) -> Complex:
         """Return k (b, 4)."""
@@ -152,6 +117,7 @@ class Model:
         U[:, 1, 4] = U[:, 2, 5] = 1.0
         return U
 
-
-OUTPUTS = np.eye(3, 6)
-"""Which of the six signals are y."""
+    def left_over(self, G: Complex) -> tuple[Complex, Complex]:
+        """Return M (b, 3, 6) and E (b, 3, 3)."""
+        M = np.eye(3, 6) - G @ self.inputs()
+        return M, M @ self.Z @ M.conj().swapaxes(-1, -2)

@@ -21,7 +21,7 @@ import numpy as np
 
 from yawid.blocks import MotionBlock, SampleBlock
 from yawid.lateral.motion_store import MotionStore
-from yawid.ordinary.spectra import Sums, window_sums
+from yawid.ordinary.spectra import NONE, Sums, window_sums
 
 PIECE_S = 20.0
 """The length of a piece in s: what one movement of the rudder costs an ordinary flight."""
@@ -51,12 +51,11 @@ class Ordinary:
     """An ordinary flight: ``move`` motion and ``feed`` samples, then ``finish``.
 
     ``travel_unit`` is half the rudder's travel in the unit of ``u``. ``by_speed`` has the sums by
-    airspeed, in which what is older by ``memory_s`` has a weight of 1/e; ``lost_s`` has the time in
-    s that was left out by its cause, and ``seen_s`` all of it.
+    airspeed; ``lost_s`` has the time in s that was left out by its cause, and ``seen_s`` all of it.
     """
 
-    def __init__(self, travel_unit: float = 1.0, memory_s: float = math.inf) -> None:
-        self._unit, self._memory_s = travel_unit, memory_s
+    def __init__(self, travel_unit: float = 1.0) -> None:
+        self._unit = travel_unit
         self._store = MotionStore(PIECES * PIECE_S)
         self._waiting: list[SampleBlock] = []
         self._row: list[SampleBlock] = []
@@ -90,10 +89,9 @@ class Ordinary:
 
     def sums(self) -> Sums:
         """Return the sums of the neighbouring airspeeds that were flown longest."""
-        none = Sums.none()
-        runs = [range(i, i + BINS) for i in sorted(self.by_speed)]
-        each = [sum((self.by_speed.get(i, none) for i in run), none) for run in runs]
-        return max(each, key=lambda x: x.seconds, default=none)
+        at = sorted(self.by_speed.items())
+        runs = (sum((x for j, x in at if i <= j < i + BINS), NONE) for i, _ in at)
+        return max(runs, key=lambda x: x.seconds, default=NONE)
 
     def _judge(self, piece: SampleBlock) -> None:
         """Add a piece to the row, or end the row before it."""
@@ -149,34 +147,25 @@ class Ordinary:
 
     def _transform(self) -> None:
         """Add the window of the row to the sums of its airspeed."""
-        rows = SampleBlock.joined(self._row)
-        motion, new_s = self._store.cut(rows), self._new * PIECE_S
-        self._new = 0
+        rows, new_s, self._new = SampleBlock.joined(self._row), self._new * PIECE_S, 0
+        motion = self._store.cut(rows)
         if isinstance(motion, str):  # a record may begin before its first command
-            rows = rows.select(rows.boot_us >= rows.boot_us[0] + SETTLED_US)
-            motion = self._store.cut(rows)
+            motion = self._store.cut(rows.select(rows.boot_us >= rows.boot_us[0] + SETTLED_US))
         if isinstance(motion, str) or not motion.aileron_known:
             self.lost_s["without motion or aileron"] += new_s
             return
         k = np.arange(len(motion.p))
-        columns = {name: getattr(motion, name) for name in ("p", "r", "roll", "pitch", "q")}
-        known = np.flatnonzero(np.isfinite(sum(columns.values())))
-        gaps_us = 1e6 * motion.sample_time_s * np.diff(known, prepend=-1, append=len(k))
-        if len(known) < LEAST_USED * len(k) or gaps_us.max() > LONGEST_GAP_US:
-            self.lost_s["with gaps in the attitude"] += new_s
-            return
-        lines = {name: np.interp(k, known, x[known]) for name, x in columns.items()}
-        whole = replace(motion, **lines)
         aileron = np.interp(k * motion.sample_time_s, motion.command_times_s(), motion.aileron)
-        at = math.floor(math.log(motion.airspeed_m_s) / math.log(1.0 + SAME_SPEED / 2.0))
+        for name in ("p", "r", "roll", "pitch", "q"):
+            known = np.flatnonzero(np.isfinite(x := getattr(motion, name)))
+            motion = replace(motion, **{name: np.interp(k, known, x[known])})
         each = round(MEAN_S / rows.sample_time_s)
         roll = rows.roll[-round(new_s / rows.sample_time_s) :]
         banks = np.abs(roll[: len(roll) // each * each].reshape(-1, each).mean(axis=1)) > BANKED
         turns = int(np.count_nonzero(np.diff(banks.astype(int), prepend=0) > 0))
-        sums, stays = window_sums(whole, aileron, new_s, turns), math.exp(-new_s / self._memory_s)
-        if stays < 1.0:
-            self.by_speed = {i: x * stays for i, x in self.by_speed.items()}
-        self.by_speed[at] = self.by_speed.get(at, Sums.none()) + sums
+        at = math.floor(math.log(motion.airspeed_m_s) / math.log(1.0 + SAME_SPEED / 2.0))
+        sums = window_sums(motion, aileron, new_s, turns)
+        self.by_speed[at] = self.by_speed.get(at, NONE) + sums
 
 
 def _pieces(samples: SampleBlock) -> Iterator[SampleBlock]:

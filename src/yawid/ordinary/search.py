@@ -1,17 +1,16 @@
 """The search for the best fit: starts over all frequencies, each to its end, the best of them."""
 
 import math
-from typing import Any
+from dataclasses import replace
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 
 from yawid.blocks import Floats
-from yawid.lateral.model import Law, modes
-from yawid.ordinary.fit import Fitted, fit, left_over, start_at
+from yawid.lateral.model import Guess, Law
+from yawid.ordinary.fit import Fitted, fit, is_stable
 from yawid.ordinary.law import law_of
-from yawid.ordinary.model import Model, full
-from yawid.ordinary.spectra import Band, Complex, Sums, band
+from yawid.ordinary.model import AT, FROZEN, NAMES, SPAN, Band, known_before
+from yawid.ordinary.spectra import Sums, spectra
 
 BAND = 0.3, 3.5
 """The band of a fit in wn: below it turns are not linear, above it other modes begin."""
@@ -24,12 +23,6 @@ APART = 0.02
 LEAST_LAW = 0.85
 """The least that a law explains of the aileron: less is a pilot, or commands of other times. A law
 that explained .48 of a calm flight at 10 Hz made the aircraft unstable, and wn 20 % low."""
-USABLE = 0.8
-"""The part of the Nyquist frequency below which spectra are used."""
-ROUNDS, NOISE_BINS = 2, 5
-"""The fits by turns, and the bins on each side over which the noise is a mean: 13 % of w."""
-FEWEST = 10
-"""The fewest bins of a fit."""
 
 
 class Search:
@@ -39,88 +32,58 @@ class Search:
     """
 
     def __init__(self, sums: Sums) -> None:
-        self._sums, self.limit = sums, USABLE * math.pi / sums.step_s
-        self.airspeed_m_s, self._pitch = sums.speed / sums.seconds, sums.pitch / sums.seconds
+        seen = sums.n > 0.0
+        self._sums, self.limit = sums, float((sums.w[seen] / sums.n[seen])[-1])
+        self._pitch = sums.pitch / sums.seconds
         self.found_law, self.explained = law_of(sums.law)
         self.law = self.found_law if self.explained >= LEAST_LAW else Law()
-        self._wide = band(sums, WIDE[0], min(WIDE[1], self.limit), JOINED)
-        high = self._wide.w > 0.6 * self._wide.w[-1]
-        power = np.einsum("bii->bi", self._wide.Z[high]).real[:, :3] / self._wide.n[high, None]
-        self._noise: Floats = 0.5 * np.log(np.maximum(np.median(power, axis=0), 1e-14))
+        wide = spectra(sums, WIDE[0], WIDE[1], JOINED)
+        self._wide = Band(*wide, sums.speed / sums.seconds, self.law, (np.zeros(0), np.zeros(0)))
 
     def fits(self) -> list[Fitted]:
         """Return the ends of the best starts on one band, the best of them first."""
-        starts = (self._fit(None, self._wide, wn, STEPS) for wn in STARTS if wn < 0.75 * self.limit)
-        ends: list[Fitted] = []
-        picked: list[float] = []
-        for each in sorted((x for x in starts if x is not None), key=lambda x: x.loss):
-            wn = wn_of(each)
-            if len(picked) == BEST or any(abs(math.log(wn / x)) < APART for x in picked):
-                continue
-            picked.append(wn)
-            found = self.again(each, wn)
-            found = None if found is None else self.again(found, wn_of(found))
-            ends += [] if found is None else [found]
-        middle = float(np.median([wn_of(each) for each in ends])) if ends else math.nan
-        found_all = (self.again(each, middle) for each in ends)
-        return sorted((x for x in found_all if x is not None), key=lambda x: x.loss)
+        starts = [
+            fit(start, replace(self._wide, known=known), STEPS)
+            for start, known in (self._start(wn) for wn in STARTS if wn < 0.75 * self.limit)
+        ]
+        ordered = sorted((x for x in starts if x.wn > 0.0), key=lambda x: -x.loss)
+        picked = {round(math.log(each.wn) / APART): each for each in ordered}
+        best = sorted(picked.values(), key=lambda x: x.loss)[:BEST]
+        ends = [self.again(each, each.wn) for each in best]
+        ends = [self.again(each, each.wn) for each in ends if each.wn > 0.0]
+        middle = float(np.median([each.wn for each in ends if each.wn > 0.0] or [math.nan]))
+        found = [self.again(each, middle) for each in ends if each.wn > 0.0]
+        return sorted((each for each in found if each.wn > 0.0), key=lambda x: x.loss)
 
-    def again(
-        self,
-        start: Fitted,
-        wn: float,
-        parts: tuple[float, float] = BAND,
-        law: Law | None = None,
-    ) -> Fitted | None:
-        """Return the fit from another's end, in a band around wn in rad/s; None without a mode.
+    def again(self, start: Fitted, wn: float, parts: tuple[float, float] = BAND) -> Fitted:
+        """Return the fit from another's end, in a band around wn in rad/s."""
+        data = spectra(self._sums, parts[0] * wn, parts[1] * wn)
+        _, known = self._start(wn)
+        return fit(start.x, Band(*data, self._wide.airspeed_m_s, self.law, known))
 
-        Another ``law`` may be tried.
-        """
-        data = band(self._sums, parts[0] * wn, min(parts[1] * wn, self.limit))
-        return self._fit(start.x, data, wn, law=law)
-
-    def by_turns(self, start: Fitted) -> Fitted | None:
-        """Return the fit of what the inputs make alone, whose noise is what each fit leaves."""
-        found: Fitted | None = start
-        for _ in range(ROUNDS):
-            if found is None:
-                return None
-            _, E = left_over(start.band, start.model, start.model.at(found.x)[0])
-            noise = (
-                around(E, 2 * NOISE_BINS + 1)
-                / around(start.band.n, 2 * NOISE_BINS + 1)[:, None, None]
-            )
-            found = self._fit(found.x, start.band, wn_of(start), noise=noise)
-        return found
-
-    def _fit(
-        self,
-        x: Floats | None,
-        data: Band,
-        wn: float,
-        steps: int = 40,
-        law: Law | None = None,
-        noise: Complex | None = None,
-    ) -> Fitted | None:
-        if len(data.w) < FEWEST:
-            return None
-        wide = Model(self._wide.w, self.airspeed_m_s, self.law)
-        start, guess = start_at(wn, self._wide, wide, self._pitch, self._noise)
-        model = Model(data.w, self.airspeed_m_s, law or self.law, noise)
-        try:
-            found = fit(start if x is None else x, data, model, guess, steps)
-        except np.linalg.LinAlgError:
-            return None
-        return found if math.isfinite(found.loss) and math.isfinite(wn_of(found)) else None
-
-
-def around(x: Complex | Floats, count: int) -> Any:
-    """Return the sums of rows (b, ...) over ``count`` of them around each, mirrored at the ends."""
-    half = count // 2
-    padded = np.pad(x, [(half, half)] + [(0, 0)] * (x.ndim - 1), mode="reflect")
-    return sliding_window_view(padded, count, axis=0).sum(axis=-1)
-
-
-def wn_of(found: Fitted) -> float:
-    """Return wn in rad/s of the bare airframe, NaN where it does not oscillate."""
-    return float(modes(full(found.x[None]), found.model.airspeed_m_s)[0, 0])
+    def _start(self, wn: float) -> tuple[Floats, tuple[Floats, Floats]]:
+        """Return parameters (n,) of a plausible aircraft of this wn in rad/s, and its prior."""
+        wide, pitch = self._wide, self._pitch
+        power = np.einsum("bii->ib", wide.Z).real / wide.n
+        a = np.einsum("bi,bij,bj->b", U := wide.inputs()[:, 0], wide.Z, U.conj()).real / wide.n
+        near = float(np.mean(power[1, np.argsort(np.abs(wide.w - wn))[:3]])) + 1e-14
+        high = power[:3, wide.w > 0.6 * wide.w[-1]]
+        noise = 0.5 * np.log(np.maximum(np.median(high, axis=1), 1e-14))
+        L_p = -2.5 * wn
+        start = dict.fromkeys(NAMES, 0.0) | {
+            "log_Y_beta": math.log(0.12 * wn), "L_beta": -1.5 * wn**2,
+            "L_p": L_p, "L_r": 0.2 * wn,
+            "L_delta_a": -L_p * math.sqrt(float(power[0].sum() / (a.sum() + 1e-12))),
+            "N_beta": wn**2, "N_p": -0.05 * wn, "N_r": -0.25 * wn, "N_delta_r": 1.0,
+            "alpha": pitch, "delay": 0.01, "servo_lag": 0.04,
+            "frozen": FROZEN[0], "log_span_lag": math.log(SPAN[0] / wn),
+            "log_gust": 0.5 * math.log(near * 0.16 * wn**2 / (0.3 * wn)),
+            "log_gust_rate": math.log(0.15 * wn),
+            "log_roll_gust": 0.5 * math.log(float(np.median(power[0])) + 1e-14),
+            "log_roll_gust_rate": math.log(1.5 * wn), "log_yaw_gust": 0.5 * math.log(near) - 1.0,
+            "log_sigma_p": noise[0], "log_sigma_r": noise[1], "log_sigma_roll": noise[2],
+        }  # fmt: skip
+        x = np.array([start[name] for name in NAMES])
+        if not is_stable(x, wide):
+            x[[AT["N_r"], AT["L_r"], AT["N_p"]]] = -0.8 * wn, 0.0, 0.0
+        return x, known_before(Guess(start, wn, pitch))

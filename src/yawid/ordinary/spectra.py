@@ -17,15 +17,14 @@ windows add up, and f and g become what a bank adds to linear motion by a linear
 """
 
 import math
-from dataclasses import dataclass, replace
-from typing import Self
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from yawid.blocks import Floats
 from yawid.lateral.motion import Motion
-from yawid.ordinary.law import LAGS_S, law_sums
+from yawid.ordinary.law import law_sums
 from yawid.quantities.airspeed import GRAVITY
 
 Complex = NDArray[np.complex128]
@@ -35,6 +34,8 @@ EDGES = 0.1 * 1.025 ** np.arange(248)
 INDEPENDENT = 0.485
 """The part of the frequencies of windows that overlap by half, tapered by Hann's, that counts:
 neighbours are correlated by 2/3 and 1/6, windows by 1/6. Without it every sigma is 30 % small."""
+USABLE = 0.8
+"""The part of the Nyquist frequency below which spectra are used."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,91 +43,73 @@ class Sums:
     """The sums over windows of nearly one airspeed; ``a + b`` are those of both.
 
     ``w`` (b,) sums the frequencies of each bin, ``n`` (b,) counts them, ``Z`` (b, 6, 6) sums
-    z z^H. ``law`` (l, 5, 5) is what the roll law's regression needs: see :func:`law_sums`.
+    z z^H. ``law`` (4, 4) is what the roll law's regression needs: see :func:`law_sums`.
     ``seconds`` is the time that is new with these windows; ``speed`` and ``pitch`` are
-    their integrals over it. ``step_s`` is the largest sample time, ``turns`` counts turns.
+    their integrals over it. ``turns`` counts turns.
     """
 
     w: Floats
     n: Floats
     Z: Complex
     law: Floats
-    seconds: float = 0.0
-    speed: float = 0.0
-    pitch: float = 0.0
-    step_s: float = 0.0
-    turns: int = 0
-    windows: int = 0
-
-    @classmethod
-    def none(cls) -> Self:
-        """Return the sums of no window."""
-        bins = len(EDGES) - 1
-        zero = np.zeros((bins, 6, 6), np.complex128)
-        return cls(np.zeros(bins), np.zeros(bins), zero, np.zeros((len(LAGS_S), 5, 5)))
+    seconds: float
+    speed: float
+    pitch: float
+    turns: int
+    windows: int
 
     def __add__(self, other: "Sums") -> "Sums":
-        values = {name: getattr(self, name) + getattr(other, name) for name in self.__slots__}
-        return Sums(**{**values, "step_s": max(self.step_s, other.step_s)})
-
-    def __mul__(self, weight: float) -> "Sums":
-        """Return the sums weighted, as forgetting does, the counts too."""
-        names = ("w", "n", "Z", "law", "seconds", "speed", "pitch")
-        return replace(self, **{name: weight * getattr(self, name) for name in names})
+        return Sums(*(getattr(self, name) + getattr(other, name) for name in self.__slots__))
 
 
-@dataclass(frozen=True, slots=True)
-class Band:
-    """The spectra in a band: w (b,) in rad/s, counts n (b,), Z (b, 6, 6) with f and g as f1 and f2.
+BINS = len(EDGES) - 1
+NONE = Sums(
+    np.zeros(BINS), np.zeros(BINS), np.zeros((BINS, 6, 6), complex), np.zeros((4, 4)),
+    0.0, 0.0, 0.0, 0, 0,
+)  # fmt: skip
+"""The sums of no window."""
 
-    f1 = f - cos(pitch0) roll - V / g tan(pitch0) p and f2 = g - tan(pitch0) r are what a bank adds
-    to linear motion.
+
+def window_sums(motion: Motion, aileron: Floats, new_s: float, turns: int) -> Sums:
+    """Return the sums of one window, of which ``new_s`` have not been in one before.
+
+    Its samples are all known; aileron (n,) is on its grid.
     """
-
-    w: Floats
-    n: Floats
-    Z: Complex
-
-
-def spectra_of(motion: Motion, aileron: Floats) -> tuple[Floats, Floats, Complex]:
-    """Return w, n and Z of one window, whose samples are all known; aileron (n,) is on its grid."""
     p, r, roll, pitch, q = motion.p, motion.r, motion.roll, motion.pitch, motion.q
     turn = np.tan(pitch) * (q * np.sin(roll) + r * np.cos(roll))
     force = np.cos(pitch) * np.sin(roll)
     force += motion.airspeed_m_s / GRAVITY * np.tan(pitch) / np.cos(roll) * p
     z = np.stack([p, r, roll, aileron, force, turn])
-    n, Ts, bins = z.shape[1], motion.sample_time_s, len(EDGES) - 1
+    n, Ts = z.shape[1], motion.sample_time_s
     taper = 0.5 - 0.5 * np.cos(math.tau * (np.arange(n) + 0.5) / n)
     tapered = (z - (z @ taper)[:, None] / taper.sum()) * taper
     F = np.fft.rfft(tapered, axis=1) * math.sqrt(Ts / (taper @ taper))
     w = np.arange(F.shape[1]) * math.tau / (n * Ts)
     at = np.searchsorted(EDGES, w) - 1
-    inside = (at >= 0) & (at < bins) & (w < math.pi / Ts)
+    inside = (at >= 0) & (at < BINS) & (w < USABLE * math.pi / Ts)
     at, w, F = at[inside], w[inside], F[:, inside]
-    Z = np.zeros((bins, 6, 6), complex)
+    Z = np.zeros((BINS, 6, 6), complex)
     np.add.at(Z, at, np.einsum("ik,jk->kij", F, F.conj()))
-    count = np.bincount(at, minlength=bins).astype(np.float64)
-    return np.asarray(np.bincount(at, w, bins), np.float64), count, Z
+    return Sums(
+        np.bincount(at, w, BINS).astype(np.float64),
+        np.bincount(at, minlength=BINS).astype(np.float64), Z,
+        law_sums(aileron, roll, p, Ts), new_s, new_s * motion.airspeed_m_s,
+        new_s * float(pitch.mean()), turns, 1,
+    )  # fmt: skip
 
 
-def window_sums(motion: Motion, aileron: Floats, new_s: float, turns: int) -> Sums:
-    """Return the sums of one window, of which ``new_s`` have not been in one before."""
-    w, n, Z = spectra_of(motion, aileron)
-    law = law_sums(aileron, motion.roll, motion.p, motion.sample_time_s)
-    speed, pitch = new_s * motion.airspeed_m_s, new_s * float(motion.pitch.mean())
-    return Sums(w, n, Z, law, new_s, speed, pitch, motion.sample_time_s, turns, 1)
+def spectra(sums: Sums, low: float, high: float, joined: int = 1) -> tuple[Floats, Floats, Complex]:
+    """Return frequencies w (b,), counts n (b,) and Z (b, 6, 6) from ``low`` to ``high`` rad/s.
 
-
-def band(sums: Sums, low: float, high: float, joined: int = 1) -> Band:
-    """Return the spectra from ``low`` to ``high`` rad/s, ``joined`` bins as one."""
-    pitch = sums.pitch / max(sums.seconds, 1e-9)
-    T = np.eye(6)
-    speed_m_s = sums.speed / max(sums.seconds, 1e-9)
-    T[FORCE, P] = -speed_m_s / GRAVITY * math.tan(pitch)
+    ``joined`` bins are one. Z is of [p, r, roll, da, f1, f2], where f1 = f - cos(pitch0) roll -
+    V / g tan(pitch0) p and f2 = g - tan(pitch0) r are what a bank adds to linear motion.
+    """
+    pitch, T = sums.pitch / sums.seconds, np.eye(6)
+    T[FORCE, P] = -sums.speed / sums.seconds / GRAVITY * math.tan(pitch)
     T[FORCE, ROLL], T[TURN, R] = -math.cos(pitch), -math.tan(pitch)
-    rows = (EDGES[:-1] >= low) & (EDGES[1:] <= high) & (sums.n > 0.0)
-    starts = np.arange(0, np.count_nonzero(rows), joined)
-    if not len(starts):
-        return Band(np.zeros(0), np.zeros(0), np.zeros((0, 6, 6), complex))
+    rows = np.flatnonzero((EDGES[:-1] >= low) & (EDGES[1:] <= high) & (sums.n > 0.0))
+    if not len(rows):
+        return np.zeros(0), np.zeros(0), np.zeros((0, 6, 6), complex)
+    starts = np.arange(0, len(rows), joined)
     w, n, Z = (np.add.reduceat(x[rows], starts, axis=0) for x in (sums.w, sums.n, sums.Z))
-    return Band(w / n, INDEPENDENT * n, np.asarray(INDEPENDENT * (T @ Z @ T.T), complex))
+    return w / n, INDEPENDENT * n, np.asarray(INDEPENDENT * (T @ Z @ T.T), complex)
