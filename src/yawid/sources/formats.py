@@ -8,6 +8,7 @@ reader then says what is wrong.
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
@@ -57,10 +58,10 @@ class Format:
 
 
 def _tlog(path: Path, decoder: "Callable[[], Decoder]") -> "Reader":
-    from yawid.sources.logs.tlog import TlogReader, check_readable, read_tlog
+    from yawid.sources.logs.tlog import TlogReader, read_tlog
 
-    check_readable(path)
-    return TlogReader(read_tlog(path), decoder())
+    pieces = read_tlog(path)
+    return TlogReader(chain([next(pieces)], pieces), decoder())
 
 
 def _dataflash(path: Path, _: "Callable[[], Decoder]") -> "Reader":

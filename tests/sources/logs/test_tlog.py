@@ -16,7 +16,7 @@ from scipy.io import savemat
 from sources.tlog_records import BY_NAME, START_US, message, pack, random_records, record, sender
 
 from yawid.errors import SourceError
-from yawid.sources.logs.tlog import check_readable, read_tlog
+from yawid.sources.logs.tlog import read_tlog
 from yawid.sources.open_log import Log
 
 
@@ -48,14 +48,14 @@ def test_a_log_that_begins_with_garbage_is_read(tmp_path: Path, log: Path) -> No
     path = tmp_path / "late.tlog"
     garbage = np.random.default_rng(1).bytes(100_000)
     path.write_bytes(garbage + log.read_bytes())
-    check_readable(path)
+    next(read_tlog(path))
     assert b"".join(read_tlog(path)) == garbage + log.read_bytes()
 
 
 def test_a_log_of_one_record_is_read(tmp_path: Path) -> None:
     path = tmp_path / "one.tlog"
     path.write_bytes(record(START_US, pack(message(BY_NAME["VIBRATION"], b"\x01"), sender())))
-    check_readable(path)
+    next(read_tlog(path))
 
 
 MSBUILD = "^C:\\PROJECT\\MAIN.CPP\r\nC:\\PROJECT\\MAIN.OBJ\r\n"
@@ -77,7 +77,7 @@ def test_what_is_no_telemetry_log_is_refused_in_one_line(tmp_path: Path, name: s
     path = tmp_path / "stranger.tlog"
     path.write_bytes(content)
     with pytest.raises(SourceError, match=verdict) as caught:
-        check_readable(path)
+        next(read_tlog(path))
     assert_one_line(caught.value, path)
 
 
@@ -111,13 +111,13 @@ def test_logs_stored_in_an_archive_are_not_read_as_one_flight(tmp_path: Path) ->
     with zipfile.ZipFile(tmp_path / "a.tlog", "w") as archive:
         archive.writestr("b.tlog", b"".join(random_records(np.random.default_rng(2), 50)))
     with pytest.raises(SourceError, match=r"zip archive.*unzip"):
-        check_readable(tmp_path / "a.tlog")
+        next(read_tlog(tmp_path / "a.tlog"))
 
 
 def test_a_missing_file_and_a_directory_are_refused_in_one_line(tmp_path: Path) -> None:
     for path, verdict in ((tmp_path / "none.tlog", "does not exist"), (tmp_path, "directory")):
         with pytest.raises(SourceError, match=verdict) as caught:
-            check_readable(path)
+            next(read_tlog(path))
         assert_one_line(caught.value, path)
 
 
@@ -125,14 +125,14 @@ def test_a_pipe_is_refused_and_does_not_block(tmp_path: Path) -> None:
     path = tmp_path / "pipe.tlog"
     os.mkfifo(path)
     with pytest.raises(SourceError, match="not a regular file"):
-        check_readable(path)
+        next(read_tlog(path))
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may read everything")
 def test_a_file_without_permission_is_refused_in_one_line(log: Path) -> None:
     log.chmod(0)
     with pytest.raises(SourceError, match="chmod") as caught:
-        check_readable(log)
+        next(read_tlog(log))
     assert_one_line(caught.value, log)
 
 

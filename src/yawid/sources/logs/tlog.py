@@ -82,21 +82,12 @@ class TlogReader:
         yield 0, self._decoder.finish()
 
 
-def check_readable(path: Path) -> None:
-    """Read the head of a log; return if it is a telemetry log.
-
-    Raises:
-        SourceError: there is no such file, it cannot be read, or its first MiB holds no intact
-        record.
-    """
-    next(read_tlog(path))
-
-
 def read_tlog(path: Path, chunk: int = CHUNK) -> Iterator[bytes]:
     """Yield the bytes of a log, ``chunk`` at a time.
 
     Raises:
-        SourceError: as :func:`check_readable`, with the first piece; or reading fails later on.
+        SourceError: with the first piece, there is no such file, it cannot be read, or its first
+        MiB holds no intact record; later on, reading fails.
     """
     if not path.is_file() and path.exists():
         kind = "is a directory" if path.is_dir() else "is not a regular file"
