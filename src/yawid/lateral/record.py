@@ -43,9 +43,9 @@ class Record:
 
     ``turn`` are means and slopes (n, 2) of f1 and f2 over each step; ``fed_back`` the R squared of
     the aileron on roll and p. An aileron that a hold moves is an input like any other: it depends
-    on the past alone. ``jumps`` are those of the commands: aileron or rudder, and what it adds
-    (m,) if it is later by 1 s; ``jump_std_s`` is sigma of its time, of which only its sample is
-    known.
+    on the past alone. ``jumps`` are those of the commands: aileron or rudder, what it adds (m,) if
+    it is later by 1 s, and its size; ``jump_std_s`` is sigma of its time, of which only its sample
+    is known.
     """
 
     def __init__(self, motion: Motion) -> None:
@@ -65,25 +65,27 @@ class Record:
         commands = np.stack([motion.aileron, motion.rudder])
         self.commands = commands - commands[:, inside].mean(axis=1)[:, None]
         self.aileron_moves = motion.aileron_known and bool(self.commands[0, inside].std() > AT_REST)
-        held = explained(self.commanded(0.0, 0.0)[:, 0], self.y[:, [0, 2]])
-        self.fed_back = held if self.aileron_moves else 0.0
+        aileron, heard = self.commanded(0.0, 0.0)[:, 0], self.y[:, [0, 2]]
+        self.fed_back = explained(aileron, heard) if self.aileron_moves else 0.0
         its = [RUDDER] if self.fed_back > FOLLOWS else [AILERON, RUDDER]
         jumps = [jump for surface in its for jump in self._jumps(surface, inside)]
-        self.jumps = sorted(jumps, key=lambda jump: -float(np.ptp(jump[1])))[:MOST_JUMPS]
+        self.jumps = sorted(jumps, key=lambda jump: -jump[2])[:MOST_JUMPS]
         self.jump_std_s = self.sample_time_s / math.sqrt(12.0)
 
     def _fill(self, x: Floats) -> Floats:
-        """Return x with lines over its gaps."""
+        """Return x with lines over its gaps.
+
+        Raises:
+            ValueError: there is no sample.
+        """
         known = np.isfinite(x)
-        if not known.any():
-            return np.zeros_like(x)
         return np.asarray(np.interp(self.times_s, self.times_s[known], x[known]), np.float64)
 
     def _take_roll_in_time(self) -> float:
         """Take roll at the times of its rates, and return by how much later it was in s; or 0.
 
         Its difference from their integral is regressed on their sum and a slow drift. Between
-        samples roll is a cubic spline.
+        samples roll is a cubic.
         """
         p, _, roll, *_ = self._filled
         rate = p + self._turning()
@@ -91,13 +93,18 @@ class Record:
         columns = np.column_stack([rate, np.vander(np.linspace(-1.0, 1.0, len(p)), _DRIFT)])
         found, *_ = np.linalg.lstsq(columns, roll - turned, rcond=None)
         delay_s, left = -float(found[0]), roll - turned - columns @ found
-        power = float(np.linalg.pinv(columns.T @ columns)[0, 0])
+        power = np.linalg.pinv(columns.T @ columns)[0, 0]
         least_s = max(LEAST_DELAY_S, SURELY_LATE * math.sqrt(left.var() * power))
         if not least_s < abs(delay_s) < MOST_DELAY_S:
             return 0.0
-        from scipy.interpolate import CubicSpline  # it takes long to load, and few runs need it
-
-        self._filled[2] = CubicSpline(self.times_s, roll)(self.times_s + delay_s)
+        at = np.arange(len(p)) + delay_s / self.sample_time_s
+        i = np.clip(np.floor(at), 1, len(p) - 3).astype(int)
+        f = at - i
+        self._filled[2] = (
+            (f + 1.0) * (f - 1.0) * (f - 2.0) / 2.0 * roll[i]
+            - (f + 1.0) * f * (f - 2.0) / 2.0 * roll[i + 1]
+            + f * (f - 1.0) * ((f + 1.0) * roll[i + 2] - (f - 2.0) * roll[i - 1]) / 6.0
+        )
         return delay_s
 
     def _turning(self) -> Floats:
@@ -121,8 +128,8 @@ class Record:
         mean, slope = 0.5 * (both + after), (after - both) / self.sample_time_s
         return np.asarray(mean, np.float64), np.asarray(slope, np.float64)
 
-    def _jumps(self, surface: int, inside: Flags) -> Iterator[tuple[int, Floats]]:
-        """Yield the surface of each jump within a sample, and what it adds (m,) if later by 1 s.
+    def _jumps(self, surface: int, inside: Flags) -> Iterator[tuple[int, Floats, float]]:
+        """Yield the surface of each jump in a sample, what it adds (m,) if later by 1 s, its size.
 
         The jump may be anywhere in a sample. The step that is expected for a jump that is known to
         be late differs from the line by a parabola over that sample.
@@ -136,8 +143,12 @@ class Record:
                 at = start + int(np.abs(change[start:stop]).argmax())
                 from_middle_s = COMMAND_STEP_S * (np.arange(len(u)) - at - width // 2)
                 within = np.clip(from_middle_s / self.sample_time_s + 0.5, 0.0, 1.0)
-                parabola = within * (1.0 - within)
-                yield surface, -change[at] * parabola / (COMMAND_STEP_S * parabola.sum())
+                parabola = within * (1.0 - within) / COMMAND_STEP_S
+                yield (
+                    surface,
+                    -change[at] * parabola / (within * (1.0 - within)).sum(),
+                    float(abs(change[at])),
+                )
 
     def inputs(self, lag_s: float, delay_s: float, later_s: Sequence[float] = ()) -> Floats:
         """Return the inputs (n, 8) over each step: aileron, rudder, f1 and f2, then their slopes.
@@ -146,7 +157,7 @@ class Record:
         so much later.
         """
         commands = self.commands.copy()
-        for by_s, (surface, late) in zip(later_s, self.jumps, strict=False):
+        for by_s, (surface, late, _) in zip(later_s, self.jumps, strict=False):
             commands[surface] += by_s * late
         mean, slope = self._lines(commands, lag_s, delay_s)
         return np.hstack([mean.T, self.turn[0], slope.T, self.turn[1]])
@@ -154,8 +165,8 @@ class Record:
     def later(self, lag_s: float, delay_s: float) -> Floats:
         """Return what a jump that is later by 1 s adds to the inputs (j, n, 8), for each jump."""
         found, j = np.zeros((len(self.jumps), len(self.times_s), 8)), np.arange(len(self.jumps))
-        late = np.array([row for _, row in self.jumps]).reshape(len(j), self.commands.shape[1])
-        at = np.array([surface for surface, _ in self.jumps], int)
+        late = np.array([row for _, row, _ in self.jumps]).reshape(len(j), self.commands.shape[1])
+        at = np.array([surface for surface, *_ in self.jumps], int)
         mean, slope = self._lines(late, lag_s, delay_s)
         found[j, :, at], found[j, :, at + 4] = mean, slope
         return found
