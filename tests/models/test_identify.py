@@ -25,7 +25,7 @@ from yawid.answers.reasons import Verdict
 from yawid.answers.run_summary import Bare, Value
 from yawid.cli.main import main
 from yawid.errors import ConfigError, NotIdentifiable
-from yawid.models.aerodynamics import Dimensions, coefficients
+from yawid.models.aerodynamics import coefficients
 from yawid.models.linear import LinearModel
 from yawid.tables.run import Run
 
@@ -207,8 +207,8 @@ def test_the_bare_airframe_is_that_of_its_equations() -> None:
 
 
 def test_coefficients_are_of_unprimed_moments() -> None:
-    of = Dimensions(mass=800.0, ixx=1000.0, izz=2000.0, ixz=100.0, area=16.0, span=10.0,
-                    rudder_max_deg=20.0, aileron_max_deg=15.0, density=1.0)  # fmt: skip
+    of = {"mass": 800.0, "ixx": 1000.0, "izz": 2000.0, "ixz": 100.0, "area": 16.0, "span": 10.0,
+                    "rudder_max_deg": 20.0, "aileron_max_deg": 15.0, "density": 1.0}  # fmt: skip
     found = coefficients(airframe_run().model("bare"), of)
 
     force = 0.5 * AIRSPEED_M_S**2 * 16.0
@@ -239,7 +239,7 @@ def test_coefficients_need_the_aircraft(given: dict[str, float], said: str) -> N
     whole = dict.fromkeys(
         ("mass", "ixx", "izz", "ixz", "area", "span", "rudder_max_deg", "aileron_max_deg"), 1.0
     )
-    of = Dimensions(**(whole | {"density": 1.0} | given if given else {}))
+    of = whole | {"density": 1.0} | given if given else {}
     with pytest.raises(ConfigError, match=said):
         coefficients(airframe_run().model("bare"), of)
 
@@ -252,7 +252,7 @@ def test_what_is_not_known_has_no_model() -> None:
     with pytest.raises(ConfigError, match="no 'beta': r"):
         model(1).tf(output="beta")
     with pytest.raises(ConfigError, match="of the bare airframe, not of the flight"):
-        coefficients(model("flight"), Dimensions())
+        coefficients(model("flight"), {})
 
 
 def test_python_control_reads_it() -> None:

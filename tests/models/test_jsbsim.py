@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from gate import one_in
 
-from yawid.models.aerodynamics import Dimensions, aerodynamics
+from yawid.models.aerodynamics import aerodynamics
 from yawid.models.identify import _airframe
 from yawid.models.linear import Form, LinearModel, Signal
 
@@ -32,18 +32,19 @@ def identified(fdm: Any, A: np.ndarray, aileron: np.ndarray, rudder: np.ndarray)
     matrices = partial(_airframe, names=NAMES, airspeed_m_s=V)
     form = Form(NAMES, ("",) * len(NAMES), np.array(values), np.zeros((13, 13)), matrices)
     inputs = Signal("aileron", "half-travel"), Signal("rudder", "half-travel")
-    return LinearModel("bare airframe", True, (), "mean", form, form, inputs, (), (),
+    return LinearModel("bare airframe", True, (), "mean", form, 0.05, inputs, (), (),
                        facts={"airspeed_m_s": V})  # fmt: skip
 
 
-def dimensions(fdm: Any) -> Dimensions:
+def dimensions(fdm: Any) -> dict[str, float]:
     inertia = {n: fdm[f"inertia/{n}-slugs_ft2"] * SLUG_FT2 for n in ("ixx", "izz", "ixz")}
-    return Dimensions(
-        mass=fdm["inertia/weight-lbs"] * LB, ixx=inertia["ixx"], izz=inertia["izz"],
-        ixz=-inertia["ixz"], area=fdm["metrics/Sw-sqft"] * FT**2, span=fdm["metrics/bw-ft"] * FT,
-        rudder_max_deg=20.0, aileron_max_deg=15.0,
-        density=fdm["atmosphere/rho-slugs_ft3"] * SLUG_FT3,
-    )  # fmt: skip
+    return {
+        "mass": fdm["inertia/weight-lbs"] * LB, "ixx": inertia["ixx"], "izz": inertia["izz"],
+        "ixz": -inertia["ixz"], "area": fdm["metrics/Sw-sqft"] * FT**2,
+        "span": fdm["metrics/bw-ft"] * FT,
+        "rudder_max_deg": 20.0, "aileron_max_deg": 15.0,
+        "density": fdm["atmosphere/rho-slugs_ft3"] * SLUG_FT3,
+    }  # fmt: skip
 
 
 @pytest.mark.parametrize("place", one_in(4, PLACES))

@@ -16,10 +16,9 @@ sideslip. Both are subtracted in the file, so that their sum with it is what was
 import math
 import re
 import textwrap
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, fields
+from collections.abc import Mapping, Sequence
 from typing import Final, NamedTuple
-from xml.sax.saxutils import escape
+from xml.etree.ElementTree import Element, indent, tostring
 
 import numpy as np
 
@@ -37,72 +36,31 @@ _FACTORS: Final = {
     "dr": ("fcs/rudder-pos-rad",),
 }
 """What each coefficient is multiplied by: JSBSim's properties."""
-_THRUST: Final = """\
-  <function name="aero/yawid/thrust">
-   <description>CYb holds the side force of thrust, which JSBSim adds by itself</description>
-   <product>
-    <property>forces/fbx-prop-lbs</property>
-    <property>aero/beta-rad</property>
-   </product>
-  </function>"""
-_ARM: Final = """\
-  <function name="aero/yawid/{name}-arm">
-   <description>The moments are about the centre of gravity, the side force is not</description>
-   <product>
-    <difference>
-     <property>metrics/aero-rp-{along}-in</property>
-     <property>inertia/cg-{along}-in</property>
-    </difference>
-    <difference>
-     <sum>
-{forces}
-     </sum>
-     <product>
-      <property>forces/fwx-aero-lbs</property>
-      <property>aero/beta-rad</property>
-     </product>
-    </difference>
-    <value>{per_in}</value>
-   </product>
-  </function>"""
 _ALONG: Final = {"ROLL": ("z", -1.0), "YAW": ("x", 1.0)}
 """The axis along which the arm of the side force lies, and the sign that takes its moment away."""
+DIMENSIONS: Final = (
+    "mass", "ixx", "izz", "ixz", "area", "span", "rudder_max_deg", "aileron_max_deg", "density",
+)  # fmt: skip
+"""What a flight does not show: mass in kg, inertias in kg m^2, m^2, m, deg, kg/m^3. The travels are
+the deflections of half the travel, the density that of the air flown in."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Dimensions:
-    """What a flight does not show: mass in kg, inertias in kg m^2, m^2, m, deg, kg/m^3.
+def checked(given: Mapping[str, float | None]) -> dict[str, float]:
+    """Return the aircraft's DIMENSIONS.
 
-    The travels are the deflections of half the travel, the density that of the air flown in.
+    Raises:
+        ConfigError: some are missing, or are not above 0 (``ixz``: finite), or are impossible.
     """
-
-    mass: float | None = None
-    ixx: float | None = None
-    izz: float | None = None
-    ixz: float | None = None
-    area: float | None = None
-    span: float | None = None
-    rudder_max_deg: float | None = None
-    aileron_max_deg: float | None = None
-    density: float | None = None
-
-    def check(self) -> None:
-        """Check that all are given and possible.
-
-        Raises:
-            ConfigError: some are missing, or are not above 0 (``ixz``: finite).
-        """
-        known = {each.name: getattr(self, each.name) for each in fields(self)}
-        if missing := [name for name, value in known.items() if value is None]:
-            raise ConfigError(
-                "coefficients need the aircraft's dimensions: give "
-                + " ".join(f"--{name.replace('_', '-')}" for name in missing)
-            )
-        for name, value in known.items():
-            if not math.isfinite(value) or (name != "ixz" and value <= 0.0):
-                raise ConfigError(f"--{name.replace('_', '-')} must be above 0, got {value!r}")
-        if self.ixz**2 >= self.ixx * self.izz:  # type: ignore[operator]  # none is None
-            raise ConfigError("--ixz is too large for --ixx and --izz")
+    known = {name: value for name in DIMENSIONS if (value := given.get(name)) is not None}
+    if missing := [name for name in DIMENSIONS if name not in known]:
+        options = " ".join(f"--{name.replace('_', '-')}" for name in missing)
+        raise ConfigError(f"coefficients need the aircraft's dimensions: give {options}")
+    for name, value in known.items():
+        if not math.isfinite(value) or (name != "ixz" and value <= 0.0):
+            raise ConfigError(f"--{name.replace('_', '-')} must be above 0, got {value!r}")
+    if known["ixz"] ** 2 >= known["ixx"] * known["izz"]:
+        raise ConfigError("--ixz is too large for --ixx and --izz")
+    return known
 
 
 class Coefficient(NamedTuple):
@@ -113,101 +71,117 @@ class Coefficient(NamedTuple):
     from_prior: bool
 
 
-def coefficients(model: LinearModel, of: Dimensions) -> dict[str, Coefficient]:
+def coefficients(model: LinearModel, given: Mapping[str, float | None]) -> dict[str, Coefficient]:
     """Return the coefficients by name (CYb, Clp, Cndr, ...), rates over 2V/b, surfaces in rad.
+
+    ``given`` has DIMENSIONS.
 
     Raises:
         ConfigError: a dimension is missing or impossible, or the model is not the bare airframe's.
     """
     if "airspeed_m_s" not in model.facts or "alpha_rad" not in model.continuous.names:
         raise ConfigError(f"coefficients are those of the bare airframe, not of the {model.of}")
-    of.check()
-    form, V = model.continuous, model.facts["airspeed_m_s"]
-    rows = _map(of, V, {each.name: each.unit for each in model.inputs})
+    of, form, V = checked(given), model.continuous, model.facts["airspeed_m_s"]
+    q_area = 0.5 * of["density"] * V**2 * of["area"]
+    travel = {
+        "delta_a": math.radians(of["aileron_max_deg"]),
+        "delta_r": -math.radians(of["rudder_max_deg"]),
+    }
+    if {each.name: each.unit for each in model.inputs}["rudder"] != HALF_TRAVEL:
+        travel["delta_r"] = -1.0
     found = {}
-    for name, parts in rows.items():
-        weights = np.array([parts.get(each, 0.0) for each in form.names])
-        if not weights.any():
-            continue
-        std = math.sqrt(max(float(weights @ form.covariance @ weights), 0.0))
-        main = max(parts, key=lambda each: abs(parts[each]) if each in form.names else -1.0)
-        found[name] = Coefficient(float(weights @ form.values), std, main in model.from_prior)
+    for x, short in NAMES.items():
+        per = 2.0 * V / of["span"] if x in ("p", "r") else 1.0 / travel.get(x, 1.0)
+        moment = per / (q_area * of["span"])
+        for axis, parts in {
+            "CY": {"Y": of["mass"] * V / q_area * per},
+            "Cl": {"L": of["ixx"] * moment, "N": -of["ixz"] * moment},
+            "Cn": {"N": of["izz"] * moment, "L": -of["ixz"] * moment},
+        }.items():
+            own = {f"{letter}_{x}": factor for letter, factor in parts.items()}
+            weights = np.array([own.get(name, 0.0) for name in form.names])
+            if weights.any():
+                std = math.sqrt(max(float(weights @ form.covariance @ weights), 0.0))
+                main = form.names[int(np.abs(weights).argmax())]
+                value = float(weights @ form.values)
+                found[f"{axis}{short}"] = Coefficient(value, std, main in model.from_prior)
     return found
 
 
-def _map(of: Dimensions, V: float, units: Mapping[str, str]) -> dict[str, dict[str, float]]:
-    """Return for each coefficient the factors of the derivatives that it is made of."""
-    mass, ixx, izz, ixz = (float(x or 0.0) for x in (of.mass, of.ixx, of.izz, of.ixz))
-    area, span = float(of.area or 0.0), float(of.span or 0.0)
-    force = 0.5 * float(of.density or 0.0) * V**2 * area
-    travel = {
-        "delta_a": math.radians(of.aileron_max_deg or 0.0),
-        "delta_r": -math.radians(of.rudder_max_deg or 0.0),
-    }
-    if units["rudder"] != HALF_TRAVEL:
-        travel["delta_r"] = -1.0
-    rows: dict[str, dict[str, float]] = {}
-    for x, short in NAMES.items():
-        per = 2.0 * V / span if x in ("p", "r") else 1.0 / travel.get(x, 1.0)
-        rows[f"CY{short}"] = {f"Y_{x}": mass * V / force * per}
-        moment = per / (force * span)
-        rows[f"Cl{short}"] = {f"L_{x}": ixx * moment, f"N_{x}": -ixz * moment}
-        rows[f"Cn{short}"] = {f"N_{x}": izz * moment, f"L_{x}": -ixz * moment}
-    return rows
-
-
-def aerodynamics(model: LinearModel, of: Dimensions) -> str:
+def aerodynamics(model: LinearModel, given: Mapping[str, float | None]) -> str:
     """Return JSBSim's ``<aerodynamics>`` with the axes SIDE, ROLL and YAW.
 
     Raises:
         ConfigError: as :func:`coefficients`.
     """
-    return "\n".join(_lines(coefficients(model, of), model, of)) + "\n"
-
-
-def _lines(found: Mapping[str, Coefficient], model: LinearModel, of: Dimensions) -> Iterator[str]:
-    V, lag = model.facts["airspeed_m_s"], model.facts.get("servo_lag_s")
-    yield '<?xml version="1.0"?>'
-    yield "<!-- The lateral motion as yawid identified it: bare airframe, small motions about trim,"
-    yield f"     at {V:.2f} m/s true airspeed and {of.density:.4f} kg/m^3, for S = {of.area:g} m^2,"
-    yield f"     b = {of.span:g} m, m = {of.mass:g} kg, Ixx = {of.ixx:g}, Izz = {of.izz:g} and"
-    yield f"     Ixz = {of.ixz:g} kg m^2. Positive rudder turns the nose left, as JSBSim's does."
-    yield "     They replace these axes of an aircraft's file; lift, drag and pitch are not here."
-    known = "" if lag is None else f": {lag:.3f} s"
-    yield f"     The lag of the servos is not in it{known}."
-    for reason in model.reasons:
-        said = re.sub("-(?=-)", "- ", f"Warning {reason}")  # a comment may not contain --
-        yield textwrap.fill(said, 92, initial_indent="     ", subsequent_indent="     ")
-    yield "-->"
-    yield "<aerodynamics>"
+    found, axes = coefficients(model, given), []
+    forces = [f"aero/coefficient/{name}" for name in found if name.startswith("CY")]
+    said = "CYb holds the side force of thrust, which JSBSim adds by itself"
+    factors = _properties("forces/fbx-prop-lbs", "aero/beta-rad")
+    thrust = _product("aero/yawid/thrust", said, *factors)
     for axis, letter in AXES.items():
-        yield f' <axis name="{axis}">'
-        for name, each in found.items():
-            if name.startswith(letter):
-                yield from _function(name, each)
-        if axis == "SIDE":
-            yield _THRUST
-        else:
-            along, sign = _ALONG[axis]
-            forces = [f"aero/coefficient/{n}" for n in found if n[:2] == "CY"]
-            lines = "\n".join(
-                f"      <property>{n}</property>" for n in [*forces, "aero/yawid/thrust"]
-            )
-            yield _ARM.format(
-                name=axis.lower(), along=along, forces=lines, per_in=f"{sign / 12:.9f}"
-            )
-        yield " </axis>"
-    yield "</aerodynamics>"
+        functions = [_coefficient(*each) for each in found.items() if each[0].startswith(letter)]
+        functions.append(_arm(axis, forces) if axis in _ALONG else thrust)
+        axes.append(_element("axis", *functions, name=axis))
+    root = _element("aerodynamics", *axes)
+    indent(root, " ")
+    head = _head(model, checked(given))
+    return f'<?xml version="1.0"?>\n<!-- {head}\n-->\n{tostring(root, "unicode")}\n'
 
 
-def _function(name: str, each: Coefficient) -> Iterator[str]:
+def _head(model: LinearModel, of: Mapping[str, float]) -> str:
+    """Return the text of the file's comment."""
+    V, lag = model.facts["airspeed_m_s"], model.facts.get("servo_lag_s")
+    known = "" if lag is None else f": {lag:.3f} s"
+    said = [
+        f"The lateral motion as yawid identified it: bare airframe, small motions about trim, at "
+        f"{V:.2f} m/s true airspeed and {of['density']:.4f} kg/m^3, for S = {of['area']:g} m^2, "
+        f"b = {of['span']:g} m, m = {of['mass']:g} kg, Ixx = {of['ixx']:g}, Izz = {of['izz']:g} "
+        f"and Ixz = {of['ixz']:g} kg m^2. Positive rudder turns the nose left, as JSBSim's does. "
+        "They replace these axes of an aircraft's file; lift, drag and pitch are not here. The lag "
+        f"of the servos is not in it{known}.",
+        *(f"Warning {reason}" for reason in model.reasons),
+    ]
+    text = re.sub("-(?=-)", "- ", "\n".join(said))  # a comment may not contain --
+    return "\n     ".join(row for each in text.split("\n") for row in textwrap.wrap(each, 92))
+
+
+def _element(tag: str, *inside: Element, text: str | None = None, **attributes: str) -> Element:
+    found = Element(tag, attributes)
+    found.text = text
+    found.extend(inside)
+    return found
+
+
+def _product(name: str, said: str, *factors: Element) -> Element:
+    """Return the function ``name`` that is the product of some factors."""
+    return _element(
+        "function", _element("description", text=said), _element("product", *factors), name=name
+    )
+
+
+def _properties(*names: str) -> list[Element]:
+    return [_element("property", text=name) for name in names]
+
+
+def _coefficient(name: str, each: Coefficient) -> Element:
     prior = "; what is known beforehand determines it, not the flight" if each.from_prior else ""
     length = () if name.startswith("CY") else ("metrics/bw-ft",)
-    yield f'  <function name="aero/coefficient/{name}">'
-    yield f"   <description>{escape(f'{name}, sigma {each.std:.3g}{prior}')}</description>"
-    yield "   <product>"
-    for factor in ("aero/qbar-psf", "metrics/Sw-sqft", *length, *_FACTORS[name[2:]]):
-        yield f"    <property>{factor}</property>"
-    yield f"    <value>{each.value:.8g}</value>"
-    yield "   </product>"
-    yield "  </function>"
+    factors = ("aero/qbar-psf", "metrics/Sw-sqft", *length, *_FACTORS[name[2:]])
+    value = _element("value", text=f"{each.value:.8g}")
+    said = f"{name}, sigma {each.std:.3g}{prior}"
+    return _product(f"aero/coefficient/{name}", said, *_properties(*factors), value)
+
+
+def _arm(axis: str, forces: Sequence[str]) -> Element:
+    """Return the moment that takes that of the side force away: its arm times the side force."""
+    along, sign = _ALONG[axis]
+    arm = _properties(f"metrics/aero-rp-{along}-in", f"inertia/cg-{along}-in")
+    force = _element("sum", *_properties(*forces, "aero/yawid/thrust"))
+    drag = _element("product", *_properties("forces/fwx-aero-lbs", "aero/beta-rad"))
+    return _product(
+        f"aero/yawid/{axis.lower()}-arm",
+        "The moments are about the centre of gravity, the side force is not",
+        _element("difference", *arm), _element("difference", force, drag),
+        _element("value", text=f"{sign / 12:.9f}"),
+    )  # fmt: skip

@@ -16,6 +16,7 @@ from typing import Final
 
 import numpy as np
 
+from yawid.answers.reasons import Verdict
 from yawid.answers.run_summary import HIGHEST, LOWEST, POINTS, Manoeuvre
 from yawid.blocks import Floats
 from yawid.errors import NotIdentifiable
@@ -52,18 +53,17 @@ class Answered:
         """
         answer = found.answer
         if answer is None or answer.response is None:
-            why = "; ".join(str(each) for each in found.verdict.fatal or found.verdict.reasons)
-            raise NotIdentifiable(f"manoeuvre {found.n} has no model: {why}")
+            raise NotIdentifiable(f"manoeuvre {found.n} has no model: {why_not(found.verdict)}")
         poles, by_input = np.array(answer.response.poles, float), answer.response.residues
         pairs = int(np.count_nonzero(poles[:, 1]))
         wn = np.hypot(*poles[:pairs].T)
         poles[:pairs] = np.stack([wn, -poles[:pairs, 0] / wn], axis=1)
         parts = [poles, *(np.array(each, float) for each in by_input.values())]
-        x = [np.concatenate([each[:pairs].ravel(), each[pairs:, 0]]) for each in parts]
+        x = np.concatenate([np.append(each[:pairs], each[pairs:, 0]) for each in parts])
         covariance, roll = np.array(answer.response.covariance, float), answer.dutch_roll
         for i, std in enumerate((roll.wn_std, roll.zeta_std) if roll else ()):
             covariance[i, i] = max(covariance[i, i], (std or 0.0) ** 2)
-        model = cls(found, tuple(by_input), pairs, np.concatenate(x), covariance)
+        model = cls(found, tuple(by_input), pairs, x, covariance)
         return model._with_limited_reals()
 
     def _with_limited_reals(self) -> "Answered":
@@ -133,6 +133,11 @@ class Answered:
         x[n : n + 2 * pairs] = residues[:pairs].copy().view(float)
         x[n + 2 * pairs : 2 * n] = residues[pairs:].real
         return replace(self, x=x)
+
+
+def why_not(verdict: Verdict) -> str:
+    """Return in words why there is no answer."""
+    return "; ".join(str(each) for each in verdict.fatal or verdict.reasons)
 
 
 def band_of(wn_rad_s: float) -> Complexes:

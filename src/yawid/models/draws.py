@@ -15,7 +15,7 @@ from typing import Final
 import numpy as np
 
 from yawid.answers.run_summary import Flight
-from yawid.blocks import Floats, Ints
+from yawid.blocks import Ints
 from yawid.models.answered import LEAST_ZETA, MOST_ZETA, Answered, band_of, columns_of
 from yawid.physics.continuous import Transfer, pole_of
 from yawid.physics.modes import Complexes
@@ -121,17 +121,14 @@ def _as_answered(flight: Flight, poles: Complexes, rng: np.random.Generator) -> 
     """Return the Dutch rolls (n,) with the flight's mean and total sigma of wn and zeta."""
     assert flight.dutch_roll is not None
     roll = flight.dutch_roll
-    ln_wn, zeta = np.log(np.abs(poles)), -poles.real / np.abs(poles)
-    wanted = ((ln_wn, np.log(roll.wn_rad_s), (roll.wn_std or 0.0) / roll.wn_rad_s),
-              (zeta, roll.zeta, roll.zeta_std or 0.0))  # fmt: skip
-    drawn: list[Floats] = []
-    for values, mean, std in wanted:
-        apart = values - np.mean(values)
-        have = float(np.std(apart))
-        more = np.sqrt(max(std**2 - have**2, 0.0))
-        apart = apart * min(1.0, std / have if have > 0.0 else 1.0)
-        drawn.append(mean + apart + more * rng.normal(size=len(values)))
-    return pole_of(np.exp(drawn[0]), np.clip(drawn[1], LEAST_ZETA, MOST_ZETA))
+    values = np.stack([np.log(np.abs(poles)), -poles.real / np.abs(poles)])
+    mean = np.array([[np.log(roll.wn_rad_s)], [roll.zeta]])
+    std = np.array([[(roll.wn_std or 0.0) / roll.wn_rad_s], [roll.zeta_std or 0.0]])
+    apart = values - values.mean(axis=1, keepdims=True)
+    have = np.maximum(apart.std(axis=1, keepdims=True), np.finfo(float).tiny)
+    more = np.sqrt(np.maximum(std**2 - have**2, 0.0)) * rng.normal(size=values.shape)
+    ln_wn, zeta = mean + apart * np.minimum(1.0, std / have) + more
+    return pole_of(np.exp(ln_wn), np.clip(zeta, LEAST_ZETA, MOST_ZETA))
 
 
 def _fastest_real(G: Transfer) -> Ints:

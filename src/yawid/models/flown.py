@@ -51,11 +51,8 @@ class Flown:
     @property
     def longest(self) -> slice:
         """The rows of the longest stretch without a gap."""
-        runs = runs_of(self.known)
-        if not len(runs):
-            return slice(0, 0)
-        first, last = runs[np.argmax(runs[:, 1] - runs[:, 0])].tolist()
-        return slice(first, last)
+        runs = runs_of(self.known).tolist()
+        return slice(*max(runs, key=lambda run: run[1] - run[0], default=(0, 0)))
 
     def with_model(self, model: Answered) -> "Flown":
         """Return it with the yaw rate of a model; NaN in a gap."""

@@ -8,19 +8,18 @@ bare airframe has the states of :mod:`yawid.lateral.model`.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
 import numpy as np
-from scipy import signal
 
 from yawid.answers.reasons import Verdict
-from yawid.answers.run_summary import HIGHEST, LOWEST, Bare, Manoeuvre, RunSummary
+from yawid.answers.run_summary import HIGHEST, LOWEST, Bare, Flight, Manoeuvre, RunSummary
 from yawid.blocks import Floats, SampleBlock
 from yawid.config.run import RunConfig
 from yawid.errors import ConfigError, NotIdentifiable
-from yawid.models.answered import Answered
+from yawid.models.answered import Answered, why_not
 from yawid.models.draws import drawn_aircraft
 from yawid.models.flown import Flown, Rows
 from yawid.models.linear import Form, LinearModel, Matrices, Signal, changes_of
@@ -94,46 +93,65 @@ def model_of(run: Recorded, which: int | str) -> LinearModel:
         numbers = ", ".join(str(each.n) for each in run.summary.manoeuvres or ()) or "none"
         has = f"a model is that of flight, bare or a manoeuvre ({numbers})"
         raise ConfigError(f"there is no model of {which!r}: {has}")
-    return _manoeuvre(run, found)
-
-
-def _manoeuvre(run: Recorded, found: Manoeuvre) -> LinearModel:
     [rows] = run.rows([found])
     return model_of_answer(run, Answered.of(found), rows.flown(run.config))
 
 
 def model_of_answer(run: Recorded, model: Answered, flown: Flown | None) -> LinearModel:
     """Return the model of a manoeuvre's answer, ``flown`` being its samples."""
-    found, inputs = model.found, run.inputs(model.inputs)
+    values = _coefficients(model, model.x)
     changes = changes_of(partial(_coefficients, model), model.x, model.covariance)
-    continuous = _observer(_coefficients(model, model.x), changes @ changes.T, inputs)
-    return LinearModel(
-        of=f"manoeuvre {found.n}", **_judged(found.verdict), input_is=run.input_is,
-        continuous=continuous, discrete=_sampled(continuous, run.sample_time_s), inputs=inputs,
-        outputs=(_OUTPUT,), states=_chain(continuous), facts=_airspeed(found.airspeed_m_s),
-        measured=None if flown is None else flown.with_model(model),
-        holds_rad_s=(LOWEST * float(model.x[0]), HIGHEST * float(model.x[0])),
-    )  # fmt: skip
+    flown = None if flown is None else flown.with_model(model)
+    of, wn = f"manoeuvre {model.found.n}", float(model.x[0])
+    return _observer(
+        run, of, model.found, model.inputs, wn, values, changes @ changes.T, measured=flown
+    )
 
 
 def _flight(run: Recorded) -> LinearModel:
     flight = run.summary.flight
     if flight is None or flight.dutch_roll is None:
-        why = _why(run.summary.deciding) or "no manoeuvre was found"
+        why = why_not(run.summary.deciding) or "no manoeuvre was found"
         raise NotIdentifiable(f"the flight has no answer: {why}")
     aircraft = drawn_aircraft(flight, [Answered.of(each) for each in run.used])
     if aircraft is None:
         raise NotIdentifiable("the airspeed is not known: take the model of one manoeuvre")
-    inputs = run.inputs(("rudder",))
-    values, draws = _polynomials(aircraft.central)[0], _polynomials(aircraft.alike)
-    wn = flight.dutch_roll.wn_rad_s
-    apart = draws - values
-    continuous = _observer(values, apart.T @ apart / len(apart), inputs)
+    values, wn = _polynomials(aircraft.central)[0], flight.dutch_roll.wn_rad_s
+    apart = _polynomials(aircraft.alike) - values
+    return _observer(run, "flight", flight, ("rudder",), wn, values, apart.T @ apart / len(apart))
+
+
+def _observer(
+    run: Recorded,
+    of: str,
+    answer: Manoeuvre | Flight,
+    names: Sequence[str],
+    wn_rad_s: float,
+    values: Floats,
+    covariance: Floats,
+    measured: Flown | None = None,
+) -> LinearModel:
+    """Return the model of the yaw rate with den and num coefficients, n for each, as ``values``."""
+    inputs, speed = run.inputs(names), answer.airspeed_m_s
+    n = len(values) // (1 + len(inputs))
+    powers = [f"s{n - 1 - i}" for i in range(n)]
+    units = ["1/s", *(f"1/s^{i + 1}" for i in range(1, n))]
+    units += [f"rad/s^{i + 2} per {each.unit}" for each in inputs for i in range(n)]
+
+    def matrices(v: Floats) -> Matrices:
+        A, B = np.eye(n, k=1), v[n:].reshape(len(inputs), n).T
+        A[:, 0] = -v[:n]
+        return A, B, np.eye(1, n), np.zeros((1, len(inputs)))
+
+    coefficients = [f"den_{power}" for power in powers]
+    coefficients += [f"num_{power}_{each.name}" for each in inputs for power in powers]
     return LinearModel(
-        of="flight", **_judged(flight.verdict), input_is=run.input_is,
-        continuous=continuous, discrete=_sampled(continuous, run.sample_time_s), inputs=inputs,
-        outputs=(_OUTPUT,), states=_chain(continuous), facts=_airspeed(flight.airspeed_m_s),
-        holds_rad_s=(LOWEST * wn, HIGHEST * wn),
+        of=of, **_judged(answer.verdict), input_is=run.input_is,
+        continuous=Form(tuple(coefficients), tuple(units), values, covariance, matrices),
+        sample_time_s=run.sample_time_s, inputs=inputs, outputs=(_OUTPUT,),
+        states=(_OUTPUT, *(Signal(f"x{i + 1}", f"rad/s^{i + 1}") for i in range(1, n))),
+        facts={} if speed is None else {"airspeed_m_s": speed}, measured=measured,
+        holds_rad_s=(LOWEST * wn_rad_s, HIGHEST * wn_rad_s),
     )  # fmt: skip
 
 
@@ -156,28 +174,23 @@ def _polynomials(G: Transfer) -> Floats:
 def _bare(run: Recorded) -> LinearModel:
     bare = run.summary.bare
     if bare is None or not bare or bare.derivatives is None or bare.airspeed_m_s is None:
-        why = "replay the log with --lateral auto" if bare is None else _why(bare.verdict)
+        why = "replay the log with --lateral auto" if bare is None else why_not(bare.verdict)
         raise NotIdentifiable(f"the bare airframe is not known: {why}")
     if bare.alpha_rad is None or bare.correlations is None:
         raise NotIdentifiable("its covariance is missing: replay the log with --lateral auto")
     known = {**bare.derivatives, "alpha_rad": bare.alpha_rad}
-    names = tuple(known)
-    values = np.array([each.value for each in known.values()], float)
-    std = np.array([each.std or 0.0 for each in known.values()])
-    covariance = np.array(bare.correlations)[: len(names), : len(names)] * np.outer(std, std)
-    inputs = run.inputs(("aileron", "rudder"))
+    names, n = tuple(known), len(known)
+    value, std = np.array([(each.value, each.std or 0.0) for each in known.values()], float).T
+    covariance = np.array(bare.correlations)[:n, :n] * np.outer(std, std)
     matrices = partial(_airframe, names=names, airspeed_m_s=bare.airspeed_m_s)
-    units = (
-        *(unit_of_derivative(each, run.config.unit_of_rudder) for each in bare.derivatives),
-        "rad",
-    )
-    continuous = Form(names, units, values, covariance, matrices)
-    lag = {} if bare.servo_lag_s is None else {"servo_lag_s": bare.servo_lag_s.value or 0.0}
+    units = [unit_of_derivative(each, run.config.unit_of_rudder) for each in bare.derivatives]
     return LinearModel(
         of="bare airframe", **_judged(bare.verdict), input_is=MEAN,
-        continuous=continuous,
-        discrete=_sampled(continuous, run.sample_time_s), inputs=inputs, outputs=_STATES,
-        states=_STATES, facts=_airspeed(bare.airspeed_m_s) | lag,
+        continuous=Form(names, (*units, "rad"), value, covariance, matrices),
+        sample_time_s=run.sample_time_s, inputs=run.inputs(("aileron", "rudder")), outputs=_STATES,
+        states=_STATES, facts={"airspeed_m_s": bare.airspeed_m_s} | (
+            {} if bare.servo_lag_s is None else {"servo_lag_s": bare.servo_lag_s.value or 0.0}
+        ),
         from_prior=tuple(bare.from_prior or ()),
     )  # fmt: skip
 
@@ -197,48 +210,5 @@ def _airframe(values: Floats, names: Sequence[str], airspeed_m_s: float) -> Matr
     return A, B, np.eye(4), np.zeros((4, 2))
 
 
-def _sampled(continuous: Form, sample_time_s: float) -> Form:
-    """Return the form with the inputs held from sample to sample."""
-
-    def matrices(values: Floats) -> Matrices:
-        A, B, C, D, _ = signal.cont2discrete(continuous.matrices(values), sample_time_s)
-        return A, B, C, D
-
-    return replace(continuous, matrices=matrices, sample_time_s=sample_time_s)
-
-
-def _observer(values: Floats, covariance: Floats, inputs: Sequence[Signal]) -> Form:
-    """Return the continuous form of den and num coefficients, n for each."""
-    n = len(values) // (1 + len(inputs))
-    names, units = (
-        [f"den_s{n - 1 - i}" for i in range(n)],
-        ["1/s", *(f"1/s^{i + 1}" for i in range(1, n))],
-    )
-    for each in inputs:
-        names += [f"num_s{n - 1 - i}_{each.name}" for i in range(n)]
-        units += [f"rad/s^{i + 2} per {each.unit}" for i in range(n)]
-
-    def matrices(v: Floats) -> Matrices:
-        A, B = np.eye(n, k=1), v[n:].reshape(len(inputs), n).T
-        A[:, 0] = -v[:n]
-        return A, B, np.eye(1, n), np.zeros((1, len(inputs)))
-
-    return Form(tuple(names), tuple(units), values, covariance, matrices)
-
-
-def _chain(form: Form) -> tuple[Signal, ...]:
-    n = sum(name.startswith("den") for name in form.names)
-    further = (Signal(f"x{i + 1}", f"rad/s^{i + 1}") for i in range(1, n))
-    return (_OUTPUT, *further)
-
-
-def _airspeed(airspeed_m_s: float | None) -> dict[str, float]:
-    return {} if airspeed_m_s is None else {"airspeed_m_s": airspeed_m_s}
-
-
 def _judged(verdict: Verdict) -> dict[str, Any]:
     return {"usable": verdict.usable, "reasons": tuple(str(each) for each in verdict.reasons)}
-
-
-def _why(verdict: Verdict) -> str:
-    return "; ".join(str(each) for each in verdict.fatal or verdict.reasons)

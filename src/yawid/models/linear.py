@@ -5,7 +5,7 @@ a thousandth of a sigma along each axis of their covariance.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from operator import itemgetter
 from typing import NamedTuple
 
@@ -106,13 +106,18 @@ class Form:
         """The sigmas (p,)."""
         return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
 
+    def held(self, sample_time_s: float) -> "Form":
+        """Return it in discrete time, with the inputs held from sample to sample."""
+
+        def matrices(values: Floats) -> Matrices:
+            A, B, C, D, _ = signal.cont2discrete(self.matrices(values), sample_time_s)
+            return A, B, C, D
+
+        return replace(self, matrices=matrices, sample_time_s=sample_time_s)
+
     def changes(self, of: Callable[[Matrices], np.ndarray]) -> np.ndarray:
         """Return what :func:`changes_of` does, of what is made of the matrices."""
         return changes_of(lambda values: of(self.matrices(values)), self.values, self.covariance)
-
-    def sigma(self, of: Callable[[Matrices], np.ndarray]) -> Floats:
-        """Return the sigma of a real array made of the matrices."""
-        return np.asarray(np.linalg.norm(self.changes(of), axis=-1))
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,10 +126,10 @@ class LinearModel:
 
     ``of`` says which, ``usable`` and ``reasons`` whether its answer may be used. ``input_is`` says
     how the record has the rudder: "mean" of each sample, or "held" from one to the next. The model
-    answers the rudder itself, in discrete time one that is held. Inputs move from their trim; a
-    unit of them is that of their channel. ``measured`` has the samples of a manoeuvre, else None.
-    ``holds_rad_s`` are the frequencies between which the response has a sigma, None where it has
-    one at all. ``facts`` are further numbers.
+    answers the rudder itself, in discrete time one that is held for ``sample_time_s``. Inputs move
+    from their trim; a unit of them is that of their channel. ``measured`` has the samples of a
+    manoeuvre, else None. ``holds_rad_s`` are the frequencies between which the response has a
+    sigma, None where it has one at all. ``facts`` are further numbers.
     """
 
     of: str
@@ -132,7 +137,7 @@ class LinearModel:
     reasons: tuple[str, ...]
     input_is: str
     continuous: Form
-    discrete: Form
+    sample_time_s: float
     inputs: tuple[Signal, ...]
     outputs: tuple[Signal, ...]
     states: tuple[Signal, ...]
@@ -142,22 +147,18 @@ class LinearModel:
     from_prior: tuple[str, ...] = ()
     """The parameters that what is known beforehand determines more than the record does."""
 
-    @property
-    def sample_time_s(self) -> float:
-        """The time from sample to sample of the discrete form."""
-        return self.discrete.sample_time_s
-
-    def _form(self, discrete: bool) -> Form:
-        return self.discrete if discrete else self.continuous
+    def form(self, *, discrete: bool) -> Form:
+        """Return the continuous form, or that whose inputs are held from sample to sample."""
+        return self.continuous.held(self.sample_time_s) if discrete else self.continuous
 
     def ss(self, *, discrete: bool = False) -> StateSpace:
         """Return the state space with the sigmas of its elements.
 
         A discrete one has the inputs held from sample to sample.
         """
-        form = self._form(discrete)
+        form = self.form(discrete=discrete)
         A, B, C, D = form.matrices(form.values)
-        A_std, B_std = (form.sigma(itemgetter(i)) for i in (0, 1))
+        A_std, B_std = (np.linalg.norm(form.changes(itemgetter(i)), axis=-1) for i in (0, 1))
         return StateSpace(A, B, C, D, A_std, B_std, form.sample_time_s)
 
     def tf(
@@ -169,16 +170,16 @@ class LinearModel:
             ConfigError: the model has no such input or output.
         """
         i, o = self.place_of(self.inputs, input), self.place_of(self.outputs, output)
-        form = self._form(discrete)
+        form = self.form(discrete=discrete)
 
         def polynomials(m: Matrices) -> Floats:
             num, den = signal.ss2tf(*m, input=i)
             return np.stack([num[o], den])
 
         num, den = polynomials(form.matrices(form.values))
-        num_std, den_std = form.sigma(polynomials)
-        clean = np.abs(num) > 1e-12 * np.abs(num).max()
-        first = int(np.argmax(clean)) if clean.any() else len(num) - 1
+        num_std, den_std = np.linalg.norm(form.changes(polynomials), axis=-1)
+        first = len(num) - len(np.trim_zeros(np.abs(num) > 1e-12 * np.abs(num).max(), "f"))
+        first = min(first, len(num) - 1)
         return TransferFunction(num[first:], den, num_std[first:], den_std, form.sample_time_s)
 
     @staticmethod
@@ -189,11 +190,10 @@ class LinearModel:
             ConfigError: there is no such signal.
         """
         names = [each.name for each in signals]
-        if name is None:
-            return next((i for i, each in enumerate(names) if each in ("r", "rudder")), 0)
-        if name not in names:
+        wanted = {"r", "rudder"} if name is None else {name}
+        if not wanted & set(names):
             raise ConfigError(f"the model has no {name!r}: {', '.join(names)}")
-        return names.index(name)
+        return next(i for i, each in enumerate(names) if each in wanted)
 
     def frequency_response(
         self, w: Sequence[float] | Floats, input: str | None = None, output: str | None = None
@@ -213,19 +213,13 @@ class LinearModel:
             x = np.linalg.solve(1j * w[:, None, None] * np.eye(len(A)) - A, B[:, i, None])
             return np.asarray((C[o] @ x)[:, 0] + D[o, i], np.complex128)
 
-        form, known = self.continuous, np.full(len(w), np.nan)
-        G = response(form.matrices(form.values))
-        part = form.changes(response) / G[:, None]
-        along, across = np.linalg.norm([part.real, part.imag], axis=-1) * [
-            np.abs(G),
-            np.ones(len(w)),
-        ]
-        if self.measured is not None:
-            known = self.measured.coherence(w)
+        G = response(self.continuous.matrices(self.continuous.values))
+        part = self.continuous.changes(response) / G[:, None]
+        known = np.full(len(w), np.nan) if self.measured is None else self.measured.coherence(w)
         low, high = self.holds_rad_s or (0.0, np.inf)
         lost = (w < low) | (w > high) | (known < COHERENT)
-        along[lost] = across[lost] = np.nan
-        return FrequencyResponse(w, G, along, across, known)
+        along, across = np.where(lost, np.nan, np.linalg.norm([part.real, part.imag], axis=-1))
+        return FrequencyResponse(w, G, np.abs(G) * along, across, known)
 
     def simulate(self, u: Sequence[float] | Floats) -> Floats:
         """Return the outputs of the model at rest for inputs on its grid: (n,), or (n, outputs).
@@ -237,13 +231,12 @@ class LinearModel:
         Raises:
             ConfigError: u has another number of inputs.
         """
-        u = np.asarray(u, np.float64)
-        u = u[:, None] if u.ndim == 1 else u
+        u = np.atleast_2d(np.asarray(u, np.float64).T).T
         if u.ndim != 2 or u.shape[1] > len(self.inputs):
             names = ", ".join(each.name for each in self.inputs)
             raise ConfigError(f"u must be (n,) or (n, {len(self.inputs)}) for {names}: {u.shape}")
         u = np.pad(u, ((0, 0), (0, len(self.inputs) - u.shape[1])))
-        form = self.discrete
+        form = self.form(discrete=True)
         _, y, _ = signal.dlsim((*form.matrices(form.values), form.sample_time_s), u)
         return np.asarray(y[:, 0] if y.shape[1] == 1 else y, np.float64)
 
@@ -259,5 +252,5 @@ class LinearModel:
             text = "to_control needs python-control: pip install control"
             raise ConfigError(f"{text} ({error})") from error
         found = self.ss(discrete=discrete)
-        names = {key: [each.name for each in getattr(self, key)] for key in ("inputs", "outputs")}
-        return control.ss(*found[:4], found.sample_time_s, **names)
+        inputs, outputs = ([name for name, _ in each] for each in (self.inputs, self.outputs))
+        return control.ss(*found[:4], found.sample_time_s, inputs=inputs, outputs=outputs)

@@ -19,7 +19,7 @@ from yawid.answers.identified_model import (
     ModelTransfer,
 )
 from yawid.blocks import Array
-from yawid.models.aerodynamics import Dimensions, aerodynamics
+from yawid.models.aerodynamics import aerodynamics
 from yawid.models.identify import model_of
 from yawid.models.linear import LinearModel
 from yawid.system.part_file import write_whole
@@ -42,7 +42,7 @@ def write_model(
 ) -> tuple[Path, LinearModel]:
     """Write a model of a run, by the suffix of ``out``; return the absolute path and the model.
 
-    ``dimensions`` are those of :class:`Dimensions`, which JSBSim's coefficients need.
+    ``dimensions`` are those of ``DIMENSIONS``, which JSBSim's coefficients need.
 
     Raises:
         ConfigError: there is no such model, or JSBSim needs a dimension.
@@ -57,7 +57,7 @@ def write_model(
         data = _matlab(model)
     else:
         given = {**dimensions, "density": dimensions["density"] or run.air_density}
-        data = aerodynamics(model, Dimensions(**given)).encode()
+        data = aerodynamics(model, given).encode()
     write_whole({out: data}, force=force)
     return out.absolute(), model
 
@@ -90,7 +90,7 @@ def _pairs(model: LinearModel) -> list[tuple[str, str]]:
 
 
 def _form(model: LinearModel, *, discrete: bool) -> ModelForm:
-    form = model.discrete if discrete else model.continuous
+    form = model.form(discrete=discrete)
     space = model.ss(discrete=discrete)
     numbers = zip(form.values.tolist(), form.std.tolist(), form.units, strict=True)
     transfers = []
