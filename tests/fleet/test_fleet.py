@@ -25,7 +25,7 @@ from fleet_cluster import (
 )
 from places import REPLAY_LOGS
 
-import yawid.fleet.cluster
+import yawid.fleet.pools
 from yawid.cli.main import main
 from yawid.dataset.files import DATABASE, DataSet, peek, read_table
 
@@ -80,12 +80,12 @@ def test_a_cluster_gives_the_rows_of_one_process(
     assert tables(out) == tables(reference)
 
 
-def test_a_log_that_kills_its_process_or_hangs_has_one_row_and_its_neighbours_have_theirs(
+def test_a_log_that_kills_stops_or_hangs_its_process_has_one_row_and_its_neighbours_have_theirs(
     place: Path, logs: Path, running: Cluster, capsys: pytest.CaptureFixture[str]
 ) -> None:
     bad, out = place / "bad", place / "by_bad"
     bad.mkdir()
-    for name in ("killer", "hangs", "good", "next"):
+    for name in ("killer", "hangs", "stops", "good", "next"):
         shutil.copy(logs / "00.tlog", bad / f"{name}.tlog")
     command = ["fleet", str(bad), "--out", str(out), "--scheduler", running.address]
 
@@ -94,15 +94,21 @@ def test_a_log_that_kills_its_process_or_hangs_has_one_row_and_its_neighbours_ha
     rows = {Path(str(row["path"])).stem: row for row in tables(out)["logs"]}
     good = rows["good"]["outcome"]
     outcomes = {name: row["outcome"] for name, row in rows.items()}
-    assert outcomes == {"good": good, "hangs": "timeout", "killer": "crashed", "next": good}
+    assert outcomes == {
+        "good": good, "hangs": "timeout", "killer": "crashed", "next": good, "stops": "timeout",
+    }  # fmt: skip
     assert good in ("ok", "unusable")
     assert rows["killer"]["reasons"] == ["crashed"]
     assert rows["killer"]["text"] == "its process was killed by SIGSEGV, 3 times"
-    assert rows["hangs"]["text"] == "it did not finish within 3 s: allow more with --timeout"
+    assert (
+        rows["hangs"]["text"]
+        == rows["stops"]["text"]
+        == "it did not finish within 3 s: allow more with --timeout"
+    )
     capsys.readouterr()
     assert main([*command, "--dry-run"]) == main([*command, "--dry-run", "--retry"]) == 0
     told = capsys.readouterr().out.splitlines()
-    assert [line.split(",")[0] for line in told] == ["to run: 0 logs", "to run: 2 logs"]
+    assert [line.split(",")[0] for line in told] == ["to run: 0 logs", "to run: 3 logs"]
 
 
 def test_what_is_known_is_not_run_again_unless_it_changed_or_is_to_be_retried(
@@ -255,7 +261,7 @@ def test_what_cannot_be_done_is_said_in_one_line(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(yawid.fleet.cluster, "CONNECT_S", 0.5)
+    monkeypatch.setattr(yawid.fleet.pools, "CONNECT_S", 0.5)
     if arguments[0] == "a.tlog":
         Path("a.tlog").write_bytes(b"x")
     assert main(["fleet", *arguments, "--out", "../data"]) == code

@@ -10,8 +10,7 @@ from places import REPLAY_LOGS
 from yawid.config.run import RunConfig
 from yawid.dataset.files import table_of
 from yawid.dataset.schema import TABLES
-from yawid.fleet.child import rows_here
-from yawid.fleet.one_log import Rows, rows_of
+from yawid.fleet.one_log import Rows, rows_here, rows_of
 from yawid.fleet.spec import Spec
 
 

@@ -10,6 +10,7 @@ import sys
 import time
 import uuid
 from collections.abc import Iterator
+from concurrent.futures import Future
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -22,8 +23,9 @@ from places import C172P, ROOT
 import yawid
 from yawid.cli.main import main
 from yawid.dataset.files import read_table
-from yawid.fleet.child import rows_here
 from yawid.fleet.find_logs import find_logs
+from yawid.fleet.one_log import rows_here
+from yawid.fleet.worker import Task
 from yawid.system.stores import brought, place_of
 
 GCS = ROOT / "replay_logs" / "c172p_gcs_rates" / "log.tlog"
@@ -68,9 +70,13 @@ class InThisProcess:
 
     address, threads = "here", 1
 
-    def run(self, tasks, stop):
-        for task in tasks:
-            yield task, rows_here(task.path, task.spec, Path())
+    def submit(self, task: Task) -> Future[Any]:
+        future: Future[Any] = Future()
+        future.set_result(rows_here(task.path, task.spec, Path()))
+        return future
+
+    def rows(self, future: Future[Any]) -> Any:
+        return future.result()
 
 
 @pytest.fixture
@@ -79,7 +85,7 @@ def here(monkeypatch, tmp_path: Path) -> Path:
     def workers(count: int | None) -> Iterator[InThisProcess]:
         yield InThisProcess()
 
-    monkeypatch.setattr("yawid.fleet.run_fleet.local_workers", workers)
+    monkeypatch.setattr("yawid.fleet.run_fleet.workers_here", workers)
     monkeypatch.chdir(tmp_path)
     Path("logs").mkdir()
     return tmp_path

@@ -12,7 +12,7 @@ from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from checks.children import child
+from checks.children import LIMIT_S, child
 from data_sets import merge
 from flights.long_log import START_US, write_log
 
@@ -34,14 +34,16 @@ def bad(event, arguments):
         name = os.fspath(arguments[0])
         if "killer" in name:
             os.kill(os.getpid(), signal.SIGSEGV)
+        if "stops" in name:
+            os.kill(os.getpid(), signal.SIGSTOP)
         if "hangs" in name:
             open(os.path.join(os.path.dirname(__file__), f"hung-{os.getpid()}"), "w").close()
             time.sleep(3600)
 
-if "yawid.fleet.child" in sys.orig_argv:
+if "yawid.fleet.one_log" in sys.orig_argv:
     sys.addaudithook(bad)
 """
-"""Makes a log kill or block the child that opens it. No log is known to do so, but one may come.
+"""Makes a log kill, stop or block the child that opens it. No log is known to do so, but one may.
 A child that is blocked leaves a file ``hung-PID`` next to the hook."""
 
 
@@ -85,12 +87,14 @@ def environment(folder: Path) -> dict[str, str]:
 
 
 def yawid_fleet(
-    env: dict[str, str], *arguments: str | Path
+    env: dict[str, str], *arguments: str | Path, within_s: float = LIMIT_S
 ) -> AbstractContextManager[subprocess.Popen[str]]:
     """Start ``yawid fleet`` as a process with a process group of its own."""
     command = [sys.executable, "-m", "yawid", "fleet", *map(str, arguments)]
     pipe = subprocess.PIPE
-    return child(command, env=env, stdout=pipe, stderr=pipe, text=True, start_new_session=True)
+    return child(
+        command, within_s, env=env, stdout=pipe, stderr=pipe, text=True, start_new_session=True
+    )
 
 
 @contextmanager

@@ -58,7 +58,7 @@ class Watched:
 
 def workers_of(main: psutil.Process) -> list[psutil.Process]:
     """Return the child processes of a run that replay logs, one for each worker."""
-    return [p for p in main.children(recursive=True) if "yawid.fleet.child" in p.cmdline()]
+    return [p for p in main.children(recursive=True) if "yawid.fleet.one_log" in p.cmdline()]
 
 
 def run_fleet(paths: Sequence[str], out: Path, workers: int, kill_every_s: float = 0.0) -> Watched:

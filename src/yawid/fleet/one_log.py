@@ -10,6 +10,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from yawid.answers.heard import LinkCounts
 from yawid.answers.reasons import Reason
 from yawid.answers.run_summary import RunSummary
@@ -17,14 +19,58 @@ from yawid.config.run import OF_RECORDS, RunConfig
 from yawid.dataset.summary_rows import flight_rows, manoeuvre_rows, run_rows
 from yawid.dataset.values import FAILED, USAGE, ReadRow, Row, failed, known_date, plain, serial_of
 from yawid.errors import ConfigError, SourceError, YawidError
-from yawid.fleet.seconds import FlightSink
 from yawid.fleet.spec import Spec
 from yawid.runs.job import Recording, open_log, run
+from yawid.sinks.base import Event, Grid, RunRows, Sink
 from yawid.sources.open_log import ReadOptions
+from yawid.system.stores import StoredPath
 from yawid.version import __version__
 
 Rows = dict[str, list[Row]]
 _LINK = ("frames", "skipped_bytes", "bad_crc", "unknown", "lost", "reboots", "clock_steps", "gaps")
+
+
+class FlightSink(Sink):
+    """Keeps ``first_us`` (us since 1970, None if unknown), ``duration_s`` (s) and ``seconds``.
+
+    With ``every_second``, ``seconds`` has a row of the table ``modes`` for each second, taken from
+    its first sample.
+    """
+
+    def __init__(self, *, every_second: bool = False) -> None:
+        self.first_us: int | None = None
+        self.duration_s: float | None = None
+        self.seconds: list[Row] = []
+        self._every_second = every_second
+        self._boot_s, self._last_s = 0.0, -1
+
+    def take(self, event: Event) -> None:
+        """See :class:`Sink`; the modes are those of the first method."""
+        if isinstance(event, Grid):
+            self._method = event.methods[0]
+        if not isinstance(event, RunRows):
+            return
+        samples, modes = event.samples, event.modes
+        if self.duration_s is None:
+            self.first_us = known_date(int(samples.unix_ns[0]) // 1000)
+            self._boot_s = samples.boot_us[0] / 1e6
+        self.duration_s = float(samples.boot_us[-1] / 1e6 - self._boot_s)
+        if not self._every_second:
+            return
+        seconds = samples.boot_us // 1_000_000
+        rows = np.flatnonzero(np.diff(seconds, prepend=self._last_s))
+        self._last_s = int(seconds[-1])
+        names = ("wn_rad_s", "wn_std_noise", "zeta", "zeta_std_noise")
+        for row in rows.tolist():
+            self.seconds.append(
+                {
+                    "date": known_date(int(samples.unix_ns[row]) // 1000),
+                    "boot_s": float(samples.boot_us[row] / 1e6),
+                    "method": self._method,
+                    "held": bool(samples.held[row]),
+                    **dict(zip(names, modes.dutch_roll[row].tolist(), strict=True)),
+                }
+            )
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,6 +86,24 @@ class _Flown:
 
 class _OtherKeyError(SourceError):
     """The key file on this machine cannot be read, or is not the one the fleet started with."""
+
+
+def rows_here(path: str, spec: Spec, scratch: Path) -> Any:
+    """Return the rows of a log by table, or None if this machine has no such file.
+
+    A URL is first copied into the folder ``scratch``.
+    """
+    if "://" not in path:
+        return rows_of(Path(path), spec) if Path(path).is_file() else None
+    local = scratch / StoredPath(path).local_name
+    try:
+        StoredPath(path).copy_to(local)
+    except YawidError as error:
+        return failed(FAILED, str(error))
+    try:
+        return rows_of(local, spec)
+    finally:
+        local.unlink()
 
 
 def rows_of(path: Path, spec: Spec) -> Rows:

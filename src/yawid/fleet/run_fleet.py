@@ -14,9 +14,8 @@ from yawid.dataset.files import DataSet, misfit, peek
 from yawid.dataset.schema import ANALYSIS_VERSION
 from yawid.dataset.values import FAILED, USAGE, Entry, ReadRow, failed
 from yawid.errors import SinkError, SourceError
-from yawid.fleet.cluster import check_installed, workers_of
 from yawid.fleet.find_logs import FoundLog, check_apart, find_logs, sha256_of
-from yawid.fleet.local import HERE, local_workers
+from yawid.fleet.pools import HERE, check_installed, ended_logs, workers_here, workers_of
 from yawid.fleet.spec import Spec
 from yawid.fleet.worker import Task
 from yawid.runs.stop import StopFlag
@@ -230,9 +229,9 @@ def _run(
     for log in plan.todo:
         if log.failure is not None:
             add(log, failed(FAILED, log.failure), HERE)
-    with local_workers(run.workers) if address is None else workers_of(address) as workers:
+    with workers_here(run.workers) if address is None else workers_of(address) as workers:
         progress.start_s = time.monotonic()
-        with closing(workers.run(tasks, stop)) as done:
+        with closing(ended_logs(workers, tasks, stop)) as done:
             for ended in done:
                 progress.threads = workers.threads
                 if ended is None:
@@ -247,7 +246,7 @@ def _entry(
 ) -> Entry:
     """Return a log's rows with their keys, checked to fit the tables.
 
-    ``rows`` are None where the worker found no such file, and a text where the workers died.
+    ``rows`` are None where the worker found no such file.
     """
     if rows is None:
         if Path(log.path).is_file():
@@ -256,8 +255,6 @@ def _entry(
                 "files below the same paths, or URLs"
             )
         rows = failed(FAILED, "it was removed before it was read")
-    elif isinstance(rows, str):
-        rows = failed("crashed", rows)
     entry = with_keys(log, rows, own, name)
     text = misfit(entry)
     return entry if text is None else with_keys(log, failed("crashed", text), own)

@@ -1,9 +1,11 @@
-"""A child process that takes one order after the other; orders and answers are pickled in pipes.
+"""A process that makes calls one after the other; calls and results are pickled in pipes.
 
-An order that crashes its process, or takes all memory, does so to the child: the parent survives.
-``python -m yawid.system.child MODULE`` is a child that imports a module and makes calls.
+A call that crashes its process, hangs or stops it, or takes all memory, does so to that process:
+this one survives, knows which call it was, and starts another.
+``python -m yawid.system.child MODULE`` is such a process; it imports a module first.
 """
 
+import gc
 import os
 import pickle
 import queue
@@ -11,110 +13,121 @@ import signal
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Callable
 from contextlib import suppress
 from importlib import import_module
-from operator import call
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 
 from yawid.system.processes import OWN_GROUP, die_with_parent
 
-DIED: Final = object()
-"""The answer of a child that has ended."""
+_T = TypeVar("_T")
+START_S: Final = 300.0
+"""Time limit in s for a process to start and import its module."""
 DYING_S = 1.0
-"""Time limit in s for a child's end once its stdin is closed."""
+"""Time limit in s for a process's end once its stdin is closed."""
 ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
-"""Environment of a child: one thread for linear algebra, as each core already has a child."""
+"""Environment of a process: one thread for linear algebra, as each core already has a process."""
 TRIMMED = "MALLOC_TRIM_THRESHOLD_"
-"""A variable that Dask sets for its workers and a child does not get: with it memory goes back to
+"""A variable that Dask sets for its workers and a process does not get: with it memory goes back to
 the system each time, which takes 20 % longer."""
-_READY = "ready"
+GARBAGE_AFTER = 50_000
+"""The first threshold of the garbage collector, in objects: a high one saves time."""
 
 
-class Child:
-    """A process that runs ``python -m`` with the words given: a module that calls :func:`serve`.
+class DiedError(Exception):
+    """The process of a call ended without a result; the text says how."""
 
-    Raises:
-        OSError: the process cannot be started.
-    """
 
-    def __init__(self, *words: str) -> None:
-        self._process = subprocess.Popen(
-            [sys.executable, "-m", *words],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL,
-            creationflags=OWN_GROUP,
-            env={k: v for k, v in os.environ.items() if k != TRIMMED} | ONE_THREAD,
-        )
+class LateError(DiedError):
+    """The process was killed, as it gave no result in time."""
 
-    def is_ready(self) -> bool:
-        """Wait until the child can take orders; return False if it ended instead."""
-        return bool(self._received() == _READY)
 
-    def answer(self, order: object) -> Any:
-        """Return the child's answer to an order, or ``DIED`` if it ended instead."""
-        assert self._process.stdin is not None
+class Worker:
+    """Makes calls in a process that has imported ``module``, and in another one if that dies."""
+
+    def __init__(self, module: str) -> None:
+        self._module = module
+        self._process: subprocess.Popen[bytes] | None = None
+        self.is_over = False
+
+    def start(self) -> None:
+        """Start the process if there is none, and wait until it can make calls.
+
+        Raises:
+            OSError: it cannot be started, or ends by itself.
+            DiedError: it was killed.
+        """
+        if self._process is None:
+            self._process = subprocess.Popen(
+                [sys.executable, "-m", "yawid.system.child", self._module],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.DEVNULL,
+                creationflags=OWN_GROUP,
+                env={k: v for k, v in os.environ.items() if k != TRIMMED} | ONE_THREAD,
+            )
+            begun = self._process
+            try:
+                self._result(int, START_S)
+            except DiedError as error:
+                if begun.returncode < 0:
+                    raise
+                raise OSError(f"python -m yawid.system.child {self._module} {error}") from error
+
+    def call(self, act: Callable[[], _T], limit_s: float) -> _T:
+        """Return what ``act`` returns in the process, which is started if there is none.
+
+        Raises:
+            LateError: there was no result within ``limit_s`` seconds, and the process was killed.
+            DiedError: the process ended, also by :meth:`end` or as ``act`` raised an error.
+            OSError: the process cannot be started.
+        """
+        self.start()
+        result: _T = self._result(act, limit_s)
+        return result
+
+    def _result(self, act: Callable[[], Any], limit_s: float) -> Any:
+        process = self._process
+        assert process is not None
+        assert process.stdin is not None
+        assert process.stdout is not None
+        timer = threading.Timer(limit_s, process.kill)
+        timer.daemon = True
+        end_s = time.monotonic() + limit_s
+        timer.start()
+        if self.is_over:  # another thread called end() before there was a process to kill
+            process.kill()
         try:
-            pickle.dump(order, self._process.stdin)
-            self._process.stdin.flush()
-        except OSError:
-            return DIED
-        return self._received()
+            pickle.dump(act, process.stdin)
+            process.stdin.flush()
+            return pickle.load(process.stdout)
+        except (OSError, EOFError, pickle.UnpicklingError) as error:
+            died = LateError if time.monotonic() >= end_s else DiedError
+            raise died(self.close()) from error
+        finally:
+            timer.cancel()
 
-    def _received(self) -> Any:
-        assert self._process.stdout is not None
-        try:
-            return pickle.load(self._process.stdout)
-        except (OSError, EOFError, pickle.UnpicklingError):
-            return DIED
-
-    def kill(self) -> None:
-        """Kill the process, also from another thread."""
-        self._process.kill()
+    def end(self) -> None:
+        """Kill the process from another thread. Its call has no result, and no other has one."""
+        self.is_over = True
+        if (process := self._process) is not None:
+            process.kill()
 
     def close(self) -> str:
         """End the process; return how it ended, in words."""
-        assert self._process.stdin is not None
-        assert self._process.stdout is not None
+        process, self._process = self._process, None
+        if process is None:
+            return ""
+        assert process.stdin is not None
+        assert process.stdout is not None
         with suppress(OSError):  # closing flushes what the process never read
-            self._process.stdin.close()
+            process.stdin.close()
         with suppress(subprocess.TimeoutExpired):  # a healthy process ends by itself
-            self._process.wait(DYING_S)
-        self._process.kill()
-        self._process.stdout.close()
-        return _how(self._process.wait())
-
-
-def serve(answer: Callable[[Any], Any]) -> None:
-    """Answer the parent's orders until stdin ends; what other code prints goes to stderr.
-
-    To be called once all imports are done. If ``answer`` raises, the process ends with code 1.
-    """
-    orders, answers = sys.stdin.buffer, os.fdopen(os.dup(1), "wb")
-    os.dup2(2, 1)
-    for number in (signal.SIGINT, signal.SIGTERM):  # the parent handles them and closes the pipe
-        signal.signal(number, signal.SIG_IGN)
-    die_with_parent()
-    waiting: queue.SimpleQueue[Any] = queue.SimpleQueue()
-    threading.Thread(target=_take, args=(orders, waiting), daemon=True).start()
-    answered: object = _READY
-    try:
-        while True:
-            pickle.dump(answered, answers)
-            answers.flush()
-            answered = answer(waiting.get())
-    finally:
-        os._exit(1)  # at once: the other thread would hold up an orderly end
-
-
-def _take(orders: Any, waiting: "queue.SimpleQueue[Any]") -> None:
-    """Take orders until stdin ends; then the parent has ended, and this process ends at once."""
-    try:
-        while True:
-            waiting.put(pickle.load(orders))
-    finally:
-        os._exit(0)
+            process.wait(DYING_S)
+        process.kill()
+        process.stdout.close()
+        return _how(process.wait())
 
 
 def _how(code: int) -> str:
@@ -126,6 +139,37 @@ def _how(code: int) -> str:
         return f"was killed by signal {-code}"
 
 
+def _serve() -> None:
+    """Make the parent's calls until stdin ends; what other code prints goes to stderr.
+
+    If a call raises an error, the process ends with code 1.
+    """
+    calls, results = sys.stdin.buffer, os.fdopen(os.dup(1), "wb")
+    os.dup2(2, 1)
+    for number in (signal.SIGINT, signal.SIGTERM):  # the parent handles them and closes the pipe
+        signal.signal(number, signal.SIG_IGN)
+    die_with_parent()
+    gc.freeze()  # imported modules never become garbage
+    gc.set_threshold(GARBAGE_AFTER)
+    waiting: queue.SimpleQueue[Any] = queue.SimpleQueue()
+    threading.Thread(target=_take, args=(calls, waiting), daemon=True).start()
+    try:
+        while True:
+            pickle.dump(waiting.get()(), results)
+            results.flush()
+    finally:
+        os._exit(1)  # at once: the other thread would hold up an orderly end
+
+
+def _take(calls: Any, waiting: "queue.SimpleQueue[Any]") -> None:
+    """Take calls until stdin ends; then the parent has ended, and this process ends at once."""
+    try:
+        while True:
+            waiting.put(pickle.load(calls))
+    finally:
+        os._exit(0)
+
+
 if __name__ == "__main__":
     import_module(sys.argv[1])  # before the first call, as that takes time
-    serve(call)
+    _serve()

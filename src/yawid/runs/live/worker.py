@@ -13,12 +13,15 @@ from functools import partial
 from typing import Any, BinaryIO, ParamSpec, TypeAlias, TypeVar
 
 from yawid.runs.stop import SIGNALS
-from yawid.system.child import DIED, Child
+from yawid.system.child import DiedError
+from yawid.system.child import Worker as Child
 from yawid.system.part_file import Disk, sync
 from yawid.system.processes import block, cores
 
 MOST_CHILDREN = 4
 """The most processes that make fits: each needs up to 95 MB of memory."""
+FIT_S = 120.0
+"""Time limit in s of a fit: a child that is stopped or hangs is killed then."""
 HERE = "this process answers instead, which takes longer"
 _P = ParamSpec("_P")
 _T = TypeVar("_T")
@@ -95,49 +98,46 @@ class FitWorker(Worker):
 
 
 class _ByChild:
-    """Makes calls by a child process, and in this process once the child has ended."""
+    """Makes calls by a child process, and in this process once that has failed."""
 
     def __init__(self, say: Callable[[str], None]) -> None:
         self._say = say
-        self._child: Child | None = None
-        self._is_over = False
+        self._child = Child("yawid.pipeline")
+        self._is_lost = False
 
     def end(self) -> None:
         """Kill the child from another thread; its call gets no answer."""
-        self._is_over = True
-        if (child := self._child) is not None:
-            child.kill()
+        self._child.end()
 
     def run(self, calls: _Calls) -> None:
         """Start the child, make the calls, and end it."""
         block(SIGNALS)  # the child inherits that: no Ctrl-C in the terminal reaches it
-        try:
-            self._child = Child("yawid.system.child", "yawid.pipeline")
-        except OSError as error:
-            self._say(f"no process can be started for manoeuvres ({error}): {HERE}")
-        if self._child is not None and not self._child.is_ready():
-            self._lose(self._child)
+        self._tried(self._child.start)
         while (call := calls.get()) is not None:
             future, act = call
-            _do(future, partial(self._make, act))
+            _do(future, partial(self._made, act))
         calls.put(None)  # for the other threads
-        if self._child is not None:
-            self._child.close()
+        self._child.close()
 
-    def _make(self, act: Callable[[], _T]) -> _T:
-        if self._child is not None:
-            result: _T = self._child.answer(act)
-            if result is not DIED:
-                return result
-            self._lose(self._child)
-            if self._is_over:
+    def _made(self, act: Callable[[], _T]) -> _T:
+        if not self._is_lost:
+            found = self._tried(lambda: (self._child.call(act, FIT_S),))
+            if found is not None:
+                return found[0]
+            if self._child.is_over:
                 raise CancelledError
         return act()
 
-    def _lose(self, child: Child) -> None:
-        self._child, how = None, child.close()
-        if not self._is_over:
-            self._say(f"a process that answers manoeuvres {how}: {HERE}")
+    def _tried(self, ask: Callable[[], _T]) -> _T | None:
+        """Return what the child answers, or None after a line that says why it does not."""
+        try:
+            return ask()
+        except (DiedError, OSError) as error:
+            self._is_lost = True
+            how = f"cannot be started ({error})" if isinstance(error, OSError) else error
+            if not self._child.is_over:
+                self._say(f"a process that answers manoeuvres {how}: {HERE}")
+            return None
 
 
 def _run(calls: _Calls) -> None:

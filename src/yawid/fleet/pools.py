@@ -1,0 +1,251 @@
+"""Workers: threads of this machine, or those of a Dask scheduler that runs outside of yawid.
+
+Threads open no port and take work from no other process. Dask's local workers would open a port
+each, and its status page one that the whole network can reach.
+"""
+
+import importlib.util
+import logging
+import queue
+import time
+from asyncio import CancelledError
+from collections.abc import Generator, Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack, contextmanager, suppress
+from typing import Any, Final
+
+from yawid.dataset.values import failed
+from yawid.errors import ConfigError, SinkError
+from yawid.fleet.worker import REPLAYS, Task, replayed, replayed_in_dask, version, warm
+from yawid.runs.stop import SIGNALS, StopFlag
+from yawid.system.child import Worker
+from yawid.system.processes import block, cores
+from yawid.version import __version__
+
+HERE: Final = "this machine"
+QUEUED, POLL_S = 2, 0.1
+"""How many logs a worker holds (it replays one, one waits); the longest wait for a result in s."""
+RESULT_S: Final = 10.0
+"""Time limit in s for fetching the result of a task that has ended."""
+LOOK_S: Final = 1.0
+"""Interval in s at which the scheduler is asked for its number of threads."""
+CONNECT_S: Final = 5.0
+"""Time limit in s for connecting to the scheduler."""
+LOST: Final = object()
+"""In place of rows: the worker that had them is lost, and the log is to be run again."""
+
+
+class Here:
+    """Threads of this process, each with a process that replays logs."""
+
+    address = HERE
+
+    def __init__(self, threads: int) -> None:
+        self.threads = threads
+        self._workers = [Worker(REPLAYS) for _ in range(threads)]
+        self._idle: queue.SimpleQueue[Worker] = queue.SimpleQueue()
+        for worker in self._workers:
+            self._idle.put(worker)
+        self._pool = ThreadPoolExecutor(threads, "yawid-fleet", block, (SIGNALS,))
+
+    def submit(self, task: Task) -> Any:
+        """Return a future of a log's rows."""
+        return self._pool.submit(self._replayed, task)
+
+    def rows(self, future: Any) -> Any:
+        """Return the rows of a future that has ended."""
+        return future.result()
+
+    def _replayed(self, task: Task) -> Any:
+        worker = self._idle.get()
+        try:
+            return replayed(task, worker)
+        finally:
+            self._idle.put(worker)
+
+    def end(self) -> None:
+        """Kill all processes and drop the logs that are not finished."""
+        self._pool.shutdown(wait=False, cancel_futures=True)
+        for worker in self._workers:
+            worker.end()
+        self._pool.shutdown()
+        for worker in self._workers:
+            worker.close()
+
+
+class Cluster:
+    """The workers of the Dask scheduler at ``address``.
+
+    A log whose worker dies is given to another one.
+    """
+
+    def __init__(self, client: Any, address: str) -> None:
+        self._client, self.address = client, address
+        self._threads, self._look_s = 0, 0.0
+
+    @property
+    def threads(self) -> int:
+        """The number of the workers' threads, asked for at times.
+
+        Raises:
+            SinkError: the connection to the scheduler is lost.
+        """
+        self._check()
+        if time.monotonic() >= self._look_s:
+            try:
+                self._threads = sum(self._client.nthreads().values())
+            except Exception as error:
+                raise self._lost() from error
+            self._look_s = time.monotonic() + LOOK_S
+        return self._threads
+
+    def submit(self, task: Task) -> Any:
+        """Return a future of a log's rows. Raises as :attr:`threads` does."""
+        try:
+            return self._client.submit(replayed_in_dask, task, pure=False)
+        except Exception as error:
+            raise self._lost() from error
+
+    def rows(self, future: Any) -> Any:
+        """Return the rows of a future that has ended, or ``LOST``."""
+        from distributed.comm.core import CommClosedError
+        from distributed.scheduler import KilledWorker
+
+        try:
+            return future.result(timeout=RESULT_S)
+        except KilledWorker:
+            return failed("crashed", "its workers died several times")
+        except (TimeoutError, CancelledError, UnboundLocalError, CommClosedError):
+            # The result was lost with its worker, or the scheduler is lost, which shows in the
+            # client's status. Dask raises any of these errors then.
+            self._check()
+            return LOST
+        finally:
+            future.release()
+
+    def _check(self) -> None:
+        if self._client.status != "running":
+            raise self._lost()
+
+    def _lost(self) -> SinkError:
+        return SinkError(
+            f"Lost the scheduler at {self.address}. Finished logs are saved: start it again and "
+            "repeat the command."
+        )
+
+
+def ended_logs(
+    pool: Here | Cluster, tasks: Iterable[Task], stop: StopFlag
+) -> Generator[tuple[Task, Any] | None, None, None]:
+    """Yield each task with its rows when it ends; after ``stop`` is set, yield no more.
+
+    While no task ends, yield None every ``POLL_S`` seconds. Rows are None if a worker's machine has
+    no such file.
+
+    Raises:
+        SinkError: the connection to a scheduler is lost, or a worker failed.
+    """
+    done: queue.SimpleQueue[Any] = queue.SimpleQueue()
+    waiting, flying = iter(tasks), dict[Any, Task]()
+    task = next(waiting, None)
+    while (task or flying) and not stop.is_set:
+        while task and len(flying) < QUEUED * pool.threads:
+            future = pool.submit(task)
+            flying[future] = task
+            future.add_done_callback(done.put)
+            task = next(waiting, None)
+        try:
+            future = done.get(timeout=POLL_S)
+        except queue.Empty:
+            yield None
+            continue
+        try:
+            ended, rows = flying.pop(future), pool.rows(future)
+        except SinkError:
+            raise
+        except Exception as error:
+            raise SinkError(f"a worker failed: {type(error).__name__}: {error}") from error
+        if rows is LOST:
+            future = pool.submit(ended)
+            flying[future] = ended
+            future.add_done_callback(done.put)
+        else:
+            yield ended, rows
+
+
+@contextmanager
+def workers_here(count: int | None) -> Iterator[Here]:
+    """Start ``count`` workers, by default one for each core that this process may use.
+
+    When the context ends, their processes are killed and unfinished logs are dropped. The threads
+    block the signals that end a run; the processes inherit this, so that a Ctrl-C in the terminal,
+    which goes to all its processes, does not reach them.
+    """
+    warm()
+    here = Here(count or cores())
+    try:
+        yield here
+    finally:
+        here.end()
+
+
+def check_installed() -> None:
+    """Check that Dask is installed, without importing it, which takes long.
+
+    Raises:
+        ConfigError: Dask is not installed.
+    """
+    if importlib.util.find_spec("distributed") is None:
+        raise ConfigError("--scheduler needs Dask: pip install 'yawid[fleet]'")
+
+
+@contextmanager
+def workers_of(address: str) -> Iterator[Cluster]:
+    """Connect to the scheduler at ``address`` and use its workers.
+
+    Raises:
+        SinkError: no scheduler answers there, or its workers cannot import yawid or have another
+            version of it.
+    """
+    import dask
+    from distributed import Client
+
+    for name in list(logging.root.manager.loggerDict):
+        if name.startswith("distributed"):  # this module reports errors in its own words
+            logging.getLogger(name).setLevel(logging.CRITICAL)
+    settings = {
+        "distributed.comm.timeouts.connect": f"{CONNECT_S:g}s",
+        "distributed.client.scheduler-info-interval": "2s",
+    }
+    with ExitStack() as stack:
+        stack.enter_context(dask.config.set(settings))
+        try:
+            client = Client(address, set_as_default=False, timeout=CONNECT_S)
+        except (OSError, TimeoutError, ValueError) as error:
+            text = f"no Dask scheduler answers at {address}"
+            raise SinkError(f"{text}: {str(error) or type(error).__name__}") from error
+        stack.push(lambda *_: _close(client))
+        _make_ready(client)
+        yield Cluster(client, address)
+
+
+def _close(client: Any) -> None:
+    with suppress(Exception):  # the scheduler may be lost
+        client.close(timeout=2)
+
+
+def _make_ready(client: Any) -> None:
+    """Check the workers' versions, and compile once on each machine before its workers start.
+
+    Without this, all workers of a machine would compile at the same time.
+    """
+    try:
+        found = client.run(version)
+    except Exception as error:
+        raise SinkError(f"the workers cannot run yawid {__version__}: {error}") from error
+    for worker, its in found.items():
+        if its != __version__:
+            raise SinkError(f"the worker at {worker} has yawid {its}, here is {__version__}")
+    one_of = {worker.rpartition(":")[0]: worker for worker in found}
+    with suppress(Exception):  # the scheduler may be lost
+        client.run(warm, workers=list(one_of.values()))

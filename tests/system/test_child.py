@@ -1,0 +1,85 @@
+"""Processes that make calls: whatever a call does to its process, it ends in time; none stays."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import threading
+import time
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+import psutil
+import pytest
+
+from yawid.system.child import DiedError, LateError, Worker
+
+pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="no such signals there")
+LIMIT_S, MORE_S = 1.0, 5.0
+
+
+def to_self(number: int) -> Callable[[], Any]:
+    """Return a call that sends a signal to its own process."""
+    return partial(signal.raise_signal, number)
+
+
+@pytest.fixture
+def worker() -> Any:
+    """A worker of which no process is left at the end."""
+    made = Worker("json")
+    yield made
+    made.close()
+    assert [each for each in psutil.Process().children() if "json" in each.cmdline()] == []
+
+
+@pytest.mark.parametrize(
+    ("act", "kind", "how"),
+    [
+        (to_self(signal.SIGKILL), DiedError, "was killed by SIGKILL"),
+        (to_self(signal.SIGSEGV), DiedError, "was killed by SIGSEGV"),
+        (to_self(signal.SIGSTOP), LateError, "was killed by SIGKILL"),
+        (partial(time.sleep, 3600), LateError, "was killed by SIGKILL"),
+        (partial(os._exit, 3), DiedError, "ended with exit code 3"),
+        (partial(int, "no number"), DiedError, "ended with exit code 1"),
+    ],
+)
+def test_a_call_that_kills_stops_or_hangs_its_process_ends_in_time_and_the_next_one_is_made(
+    worker: Worker, act: Callable[[], Any], kind: type[DiedError], how: str
+) -> None:
+    first = worker.call(os.getpid, 60.0)
+    begin_s = time.monotonic()
+    with pytest.raises(kind) as said:
+        worker.call(act, LIMIT_S)
+    assert time.monotonic() - begin_s < LIMIT_S + MORE_S
+    assert (type(said.value), str(said.value)) == (kind, how)
+    assert not psutil.pid_exists(first)
+    assert worker.call(os.getpid, 60.0) != first
+
+
+@pytest.mark.parametrize("number", [signal.SIGSTOP, signal.SIGKILL])
+def test_a_process_that_is_stopped_or_killed_between_two_calls_ends_in_time(
+    worker: Worker, number: signal.Signals
+) -> None:
+    os.kill(worker.call(os.getpid, 60.0), number)
+    begin_s = time.monotonic()
+    with pytest.raises(DiedError):
+        worker.call(os.getpid, LIMIT_S)
+    assert time.monotonic() - begin_s < LIMIT_S + MORE_S
+    assert worker.call(partial(int, "7"), 60.0) == 7
+
+
+def test_a_call_is_ended_from_another_thread_and_none_is_made_after_it(worker: Worker) -> None:
+    worker.start()
+    threading.Timer(0.2, worker.end).start()
+    for _ in range(2):
+        begin_s = time.monotonic()
+        with pytest.raises(DiedError):
+            worker.call(partial(time.sleep, 3600), 3600.0)
+        assert time.monotonic() - begin_s < MORE_S
+
+
+def test_a_process_that_cannot_import_its_module_says_so() -> None:
+    with pytest.raises(OSError, match=r"-m yawid\.system\.child no_such_module ended with exit"):
+        Worker("no_such_module").call(int, 60.0)
