@@ -9,7 +9,7 @@ from typing import Any
 import hand_flights
 import numpy as np
 import pytest
-from hand_flights import four_of_a_flight, of_older_version
+from hand_flights import four_of_a_flight
 from hand_flights import plain_summary as summary
 from places import REPLAY_LOGS
 
@@ -42,14 +42,10 @@ def test_what_does_not_apply_has_no_key_and_what_is_empty_has():
     assert told["verdict"] == {"usable": True, "reasons": []}
 
 
-def test_total_and_noise_sigma_come_back_and_without_the_noise_the_total_stays():
-    both, older = four_of_a_flight(), of_older_version().to_json()["flight"]
+def test_total_and_noise_sigma_come_back():
+    both = four_of_a_flight()
 
     assert RunSummary.from_json(json.dumps(both.to_json()).encode()) == both
-    assert older["dutch_roll"] == {
-        "wn_rad_s": 10.21, "wn_std": 0.16, "zeta": 0.624, "zeta_std": 0.021
-    }  # fmt: skip
-    assert older["kappa_rad_m"] == {"value": 0.4634, "std": 0.0077}
 
 
 def test_scalars_of_numpy_are_numbers_in_json():

@@ -15,7 +15,6 @@ from hand_flights import (
     manoeuvre,
     mixed_loops,
     none_usable,
-    of_older_version,
     roll_of,
     summary,
     without_airspeed,
@@ -79,14 +78,11 @@ def test_the_streams_numbers_are_printed_only_if_asked_for() -> None:
     assert "fit one step" in text_of(nothing_found)
 
 
-def test_sigma_is_the_total_and_of_noise_alone_in_a_run_of_an_older_version() -> None:
-    both, older = text_of(four_of_a_flight()), text_of(of_older_version())
+def test_sigma_is_the_total_and_that_of_the_stream_of_noise() -> None:
+    text = text_of(four_of_a_flight())
 
-    assert "± is one sigma: noise, structure, scatter of manoeuvres; V is" in both
-    assert "± is one sigma of noise alone; V is" in older
-    assert "± is one sigma of noise ELS RML" in older
-    assert "noise alone: wn" not in older
-    assert rows_of(of_older_version()) == rows_of(four_of_a_flight())
+    assert "± is one sigma: noise, structure, scatter of manoeuvres; V is" in text
+    assert "± is one sigma of noise ELS RML" in text
 
 
 def test_each_manoeuvre_has_a_row_that_says_what_came_of_it() -> None:

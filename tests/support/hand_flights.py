@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import re
 from typing import Any
 
 from msgspec.structs import replace
@@ -178,12 +176,6 @@ def none_usable() -> RunSummary:
     refused = [manoeuvre(n, wn, reason=NOT_CONVERGED) for n, wn in ((1, 12.4), (2, None))]
     verdict = Verdict(method="ct", usable=False, reasons=[NOT_CONVERGED])
     return summary(refused, Flight(used=[], disagree=[], verdict=verdict))
-
-
-def of_older_version() -> RunSummary:
-    """The flight as a file says it that knows no noise beside sigma."""
-    told = json.dumps(four_of_a_flight().to_json())
-    return RunSummary.from_json(re.sub(r', "\w*std_noise": [^,}]+', "", told).encode())
 
 
 def without_airspeed() -> RunSummary:

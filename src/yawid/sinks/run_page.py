@@ -30,13 +30,11 @@ _DERIVATIVES: Final = ("a_my_beta", "a_my_omega_y", "a_my_delta_h", "a_z_beta", 
 
 def print_summary(summary: RunSummary, stream: TextIO, *, verbose: bool = False) -> None:
     """Print the summary of one run: see :func:`summary_page`, then the channels and files."""
-    to_terminal(
-        [Note(summary.log, "bold"), *summary_page(summary, verbose=verbose), *origin(summary)],
-        stream,
-    )
     # A path is for copying and must not be wrapped.
     files = (summary.files or {}).items()
-    to_terminal((Note(f"{kind:>8}  {path}", wraps=False) for kind, path in files), stream)
+    paths = (Note(f"{kind:>8}  {path}", wraps=False) for kind, path in files)
+    page = summary_page(summary, verbose=verbose)
+    to_terminal([Note(summary.log, "bold"), *page, *origin(summary), *paths], stream)
 
 
 def summary_page(summary: RunSummary, *, verbose: bool = False) -> Iterator[Part]:

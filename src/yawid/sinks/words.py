@@ -265,10 +265,7 @@ def bare_rows(summary: RunSummary) -> Iterator[Row]:
     if bare is None:
         return
     if bare.dutch_roll is None:
-        why = "; ".join(reason.text for reason in bare.verdict.reasons)
-        yield Row("bare", f"the bare airframe is not known: {why}")
-        if bare.verdict.next is not None:
-            yield Row("", f"{NEXT} {bare.verdict.next} (yawid explain bare_unknown)")
+        yield from _unknown("bare", "the bare airframe is not known", bare.verdict)
         return
     level = "" if bare.dutch_roll.level is None else f", level {bare.dutch_roll.level}"
     yield Row("bare", f"{dutch_roll(bare.dutch_roll)}{level}")
@@ -285,16 +282,21 @@ def bare_rows(summary: RunSummary) -> Iterator[Row]:
         yield Row("", text)
 
 
+def _unknown(name: str, text: str, verdict: Verdict) -> Iterator[Row]:
+    """Yield why an answer is not known, and what to do next."""
+    yield Row(name, f"{text}: {'; '.join(reason.text for reason in verdict.reasons)}")
+    if verdict.next is not None:
+        yield Row("", f"{NEXT} {verdict.next} (yawid explain {name}_unknown)")
+
+
 def ordinary_rows(summary: RunSummary) -> Iterator[Row]:
     """Yield the rows of ordinary flight, nothing where it was not looked for."""
     found = summary.ordinary
     if found is None:
         return
     if found.dutch_roll is None:
-        why = "; ".join(reason.text for reason in found.verdict.reasons)
-        yield Row(ORDINARY, f"from ordinary flight the aircraft's mode is not known: {why}")
-        if found.verdict.next is not None:
-            yield Row("", f"{NEXT} {found.verdict.next} (yawid explain ordinary_unknown)")
+        text = "from ordinary flight the aircraft's mode is not known"
+        yield from _unknown(ORDINARY, text, found.verdict)
         return
     yield Row(ORDINARY, dutch_roll(found.dutch_roll))
     turns = f"{found.turns} turn{'s' * (found.turns != 1)}"
