@@ -71,7 +71,7 @@ ONLY_IN = {
     "filterpy": {"estimation/reference.py"},
     "numba": {"estimation/machine/compiler.py"},
     "llvmlite": {"estimation/machine"},
-    "distributed": {"fleet/pools.py"},
+    "distributed": {"fleet/pools.py", "fleet/worker.py"},
     "fsspec": {"system/stores.py"},
 }
 MODULES = sorted(SRC.rglob("*.py"))

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import os
 from hashlib import sha256
 from pathlib import Path
 
@@ -106,7 +107,8 @@ def test_what_a_machine_or_a_store_lacks_is_failed_and_says_nothing_of_the_log(
     outcome, said = told(rows_of(tmp_path / "broken.tlog", Spec()))
     assert (outcome, "Input/output error" in said) == ("failed", True)
     logs = REPLAY_LOGS / "no_rudder"
-    (tmp_path / "log.tlog").symlink_to("/dev/full")
+    (tmp_path / f"{os.getpid()}").mkdir()
+    (tmp_path / f"{os.getpid()}" / "log.tlog").symlink_to("/dev/full")
     outcome, said = told(rows_here(f"file://{logs}/log.tlog", Spec(), tmp_path))
     assert (outcome, said.partition(" be ")[2]) == ("failed", "read: No space left on device")
     outcome, said = told(rows_here(f"file://{logs}/absent.tlog", Spec(), tmp_path))

@@ -82,7 +82,7 @@ class InThisProcess:
 @pytest.fixture
 def here(monkeypatch, tmp_path: Path) -> Path:
     @contextmanager
-    def workers(count: int | None) -> Iterator[InThisProcess]:
+    def workers(count: int | None, copies: Path) -> Iterator[InThisProcess]:
         yield InThisProcess()
 
     monkeypatch.setattr("yawid.fleet.run_fleet.workers_here", workers)

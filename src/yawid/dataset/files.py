@@ -27,7 +27,8 @@ from yawid.dataset.values import Entry, ReadRow, plain
 from yawid.errors import SinkError, SourceError
 from yawid.system.part_file import os_errors_as_sink_error, write_whole, written_whole
 
-DATABASE: Final = "fleet.sqlite"
+DATABASE, COPIES = "fleet.sqlite", "fleet.copies"
+"""What only a running fleet uses: its database, and the folder for copies of a store's logs."""
 PAGE, SCHEMA = "SCHEMA.md", "schema.json"
 """Files that describe the columns: one for people, one for programs."""
 ROWS: Final = 10_000
@@ -124,7 +125,7 @@ class DataSet:
         check_ours(folder)
         with os_errors_as_sink_error(folder):
             folder.mkdir(parents=True, exist_ok=True)
-        self.folder = folder
+        self.folder, self.copies = folder, folder / COPIES
         with _said(folder):
             self._rows = sqlite3.connect(folder / DATABASE, timeout=0.0)
         try:

@@ -4,6 +4,7 @@ Every error becomes an outcome with a text; none is raised.
 """
 
 import errno
+import os
 import traceback
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
@@ -88,22 +89,22 @@ class _OtherKeyError(SourceError):
     """The key file on this machine cannot be read, or is not the one the fleet started with."""
 
 
-def rows_here(path: str, spec: Spec, scratch: Path) -> Any:
+def rows_here(path: str, spec: Spec, copies: Path) -> Any:
     """Return the rows of a log by table, or None if this machine has no such file.
 
-    A URL is first copied into the folder ``scratch``.
+    A URL is first copied into a folder of this process below ``copies``.
     """
     if "://" not in path:
         return rows_of(Path(path), spec) if Path(path).is_file() else None
-    local = scratch / StoredPath(path).local_name
+    local = copies / f"{os.getpid()}" / StoredPath(path).local_name
     try:
+        local.parent.mkdir(parents=True, exist_ok=True)
         StoredPath(path).copy_to(local)
-    except YawidError as error:
-        return failed(FAILED, str(error))
-    try:
         return rows_of(local, spec)
+    except (YawidError, OSError) as error:
+        return failed(FAILED, str(error))
     finally:
-        local.unlink()
+        local.unlink(missing_ok=True)
 
 
 def rows_of(path: Path, spec: Spec) -> Rows:

@@ -7,11 +7,13 @@ each, and its status page one that the whole network can reach.
 import importlib.util
 import logging
 import queue
+import shutil
 import time
 from asyncio import CancelledError
 from collections.abc import Generator, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager, suppress
+from pathlib import Path
 from typing import Any, Final
 
 from yawid.dataset.values import failed
@@ -40,8 +42,8 @@ class Here:
 
     address = HERE
 
-    def __init__(self, threads: int) -> None:
-        self.threads = threads
+    def __init__(self, threads: int, copies: Path) -> None:
+        self.threads, self._copies = threads, copies
         self._workers = [Worker(REPLAYS) for _ in range(threads)]
         self._idle: queue.SimpleQueue[Worker] = queue.SimpleQueue()
         for worker in self._workers:
@@ -59,7 +61,7 @@ class Here:
     def _replayed(self, task: Task) -> Any:
         worker = self._idle.get()
         try:
-            return replayed(task, worker)
+            return replayed(task, worker, self._copies)
         finally:
             self._idle.put(worker)
 
@@ -174,19 +176,22 @@ def ended_logs(
 
 
 @contextmanager
-def workers_here(count: int | None) -> Iterator[Here]:
+def workers_here(count: int | None, copies: Path) -> Iterator[Here]:
     """Start ``count`` workers, by default one for each core that this process may use.
 
+    The folder ``copies`` is theirs: what is in it, by a fleet that was killed, is removed.
     When the context ends, their processes are killed and unfinished logs are dropped. The threads
     block the signals that end a run; the processes inherit this, so that a Ctrl-C in the terminal,
     which goes to all its processes, does not reach them.
     """
     warm()
-    here = Here(count or cores())
+    shutil.rmtree(copies, ignore_errors=True)
+    here = Here(count or cores(), copies)
     try:
         yield here
     finally:
         here.end()
+        shutil.rmtree(copies, ignore_errors=True)
 
 
 def check_installed() -> None:

@@ -229,7 +229,9 @@ def _run(
     for log in plan.todo:
         if log.failure is not None:
             add(log, failed(FAILED, log.failure), HERE)
-    with workers_here(run.workers) if address is None else workers_of(address) as workers:
+    with (
+        workers_here(run.workers, data.copies) if address is None else workers_of(address)
+    ) as workers:
         progress.start_s = time.monotonic()
         with closing(ended_logs(workers, tasks, stop)) as done:
             for ended in done:
