@@ -112,7 +112,6 @@ def test_a_picture_of_the_readmes_shows_the_answer_that_is_given_today(name: str
         assert shown[key] == pytest.approx(getattr(mode, key), rel=2e-3)
 
 
-@upper_house
 def test_the_derivatives_in_reruns_verdict_keep_their_values_within_the_panel(
     tmp_path: Path,
 ) -> None:

@@ -72,7 +72,7 @@ def stream_grid(estimates: Mapping[str, MethodSummary]) -> Grid:
     return Grid(heads, list(zip(names, *columns, strict=True)))
 
 
-def yaw_channel_grids(summary: RunSummary, rudder_unit: str) -> Iterator[Grid]:
+def yaw_channel_parts(summary: RunSummary, rudder_unit: str) -> Iterator[Part]:
     """Yield the numbers of eq. 22-23 of the flight, for each loop, or of the stream's answer."""
     answer, found = summary.answer, []
     for each in summary.by_loop:
@@ -88,7 +88,8 @@ def yaw_channel_grids(summary: RunSummary, rudder_unit: str) -> Iterator[Grid]:
             for row, each in values if each.value is not None
         ]  # fmt: skip
         if rows:
-            yield Grid((f"yaw channel, {name}", ""), rows)
+            yield Note(f"Yaw channel, {name}:")
+            yield Grid(("", ""), rows)
 
 
 def _number(value: float | None, spec: str) -> str:

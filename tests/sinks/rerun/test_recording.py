@@ -347,7 +347,7 @@ def test_manoeuvres_are_a_table_and_the_verdict_has_the_answer_and_eq_22(flown: 
         "# Usable\n\n**flight** wn 10.10 ± 0.15 rad/s, zeta 0.630 ± 0.020\n"
         "noise alone: wn ± 0.02, zeta ± 0.003\n"
     )
-    assert "| yaw channel, the flight, the airframe at 20.5 m/s |" in verdict
+    assert "Yaw channel, the flight, the airframe at 20.5 m/s:" in verdict
     assert "static gain K | -1.50 ± 0.10 rad/s per half-travel |" in verdict
 
 

@@ -53,7 +53,7 @@ from yawid.sinks.rerun.series import (
     manoeuvre_styles,
     series_styles,
 )
-from yawid.sinks.run_page import stream_grid, yaw_channel_grids
+from yawid.sinks.run_page import stream_grid, yaw_channel_parts
 from yawid.sinks.words import answer_rows, lateral_says, numbers
 
 APPLICATION: Final = "yawid"
@@ -349,7 +349,7 @@ def verdict_markdown(summary: RunSummary, rudder_unit: str) -> str:
         mark = [Note("Do not use the numbers: they are shown only to find out why.")]
         parts += mark if summary.deciding.fatal else []
         parts += [Note("Running estimates at the end:"), stream_grid(summary.estimates)]
-    return to_markdown([*parts, *yaw_channel_grids(summary, rudder_unit)])
+    return to_markdown([*parts, *yaw_channel_parts(summary, rudder_unit)])
 
 
 def _span(found: Manoeuvre, span_ns: tuple[int, int]) -> tuple[Ints, Ints]:
