@@ -21,8 +21,7 @@ class Facts(Recorded):
         self, autopilot: Autopilot, known: Mapping[str, float], airspeeds_m_s: Sequence[float]
     ) -> list[Law]:
         """Return the damper at each airspeed, for the unit that this run's rudder has."""
-        loop_hz = known[autopilot.loop_rate]
-        laws = [autopilot.law(known, loop_hz, speed) for speed in airspeeds_m_s]
+        laws = [autopilot.law(known, known[autopilot.loop_rate], v) for v in airspeeds_m_s]
         return [replace(law, scaling=law.scaling * self.config.half_travel) for law in laws]
 
     def flown(self, manoeuvres: Sequence[Manoeuvre]) -> list[Flown]:

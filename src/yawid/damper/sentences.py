@@ -18,14 +18,13 @@ PREDICTION: Final = (
 
 
 class Without(NamedTuple):
-    """In words how far above the aim zeta is without a damper, and whether none is needed."""
+    """In words how far above the aim zeta is without a damper, and whether none is needed.
 
-    text: str
-    suffices: bool
+    There are no words where it is not above the aim, or where nothing is known.
+    """
 
-
-NOT_KNOWN: Final = Without("", suffices=False)
-"""Without a damper zeta is not above the aim, or nothing is known of it."""
+    text: str = ""
+    suffices: bool = False
 
 
 def without_damper(roll: DutchRoll, aim: float | None) -> Without:
@@ -36,7 +35,7 @@ def without_damper(roll: DutchRoll, aim: float | None) -> Without:
     low, high = aimed(aim)
     std, above = roll.zeta_std, roll.zeta - high
     if above <= 0.0:
-        return NOT_KNOWN
+        return Without()
     sigmas = above / std if std else 0.0
     known = f"{roll.zeta:.2f} ± {std:.2f}" if std else f"{roll.zeta:.2f}, of unknown sigma"
     by = f"{sigmas:.1f} sigma above the aim of {low:g} to {high:g}"

@@ -35,7 +35,6 @@ from yawid.damper.refusals import (
     usable_flight,
 )
 from yawid.damper.sentences import (
-    NOT_KNOWN,
     Without,
     leave_out,
     sentences,
@@ -107,7 +106,7 @@ def study(facts: Facts, asked: Asked) -> Study:
     """
     known: dict[str, float] = {**facts.parameters, **asked.parameters}
     said: dict[str, Any] = {"log": facts.summary.log}
-    without = NOT_KNOWN
+    without = Without()
     try:
         flight = usable_flight(facts.summary)
         check_input(facts.summary, facts.config)
@@ -162,7 +161,7 @@ def _predicted(
 ) -> Predicted:  # fmt: skip
     flown = facts.flown(facts.used)
     aircraft = identified(facts, flight, flown, autopilot, known)
-    speeds = _airspeeds(flight, facts.used, asked)
+    speeds = _airspeeds(aircraft.airspeed_m_s, facts.used, asked)
     laws = facts.laws(autopilot, known, speeds)
     # The gains that are tried: finely spaced from 0, with the one flown and those asked for.
     most = max(largest_gain(aircraft, laws, speeds), known[autopilot.gain])
@@ -176,10 +175,8 @@ def _predicted(
     return Predicted(aircraft, tuple(laws), closed, flown[0], pilot)
 
 
-def _airspeeds(flight: Flight, used: Sequence[Manoeuvre], asked: Asked) -> list[float]:
-    """Return the airspeeds in m/s of the predictions, ascending."""
-    middle = flight.airspeed_m_s
-    assert middle is not None  # usable_flight() has seen to it
+def _airspeeds(middle: float, used: Sequence[Manoeuvre], asked: Asked) -> list[float]:
+    """Return the airspeeds in m/s of the predictions, ascending; ``middle`` is the flight's."""
     flown = [each.airspeed_m_s for each in used if each.airspeed_m_s is not None]
     low, high = asked.airspeed or (min(flown), max(flown))
     if low < min(flown) / FURTHEST or high > max(flown) * FURTHEST:
