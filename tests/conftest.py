@@ -8,6 +8,7 @@ import tempfile
 
 import pytest
 from drawn import settings
+from places import REPLAY_LOGS
 
 # As the command line does, before NumPy is there: two workers of two threads each wait in turns.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -15,6 +16,15 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 from yawid.estimation.machine.runner import RUNNER, is_plain
 
 settings.load_profile("gate")
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Add the options of test_replay_logs.py."""
+    cases = parser.getgroup("cases of yawid")
+    text = "folder of the cases that are replayed (default: replay_logs)"
+    cases.addoption("--cases", metavar="DIR", default=str(REPLAY_LOGS), help=text)
+    text = "write the references of the cases again, with this reason"
+    cases.addoption("--update-cases", metavar="WHY", help=text)
 
 
 def pytest_configure(config: pytest.Config) -> None:

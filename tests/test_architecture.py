@@ -43,13 +43,12 @@ MAY_IMPORT: dict[str, set[str]] = {
     | {"sources", RECORDS, *SINKS},
     "runs/live": {"config", "estimation", "pipeline", "results", "runs", "sources", WIRE, LINK}
     | {"sinks", "sinks/rerun", "sinks/terminal"},
-    "runs/regress": {"config", "channels", "runs", "sinks", "sources", LOGS},
     "dataset": set(),
     "fleet": {"config", "dataset", "runs", "sinks"} | {"sources"},
     "trend": {"damper", "dataset", "report", "sinks", "sinks/mcap"},
     "tables": {"config", "damper", "models", "report", "runs", "sources", "sinks", "sinks/mcap"},
     "cli": {"config", "damper", "dataset", "estimation", "fleet", "report"}
-    | {"runs", "runs/live", "runs/regress", "sinks", "sinks/terminal", "sources"}
+    | {"runs", "runs/live", "sinks", "sinks/terminal", "sources"}
     | {"tables", "trend"},
     "__main__": {"cli"},
 }

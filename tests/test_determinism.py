@@ -1,8 +1,8 @@
-"""The same log gives the same contents: on every run, under any cut, with any number of workers.
+"""The same log gives the same contents: on every run and under any cut.
 
 Between machines the last bits may differ: NumPy, BLAS and the compiler choose their instructions by
 the processor (fused multiply-add, width of vectors), so that sums round otherwise. The recursion
-carries such differences on; the tolerances of yawid.runs.regress.compare are wide enough for them,
+carries such differences on; the tolerances of support/case_compare.py are wide enough for them,
 as the last test here shows on instructions of another machine.
 """
 
@@ -22,6 +22,7 @@ import pytest
 from drawn import examples
 from hypothesis import given
 from hypothesis import strategies as st
+from log_cases import Case, update
 from mcap.reader import make_reader
 from places import REPLAY_LOGS as CASES
 from places import ROOT
@@ -34,13 +35,12 @@ from yawid.pipeline import Pipeline
 from yawid.results.summary import summarise
 from yawid.runs.job import feed_all
 from yawid.runs.outputs import Outputs, finish, open_mcap, parameters_of
-from yawid.runs.regress.case import Case, find_cases
-from yawid.runs.regress.check import regress
 from yawid.sources.logs.tlog import TlogReader
 from yawid.sources.mavlink.decoder import Decoder
 
 GAPS = CASES / "c172p_gaps" / "log.tlog"
 SHORT = GAPS.read_bytes()[:60_000]
+CHECK = ("-q", "-p", "no:cacheprovider", ROOT / "tests" / "test_replay_logs.py")
 NAMES = ("c172p_gaps", "c172p_reboot", "c172p_gcs_rates", "two_vehicles")
 
 
@@ -141,24 +141,6 @@ def test_the_contents_do_not_depend_on_any_cut(tmp_path_factory, edges: list[int
     )
 
 
-def test_the_number_of_workers_changes_nothing(tmp_path: Path):
-    """Every case differs from its reference here, so that all actual rows are written."""
-    found = []
-    for workers in (1, 3):
-        folder = tmp_path / str(workers)
-        for name in NAMES:
-            shutil.copytree(CASES / name, folder / name)
-            (folder / name / "expected.csv").write_text("k,t\n0,0\n", encoding="utf-8")
-            (folder / name / "expected.json").write_text("{}", encoding="utf-8")
-        outcomes = list(regress(find_cases(folder, []), workers=workers))
-        rows = [Path(o.files["actual"]).read_bytes() for o in outcomes]
-        found.append(([(o.name, o.wrong) for o in outcomes], rows))
-
-    assert found[0] == found[1]
-    assert [name for name, _ in found[0][0]] == sorted(NAMES)
-    assert len(found[0][1]) == len(NAMES)
-
-
 def other_instructions(scratch: Path) -> dict[str, str]:
     """Return an environment in which NumPy, BLAS and numba use only the oldest instructions."""
     from numpy._core._multiarray_umath import __cpu_dispatch__, __cpu_features__
@@ -181,14 +163,13 @@ def test_references_of_this_machine_hold_on_instructions_of_another(tmp_path: Pa
         shutil.copytree(path.parent, folder / path.parent.name)
         lowered = path.read_text(encoding="utf-8").replace("floor = ", "floor = 0 # ", 1)
         (folder / path.parent.name / "case.toml").write_text(lowered, encoding="utf-8")
-    assert main(["regress", "--update", "--why", "here and now", "--folder", str(folder)]) == 0
+        update(Case.read(folder / path.parent.name), "here and now")
 
     environment = other_instructions(tmp_path / "cache")
     run_python("-c", BEHIND, **environment).check_returncode()
-    other = run_yawid("regress", "--json", "--folder", folder, **environment)
+    other = run_python("-m", "pytest", *CHECK, "--cases", folder, **environment)
 
-    told = json.loads(other.stdout)
-    assert {c["name"]: c["wrong"] for c in told["cases"] if not c["ok"]} == {}
+    assert other.returncode == 0, other.stdout
 
 
 @pytest.mark.slow
@@ -196,11 +177,11 @@ def test_without_compilation_the_numbers_are_the_same_to_rounding(tmp_path: Path
     """NUMBA_DISABLE_JIT=1: the same functions as plain Python, for those who cannot compile."""
     folder = tmp_path / "cases"
     shutil.copytree(CASES / "c172p_gcs_rates", folder / "c172p_gcs_rates")
-    assert main(["regress", "--update", "--why", "here and now", "--folder", str(folder)]) == 0
+    update(Case.read(folder / "c172p_gcs_rates"), "here and now")
 
-    other = run_yawid("regress", "--json", "--folder", folder, NUMBA_DISABLE_JIT="1")
+    other = run_python("-m", "pytest", *CHECK, "--cases", folder, NUMBA_DISABLE_JIT="1")
 
-    assert json.loads(other.stdout)["exit_code"] == 0, other.stdout
+    assert other.returncode == 0, other.stdout
 
 
 def test_a_replay_of_the_same_case_twice_in_one_process_is_the_same_to_the_bit():

@@ -6,7 +6,7 @@
 
 Most logs are flights of JSBSim (tools/fly_jsbsim.py), some changed by tools/flights/surgery.py;
 those named sitl_ are cut out of recorded flights (--flights DIR). A new case needs a recipe, and a
-case.toml. This does not write references: see ``yawid regress --update``.
+case.toml. This does not write references: see tests/test_replay_logs.py.
 """
 
 from __future__ import annotations

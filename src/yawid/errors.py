@@ -6,7 +6,6 @@ from typing import Any, Final
 UNFORESEEN: Final = 70
 EXIT_CODES: Final = {
     0: "good: the answer may be used; there may be warnings",
-    1: "regress: a case differs from its references",
     2: "usage or configuration: nothing was run",
     3: "no vehicle, no rudder or no yaw rate in the log",
     4: "the message rate is too low for an answer",

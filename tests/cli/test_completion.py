@@ -115,7 +115,6 @@ def test_zsh_offers_commands_options_values_files_and_cases(script: Path):
         assert not (of_view := offers("view ")) & {"a.tlog", "b.BIN"}
         assert of_view >= {"c.mcap", "replay_logs/"}
         assert offers("replay --config ") >= {"e.toml", "replay_logs/"}
-        assert offers("regress cl") >= {"climb"}
 
 
 def test_another_shell_is_refused_by_name(capsys: pytest.CaptureFixture[str]):
@@ -143,4 +142,3 @@ def test_bash_offers_values_files_by_their_suffix_and_cases(script: Path):
     assert offered(script, "replay", "--config", "") == {"e.toml", "replay_logs"}
     assert offered(script, "report", "c.mcap", "-o", "") == {"f.html", "replay_logs"}
     assert offered(script, "trend", "") == {"replay_logs"}
-    assert offered(script, "regress", "c") == {"climb"}

@@ -219,8 +219,6 @@ def test_every_command_stands_in_the_overview_and_has_two_examples(capsys):
     [
         (["replay", C172P, "--boot", "7"], "the log, which holds 1 boot: 30.0 to 150.0 s"),
         (["inspect", REBOOT, "--boot", "7"], "the log, which holds 2 boots: boot 1 from "),
-        (["regress", "nope", "--folder", str(REPLAY_LOGS)], "the cases there are c172p_3211, "),
-        (["regress", "c172_3211", "--folder", str(REPLAY_LOGS)], "; did you mean c172p_3211?"),
         (["view", "x.mcap", "--save", "x.txt"], "name ends with .rrd, got x.txt; a table is"),
         (["damper", "x.mcap", "-o", "x.pdf"], "--out x.pdf: the name must end in .html"),
         (["report", "x.mcap", "-o", "x.pdf"], "--out must end with .html, got x.pdf"),

@@ -43,7 +43,6 @@ COMMANDS = {
     "step": ["step", "step.csv"],
     "simulate": ["simulate", "yaw", "--seconds", "5", "--out", "OUT/s.csv"],
     "view": ["view", "a.mcap", "--save", "OUT/v.rrd"],
-    "regress": ["regress", "no_rudder"],
 }
 IN_THE_GATE = ("help", "replay")
 """The other commands, which print through the same door, are in the long list: each is a child."""

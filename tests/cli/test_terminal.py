@@ -148,8 +148,6 @@ COMMANDS: dict[str, list[str]] = {
     "trend of a vehicle that is not there": ["trend", f"set{BAD}", "--vehicle", BAD],
     "fleet": ["fleet", f"{NAME}.tlog", "--out", "OUT/set", "--dry-run"],
     "fleet of nothing": ["fleet", f"none{BAD}", "--out", "OUT/set", "--dry-run"],
-    "regress": ["regress", "--folder", "cases"],
-    "regress of no case": ["regress", "--folder", "cases", BAD],
     "step": ["step", "cell.csv"],
     "simulate": ["simulate", "yaw", "--seconds", "5", "--out", f"OUT/{BAD}.csv"],
     "live": ["live", f"udpin:{BAD}:1"],

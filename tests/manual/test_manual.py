@@ -70,7 +70,7 @@ def test_every_command_line_is_one_of_yawids():
             assert program == "yawid", line
             if "--config" not in arguments:  # the file is looked at below
                 assert parsed(parser, arguments).run
-    assert names >= {"replay", "live", "inspect", "fleet", "trend", "diff", "regress", "report"}
+    assert names >= {"replay", "live", "inspect", "fleet", "trend", "diff", "report"}
 
 
 @pytest.fixture

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import shutil
 import signal
 import socket
 import subprocess
@@ -17,7 +16,7 @@ import pytest
 from checks.children import child
 from finished_runs import replayed
 from interrupting import SLOW_TO_END, repeated, yawid_with
-from places import C172P, REPLAY_LOGS
+from places import C172P
 from printed import printed
 
 from yawid.cli.main import main
@@ -155,39 +154,6 @@ def stopped(name: str, arguments: list[str]) -> subprocess.CompletedProcess[str]
         timeout=120,
         env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)},
     )
-
-
-def test_a_regression_tells_the_cases_it_compared_and_names_the_others(tmp_path: Path) -> None:
-    cases = [tmp_path / name for name in ("a", "b", "c")]
-    shutil.copytree(REPLAY_LOGS / "c172p_gcs_rates", cases[0])
-    assert main(["regress", str(cases[0]), "--update", "--why", "a test"]) == 0
-    for case in cases[1:]:
-        shutil.copytree(cases[0], case)
-    done = yawid_with("SIGTERM", 3, "regress", *cases, "--json", "--junit", tmp_path / "r.xml")
-
-    assert done.returncode == 143, done.stderr
-    told = json.loads(done.stdout)
-    assert told["exit_code"] == 143
-    assert [(case["name"], case["ok"]) for case in told["cases"]] == [
-        ("a", True), ("b", False), ("c", False)
-    ]  # fmt: skip
-    assert done.stderr == "yawid: not reached: b, c\n"
-    assert 'errors="2"' in (tmp_path / "r.xml").read_text(encoding="utf-8")
-
-
-def test_an_update_that_was_stopped_names_the_cases_that_keep_their_references(
-    tmp_path: Path,
-) -> None:
-    cases = [tmp_path / name for name in ("a", "b")]
-    for case in cases:
-        shutil.copytree(REPLAY_LOGS / "c172p_gcs_rates", case)
-    before = (cases[1] / "case.toml").read_bytes()
-    done = yawid_with("SIGINT", 3, "regress", *cases, "--update", "--why", "x")
-
-    assert (done.returncode, done.stdout) == (130, "updated  a\n")
-    assert done.stderr == "yawid: not updated: b\n"
-    assert (cases[1] / "case.toml").read_bytes() == before
-    assert not list(tmp_path.glob("*/*.part"))
 
 
 def test_a_second_signal_ends_at_once() -> None:

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
+from case_table import TableSink
 from drawn import examples
 from hypothesis import given
 from hypothesis import strategies as st
@@ -24,7 +25,6 @@ from sinks.sink_blocks import (
 )
 
 from yawid.runs.live.guarded_sink import Guarded
-from yawid.runs.regress.table import TableSink
 from yawid.sinks.base import Abort, Done, Flush, Found, LogLine, RunRows, Sink
 from yawid.sinks.mcap.sink import McapSink
 from yawid.sinks.rerun.sink import RerunSink

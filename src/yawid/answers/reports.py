@@ -1,4 +1,4 @@
-"""The answers of commands without a summary, as ``--json`` prints them: orders, step, regress.
+"""The answers of commands without a summary, as ``--json`` prints them: orders and step.
 
 As in a summary, what does not apply is None and has no key.
 """
@@ -55,21 +55,3 @@ class StepReport(Part, frozen=True, kw_only=True):
     settling_2pct_s: Told
     settling_5pct_s: Told
     noise_std: Number
-
-
-class CaseReport(Part, frozen=True, kw_only=True):
-    """The result of one case; ``wrong`` has the differences in words, the worst first."""
-
-    name: str
-    folder: str
-    ok: bool
-    exit_code: Count
-    wrong: list[str]
-    files: dict[str, str]
-
-
-class RegressReport(Part, frozen=True, kw_only=True):
-    """The results of all cases; the exit code is the highest of theirs."""
-
-    exit_code: Count
-    cases: list[CaseReport]

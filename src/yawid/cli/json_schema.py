@@ -19,7 +19,7 @@ from yawid.answers.identified_model import ModelFile
 from yawid.answers.inspection import Inspection
 from yawid.answers.ordinary import GATES, ORDINARY
 from yawid.answers.reasons import KINDS
-from yawid.answers.reports import OrdersReport, RegressReport, StepReport
+from yawid.answers.reports import OrdersReport, StepReport
 from yawid.answers.run_summary import RunSummary
 from yawid.damper.refusals import OF_DAMPER
 from yawid.errors import EXIT_CODES
@@ -31,7 +31,7 @@ from yawid.trend import SEVERAL
 Schema = dict[str, Any]
 _PRINTED: Final = {
     "replay": RunSummary, "live": RunSummary, "inspect": Inspection, "orders": OrdersReport,
-    "step": StepReport, "regress": RegressReport, "damper": DamperReport,
+    "step": StepReport, "damper": DamperReport,
     "export": ModelFile,
 }  # fmt: skip
 """The type that each command prints; those of trend and diff take long to import."""

@@ -1,8 +1,8 @@
 """The entry of the command line: it runs a command and turns errors into one line and a code.
 
-Exit codes: 0 good, 1 regression mismatch, 2 usage or configuration, 3 no vehicle, rudder or yaw, 4
-rate too low for an answer, 5 not excited or not identifiable, 6 input or output failed, 7 something
-changed (trend, diff), 70 something unforeseen, 130 and 143 interrupted by SIGINT and SIGTERM.
+Exit codes: 0 good, 2 usage or configuration, 3 no vehicle, rudder or yaw, 4 rate too low for an
+answer, 5 not excited or not identifiable, 6 input or output failed, 7 something changed (trend,
+diff), 70 something unforeseen, 130 and 143 interrupted by SIGINT and SIGTERM.
 Results go to stdout, everything else to stderr. Large modules are imported only when needed.
 """
 
@@ -36,7 +36,6 @@ from yawid.cli.options import (
 )
 from yawid.cli.paper import add_commands
 from yawid.cli.program import add_completion, add_schema
-from yawid.cli.regress import add_regress
 from yawid.cli.standard_streams import bring_out, hush, make_ready
 from yawid.cli.trend import add_trend
 from yawid.errors import UNFORESEEN, SinkError, UnwrittenError, YawidError, without_viewer
@@ -57,7 +56,7 @@ MOST_SAID = 300
 OVERVIEW = {
     "a flight": ("replay", "live", "inspect", "orders"),
     "a finished run": ("view", "report", "damper", "export"),
-    "many flights": ("fleet", "trend", "diff", "regress"),
+    "many flights": ("fleet", "trend", "diff"),
     "the paper's plants and step responses": ("simulate", "step"),
     "the program itself": ("explain", "schema", "completion"),
 }
@@ -74,7 +73,7 @@ examples:
   yawid simulate yaw --input step --out - | yawid step -
 
 yawid COMMAND --help lists a command's options; yawid completion bash|zsh lets
-the Tab key complete them. Exit codes: 0 good, 1 regression mismatch, 2 usage,
+the Tab key complete them. Exit codes: 0 good, 2 usage,
 3 no vehicle, rudder or yaw, 4 rate too low, 5 not excited or not identifiable,
 6 input or output failed, 7 something changed, 70 a fault of yawid itself
 (YAWID_DEBUG=1 shows where).
@@ -116,7 +115,6 @@ def _parser() -> argparse.ArgumentParser:
     add_commands(commands)
     add_finished_run(commands)
     add_damper(commands)
-    add_regress(commands)
     add_fleet(commands)
     add_trend(commands)
     add_explain(commands, parser)

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 DEFAULT_OUT = "yawid-out"
 REPLACED_BY = {
     "fly": "yawid replay LOG --report answers a log and opens the page",
+    "regress": "pytest tests/test_replay_logs.py checks cases; yawid diff A B compares two runs",
     "recover": "yawid replay reads what is left of a .tlog.part, .mcap.part or damaged MCAP",
 }
 """What does the work of a command that is gone, where no other has a name like it."""

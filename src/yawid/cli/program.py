@@ -19,7 +19,7 @@ from yawid.sources.formats import FORMATS
 from yawid.system.stores import place_of
 
 PRINTING = (
-    "replay", "live", "inspect", "orders", "step", "regress", "damper", "export", "trend", "diff",
+    "replay", "live", "inspect", "orders", "step", "damper", "export", "trend", "diff",
     "fleet",
 )  # fmt: skip
 """The commands whose output has a schema."""
@@ -28,20 +28,6 @@ _LOGS: Final = ("LOG", "RUN|LOG", "PATH", "A", "B")
 _FOLDERS: Final = ("DIR", "DATASET")
 _VALUES: Final = {"METHOD": RECURSIVE, "rudder[,aileron]": ("rudder", "rudder,aileron")}
 """Values that stand in a metavar under another name."""
-_CASES: Final = {
-    "bash": """\
-_yawid_cases() {
-  local each
-  for each in replay_logs/*/case.toml; do
-    each=${each%/case.toml}
-    [[ $each == *[*]* ]] || compgen -W "${each##*/}" -- "$1"
-  done
-  compgen -d -- "$1"
-}
-""",
-    "zsh": "_yawid_cases() { compadd -- replay_logs/*/case.toml(N:h:t); _files -/ }\n",
-}
-"""Functions that offer the names of cases, and folders."""
 _EQUALS: Final = """
 _yawid_equals() {  # bash has --method=els as three words; shtab's function knows two
   local each words=()
@@ -90,7 +76,7 @@ def add_completion(commands: Commands, whole: argparse.ArgumentParser) -> None:
 def _completion(whole: argparse.ArgumentParser, arguments: argparse.Namespace) -> int:
     import shtab
 
-    functions = {_CASES[arguments.shell]}
+    functions = set()
     for _, command in commands_of(whole):
         for action in command._actions:
             if (offered := _files(action, shtab.FILE, shtab.DIRECTORY)) is not None:
@@ -119,8 +105,6 @@ def _values(metavar: str) -> list[str]:
 def _files(action: argparse.Action, any_file: Any, folder: Any) -> Any:
     """Return what offers an argument's files by shell, as shtab has it; None: it takes no file."""
     metavar = str(action.metavar)
-    if action.dest == "cases":
-        return dict.fromkeys(SHELLS, "_yawid_cases")
     if action.type not in (Path, place_of) and metavar != "PATH":
         return None
     if metavar in _FOLDERS:

@@ -40,7 +40,7 @@ FLOWN = (0.025, 0.025)
 
 
 def summary(name: str) -> dict[str, Any]:
-    """Return the reference of a case, with which test_case.py compares its replay."""
+    """Return the reference of a case, with which test_replay_logs.py compares its replay."""
     found: dict[str, Any] = json.loads((CASES / name / "expected.json").read_text(encoding="utf-8"))
     return found
 

@@ -9,13 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from gate import one_in
-from places import REPLAY_LOGS as CASES
-
-from yawid.errors import ConfigError
-from yawid.runs.regress.case import Case
-from yawid.runs.regress.check import check_case
-from yawid.runs.regress.compare import (
+from case_compare import (
     NOT_COMPARED,
     SPREAD_TOLERANCE,
     TOTAL_TOLERANCE,
@@ -25,7 +19,11 @@ from yawid.runs.regress.compare import (
     split_tolerances,
     tolerance_of,
 )
-from yawid.runs.regress.table import read_csv
+from case_table import read_csv
+from gate import one_in
+from places import REPLAY_LOGS as CASES
+
+from yawid.errors import ConfigError
 
 NAMES = sorted(path.parent.name for path in CASES.glob("*/case.toml"))
 TEN = 10.0
@@ -37,11 +35,6 @@ def test_there_are_cases_of_every_kind_and_none_is_large():
     assert len(NAMES) >= 21
     assert max(sizes) < 1_000_000
     assert sum(sizes) < 10_000_000
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_the_replay_matches_its_reference(name: str):
-    assert check_case(Case.read(CASES / name)).wrong == ()
 
 
 @pytest.mark.parametrize("name", NAMES)
