@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import json
 import re
 import shlex
@@ -18,7 +17,6 @@ from places import C172P, ROOT, SRC, TOOLS
 
 from yawid.answers.reasons import KINDS
 from yawid.cli import main as command_line
-from yawid.cli.config_file import parsed
 from yawid.cli.trend import CHANGED
 from yawid.errors import EXIT_CODES, YawidError
 from yawid.runs.stop import SIGNALS
@@ -41,16 +39,6 @@ FITTED = (*OF_LATERAL, "refusal")
 NUMBER = re.compile(r"\d+(?:\.\d+)?")
 OF_OTHERS = {"--quiet", "--editable"}
 """Options of pip in the commands that set up."""
-
-
-def parsers() -> dict[str, argparse.ArgumentParser]:
-    """Return the parser of each command of yawid."""
-    found = [
-        action.choices
-        for action in command_line._parser()._actions
-        if isinstance(action, argparse._SubParsersAction)
-    ]
-    return dict(found[0])
 
 
 @pytest.mark.parametrize("name", LIMITS)
@@ -125,25 +113,24 @@ def test_each_bench_has_its_place():
 
 
 def test_every_command_and_option_named_exists():
-    commands = parsers()
-    options = {option for parser in commands.values() for option in parser._option_string_actions}
+    commands = command_line.every()
+    options = {option for command in commands.values() for option in command.options}
     blocks = "".join(re.findall(r"```(?:sh\n.*?)?```|`[^`\n]+`", FOR_USERS, re.DOTALL))
     named = set(re.findall(r"(?<![\w-])--[a-z][\w-]*", FOR_USERS)) - OF_OTHERS
 
     assert set(re.findall(r"(?:^|`|/)yawid ([a-z]+)", blocks, re.MULTILINE)) <= set(commands)
-    assert named - options - {"--help"} == set()
+    assert named - options == set()
 
 
 def test_every_line_to_type_is_one_that_the_parser_takes():
-    parser = command_line._parser()
     text = "\n".join(TEXTS.values())
     blocks = re.findall(r"```sh\n((?s:.*?))```|((?:^    .*\n)+)", text, re.MULTILINE)
     lines = re.findall(r"^ *(?:.*/bin/)?yawid (.*)$", "".join(map("".join, blocks)), re.MULTILINE)
 
-    assert len(lines) >= 12
+    assert len(lines) >= 9
     for line in lines:
         words = shlex.split(re.sub(r"\[(.*)\]", r"\1", line), comments=True)
-        assert parsed(parser, words).run, line
+        assert command_line.parsed(words).run, line
 
 
 CODES = {"turns_calm": {5}, "yawid live": {3}, "yawid damper": {2}, "yawid trend": {5}}
@@ -159,7 +146,7 @@ def test_the_lines_of_the_readme_typed_in_order_work(tmp_path: Path, monkeypatch
     shutil.copy(C172P, "flight.tlog")
     shutil.copy(C172P, "logs")
     lines = re.findall(r"^(?:.*/bin/)?(yawid .*)$|`(yawid replay [^`]+)`", FOR_USERS, re.MULTILINE)
-    typed = [line for line in map("".join, lines) if line.split()[1] in parsers()]
+    typed = [line for line in map("".join, lines) if line.split()[1] in command_line.COMMANDS]
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]

@@ -13,7 +13,8 @@ from places import ROOT
 
 from yawid.channels.survey import Survey
 from yawid.cli.main import main
-from yawid.config.run import RunConfig, check_settings
+from yawid.config.run import RunConfig
+from yawid.config.settings import check_settings
 from yawid.errors import ConfigError
 from yawid.pipeline import Pipeline
 from yawid.runs.job import feed_all, open_log

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import re
 import shutil
 import subprocess
@@ -13,12 +12,7 @@ from shell import Shell
 
 from yawid.cli import main as command_line
 
-COMMANDS = {
-    command
-    for action in command_line._parser()._actions
-    if isinstance(action, argparse._SubParsersAction)
-    for command in action.choices
-}
+COMMANDS = command_line.COMMANDS.keys()
 PRESS_TAB = """
 source "$1"; shift
 COMP_WORDS=("$@"); COMP_CWORD=$(($# - 1))

@@ -11,14 +11,13 @@ import pytest
 from yawid.answers.reasons import KINDS, Reason, Verdict
 from yawid.cli import main as command_line
 from yawid.cli.explain import explained, listed, parts_of
-from yawid.cli.options import ALIASES
 from yawid.config.run import KEPT_ONLY, RunConfig
 from yawid.damper.refusals import OF_DAMPER
 from yawid.errors import EXIT_CODES
 from yawid.quantities.table import QUANTITIES
 from yawid.sinks.words import next_step
 
-PARTS = parts_of(command_line._parser())
+PARTS = parts_of(command_line.every())
 
 
 def words_of(kind: str) -> set[str]:
@@ -56,19 +55,14 @@ def test_every_exit_code_has_its_part():
 
 
 def test_every_command_has_its_part_with_an_example():
-    (commands,) = [a.choices for a in command_line._parser()._actions if a.dest == "==SUPPRESS=="]
-
-    assert words_of("commands") == {f"yawid {name}" for name in commands}
+    assert words_of("commands") == {f"yawid {name}" for name in command_line.COMMANDS}
     for word in words_of("commands"):
         (block,) = re.findall(r"```sh\n(.*?)```", PARTS["commands", word], re.DOTALL)
         assert word in block
 
 
 def test_every_option_has_its_part_and_those_of_a_run_their_default():
-    (commands,) = [a.choices for a in command_line._parser()._actions if a.dest == "==SUPPRESS=="]
-    options = {o for each in commands.values() for o in each._option_string_actions}
-
-    options -= {other for others in ALIASES.values() for other in others}
+    options = {o for each in command_line.every().values() for o in each.options} - {"--maneuvers"}
     assert words_of("options") == {option for option in options if option.startswith("--")}
     for field in fields(RunConfig):
         if field.name not in KEPT_ONLY:

@@ -12,7 +12,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from yawid.cli.main import main
-from yawid.config.run import RunConfig, check_settings
+from yawid.config.run import RunConfig
+from yawid.config.settings import check_settings
 from yawid.sinks.mcap.reader import open_run
 
 

@@ -20,9 +20,9 @@ LAG_S = 0.05
 RUNS: dict[str, Any] = {}
 """By legs and options."""
 DIMENSIONS = [
-    "--mass=1000", "--ixx=1000", "--izz=2000", "--ixz=10", "--area=16", "--span=11",
-    "--rudder-max-deg=20", "--aileron-max-deg=15",
-]  # fmt: skip
+    "--aircraft",
+    "mass=1000,ixx=1000,izz=2000,ixz=10,area=16,span=11,rudder-max-deg=20,aileron-max-deg=15",
+]
 
 
 @pytest.fixture(scope="module")

@@ -18,14 +18,8 @@ import yawid
 from yawid.blocks import AIRSPEED_SHARE
 from yawid.channels import command, surface_reader
 from yawid.cli import main as command_line
-from yawid.cli.config_file import parsed
-from yawid.config.run import (
-    DEFAULT_MEMORY_S,
-    KEPT_ONLY,
-    LEAST_STROKE_DEG,
-    RunConfig,
-    check_settings,
-)
+from yawid.config.run import DEFAULT_MEMORY_S, KEPT_ONLY, LEAST_STROKE_DEG, RunConfig
+from yawid.config.settings import check_settings
 from yawid.manoeuvre import answer, conditions, find, fit, flight, judge, signals
 from yawid.results import excitation, judge_samples
 
@@ -64,12 +58,11 @@ def test_every_command_line_is_one_of_yawids():
 
     assert len(lines) > 40
     names = {name for _, name in map(str.split, settings)}
-    parser = command_line._parser()
     for line in lines:
         for program, *arguments in commands_of(line):
             assert program == "yawid", line
             if "--config" not in arguments:  # the file is looked at below
-                assert parsed(parser, arguments).run
+                assert command_line.parsed(arguments).run
     assert names >= {"replay", "live", "inspect", "fleet", "trend", "diff", "report"}
 
 
@@ -105,7 +98,6 @@ def test_every_command_line_runs_that_can_run_here(capfd):
     shutil.copy("flight.tlog", "logs")
     shutil.copy("flight.tlog", "after.tlog")
     lines = [line for line in command_lines() if not any(each in line for each in ELSEWHERE)]
-    parser = command_line._parser()
     assert command_line.main(FIRST.split()[1:]) == 0
     for name in ("before.mcap", "after.mcap", "live.mcap.part"):
         shutil.copy("yawid-out/flight.mcap", f"yawid-out/{name}")
@@ -118,8 +110,8 @@ def test_every_command_line_runs_that_can_run_here(capfd):
         for i, (_, *arguments) in enumerate(piped):
             if len(piped) > 1:  # through a file in place of the pipe
                 arguments = ["piped.csv" if word == "-" else word for word in arguments]
-            own = parsed(parser, arguments).own_parser
-            force = ["--force"] * ("--force" in own._option_string_actions)
+            options = command_line.command_of(arguments[0]).options
+            force = ["--force"] * ("--force" in options)
             code = command_line.main([*arguments, *force])
             # One flight is too little for a trend, and to compare two data sets by.
             few = line.startswith("yawid trend") or " data-2026" in line
@@ -173,12 +165,11 @@ def test_the_first_flight_says_which_logs_inspect_takes(tmp_path: Path, capsys):
 def test_the_settings_file_has_every_option_with_its_default():
     (text,) = re.findall(r"```toml\n(.*?)```", PAGES["settings.md"], re.DOTALL)
     of_run = {field.name.removesuffix("_s"): field.default for field in fields(RunConfig)}
-    parser = command_line._parser()
     of_commands = {}
     for line in ("replay x", "live x", "inspect x", "fleet x --out yawid-out"):
-        of_commands |= vars(parsed(parser, line.split()))
+        of_commands |= vars(command_line.parsed(line.split()))
     actions = {name for name in of_commands if name not in of_run} - {
-        *("own_parser", "run", "settings", "config", "logs", "log", "paths", "endpoint"),
+        *("every", "run", "settings", "config", "logs", "log", "paths", "endpoint"),
     }
     live = tomllib.loads(text)
     example = tomllib.loads(re.sub(r"^# ([a-z-]+ = )", r"\1", text, flags=re.MULTILINE))
@@ -193,7 +184,8 @@ def test_the_settings_file_has_every_option_with_its_default():
     for name in actions:
         default = of_commands[name]
         value = live.get(name.replace("_", "-"))
-        assert value == (str(default) if isinstance(default, Path) else default), name
+        shown = str(default) if isinstance(default, Path) else default
+        assert value == (None if shown == [] else shown), name
     assert of_run["memory"] is None
     assert f"It is {DEFAULT_MEMORY_S:g} unless" in " ".join(text.replace("#", "").split())
 

@@ -230,9 +230,12 @@ def test_coefficients_are_of_unprimed_moments() -> None:
 @pytest.mark.parametrize(
     ("given", "said"),
     [
-        ({}, "give --mass --ixx --izz --ixz --area --span --rudder-max-deg"),
-        ({"mass": -1.0}, "--mass must be above 0"),
-        ({"ixz": 5000.0}, "--ixz is too large"),
+        (
+            {},
+            "dimensions: --aircraft mass=...,ixx=...,izz=...,ixz=...,area=...,span=...",
+        ),
+        ({"mass": -1.0}, "the aircraft's mass must be above 0"),
+        ({"ixz": 5000.0}, "ixz is too large for its ixx and izz"),
     ],
 )
 def test_coefficients_need_the_aircraft(given: dict[str, float], said: str) -> None:

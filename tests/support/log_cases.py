@@ -26,7 +26,8 @@ from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
 from yawid.blocks import Floats
-from yawid.config.run import RunConfig, check_settings
+from yawid.config.run import RunConfig
+from yawid.config.settings import check_settings
 from yawid.runs.job import open_log, run
 from yawid.runs.versions import versions
 from yawid.sinks.base import Done

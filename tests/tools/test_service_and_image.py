@@ -26,7 +26,7 @@ def test_the_service_starts_a_live_tap_and_so_do_the_options_that_it_names():
 
     for values in (given, other):
         words = shlex.split(string.Template(start).substitute(values))
-        arguments = command_line._parser().parse_args(words[1:])
+        arguments = command_line.parsed(words[1:])
         parse_endpoint(arguments.endpoint)
         assert arguments.out == Path("/var/lib/yawid")
         assert arguments.request_rates is None

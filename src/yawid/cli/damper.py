@@ -3,38 +3,36 @@
 import argparse
 from pathlib import Path
 
-from yawid.cli.options import Commands, add_command, add_options
+from yawid.cli.options import Command, choice
 from yawid.cli.standard_streams import hush
 from yawid.errors import ConfigError
 from yawid.sinks.door import print_answer, say
 
 
-def add_damper(commands: Commands) -> None:
-    """Add the command to the parser."""
-    damper = add_command(
-        commands, "damper", "RUN|LOG", "say which gain of the yaw damper gives which damping",
+def add_damper(command: Command) -> None:
+    """Give the command its arguments and options."""
+    command.shape(
+        "RUN|LOG",
         "yawid damper flight.mcap\nyawid damper flight.tlog --airspeed 15,25 -o page.html",
-    )  # fmt: skip
-    damper.add_argument(
-        "log", metavar="RUN|LOG", type=Path, help="the MCAP of a finished run, or a log to replay"
+        _damper,
     )
-    options = (
-        ("--aim", float, "ZETA", "the damping ratio aimed at (default: 0.3 to 0.4)"),
-        ("--loop-rate", float, "HZ", "the autopilot's loop rate (default: the log's)"),
-        ("--airspeed", _pair, "LO,HI", "airspeeds in m/s (default: those flown)"),
-    )
-    add_options(damper, options)
-    damper.add_argument(
-        "--autopilot", choices=("ardupilot", "px4"), help="whose damper (default: the log's)"
-    )
-    damper.add_argument(
+    kinds = "the MCAP of a finished run, or a log to replay"
+    command.option("log", metavar="RUN|LOG", type=Path, help=kinds)
+    text = "the damping ratio aimed at (default: 0.3 to 0.4)"
+    command.option("--aim", type=float, metavar="ZETA", help=text)
+    text = "the autopilot's loop rate (default: the log's)"
+    command.option("--loop-rate", type=float, metavar="HZ", help=text)
+    text = "airspeeds in m/s (default: those flown)"
+    command.option("--airspeed", type=_pair, metavar="LO,HI", help=text)
+    text = "whose damper (default: the log's)"
+    command.option("--autopilot", **choice("ardupilot", "px4"), help=text)
+    command.option(
         "--param", type=_parameter, action="append", default=[], metavar="NAME=VALUE",
         help="a parameter of the autopilot that is not in the log; may be repeated",
     )  # fmt: skip
-    damper.add_argument("--json", action="store_true", help="print one JSON object")
-    damper.add_argument("-o", "--out", type=Path, metavar="PAGE.html", help="write a page as well")
-    damper.add_argument("--force", action="store_true", help="overwrite a page that exists")
-    damper.set_defaults(run=_damper)
+    command.flag("--json", "print one JSON object")
+    command.option("-o", "--out", type=Path, metavar="PAGE.html", help="write a page as well")
+    command.flag("--force", "overwrite a page that exists")
 
 
 def _pair(text: str) -> tuple[float, float]:

@@ -10,15 +10,13 @@ import argparse
 import re
 import textwrap
 from collections import defaultdict
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from difflib import get_close_matches
-from functools import partial
 from itertools import chain
 from pathlib import Path
 from typing import Final
 
-from yawid.cli.config_file import commands_of
-from yawid.cli.options import Commands, add_command
+from yawid.cli.options import Command
 from yawid.errors import EXIT_CODES, ConfigError
 from yawid.sinks.door import WIDTH, print_text
 from yawid.trend import SEVERAL
@@ -31,19 +29,15 @@ Parts = dict[tuple[str, str], str]
 """By kind, in the plural, and word: what there is to say."""
 
 
-def add_explain(commands: Commands, whole: argparse.ArgumentParser) -> None:
-    """Add the command to those of the whole parser, whose commands and options it explains."""
-    explain = add_command(
-        commands, "explain", "[WORD]",
-        "explain a reason, option, quantity, exit code, command or term",
-        "yawid explain not_excited\nyawid explain --band\nyawid explain Dutch roll",
-    )  # fmt: skip
-    explain.add_argument("word", metavar="WORD", nargs="*", help="the word (default: list them)")
-    explain.set_defaults(run=partial(_explain, whole))
+def add_explain(command: Command) -> None:
+    """Give the command its arguments."""
+    examples = "yawid explain not_excited\nyawid explain --band\nyawid explain Dutch roll"
+    command.shape("[WORD]", examples, _explain)
+    command.option("word", metavar="WORD", nargs="*", help="the word (default: list them)")
 
 
-def _explain(whole: argparse.ArgumentParser, arguments: argparse.Namespace) -> int:
-    parts, asked = parts_of(whole), " ".join(arguments.word)
+def _explain(arguments: argparse.Namespace) -> int:
+    parts, asked = parts_of(arguments.every()), " ".join(arguments.word)
     print_text(explained(parts, asked) if asked else listed(parts))
     return 0
 
@@ -74,11 +68,11 @@ def explained(parts: Parts, asked: str) -> str:
     return "\n".join(f"{word} ({kind})\n\n{parts[kind, word].strip()}\n" for kind, word in found)
 
 
-def parts_of(whole: argparse.ArgumentParser) -> Parts:
-    """Return all parts; the commands and options are those of the whole parser."""
+def parts_of(every: Mapping[str, Command]) -> Parts:
+    """Return all parts; the commands and options are those of ``every`` command."""
     facts = {
-        "reasons": _reasons(), "exit codes": _exit_codes(), "commands": _commands(whole),
-        "options": _options(whole), "quantities": _keys(quantities=True),
+        "reasons": _reasons(), "exit codes": _exit_codes(), "commands": _commands(every),
+        "options": _options(every), "quantities": _keys(quantities=True),
         "keys of --json": _keys(quantities=False),
     }  # fmt: skip
     manual = {path.name: path.read_text(encoding="utf-8") for path in sorted(MANUAL.glob("*.md"))}
@@ -143,16 +137,16 @@ def _exit_codes() -> Iterator[tuple[str, str, str]]:
         yield f"exit code {code}", _filled(says[0].upper() + says[1:] + "."), reasons
 
 
-def _commands(whole: argparse.ArgumentParser) -> Iterator[tuple[str, str, str]]:
-    for name, command in commands_of(whole):
+def _commands(every: Mapping[str, Command]) -> Iterator[tuple[str, str, str]]:
+    for name, command in every.items():
         usage = command.format_usage()[1:].strip()
         yield f"yawid {name}", f"U{usage}", f"All options: yawid {name} --help"
 
 
-def _options(whole: argparse.ArgumentParser) -> Iterator[tuple[str, str, str]]:
+def _options(every: Mapping[str, Command]) -> Iterator[tuple[str, str, str]]:
     of: dict[str, dict[str, list[str]]] = defaultdict(lambda: defaultdict(list))
-    for name, command in commands_of(whole):
-        for action in command._actions:
+    for name, command in every.items():
+        for action in command.arguments:
             if long := [each for each in action.option_strings if each.startswith("--")]:
                 form = " ".join([", ".join(action.option_strings), str(action.metavar or "")])
                 of[long[0]][f"{form.strip()}: {action.help}"].append(name)

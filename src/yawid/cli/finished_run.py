@@ -2,85 +2,83 @@
 
 import argparse
 import sys
-from collections.abc import Callable
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from yawid.cli.options import Commands, add_command, add_options
+from yawid.cli.options import Command, choice
 from yawid.cli.standard_streams import hush
-from yawid.errors import ConfigError
+from yawid.errors import ConfigError, did_you_mean
 from yawid.sinks.door import print_line, say
 
-Run = Callable[[argparse.Namespace], int]
 WHAT = ("samples", "manoeuvres", "modes", "model")
-DIMENSIONS = (
-    ("--mass", "KG", "mass"),
-    ("--ixx", "KG_M2", "moment of inertia about the body's x axis"),
-    ("--izz", "KG_M2", "that about its z axis"),
-    ("--ixz", "KG_M2", "product of inertia, the integral of x z"),
-    ("--area", "M2", "area of the wing"),
-    ("--span", "M", "span of the wing"),
-    ("--rudder-max-deg", "DEG", "deflection of the rudder at half its travel"),
-    ("--aileron-max-deg", "DEG", "deflection of the aileron at half its travel"),
-    ("--density", "KG_M3", "of the air (default: the standard atmosphere's at the altitude flown)"),
-)
+OF_AIRCRAFT = (
+    "mass", "ixx", "izz", "ixz", "area", "span", "rudder-max-deg", "aileron-max-deg", "density",
+)  # fmt: skip
+"""What JSBSim's coefficients need to know of the aircraft, in kg, m and deg."""
 
 
-def add_finished_run(commands: Commands) -> None:
-    """Add these commands to the parser."""
-    view = _on_run(
-        commands, "view", "show a finished run in Rerun",
-        "yawid view yawid-out/flight.mcap\nyawid view yawid-out/flight.mcap --save flight.rrd",
-    )  # fmt: skip
-    view.add_argument("--save", type=Path, metavar="X.rrd", help="write a recording instead")
-    view.add_argument(
-        "--to", metavar="URL", help="send it to a viewer: rerun+http://HOST:PORT/proxy"
+def add_view(command: Command) -> None:
+    """Give the command its arguments and options."""
+    examples = (
+        "yawid view yawid-out/flight.mcap\nyawid view yawid-out/flight.mcap --save flight.rrd"
     )
-    _add_force(view, _view, "a recording that exists")
-    report = _on_run(
-        commands, "report", "write a report of a finished run: one HTML file",
-        "yawid report yawid-out/flight.mcap\nyawid report flight.mcap -o flight.html --force",
-    )  # fmt: skip
+    command.shape("RUN.mcap", examples, _view)
+    command.option("mcap", metavar="RUN.mcap", type=Path, help="the file of a finished run")
+    command.option("--save", type=Path, metavar="X.rrd", help="write a recording instead")
+    text = "send it to a viewer: rerun+http://HOST:PORT/proxy"
+    command.option("--to", metavar="URL", help=text)
+    command.flag("--force", "overwrite a recording that exists")
+
+
+def add_report(command: Command) -> None:
+    """Give the command its arguments and options."""
+    examples = "yawid report yawid-out/flight.mcap\nyawid report flight.mcap -o flight.html --force"
+    command.shape("RUN.mcap", examples, _report)
+    command.option("mcap", metavar="RUN.mcap", type=Path, help="the file of a finished run")
     text = "(default: next to the MCAP, with its name)"
-    report.add_argument("-o", "--out", type=Path, metavar="R.html", help=text)
-    _add_force(report, _report, "files that exist")
-    _add_export(commands)
+    command.option("-o", "--out", type=Path, metavar="R.html", help=text)
+    command.flag("--force", "overwrite files that exist")
 
 
-def _add_export(commands: Commands) -> None:
-    export = add_command(
-        commands, "export", "RUN|LOG", "write samples, manoeuvres, modes or a model for others",
+def add_export(command: Command) -> None:
+    """Give the command its arguments and options."""
+    command.shape(
+        "RUN|LOG",
         "yawid export yawid-out/flight.mcap\nyawid export flight.mcap -o flight.csv --force\n"
         "yawid export flight.tlog --what model --of 2 -o model.mat",
-    )  # fmt: skip
-    export.add_argument(
-        "log", metavar="RUN|LOG", type=Path, help="the MCAP of a finished run, or a log to replay"
+        _export,
     )
-    export.add_argument(
-        "--what", choices=WHAT, default="samples", help="what is written (default: samples)"
-    )
-    export.add_argument(
-        "--of", default="flight", metavar="flight|bare|N",
-        help="whose model: the flight's, the bare airframe's, or manoeuvre N's (default: flight)",
-    )  # fmt: skip
-    export.add_argument(
+    kinds = "the MCAP of a finished run, or a log to replay"
+    command.option("log", metavar="RUN|LOG", type=Path, help=kinds)
+    text = "what is written (default: samples)"
+    command.option("--what", **choice(*WHAT), default="samples", help=text)
+    text = "whose model: the flight's, the bare airframe's, or manoeuvre N's (default: flight)"
+    command.option("--of", default="flight", metavar="flight|bare|N", help=text)
+    command.option(
         "-o", "--out", type=Path, metavar="OUT.parquet|.csv|.npz|.json|.mat|.xml",
         help="(default: next to RUN or LOG, Parquet or JSON); a model: .json, .mat, .xml (JSBSim)",
     )  # fmt: skip
-    group = export.add_argument_group("the aircraft, for JSBSim's coefficients (.xml)")
-    add_options(group, ((name, float, metavar, text) for name, metavar, text in DIMENSIONS))
-    _add_force(export, _export, "a file that exists")
+    command.option(
+        "--aircraft", type=_aircraft, metavar="NAME=VALUE,...", rare=True,
+        default=dict.fromkeys(OF_AIRCRAFT),
+        help=f"for .xml: {', '.join(OF_AIRCRAFT)} in kg, m and deg; ixz is the integral of x z "
+        "(density: the standard atmosphere's at the altitude flown)",
+    )  # fmt: skip
+    command.flag("--force", "overwrite a file that exists")
 
 
-def _on_run(commands: Commands, name: str, what: str, examples: str) -> argparse.ArgumentParser:
-    command = add_command(commands, name, "RUN.mcap", what, examples)
-    command.add_argument("mcap", metavar="RUN.mcap", type=Path, help="the file of a finished run")
-    return command
-
-
-def _add_force(command: argparse.ArgumentParser, run: Run, what: str) -> None:
-    command.add_argument("--force", action="store_true", help=f"overwrite {what}")
-    command.set_defaults(run=run)
+def _aircraft(text: str) -> dict[str, float | None]:
+    given: dict[str, float | None] = dict.fromkeys(OF_AIRCRAFT)
+    for each in text.split(","):
+        name, _, value = each.partition("=")
+        if name not in given:
+            near = did_you_mean(name, OF_AIRCRAFT) or f"; known are {', '.join(OF_AIRCRAFT)}"
+            raise argparse.ArgumentTypeError(f"there is no {name!r}{near}")
+        try:
+            given[name] = float(value)
+        except ValueError:
+            raise argparse.ArgumentTypeError(f"{name} must be a number, got {value!r}") from None
+    return given
 
 
 def _view(arguments: argparse.Namespace) -> int:
@@ -148,8 +146,7 @@ def _model(arguments: argparse.Namespace) -> Path:
             f"--out {out}: the name of a model must end in {', '.join(MODEL_FORMATS)}"
         )
     run = run_of(log, **({"lateral": "auto"} if which == "bare" else {}))
-    names = [name[2:].replace("-", "_") for name, *_ in DIMENSIONS]
-    given = {name: getattr(arguments, name) for name in names}
+    given = {name.replace("-", "_"): value for name, value in arguments.aircraft.items()}
     of = int(which) if which.isdigit() else which
     path, model = write_model(run, of, out, given, force=arguments.force)
     for reason in model.reasons:

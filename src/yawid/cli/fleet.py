@@ -7,15 +7,7 @@ from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from yawid.cli.options import (
-    Commands,
-    add_command,
-    add_estimator_options,
-    add_log_options,
-    add_signing,
-    read_options_of,
-    settings_of,
-)
+from yawid.cli.options import Command, add_run_options, choice, read_options_of, settings_of
 from yawid.errors import ConfigError, SinkError
 from yawid.runs.stop import StopFlag
 from yawid.sinks.door import print_line
@@ -24,37 +16,31 @@ if TYPE_CHECKING:
     from yawid.fleet.run_fleet import FleetRun, Plan, Progress
 
 
-def add_fleet(commands: Commands) -> None:
-    """Add the command to the parser."""
-    fleet = add_command(
-        commands, "fleet", "PATH... --out DATASET",
-        "replay thousands of logs into one data set (extra fleet: URLs, Dask)",
+def add_fleet(command: Command) -> None:
+    """Give the command its arguments and options."""
+    command.shape(
+        "PATH... --out DATASET",
         "yawid fleet logs/ --out data\nyawid fleet 's3://bucket/**/*.BIN' --out data --workers 16",
-    )  # fmt: skip
-    text = "logs, folders, globs or URLs (s3://, what fsspec knows)"
-    fleet.add_argument("paths", nargs="+", metavar="PATH", help=text)
-    text = "folder of the data set, on this machine"
-    fleet.add_argument("--out", type=Path, required=True, metavar="DATASET", help=text)
-    where = fleet.add_mutually_exclusive_group()
-    where.add_argument("--workers", type=int, metavar="N", help="processes (default: one a core)")
-    where.add_argument("--scheduler", metavar="ADDRESS", help="a Dask scheduler: tcp://HOST:8786")
-    fleet.add_argument("--retry", action="store_true", help="run crashed and timed-out logs again")
-    fleet.add_argument(
-        "--verify", action="store_true", help="recognise logs by content, not by time"
+        _fleet,
     )
-    fleet.add_argument("--dry-run", action="store_true", help="only count what would be done")
+    text = "logs, folders, globs or URLs (s3://, what fsspec knows; extra fleet)"
+    command.option("paths", nargs="+", metavar="PATH", help=text)
+    text = "folder of the data set, on this machine"
+    command.option("--out", type=Path, required=True, metavar="DATASET", help=text)
+    command.option("--workers", type=int, metavar="N", help="processes (default: one a core)")
+    text = "a Dask scheduler in place of them: tcp://HOST:8786"
+    command.option("--scheduler", metavar="ADDRESS", help=text)
+    command.flag("--retry", "run crashed and timed-out logs again")
+    command.flag("--verify", "recognise logs by content, not by time", rare=True)
+    command.flag("--dry-run", "only count what would be done")
     text = "most seconds for a log (default: 600)"
-    fleet.add_argument("--timeout", type=float, default=600.0, metavar="S", help=text)
-    fleet.add_argument("--modes", action="store_true", help="also keep the modes of every second")
-    whose = fleet.add_mutually_exclusive_group()
+    command.option("--timeout", type=float, default=600.0, metavar="S", help=text, rare=True)
+    command.flag("--modes", "also keep the modes of every second", rare=True)
     text = "the aircraft of all logs (default: its serial number, or sysid:N)"
-    whose.add_argument("--vehicle", metavar="NAME", help=text)
+    command.option("--vehicle", metavar="NAME", help=text)
     text = "each log is of the aircraft that its folder is named after"
-    whose.add_argument("--vehicle-from", choices=("folder",), help=text)
-    add_signing(fleet)
-    add_estimator_options(fleet)
-    add_log_options(fleet)
-    fleet.set_defaults(run=_fleet)
+    command.option("--vehicle-from", **choice("folder"), help=text)
+    add_run_options(command)
 
 
 def _fleet(arguments: argparse.Namespace) -> int:
@@ -112,6 +98,9 @@ def _asked(arguments: argparse.Namespace) -> "FleetRun":
     from yawid.fleet.spec import Spec
 
     options = read_options_of(arguments)
+    for one, other in (("workers", "scheduler"), ("vehicle", "vehicle_from")):
+        if getattr(arguments, one) is not None and getattr(arguments, other) is not None:
+            raise ConfigError(f"give --{one} or --{other.replace('_', '-')}, not both")
     if arguments.workers is not None and arguments.workers < 1:
         raise ConfigError(f"--workers must be at least 1, got {arguments.workers}")
     if not arguments.timeout > 0.0:

@@ -6,9 +6,9 @@ from functools import partial
 from pathlib import Path
 
 from yawid.cli.options import (
-    Commands,
-    add_command,
+    Command,
     add_outputs,
+    add_run_options,
     outputs_of,
     read_options_of,
     settings_of,
@@ -26,29 +26,30 @@ yawid live udpin:127.0.0.1:14560
 yawid live /dev/ttyUSB0,57600 --sysid 3 --rerun spawn"""
 
 
-def add_live(commands: Commands) -> None:
-    """Add the command to the parser."""
-    what = "estimate from a live link, passively"
-    live = add_command(commands, "live", "ENDPOINT", what, _EXAMPLES)
-    live.add_argument("endpoint", metavar="ENDPOINT", help=_ENDPOINT)
-    live.add_argument(
+def add_live(command: Command) -> None:
+    """Give the command its arguments and options."""
+    from yawid.config.run import COLUMNS
+
+    command.shape("ENDPOINT", _EXAMPLES, _live)
+    command.option("endpoint", metavar="ENDPOINT", help=_ENDPOINT)
+    command.option(
         "--seconds", type=float, metavar="N", help="stop after N seconds (default: at Ctrl-C)"
     )
-    live.add_argument("--no-record", action="store_true", help="write no tlog")
-    live.add_argument(
+    command.flag("--no-record", "write no tlog", rare=True)
+    command.option(
         "--request-rates", type=float, nargs="?", const=ASKED_HZ, metavar="HZ",
         help="transmit: ask the vehicle for attitude and servos at HZ, 50 if left out "
         "(default: transmit nothing)",
     )  # fmt: skip
-    live.add_argument(
-        "--publish", metavar="ENDPOINT", action="append",
+    command.option(
+        "--publish", metavar="ENDPOINT", action="append", default=[],
         help="transmit: the answer once a second as MAVLink, NAMED_VALUE_FLOAT and STATUSTEXT, to "
         "udpout:HOST:PORT (a ground station listens there), to whoever sends to udpin:HOST:PORT, "
         "or to tap: back over the tap's own link, so to the vehicle as well; may be given several "
         "times (default: transmit nothing)",
     )  # fmt: skip
-    add_outputs(live)
-    live.set_defaults(run=_live)
+    add_outputs(command)
+    add_run_options(command, without={COLUMNS})
 
 
 def _live(arguments: argparse.Namespace) -> int:
@@ -74,7 +75,7 @@ def _live(arguments: argparse.Namespace) -> int:
         arguments.seconds,
         arguments.request_rates,
         every_vehicle=every_vehicle,
-        publish=tuple(arguments.publish or ()),
+        publish=tuple(arguments.publish),
     )
     with StopFlag().installed() as stop:
         ended = live(

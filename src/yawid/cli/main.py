@@ -13,34 +13,37 @@ import webbrowser
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, TextIO, TypeVar
+from typing import TYPE_CHECKING, Final, TextIO, TypeVar
 
-from yawid.cli.config_file import parsed
+from yawid.cli.config_file import read_words
 from yawid.cli.damper import add_damper
 from yawid.cli.explain import add_explain
-from yawid.cli.finished_run import add_finished_run
+from yawid.cli.finished_run import add_export, add_report, add_view
 from yawid.cli.fleet import add_fleet
 from yawid.cli.live import add_live
 from yawid.cli.options import (
-    Commands,
-    HelpPage,
-    OneLineParser,
-    add_command,
-    add_estimator_options,
-    add_log_options,
+    Command,
     add_outputs,
-    add_signing,
+    add_run_options,
     outputs_of,
     read_options_of,
     settings_of,
 )
-from yawid.cli.paper import add_commands
+from yawid.cli.paper import add_simulate, add_step
 from yawid.cli.program import add_completion, add_schema
 from yawid.cli.standard_streams import bring_out, hush, make_ready
-from yawid.cli.trend import add_trend
-from yawid.errors import UNFORESEEN, SinkError, UnwrittenError, YawidError, without_viewer
+from yawid.cli.trend import add_diff, add_trend
+from yawid.errors import (
+    UNFORESEEN,
+    ConfigError,
+    SinkError,
+    UnwrittenError,
+    YawidError,
+    did_you_mean,
+    without_viewer,
+)
 from yawid.runs.stop import Interrupted, StopFlag
-from yawid.sinks.door import DEBUG, mute, print_answer, print_line, say, show_traceback
+from yawid.sinks.door import DEBUG, mute, print_answer, print_line, print_text, say, show_traceback
 from yawid.sources.formats import RUN, recorded
 from yawid.system.stores import Place, place_of
 from yawid.version import __version__
@@ -53,17 +56,7 @@ _Page = TypeVar("_Page", "RunSummary", "Inspection")
 INTERRUPTED = 130
 MOST_SAID = 300
 """The most characters of an unforeseen error's text that are printed: it may hold an array."""
-OVERVIEW = {
-    "a flight": ("replay", "live", "inspect", "orders"),
-    "a finished run": ("view", "report", "damper", "export"),
-    "many flights": ("fleet", "trend", "diff"),
-    "the paper's plants and step responses": ("simulate", "step"),
-    "the program itself": ("explain", "schema", "completion"),
-}
-"""The commands by what the user has, as ``yawid --help`` lists them."""
-TRIED = {"--orders", "--method", "--also", "--engine", "--memory", "--forgetting", "--servo-tau"}
-TRIED |= {"--manoeuvres"}
-"""Options of an estimator that have no meaning for the comparison of orders."""
+QUESTION = "How does this aircraft's yaw answer its rudder, right now?"
 EXAMPLES = """\
 examples:
   yawid inspect flight.tlog     what a log can answer, and the command to run
@@ -83,82 +76,138 @@ GARBAGE_AFTER = 50_000
 replay would search the imported modules a hundred times, which takes a thirtieth of its CPU."""
 
 
-class _Overview(HelpPage):
-    """The page of help that lists the commands in groups."""
-
-    def _format_action(self, action: argparse.Action) -> str:
-        if not isinstance(action, argparse._SubParsersAction):
-            return super()._format_action(action)
-        lines = {each.dest: super(_Overview, self)._format_action(each)
-                 for each in self._iter_indented_subactions(action)}  # fmt: skip
-        return "\n".join(
-            f"{title}:\n" + "".join(lines.get(name, "") for name in names)
-            for title, names in OVERVIEW.items()
-        )
-
-
-def _parser() -> argparse.ArgumentParser:
-    parser = OneLineParser(
-        prog="yawid",
-        usage="yawid COMMAND ...",
-        description="How does this aircraft's yaw answer its rudder, right now?",
-        epilog=EXAMPLES,
-        formatter_class=_Overview,
+def add_replay(command: Command) -> None:
+    """Give the command its arguments and options."""
+    command.shape(
+        "LOG...",
+        "yawid replay flight.tlog --report\nyawid replay flight.tlog --rerun save\n"
+        "yawid replay day/*.BIN --out answers --json > answers.jsonl",
+        _replay,
     )
-    parser.add_argument("--version", action="version", version=f"yawid {__version__}")
-    commands = parser.add_subparsers(
-        required=True, metavar="COMMAND", title=argparse.SUPPRESS, prog="yawid"
-    )
-    _add_replay(commands)
-    add_live(commands)
-    _add_looks(commands)
-    add_commands(commands)
-    add_finished_run(commands)
-    add_damper(commands)
-    add_fleet(commands)
-    add_trend(commands)
-    add_explain(commands, parser)
-    add_schema(commands)
-    add_completion(commands, parser)
-    return parser
-
-
-def _add_replay(commands: Commands) -> None:
-    examples = """\
-yawid replay flight.tlog --report
-yawid replay flight.tlog --rerun save
-yawid replay day/*.BIN --out answers --json > answers.jsonl"""
-    replay = add_command(commands, "replay", "LOG...", "estimate from recorded flights", examples)
     kinds = f"{recorded()}, or {RUN.said}"
-    replay.add_argument("logs", nargs="+", metavar="LOG", type=place_of, help=kinds)
+    command.option("logs", nargs="+", metavar="LOG", type=place_of, help=kinds)
+    add_outputs(command)
     text = "write a report next to each answer; on a terminal, open one log's in the browser"
-    replay.add_argument("--report", action="store_true", help=text)
-    add_outputs(replay)
-    add_log_options(replay)
-    replay.set_defaults(run=_replay)
+    command.flag("--report", text, group="what is written")
+    add_run_options(command)
 
 
-def _add_looks(commands: Commands) -> None:
-    """Add the commands that read a log and write no run: inspect and orders."""
-    inspect = add_command(
-        commands, "inspect", "LOG", "say what a log can answer, and by which command",
+def add_inspect(command: Command) -> None:
+    """Give the command its arguments and options."""
+    command.shape(
+        "LOG",
         "yawid inspect flight.tlog\nyawid inspect flight.tlog --card | lp\n"
         "yawid inspect flight.BIN --json --from 300 --to 420",
-    )  # fmt: skip
-    inspect.add_argument(
-        "--card", action="store_true", help="print what to fly next instead: a card on one page"
+        _inspect,
     )
-    orders = add_command(
-        commands, "orders", "LOG", "compare orders and delays on a log",
-        "yawid orders flight.tlog\nyawid orders flight.tlog --from 300 --to 420",
-    )  # fmt: skip
-    for command, run, without in ((inspect, _inspect, {"--engine"}), (orders, _orders, TRIED)):
-        command.add_argument("log", metavar="LOG", type=Path, help=recorded())
-        command.add_argument("--json", action="store_true", help="print one JSON object")
-        add_signing(command)
-        add_estimator_options(command, without)
-        add_log_options(command)
-        command.set_defaults(run=run)
+    command.option("log", metavar="LOG", type=Path, help=recorded())
+    command.flag("--card", "print what to fly next instead: a card on one page")
+    command.flag("--json", "print one JSON object")
+    add_run_options(command)
+
+
+def add_orders(command: Command) -> None:
+    """Give the command its arguments and options: those of the estimators mean nothing here."""
+    from yawid.config.run import STREAM
+
+    examples = "yawid orders flight.tlog\nyawid orders flight.tlog --from 300 --to 420"
+    command.shape("LOG", examples, _orders)
+    command.option("log", metavar="LOG", type=Path, help=recorded())
+    command.flag("--json", "print one JSON object")
+    add_run_options(command, without={STREAM})
+
+
+GROUPS: Final[dict[str, dict[str, tuple[str, Callable[[Command], None]]]]] = {
+    "a flight": {
+        "replay": ("estimate from recorded flights", add_replay),
+        "live": ("estimate from a live link, passively", add_live),
+        "inspect": ("say what a log can answer, and by which command", add_inspect),
+        "orders": ("compare orders and delays on a log", add_orders),
+    },
+    "a finished run": {
+        "view": ("show a finished run in Rerun", add_view),
+        "report": ("write a report of a finished run: one HTML file", add_report),
+        "damper": ("say which gain of the yaw damper gives which damping", add_damper),
+        "export": ("write samples, manoeuvres, modes or a model for others", add_export),
+    },
+    "many flights": {
+        "fleet": ("replay thousands of logs into one data set", add_fleet),
+        "trend": ("what changed over a fleet's flights", add_trend),
+        "diff": ("what changed between runs or data sets", add_diff),
+    },
+    "the paper's plants and step responses": {
+        "simulate": ("fly a reference plant of the paper to a file", add_simulate),
+        "step": ("fit the paper's models to a step response (eq. 4-16, 23)", add_step),
+    },
+    "the program itself": {
+        "explain": ("explain a reason, option, quantity, exit code or term", add_explain),
+        "schema": ("print the JSON Schema of what --json prints", add_schema),
+        "completion": ("print what a shell needs to complete yawid's options", add_completion),
+    },
+}
+"""The commands by what the user has: what each does, and what gives it its options."""
+COMMANDS: Final = {name: rows[name] for rows in GROUPS.values() for name in rows}
+REPLACED_BY: Final = {
+    "fly": "yawid replay LOG --report answers a log and opens the page",
+    "regress": "pytest tests/test_replay_logs.py checks cases; yawid diff A B compares two runs",
+    "recover": "yawid replay reads what is left of a .tlog.part, .mcap.part or damaged MCAP",
+}
+"""What does the work of a command that is gone, where no other has a name like it."""
+
+
+def command_of(name: str) -> Command:
+    """Return the parser of a command; the others' options are not made."""
+    what, add = COMMANDS[name]
+    command = Command(name, what)
+    command.set_defaults(every=every)
+    add(command)
+    return command
+
+
+def every() -> dict[str, Command]:
+    """Return the parser of each command."""
+    return {name: command_of(name) for name in COMMANDS}
+
+
+def parsed(words: Sequence[str]) -> argparse.Namespace:
+    """Return the arguments of a command line; ``run`` of them does what it asks for.
+
+    Raises:
+        ConfigError: there is no such command, or a settings file is wrong.
+        SystemExit: help was asked for, or a word of the command is wrong.
+    """
+    name = words[0] if words else ""
+    if name in COMMANDS:
+        return read_words(command_of(name), words[1:], every)
+    if name in ("-h", "--help", "--help-all"):
+        return argparse.Namespace(run=partial(_print, overview()))
+    if name == "--version":
+        return argparse.Namespace(run=partial(_print, f"yawid {__version__}\n"))
+    first = name.partition("=")[0]
+    near = did_you_mean(name, [*COMMANDS, "--help", "--version"])
+    if not name:
+        said = "a COMMAND is needed"
+    elif name in REPLACED_BY:
+        said = f"there is no command {name!r}: {REPLACED_BY[name]}"
+    elif any(first in command.options for command in every().values()):
+        said = f"there is no option {first}: it stands after the command, yawid COMMAND {first}"
+    else:
+        what = f"option {name}" if name.startswith("-") else f"command {name!r}"
+        said = f"there is no {what}{near}"
+    raise ConfigError(f"{said}{'' if said[-1] == '?' else ';'} yawid --help lists the commands")
+
+
+def _print(text: str, _: argparse.Namespace) -> int:
+    print_text(text)
+    return 0
+
+
+def overview() -> str:
+    """Return the page of help that lists the commands in groups."""
+    lines = ["usage: yawid COMMAND ...", "", QUESTION]
+    for title, rows in GROUPS.items():
+        lines += ["", f"{title}:", *(f"    {name:<12}{what}" for name, (what, _) in rows.items())]
+    return "\n".join([*lines, "", EXAMPLES])
 
 
 def _replay(arguments: argparse.Namespace) -> int:
@@ -306,7 +355,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _run(argv: Sequence[str] | None) -> int:
     try:
-        arguments = parsed(_parser(), argv)
+        arguments = parsed(sys.argv[1:] if argv is None else argv)
         code: int = arguments.run(arguments)
     finally:
         bring_out()

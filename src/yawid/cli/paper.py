@@ -3,7 +3,7 @@
 import argparse
 from pathlib import Path
 
-from yawid.cli.options import Commands, add_command
+from yawid.cli.options import Command, choice
 from yawid.sinks.door import print_json, print_line
 
 PLANTS = ("yaw", "lateral", "rigid-body")
@@ -19,57 +19,42 @@ NUMBERS = (
 SETTLING = ("settling_2pct_s", "settling_5pct_s")
 
 
-def add_commands(commands: Commands) -> None:
-    """Add both commands to the parser."""
-    _add_step(commands)
-    _add_simulate(commands)
-
-
-def _add_step(commands: Commands) -> None:
-    step = add_command(
-        commands, "step", "FILE.csv", "fit the paper's models to a step response (eq. 4-16, 23)",
+def add_step(command: Command) -> None:
+    """Give the command its arguments and options."""
+    command.shape(
+        "FILE.csv",
         "yawid step response.csv --u0 0.1 --step-time 5\n"
         "yawid simulate yaw --input step --out - | yawid step -",
-    )  # fmt: skip
-    step.add_argument(
-        "file", type=Path, metavar="FILE.csv",
-        help="columns t and y, and u if known; or t, r, rudder; - reads what simulate prints",
-    )  # fmt: skip
-    step.add_argument(
-        "--model", choices=("first", "second", "yaw"), metavar="first|second|yaw",
-        help="its form (default: first or second order by the fit, yaw where neither holds)",
-    )  # fmt: skip
-    step.add_argument(
-        "--u0", type=float, metavar="A", help="height of the step (default: by column u, else 1)"
+        _step,
     )
-    step.add_argument(
-        "--step-time", type=float, metavar="S", help="its time in s (default: by column u, else 0)"
-    )
-    step.add_argument("--json", action="store_true", help="print one JSON object")
-    step.set_defaults(run=_step)
+    text = "columns t and y, and u if known; or t, r, rudder; - reads what simulate prints"
+    command.option("file", type=Path, metavar="FILE.csv", help=text)
+    text = "its form (default: first or second order by the fit, yaw where neither holds)"
+    command.option("--model", **choice("first", "second", "yaw"), help=text)
+    text = "height of the step (default: by column u, else 1)"
+    command.option("--u0", type=float, metavar="A", help=text)
+    text = "its time in s (default: by column u, else 0)"
+    command.option("--step-time", type=float, metavar="S", help=text)
+    command.flag("--json", "print one JSON object")
 
 
-def _add_simulate(commands: Commands) -> None:
-    simulate = add_command(
-        commands, "simulate", "PLANT --out FILE", "fly a reference plant of the paper to a file",
+def add_simulate(command: Command) -> None:
+    """Give the command its arguments and options."""
+    command.shape(
+        "PLANT --out FILE",
         "yawid simulate lateral --input 3211 --noise 0.002 --out flight.tlog\n"
         "yawid simulate yaw --input step --out - | yawid step -",
-    )  # fmt: skip
-    simulate.add_argument(
-        "plant", metavar="PLANT", choices=PLANTS,
-        help="yaw (eq. 22-23), lateral (eq. 21) or rigid-body (eq. 17-18)",
-    )  # fmt: skip
-    simulate.add_argument("--out", type=Path, required=True, metavar="FILE",
-                          help="csv, parquet, tlog, mcap; -: csv to stdout")  # fmt: skip
-    simulate.add_argument(
-        "--input", default="3211", metavar="KIND",
-        help="step, impulse, doublet, 3211, prbs, sweep or multisine (default: 3211)",
-    )  # fmt: skip
-    for option, default, metavar, text in NUMBERS:
-        kind = type(default)
-        simulate.add_argument(option, type=kind, default=default, metavar=metavar, help=text)
-    simulate.add_argument("--force", action="store_true", help="overwrite a file that exists")
-    simulate.set_defaults(run=_simulate)
+        _simulate,
+    )
+    text = "yaw (eq. 22-23), lateral (eq. 21) or rigid-body (eq. 17-18)"
+    command.option("plant", **choice(*PLANTS) | {"metavar": "PLANT"}, help=text)
+    text = "csv, parquet, tlog, mcap; -: csv to stdout"
+    command.option("--out", type=Path, required=True, metavar="FILE", help=text)
+    text = "step, impulse, doublet, 3211, prbs, sweep or multisine (default: 3211)"
+    command.option("--input", default="3211", metavar="KIND", help=text)
+    for name, default, metavar, text in NUMBERS:
+        command.option(name, type=type(default), default=default, metavar=metavar, help=text)
+    command.flag("--force", "overwrite a file that exists")
 
 
 def _step(arguments: argparse.Namespace) -> int:

@@ -7,12 +7,10 @@ metavar: ``a|b`` are values, ``OUT.csv`` is the name of a file with that suffix.
 import argparse
 import json
 import re
-from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
-from yawid.cli.config_file import commands_of
-from yawid.cli.options import Commands, add_command
+from yawid.cli.options import Command, choice
 from yawid.config.names import RECURSIVE
 from yawid.sinks.door import print_text
 from yawid.sources.formats import FORMATS
@@ -40,16 +38,12 @@ complete -o bashdefault -F _yawid_equals yawid
 """
 
 
-def add_schema(commands: Commands) -> None:
-    """Add ``schema`` to the parser."""
-    schema = add_command(
-        commands, "schema", "[COMMAND]",
-        "print the JSON Schema of what --json prints, and the exit codes",
-        "yawid schema replay\nyawid schema | jq '.[\"x-exit-codes\"]'",
-    )  # fmt: skip
+def add_schema(command: Command) -> None:
+    """Give the command its argument."""
+    examples = "yawid schema replay\nyawid schema | jq '.[\"x-exit-codes\"]'"
+    command.shape("[COMMAND]", examples, _schema)
     text = f"only of one command: {', '.join(PRINTING)} (default: all)"
-    schema.add_argument("command", metavar="COMMAND", nargs="?", choices=PRINTING, help=text)
-    schema.set_defaults(run=_schema)
+    command.option("command", nargs="?", **choice(*PRINTING) | {"metavar": "COMMAND"}, help=text)
 
 
 def _schema(arguments: argparse.Namespace) -> int:
@@ -62,32 +56,36 @@ def _schema(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def add_completion(commands: Commands, whole: argparse.ArgumentParser) -> None:
-    """Add ``completion`` to the parser; its output is made from ``whole``, the complete parser."""
-    completion = add_command(
-        commands, "completion", "bash|zsh", "print what a shell needs to complete yawid's options",
+def add_completion(command: Command) -> None:
+    """Give the command its argument."""
+    command.shape(
+        "bash|zsh",
         'eval "$(yawid completion bash)"      in ~/.bashrc\n'
         "yawid completion zsh > _yawid        in a folder of $fpath",
-    )  # fmt: skip
-    completion.add_argument("shell", choices=SHELLS, help="the shell in which to complete")
-    completion.set_defaults(run=partial(_completion, whole))
+        _completion,
+    )
+    command.option("shell", **choice(*SHELLS), help="the shell in which to complete")
 
 
-def _completion(whole: argparse.ArgumentParser, arguments: argparse.Namespace) -> int:
+def _completion(arguments: argparse.Namespace) -> int:
     import shtab
 
     functions = set()
-    for _, command in commands_of(whole):
-        for action in command._actions:
+    whole = argparse.ArgumentParser(prog="yawid")
+    commands = whole.add_subparsers()
+    for name, command in arguments.every().items():
+        for action in command.arguments:
             if (offered := _files(action, shtab.FILE, shtab.DIRECTORY)) is not None:
-                action.complete = offered  # type: ignore[attr-defined] # shtab's mark
+                action.complete = offered  # shtab's mark
                 if arguments.shell == "bash" and offered["bash"].startswith("_yawid_file"):
                     functions.add(_of_suffixes(offered["bash"]))
-            elif action.choices is None and action.metavar is not None:
+            elif action.metavar is not None:
                 action.choices = _values(str(action.metavar)) or None
             if arguments.shell == "zsh" and action.nargs is None and action.option_strings:
                 # zsh's mark of an option whose value may follow "=" or stand in the next word
                 action.option_strings = [f"{each}=" for each in action.option_strings]
+        what = str(command.description)
+        commands.add_parser(name, help=what, parents=[command], add_help=False)
     preamble = "".join(sorted(functions))
     end = _EQUALS if arguments.shell == "bash" else "\n"
     print_text(shtab.complete(whole, arguments.shell, preamble=preamble) + end)

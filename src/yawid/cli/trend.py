@@ -3,7 +3,7 @@
 import argparse
 from pathlib import Path
 
-from yawid.cli.options import Commands, add_command
+from yawid.cli.options import Command
 from yawid.cli.standard_streams import hush
 from yawid.sinks.door import print_answer
 from yawid.system.stores import place_of
@@ -12,27 +12,25 @@ CHANGED = 7
 NOTHING_COMPARED = 5
 
 
-def add_trend(commands: Commands) -> None:
-    """Add both commands to the parser."""
-    trend = add_command(
-        commands, "trend", "DATASET", "what changed over a fleet's flights",
-        "yawid trend data\nyawid trend data --vehicle serial:4711 -o trend.html",
-    )  # fmt: skip
-    trend.add_argument("dataset", metavar="DATASET", type=Path, help="folder made by yawid fleet")
-    trend.add_argument("--vehicle", metavar="ID", help="only this vehicle, judged among all")
-    trend.add_argument("--json", action="store_true", help="print one JSON object")
-    trend.add_argument("-o", "--out", type=Path, metavar="R.html", help="write a page as well")
-    trend.add_argument("--force", action="store_true", help="overwrite a page that exists")
-    trend.set_defaults(run=_trend)
-    diff = add_command(
-        commands, "diff", "A B", "what changed between runs or data sets",
-        "yawid diff before.mcap after.mcap\nyawid diff data-2025 data-2026 --json",
-    )  # fmt: skip
+def add_trend(command: Command) -> None:
+    """Give the command its arguments and options."""
+    examples = "yawid trend data\nyawid trend data --vehicle serial:4711 -o trend.html"
+    command.shape("DATASET", examples, _trend)
+    command.option("dataset", metavar="DATASET", type=Path, help="folder made by yawid fleet")
+    command.option("--vehicle", metavar="ID", help="only this vehicle, judged among all")
+    command.flag("--json", "print one JSON object")
+    command.option("-o", "--out", type=Path, metavar="R.html", help="write a page as well")
+    command.flag("--force", "overwrite a page that exists")
+
+
+def add_diff(command: Command) -> None:
+    """Give the command its arguments and options."""
+    examples = "yawid diff before.mcap after.mcap\nyawid diff data-2025 data-2026 --json"
+    command.shape("A B", examples, _diff)
     for name in ("a", "b"):
         kinds = "the MCAP of a finished run, or a data set"
-        diff.add_argument(name, metavar=name.upper(), type=place_of, help=kinds)
-    diff.add_argument("--json", action="store_true", help="print one JSON object")
-    diff.set_defaults(run=_diff)
+        command.option(name, metavar=name.upper(), type=place_of, help=kinds)
+    command.flag("--json", "print one JSON object")
 
 
 def _trend(arguments: argparse.Namespace) -> int:

@@ -5,6 +5,7 @@ msgspec checks the bounds; their ``description`` gives the words of an error.
 
 import sys
 from collections.abc import Callable, Hashable
+from dataclasses import dataclass
 from functools import cache
 from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 
@@ -23,6 +24,27 @@ Count = Annotated[int, Meta(ge=0, description="be an int >= 0")]
 def one_of(*names: str) -> Meta:
     """Return the bounds of a text that must be one of these names."""
     return Meta(pattern=rf"\A({'|'.join(names)})\Z", description=f"be one of {', '.join(names)}")
+
+
+@dataclass(frozen=True, slots=True)
+class Said:
+    """An option of the command line: its group, the form of its value, its words.
+
+    ``usual`` ones stand on the short page of help; ``aliases`` are other spellings.
+    """
+
+    group: str
+    shown: str
+    words: str
+    usual: bool = False
+    aliases: tuple[str, ...] = ()
+
+
+def option(
+    group: str, shown: str, words: str, *, usual: bool = False, aliases: tuple[str, ...] = ()
+) -> dict[str, Said]:
+    """Return the metadata that make a dataclass's field an option, too; see :class:`Said`."""
+    return {"said": Said(group, shown, words, usual, aliases)}
 
 
 def check_fields(config: Any, called: Callable[[str], str] = str) -> None:

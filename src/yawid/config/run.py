@@ -1,24 +1,29 @@
 """The configuration of a run, from the command line or a TOML file: complete and frozen."""
 
 import math
-import tomllib
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields
-from pathlib import Path
-from typing import Annotated, Any, get_args, get_type_hints
+from collections.abc import Iterator
+from dataclasses import Field, asdict, dataclass, field, fields
+from typing import Annotated, Any
 
 import tomli_w
-from msgspec import Meta, ValidationError, convert
+from msgspec import Meta
 
 from yawid.config.estimator import ArmaxOrders, Engine, EstimatorConfig, forgetting_factor
-from yawid.config.fields import Finite, NotNegative, Positive, Share, check_fields, fits, one_of
+from yawid.config.fields import (
+    Finite,
+    NotNegative,
+    Positive,
+    Said,
+    Share,
+    check_fields,
+    one_of,
+    option,
+)
 from yawid.config.names import ELS, RECURSIVE, RML
-from yawid.errors import ConfigError, did_you_mean
+from yawid.errors import ConfigError
 from yawid.quantities.units import HALF_TRAVEL
 
 BOTH = ("rudder", "aileron")
-OF_RECORDS = ("columns", "units", "rudder_unit", "rudder_is", "least_stroke_deg")
-"""Settings that say what the columns of CSV and Parquet hold; a log takes none of them."""
 INPUTS = (("rudder",), BOTH)
 _SERVO = r"([1-9]|[12]\d|3[0-2])"
 _CHANNELS = rf"auto|servo:{_SERVO}|control:[0-7]|rc:([1-9]|1[0-8])"
@@ -37,97 +42,233 @@ BINDING = ("orders", "inputs", "turn")
 """Settings that are chosen for each manoeuvre unless the user gave them."""
 GIVEN = (*BINDING, "rudder_sign")
 """Settings for which "given by the user" is recorded, even when equal to the default."""
-COMMAND_LINE = "the command line"
-"""Where settings stand that were given as options."""
-_SOME = Meta(min_length=1)
-_LISTS: dict[str, tuple[Any, str]] = {
-    "orders": (
-        Annotated[tuple[int, ...], _SOME],
-        "na,nb,nc,nk, four whole numbers (yawid orders compares them)",
-    ),
-    "inputs": (Annotated[tuple[str, ...], _SOME], "rudder or rudder,aileron"),
-    "given": (tuple[str, ...], "names of settings"),
-    "columns": (tuple[str, ...], "NAME=COLUMN,..."),
-    "band": (Annotated[tuple[float, ...], _SOME], "LO,HI in Hz"),
-}
-"""The settings that are lists, or a text with commas: their kind, and what errors ask for."""
-_KINDS = {float: "a number", int: "a whole number", str: "a text"}
-KEPT_ONLY = frozenset({"given", "rudder_stroke_rad"})
-"""Settings that are in a run's file only: there is no option for them."""
-FORGETTING = frozenset({"memory", "forgetting"})
-ALIASES = {"from": "from_s", "to": "to_s", "maneuvers": "manoeuvres"}
-"""Other names of settings: those of the command line, and the American spelling."""
+SAMPLES = "which samples"
+AIRCRAFT = "the aircraft"
+ANSWER = "the answer"
+STREAM = "the running estimates, which change no answer"
+COLUMNS = "the columns of CSV and Parquet"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RunConfig:
     """One run of the pipeline; each field is the command-line option of the same name.
 
-    - ``orders``: na, nb, nc, nk;
-    - ``memory`` in s or ``forgetting`` as a factor, not both; without either, a memory of 60 s;
-    - ``rate`` in Hz; None is 20 Hz, or the rate of the slower channel if that is lower;
-    - ``band`` in Hz; None is no filter;
-    - ``from_s`` and ``to_s`` in s since boot; ``boot``: the only boot of the vehicle whose samples
-      count, from 1; None is all of them;
-    - ``airborne``: "all" takes every sample as flown, None or "auto" holds those on the ground;
-    - ``rudder_max_deg``: the full deflection; None makes one unit half the travel;
-    - ``servo_tau``: the servo's lag in s; None is unknown;
-    - ``lateral``: "auto" keeps and fits the whole lateral motion, None is "off"; ``servo_lag``: the
-      lag of its servos in s, None is unknown;
-    - ``ordinary``: "auto" answers flight without a manoeuvre, too, "only" makes that the run's
-      verdict and searches for no manoeuvres, None is ``ORDINARY``;
-    - ``manoeuvres``: whether they are searched for. Orders, inputs and turn apply to every
-      manoeuvre if they differ from their defaults or are named in ``given``.
+    The words of an option, its group and its bounds stand on its field: parser, TOML, completion
+    and ``yawid explain`` have them from there. None is what the words call the default.
 
-    For a record that never was MAVLink, ``columns`` has the names of its columns (NAME=COLUMN);
-    ``units`` is the unit of its angles and ``rudder_unit`` that of its rudder, None where the
-    record has them itself. ``rudder_stroke_rad`` is the rudder's largest stroke within 5 s, which
-    replaces half of an unknown travel; there ``least_stroke_deg`` is the least stroke in deg for an
-    estimate (None: 1). ``rudder_is`` says whether the rudder is measured, on straight lines between
-    rows, or commanded, held from row to row (None: measured if in deg or rad).
+    ``given`` names settings that the user gave: orders, inputs and turn apply to every manoeuvre if
+    they are named there or differ from their defaults. ``rudder_stroke_rad`` is the rudder's
+    largest stroke within 5 s, which replaces half of an unknown travel. Neither is an option.
 
     Raises:
         ConfigError: a value outside its limits.
     """
 
-    orders: tuple[int, int, int, int] = (3, 3, 2, 1)
-    method: Annotated[str, one_of(*RECURSIVE)] = ELS
-    also: Annotated[str, one_of(*RECURSIVE, "none")] = RML
-    engine: Engine = "numba"
-    memory: Positive | None = None
-    forgetting: Share | None = None
-    rate: Annotated[float, Meta(ge=0.1, le=1e3, description="lie in 0.1 to 1000 Hz")] | None = None
-    band: tuple[float, float] | None = None
-    inputs: tuple[str, ...] = ("rudder",)
-    output: Annotated[str, one_of("yaw-rate", "yaw")] = "yaw-rate"
-    turn: Annotated[str, one_of("keep", "remove")] = "keep"
-    rudder: Rudder = "auto"
-    aileron: Aileron = "auto"
-    rudder_sign: Annotated[str, one_of("nose-right", "nose-left")] = "nose-right"
+    orders: tuple[int, int, int, int] = field(
+        default=(3, 3, 2, 1),
+        metadata=option(
+            STREAM, "NA,NB,NC,NK", "orders, nb and nk for every input (default: 3,3,2,1)"
+        ),
+    )
+    method: Annotated[str, one_of(*RECURSIVE)] = field(
+        default=ELS,
+        metadata=option(STREAM, "|".join(RECURSIVE), f"the stream's estimator (default: {ELS})"),
+    )
+    also: Annotated[str, one_of(*RECURSIVE, "none")] = field(
+        default=RML,
+        metadata=option(
+            STREAM, f"{'|'.join(RECURSIVE)}|none", f"a second one next to it (default: {RML})"
+        ),
+    )
+    engine: Engine = field(
+        default="numba",
+        metadata=option(STREAM, "numba|filterpy", "what computes the recursion (default: numba)"),
+    )
+    memory: Positive | None = field(
+        default=None,
+        metadata=option(STREAM, "SECONDS", "forget with a memory of so many seconds (default: 60)"),
+    )
+    forgetting: Share | None = field(
+        default=None,
+        metadata=option(
+            STREAM,
+            "LAMBDA",
+            "forgetting factor instead of a memory; 1 forgets nothing (default: from it)",
+        ),
+    )
+    rate: Annotated[float, Meta(ge=0.1, le=1e3, description="lie in 0.1 to 1000 Hz")] | None = (
+        field(
+            default=None,
+            metadata=option(
+                ANSWER,
+                "HZ",
+                "rate of the grid (default: 20, or the slower channel's if that is lower)",
+                usual=True,
+            ),
+        )
+    )
+    band: tuple[float, float] | None = field(
+        default=None,
+        metadata=option(
+            ANSWER, "LO,HI", "band-pass rudder and yaw rate alike, in Hz (default: off)"
+        ),
+    )
+    inputs: tuple[str, ...] = field(
+        default=("rudder",),
+        metadata=option(ANSWER, "rudder[,aileron]", "inputs of the model (default: rudder)"),
+    )
+    output: Annotated[str, one_of("yaw-rate", "yaw")] = field(
+        default="yaw-rate",
+        metadata=option(ANSWER, "yaw-rate|yaw", "the model's output (default: yaw-rate)"),
+    )
+    turn: Annotated[str, one_of("keep", "remove")] = field(
+        default="keep",
+        metadata=option(
+            ANSWER, "keep|remove", "subtract the turn rate that the bank implies (default: keep)"
+        ),
+    )
+    rudder: Rudder = field(
+        default="auto",
+        metadata=option(
+            AIRCRAFT,
+            "CHANNEL",
+            "auto, servo:N, vtail:L,R, control:K or rc:N (default: auto)",
+            usual=True,
+        ),
+    )
+    aileron: Aileron = field(
+        default="auto",
+        metadata=option(
+            AIRCRAFT, "CHANNEL", "the same for the aileron, without vtail (default: auto)"
+        ),
+    )
+    rudder_sign: Annotated[str, one_of("nose-right", "nose-left")] = field(
+        default="nose-right",
+        metadata=option(
+            AIRCRAFT,
+            "nose-right|nose-left",
+            "where positive rudder turns the nose (default: nose-right)",
+        ),
+    )
     rudder_max_deg: (
         Annotated[float, Meta(gt=0.0, le=90.0, description="be > 0 and at most 90")] | None
-    ) = None
-    rudder_unit: Annotated[str, one_of("half-travel", "rad", "deg")] | None = None
+    ) = field(
+        default=None,
+        metadata=option(
+            AIRCRAFT,
+            "DEG",
+            "rudder at full travel in deg, for gains per rad (default: per half of the travel)",
+        ),
+    )
+    rudder_unit: Annotated[str, one_of("half-travel", "rad", "deg")] | None = field(
+        default=None,
+        metadata=option(
+            COLUMNS, "half-travel|rad|deg", "unit of a rudder that gives none (default: none)"
+        ),
+    )
     rudder_stroke_rad: Positive | None = None
-    rudder_is: Annotated[str, one_of("measured", "commanded")] | None = None
-    least_stroke_deg: Positive | None = None
-    columns: tuple[str, ...] = ()
-    units: Annotated[str, one_of("rad", "deg")] | None = None
-    servo_tau: Positive | None = None
-    from_s: Finite | None = None
-    to_s: Finite | None = None
-    sysid: Annotated[int, Meta(ge=1, le=255, description="be 1 to 255")] | None = None
-    airborne: Annotated[str, one_of("auto", "all")] | None = None
-    boot: Annotated[int, Meta(ge=1, description="be at least 1: boots count from 1")] | None = None
-    manoeuvres: Annotated[str, one_of("auto", "off")] = "auto"
-    lateral: Annotated[str, one_of("auto", "off")] | None = None
-    servo_lag: NotNegative | None = None
-    ordinary: Annotated[str, one_of("auto", "only", "off")] | None = None
+    rudder_is: Annotated[str, one_of("measured", "commanded")] | None = field(
+        default=None,
+        metadata=option(
+            COLUMNS,
+            "measured|commanded",
+            "on straight lines between rows, or held from row to row (default: by its unit)",
+        ),
+    )
+    least_stroke_deg: Positive | None = field(
+        default=None,
+        metadata=option(
+            COLUMNS, "DEG", "rudder stroke needed, in deg, where its travel is unknown (default: 1)"
+        ),
+    )
+    columns: tuple[str, ...] = field(
+        default=(),
+        metadata=option(
+            COLUMNS,
+            "NAME=COLUMN,...",
+            "names of columns: rudder=delta_r,r=Rate[deg/s] (default: t, rudder, r, ...)",
+        ),
+    )
+    units: Annotated[str, one_of("rad", "deg")] | None = field(
+        default=None,
+        metadata=option(
+            COLUMNS, "rad|deg", "unit of angles and rates that give none (default: none)"
+        ),
+    )
+    servo_tau: Positive | None = field(
+        default=None,
+        metadata=option(STREAM, "SECONDS", "the servo's lag in s (default: the fastest real pole)"),
+    )
+    from_s: Finite | None = field(
+        default=None,
+        metadata=option(
+            SAMPLES, "S", "first second since boot (default: the log's first)", usual=True
+        ),
+    )
+    to_s: Finite | None = field(
+        default=None,
+        metadata=option(
+            SAMPLES, "S", "last second since boot (default: the log's last)", usual=True
+        ),
+    )
+    sysid: Annotated[int, Meta(ge=1, le=255, description="be 1 to 255")] | None = field(
+        default=None,
+        metadata=option(
+            AIRCRAFT,
+            "N",
+            "system id of the vehicle, 1 to 255; live: or all (default: the first fixed wing)",
+        ),
+    )
+    airborne: Annotated[str, one_of("auto", "all")] | None = field(
+        default=None,
+        metadata=option(
+            SAMPLES,
+            "auto|all",
+            "all: use samples on the ground as well; auto: hold those (default: auto)",
+        ),
+    )
+    boot: Annotated[int, Meta(ge=1, description="be at least 1: boots count from 1")] | None = (
+        field(
+            default=None,
+            metadata=option(
+                SAMPLES, "N", "only the vehicle's Nth boot in the log, from 1 (default: all)"
+            ),
+        )
+    )
+    manoeuvres: Annotated[str, one_of("auto", "off")] = field(
+        default="auto",
+        metadata=option(
+            ANSWER,
+            "auto|off",
+            "find manoeuvres, answer each of them (default: auto)",
+            aliases=("maneuvers",),
+        ),
+    )
+    lateral: Annotated[str, one_of("auto", "off")] | None = field(
+        default=None,
+        metadata=option(
+            ANSWER, "auto|off", "fit the bare airframe to all of the lateral motion (default: off)"
+        ),
+    )
+    servo_lag: NotNegative | None = field(
+        default=None,
+        metadata=option(
+            ANSWER, "SECONDS", "lag of both servos, for --lateral auto (default: unknown)"
+        ),
+    )
+    ordinary: Annotated[str, one_of("auto", "only", "off")] | None = field(
+        default=None,
+        metadata=option(
+            ANSWER,
+            "auto|only|off",
+            "answer flight without a manoeuvre, too; only: that is the verdict (default: off)",
+        ),
+    )
     given: tuple[str, ...] = ()
 
     def binds(self, name: str) -> bool:
         """Return whether the user gave this setting, which then applies to every manoeuvre."""
-        default = next(field.default for field in fields(self) if field.name == name)
+        default = next(each.default for each in fields(self) if each.name == name)
         return name in self.given or getattr(self, name) != default
 
     @property
@@ -157,7 +298,7 @@ class RunConfig:
             if not isinstance(each := getattr(self, name), str | None):
                 object.__setattr__(self, name, tuple(each))
         self._check_lists()
-        check_fields(self, lambda name: f"--{name.removesuffix('_s').replace('_', '-')}")
+        check_fields(self, lambda name: f"--{option_name(name)}")
         if self.memory is not None and self.forgetting is not None:
             raise ConfigError("--memory and --forgetting mean the same: give only one of them")
         if self.from_s is not None and self.to_s is not None and not self.from_s < self.to_s:
@@ -277,70 +418,22 @@ class RunConfig:
         )
 
 
-def read_toml(path: Path) -> dict[str, Any]:
-    """Return the contents of a TOML file.
-
-    Raises:
-        ConfigError: the file cannot be read or is no TOML.
-    """
-    try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError, RecursionError) as error:
-        raise ConfigError(
-            f"{path}: not a readable TOML file: {getattr(error, 'strerror', None) or error}"
-        ) from error
+def option_name(field: str) -> str:
+    """Return the name of a setting's option, without its dashes."""
+    return field.removesuffix("_s").replace("_", "-")
 
 
-def overruled(settings: Mapping[str, Any], by: Mapping[str, Any]) -> dict[str, Any]:
-    """Return settings overruled ``by`` others; both have been checked."""
-    if by.keys() & FORGETTING:  # both say the same thing: the one given overrules both
-        settings = {name: value for name, value in settings.items() if name not in FORGETTING}
-    given = {*settings.get("given", ()), *by.get("given", ())}
-    return {**settings, **by, "given": tuple(sorted(given))}
+def settings_declared() -> Iterator[tuple[Field[Any], Said]]:
+    """Yield the fields that are options, each with its group, form and words."""
+    for each in fields(RunConfig):
+        if "said" in each.metadata:
+            yield each, each.metadata["said"]
 
 
-def check_settings(loaded: dict[str, Any], where: str) -> dict[str, Any]:
-    """Return settings by field names, after a check that each is known.
-
-    ``given`` is added if it is missing: the settings of ``GIVEN`` that are there and not ``auto``.
-
-    Raises:
-        ConfigError: a setting is unknown or of the wrong type.
-    """
-    known = {field.name for field in fields(RunConfig)}
-    settings = {}
-    for raw, value in loaded.items():
-        name = ALIASES.get(raw, raw.replace("-", "_"))
-        if name not in known:
-            options = sorted(
-                each.removesuffix("_s").replace("_", "-") for each in known - KEPT_ONLY
-            )
-            said = did_you_mean(raw, options) or f"; known are {', '.join(options)}"
-            raise ConfigError(f"{where}: unknown setting {raw!r}{said}")
-        settings[name] = _typed(name, value, where)
-    given = (name for name in GIVEN if settings.get(name, "auto") != "auto")
-    settings.setdefault("given", tuple(given))
-    return settings
-
-
-def _typed(name: str, value: Any, where: str) -> Any:
-    option = name.removesuffix("_s").replace("_", "-")
-    named = f"--{option}" if where == COMMAND_LINE else f"{where}: {name}"
-    if name in _LISTS:
-        kind, wanted = _LISTS[name]
-        is_text = isinstance(value, str)
-        parts = value.split(",") if is_text else value
-        if is_text and name in ("orders", "band"):
-            parts = [part.strip() for part in parts]
-        try:
-            return convert(parts, kind, strict=not is_text)  # 3.5 is no order
-        except ValidationError:
-            raise ConfigError(f"{named} must be {wanted}, got {value!r}") from None
-    hint = get_type_hints(RunConfig)[name]
-    plain = next((each for each in (float, int) if each in (hint, *get_args(hint))), str)
-    if not fits(value, plain):
-        raise ConfigError(f"{named} must be {_KINDS[plain]}, got {value!r}")
-    return value
+KEPT_ONLY = frozenset(each.name for each in fields(RunConfig) if not each.metadata)
+"""Settings that are in a run's file only: there is no option for them."""
+OF_RECORDS = tuple(each.name for each, said in settings_declared() if said.group == COLUMNS)
+"""Settings that say what the columns of CSV and Parquet hold; a log takes none of them."""
 
 
 def _toml(value: Any) -> str:

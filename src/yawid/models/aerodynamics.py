@@ -53,13 +53,13 @@ def checked(given: Mapping[str, float | None]) -> dict[str, float]:
     """
     known = {name: value for name in DIMENSIONS if (value := given.get(name)) is not None}
     if missing := [name for name in DIMENSIONS if name not in known]:
-        options = " ".join(f"--{name.replace('_', '-')}" for name in missing)
-        raise ConfigError(f"coefficients need the aircraft's dimensions: give {options}")
+        given_as = ",".join(f"{name.replace('_', '-')}=..." for name in missing)
+        raise ConfigError(f"coefficients need the aircraft's dimensions: --aircraft {given_as}")
     for name, value in known.items():
         if not math.isfinite(value) or (name != "ixz" and value <= 0.0):
-            raise ConfigError(f"--{name.replace('_', '-')} must be above 0, got {value!r}")
+            raise ConfigError(f"the aircraft's {name} must be above 0, got {value!r}")
     if known["ixz"] ** 2 >= known["ixx"] * known["izz"]:
-        raise ConfigError("--ixz is too large for --ixx and --izz")
+        raise ConfigError("the aircraft's ixz is too large for its ixx and izz")
     return known
 
 

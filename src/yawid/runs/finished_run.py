@@ -16,7 +16,8 @@ from yawid.answers.reasons import KINDS
 from yawid.answers.run_summary import RunSummary
 from yawid.blocks import MotionBlock, SampleBlock
 from yawid.channels.segments import outside
-from yawid.config.run import RunConfig, overruled
+from yawid.config.run import RunConfig
+from yawid.config.settings import overruled
 from yawid.errors import ConfigError, SourceError, YawidError
 from yawid.pipeline import Pipeline
 from yawid.quantities.link import LinkStats

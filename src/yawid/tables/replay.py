@@ -104,7 +104,7 @@ def _of_file(
     toml: str | PathLike[str] | None,
     key_file: str | PathLike[str] | None,
 ) -> Run:
-    from yawid.config.run import check_settings, overruled, read_toml
+    from yawid.config.settings import check_settings, overruled, read_toml
     from yawid.runs.outputs import Outputs
     from yawid.runs.replay import replay as replay_log
     from yawid.runs.stop import StopFlag

@@ -27,7 +27,8 @@ from mcap.records import Channel, Chunk, Message, Schema
 from mcap.stream_reader import StreamReader, get_chunk_data_stream
 from yawid.answers.run_summary import FORM, RunSummary
 from yawid.blocks import Ints, MotionBlock, SampleBlock, Status
-from yawid.config.run import RunConfig, check_settings
+from yawid.config.run import RunConfig
+from yawid.config.settings import check_settings
 from yawid.errors import SourceError
 from yawid.estimation.polynomials import parameter_names
 from yawid.sinks.base import Grid, LogLevel, LogLine, RunRows

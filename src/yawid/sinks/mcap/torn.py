@@ -16,7 +16,8 @@ from mcap.stream_reader import StreamReader, breakup_chunk
 from yawid.answers.heard import LinkCounts
 from yawid.answers.reasons import Reason, Verdict
 from yawid.answers.run_summary import RunSummary
-from yawid.config.run import RunConfig, check_settings
+from yawid.config.run import RunConfig
+from yawid.config.settings import check_settings
 from yawid.errors import SourceError
 from yawid.sinks.mcap.reader import DAMAGE, McapRun, is_bomb, opened, read_grid
 from yawid.sinks.mcap.schemas import MOTION, SAMPLE, TOPICS, is_ours
