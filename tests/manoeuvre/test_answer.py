@@ -7,7 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from manoeuvre.exact import Floats, doublets, lateral, record, states, yaw_channel
+from places import REPLAY_LOGS
 
+import yawid
 from yawid.manoeuvre.answer import HIDDEN_ZETA, Answer, answer_of, weights_of
 from yawid.manoeuvre.fit import Fit, fits_of
 from yawid.physics.responses import Record
@@ -50,6 +52,26 @@ def test_its_model_has_the_answers_poles(answer: Answer):
     pole = answer.model.structure.poles(answer.model.theta)[answer.model.pair]
     assert abs(pole) == pytest.approx(wn, rel=1e-12)
     assert -pole.real / abs(pole) == pytest.approx(zeta, rel=1e-12)
+
+
+def test_the_last_digit_of_a_sample_moves_no_number():
+    """Processors round it each in its own way, and references hold on all of them."""
+    flown = yawid.replay(REPLAY_LOGS / "c172p_aileron" / "log.tlog").samples
+    t, u, r, roll = (np.asarray(flown.arrow[name]) for name in ("t", "rudder", "r", "roll"))
+    of = Record.of(float(np.median(np.diff(t))), u[:, None], r, roll)
+    up_or_down = np.random.default_rng(5).integers(-1, 2, of.y.shape)
+    y = of.y * (1.0 + 2e-16 * up_or_down)
+
+    one, other = (answer_of(fits_of(replace(of, y=each))) for each in (of.y, y))
+
+    assert one is not None
+    assert other is not None
+    for name in ("wn_rad_s", "zeta"):
+        assert getattr(other, name).value == pytest.approx(getattr(one, name).value, rel=1e-8)
+        assert getattr(other, name).std == pytest.approx(getattr(one, name).std, rel=1e-6)
+    scale = np.sqrt(np.diag(one.model.covariance))
+    moved = (other.model.covariance - one.model.covariance) / np.outer(scale, scale)
+    assert np.abs(moved).max() < 1e-6
 
 
 def test_its_models_parameters_have_the_sigma_of_its_numbers(answer: Answer):

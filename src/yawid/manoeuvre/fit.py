@@ -30,6 +30,7 @@ from yawid.manoeuvre.projection import (
     Problem,
     Structure,
     ar_of,
+    orthogonal,
 )
 from yawid.physics.modes import Complexes
 from yawid.physics.responses import Blocks, Record, block_size
@@ -275,24 +276,23 @@ def _covariance(problem: Problem, point: Point, first: int) -> Floats:
     """Return the covariance of the ``first`` parameters."""
     N = len(problem.blocks)
     A = np.concatenate([point.slopes, point.columns], axis=1)
-    size = np.sqrt(np.einsum("ij,ij->j", A, A)) + 1e-300
-    A = A / size
-    H = np.linalg.inv(A.T @ A + _RIDGE * np.eye(len(size)))
-    scores = (A * point.e[:, None]).reshape(problem.outputs, N, -1).sum(axis=0)
+    Q, root = orthogonal(A)
+    scores = (Q * point.e[:, None]).reshape(problem.outputs, N, -1).sum(axis=0)
     lags = max(2, min(N // 8, PER_PERIOD))
     M = scores.T @ scores
     for i in range(1, lags):
         one = scores[i:].T @ scores[:-i]
         M += (1.0 - i / lags) * (one + one.T)
     free = max(len(A) - unknowns(problem, point), 1)
-    H, M = H, H @ M @ H * (len(A) / free)
-    F = (H * (float(point.e @ point.e) / free))[:first, :first]
+    root = root[:first]
+    F = root @ root.T * (float(point.e @ point.e) / free)
+    R = root @ M @ root.T * (len(A) / free)
     unit = np.sqrt(np.diag(F))
-    F, R = F / np.outer(unit, unit), M[:first, :first] / np.outer(unit, unit)
+    F, R = F / np.outer(unit, unit), R / np.outer(unit, unit)
     size_F, V = np.linalg.eigh(F)
     root = V * np.sqrt(np.maximum(size_F, 1e-12))
     inner, T = np.linalg.eigh(np.linalg.solve(root, np.linalg.solve(root, R).T))
-    half = (root @ T) * np.sqrt(np.maximum(inner, 1.0)) * (unit / size[:first])[:, None]
+    half = (root @ T) * np.sqrt(np.maximum(inner, 1.0)) * unit[:, None]
     found: Floats = half @ half.T
     return found
 

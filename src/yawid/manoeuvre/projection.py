@@ -33,7 +33,9 @@ from yawid.physics.responses import Blocks, Response
 MOST_AR, ROWS_PER_LAG = 6, 20
 """The most lags of the AR, in blocks, and the fewest rows for each: BIC often takes fewer. On 84
 rows six lags of two outputs made a roll loop out of noise. Chosen on 72 drawn flights."""
-_RIDGE: Final = 1e-10
+RIDGE: Final = 1e-5
+"""What each unknown of a linear solution weighs by itself, where its column has the length 1: a row
+of its own, so that columns that are alike leave it known. By calculation."""
 
 
 class Structure(NamedTuple):
@@ -127,9 +129,9 @@ class Problem:
         """Return the fit at theta."""
         responses = self.blocks.responses(self.structure.poles(theta))
         X = self.columns(responses)
-        W, e, beta, inverse = self._solved(X)
+        W, e, beta, Q, root = self._solved(X)
         slopes, turned = self._slopes(theta, responses, beta, e)
-        J = W @ (inverse @ (W.T @ slopes - turned)) - slopes
+        J = Q @ (Q.T @ slopes - root.T @ turned) - slopes
         return Point(e, self._measured - beta @ X.T, J, beta, W, slopes)
 
     def best_of(self, thetas: Sequence[Floats]) -> Floats:
@@ -144,17 +146,14 @@ class Problem:
 
         return min(thetas, key=loss)
 
-    def _solved(self, X: Floats) -> tuple[Floats, Floats, Floats, Floats]:
-        """Return D X, the whitened residual, beta, and the inverse of (D X)'D X."""
+    def _solved(self, X: Floats) -> tuple[Floats, Floats, Floats, Floats, Floats]:
+        """Return D X, the whitened residual, beta, and Q and R^-1 of Q R = D X."""
         (N, m), o = X.shape, self.outputs
         wide = np.tensordot(self.D, lagged(self.blocks, X, len(self.D)), (0, 0))
         W = wide.transpose(0, 2, 1, 3).reshape(o * N, o * m)
-        size = np.sqrt(np.einsum("ij,ij->j", W, W)) + 1e-300
-        unit = W / size
-        inverse = np.linalg.inv(unit.T @ unit + _RIDGE * np.eye(o * m))
-        beta = inverse @ (self._y @ unit)
-        e = self._y - unit @ beta
-        return W, e, (beta / size).reshape(o, m), inverse / np.outer(size, size)
+        Q, root = orthogonal(W)
+        beta = root @ (self._y @ Q)
+        return W, self._y - W @ beta, beta.reshape(o, m), Q, root
 
     def _slopes(
         self, theta: Floats, responses: Sequence[Response], beta: Floats, e: Floats
@@ -186,6 +185,17 @@ class Problem:
             row, at = row + 1 + is_pair, at + runs * (1 + is_pair)
         wide = whitened(self.blocks, self.D, np.array(moved).transpose(2, 1, 0))
         return wide.reshape(-1, len(theta)), np.array(turned).T
+
+
+def orthogonal(A: Floats) -> tuple[Floats, Floats]:
+    """Return Q (n, m) and R^-1 (m, m) of A (n, m) = Q R, with ``RIDGE``.
+
+    Normal equations would lose twice as many digits: then two processors, which round the last
+    digit each in its own way, differ in the third digit of a sigma.
+    """
+    size = np.sqrt(np.einsum("ij,ij->j", A, A)) + 1e-300
+    Q, R = np.linalg.qr(np.concatenate([A / size, RIDGE * np.eye(len(size))]))
+    return Q[: len(A)], np.linalg.inv(R) / size[:, None]
 
 
 def _parts(x: Complexes, is_pair: bool) -> tuple[Floats, ...]:
