@@ -204,16 +204,17 @@ def _airframe(fits: Sequence[Fit], records: Sequence[Record]) -> Airframe:
     best, law = fits[0], roll_law(records[0]) if len(records) == 1 else None
     values, covariance = _numbers(best, law or NO_LAW)
     side = -covariance[:, _Y_DELTA_R] / covariance[_Y_DELTA_R, _Y_DELTA_R] * values[_Y_DELTA_R]
-    near = [each for each in fits if each.criterion - best.criterion < 2.0 * NATS]
-    others = np.array([_numbers(each, law or NO_LAW)[0] for each in near]) - values
-    covariance = covariance + others.T @ others / len(near)
+    side[_Y_BETA] = values[_Y_BETA] * np.expm1(side[_Y_BETA] / values[_Y_BETA])  # of a logarithm
+    near = [_numbers(each, law or NO_LAW)[0] - values
+            for each in fits if each.criterion - best.criterion < 2.0 * NATS]  # fmt: skip
+    covariance = covariance + np.transpose(near) @ near / len(near)
     covariance[_THETA, _THETA] += np.outer(side[_THETA], side[_THETA])
     known = list(map(Known, values.tolist(), _stds(values, covariance).tolist()))
     by_name = dict(zip(NAMES, known[_THETA], strict=True))
     by_name["Y_beta"] = by_name["log_Y_beta"]
     by_name |= dict.fromkeys({"L_delta_a", "N_delta_a"} - set(best.of.names), Known())
-    rolls, variance = values[_MIXES], covariance[_MIXES, _MIXES].mean()
-    mix = Known(float(rolls.mean()), math.sqrt(max(variance + np.var(rolls, ddof=1), 0.0)))
+    variance = covariance[_MIXES, _MIXES].mean() + np.var(values[_MIXES], ddof=1)
+    mix = Known(float(values[_MIXES].mean()), math.sqrt(max(float(variance), 0.0)))
     as_flown = None
     if law is not None:
         yaw_rate = yaw_rate_closed(best.of.theta(best.x[None])[0], records[0], law)
