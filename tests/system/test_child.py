@@ -9,10 +9,12 @@ import threading
 import time
 from collections.abc import Callable
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import psutil
 import pytest
+from checks.children import child
 
 from yawid.system.child import DiedError, LateError, Worker
 
@@ -78,6 +80,32 @@ def test_a_call_is_ended_from_another_thread_and_none_is_made_after_it(worker: W
         with pytest.raises(DiedError):
             worker.call(partial(time.sleep, 3600), 3600.0)
         assert time.monotonic() - begin_s < MORE_S
+
+
+PARENT = """
+from yawid.system.child import Worker
+Worker("stopping").start()
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="prctl is Linux's")
+def test_a_process_that_is_stopped_while_it_starts_ends_with_its_killed_parent(
+    tmp_path: Path,
+) -> None:
+    stopping = "import os, signal; os.kill(os.getpid(), signal.SIGSTOP)\n"
+    (tmp_path / "stopping.py").write_text(stopping, encoding="utf-8")
+    with child(
+        [sys.executable, "-c", PARENT], env=os.environ | {"PYTHONPATH": str(tmp_path)}
+    ) as by:
+        end_s, made = time.monotonic() + 30.0, psutil.Process(by.pid)
+        while not any(each.status() == psutil.STATUS_STOPPED for each in made.children()):
+            assert time.monotonic() < end_s
+            time.sleep(0.02)
+        below = made.children()
+        by.kill()
+        by.wait(30.0)
+    _, alive = psutil.wait_procs(below, timeout=MORE_S)
+    assert alive == []
 
 
 def test_a_process_that_cannot_import_its_module_says_so() -> None:

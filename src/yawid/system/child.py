@@ -148,7 +148,6 @@ def _serve() -> None:
     os.dup2(2, 1)
     for number in (signal.SIGINT, signal.SIGTERM):  # the parent handles them and closes the pipe
         signal.signal(number, signal.SIG_IGN)
-    die_with_parent()
     gc.freeze()  # imported modules never become garbage
     gc.set_threshold(GARBAGE_AFTER)
     waiting: queue.SimpleQueue[Any] = queue.SimpleQueue()
@@ -171,5 +170,6 @@ def _take(calls: Any, waiting: "queue.SimpleQueue[Any]") -> None:
 
 
 if __name__ == "__main__":
+    die_with_parent()  # first, as it may be stopped while it imports
     import_module(sys.argv[1])  # before the first call, as that takes time
     _serve()
