@@ -10,6 +10,8 @@ import pytest
 from bench import truth as bench
 from checks import judge_response
 from checks.judge import Row, compared
+from flights.linear import GRAVITY
+from flights.plan import KNOT, FlightPlan
 from flights.sealed import plan_at
 from flights.truth import dutch_roll, response, with_roll_hold
 from hand_flights import estimate, plain_summary, roll_of, verdict
@@ -191,12 +193,17 @@ def test_a_gain_and_its_sigma_are_those_of_the_transfer_function() -> None:
     assert at.std == pytest.approx(0.1 * abs(slope), rel=1e-5)
 
 
-def test_an_answer_with_jsbsim_s_own_response_is_not_off() -> None:
+@pytest.mark.parametrize("turn_removed", [False, True])
+def test_an_answer_with_jsbsim_s_own_response_is_not_off(turn_removed: bool) -> None:
     truth = {"aircraft": "T37", "altitude_m": 1524.0, "flown": [[0.0, 150.0], [20.0, 200.0]]}
     A, b = with_roll_hold(plan_at(("T37", 5000.0, 200.0)))[1]
     wn = dutch_roll(A, b, 3)["wn_rad_s"]
-    gains = np.abs(response(A, b, wn * np.array(judge_response.AT)))
+    of_roll = -GRAVITY / (200.0 * KNOT) if turn_removed else 0.0
+    seen = np.array([0.0, of_roll, 0.0, 1.0])
+    w = wn * np.array(judge_response.AT)
+    gains = [abs(seen @ np.linalg.solve(1j * each * np.eye(4) - A, b)) for each in w]
     row = {"usable": True, "from_s": 10.0, "to_s": 50.0, "inputs": "rudder", "wn_true": wn}
+    row["turn_removed"] = turn_removed
     for name, value in zip(judge_response.SHOWN, [*gains, 0.1, 1.0], strict=True):
         row |= {name: value, f"{name}_sigma": 0.1 * value}
 
@@ -207,5 +214,26 @@ def test_an_answer_with_jsbsim_s_own_response_is_not_off() -> None:
     K = 0.1 / (1.0 + found["K_error_pct"] / 100.0)
     acceleration = 1.0 / (1.0 + found["yaw acceleration_error_pct"] / 100.0)
     # a step of the rudder makes the yaw acceleration of its column, to the left if b is positive
-    assert acceleration == pytest.approx(-b[3], rel=0.05)
+    assert acceleration == pytest.approx(-b[3], rel=0.06 if turn_removed else 0.05)
     assert 0.0 < K < acceleration
+
+
+def test_the_truth_of_a_linear_aircraft_has_its_rudder_s_lag() -> None:
+    A = np.array([[-0.1, 0.4, 0.0, -1.0], [0.0, 0.0, 1.0, 0.0], [-9.0, 0.0, -4.0, 1.0],
+                  [6.0, 0.0, -0.1, -0.5]])  # fmt: skip
+    own = {"airspeed_m_s": GRAVITY / 0.4, "servo_lag_s": 0.2, "L_delta_a": 8.0, "N_delta_a": 0.0}
+    own |= {"Y_delta_r": 0.0, "L_delta_r": 0.5, "N_delta_r": 2.0}
+    for i, row in {0: "Y", 2: "L", 3: "N"}.items():
+        own |= {f"{row}_{name}": A[i, j] for j, name in ((0, "beta"), (2, "p"), (3, "r"))}
+    hold = np.array([0.0, 0.3, 0.0, 0.0])
+    plan = FlightPlan(own=tuple(own.items()), roll_gain=0.3, roll_rate_gain=0.0)
+
+    bare, closed = with_roll_hold(plan)
+
+    w = 2.7
+    lag, s = 1.0 / (1.0 + 0.2j * w), 1j * w * np.eye(4)
+    surface = lag * np.array([0.0, 0.0, 0.5, 2.0])
+    held = A - lag * np.outer([0.0, 0.0, 8.0, 0.0], hold)
+    for model, of in ((bare, A), (closed, held)):
+        exact = np.linalg.solve(s - of, surface)[3]
+        assert response(*model, np.array([w]))[0] == pytest.approx(exact)

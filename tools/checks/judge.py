@@ -135,6 +135,7 @@ def _manoeuvre_rows(
         "leg": "+".join(leg["kind"] for leg in legs),
         "mode": found.mode,
         "inputs": "+".join(found.inputs),
+        "turn_removed": found.turn_removed,
     }
     for method in METHODS:
         estimate = found.estimates.get(method)

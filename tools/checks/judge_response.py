@@ -10,9 +10,10 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from flights.plan import FOOT
+from flights.linear import GRAVITY
+from flights.plan import FOOT, KNOT
 from flights.sealed import plan_at
-from flights.truth import response, with_roll_hold, yaw_channel
+from flights.truth import LATERAL, response, with_roll_hold, yaw_channel
 from numpy.typing import NDArray
 
 from yawid.answers.run_summary import MethodSummary, Response, Value
@@ -77,10 +78,18 @@ def numbers_shown(answer: MethodSummary | None, wn_rad_s: float) -> Row:
     return row
 
 
+def less_turn(A: Floats, rudder: Floats, per_roll: float) -> tuple[Floats, Floats]:
+    """Return a model (n, n), (n,) whose yaw rate is less the turn, ``per_roll`` in 1/s of roll."""
+    moved = np.eye(len(A))
+    moved[LATERAL.index("R"), LATERAL.index("Phi")] = -per_roll
+    return moved @ A @ np.linalg.inv(moved), moved @ rudder
+
+
 def against(row: Row, truth: dict[str, Any]) -> Row:
     """Return a row, that of a usable answer with the errors in % of SHOWN, and their z.
 
-    The truth is JSBSim's linearisation at the mean airspeed of the manoeuvre.
+    The truth is the linearisation at the mean airspeed of the manoeuvre, of the yaw rate less the
+    turn where that was removed.
     """
     if SHOWN[0] not in row or not row["usable"]:
         return row
@@ -90,6 +99,8 @@ def against(row: Row, truth: dict[str, Any]) -> Row:
     plan = plan_at((truth["aircraft"], truth["altitude_m"] / FOOT, knots))
     bare, closed = with_roll_hold(plan)
     model = bare if "aileron" in row["inputs"] else closed
+    if row["turn_removed"]:
+        model = less_turn(*model, GRAVITY / (knots * KNOT))
     of = yaw_channel(*model, BAND)
     if of is None:
         return row

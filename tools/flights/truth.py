@@ -185,21 +185,24 @@ def yaw_channel(A: Floats, rudder: Floats, band: Floats = BAND) -> Mode | None:
 
 @lru_cache(maxsize=32)
 def with_roll_hold(plan: FlightPlan) -> tuple[tuple[Floats, Floats], tuple[Floats, Floats]]:
-    """Return A (4, 4) and the rudder's column (4,) of the bare airframe, and with the roll hold.
+    """Return A and the rudder command's column of the bare airframe, and with the roll hold.
 
-    With the roll hold, a linear aircraft has a fifth state, its aileron, whose servo lags.
+    The states are those of LATERAL, and of a linear aircraft aileron and rudder, whose servos lag.
     Results are cached: with a piston engine, JSBSim's linearisation takes up to 1 s, sometimes 12.
     """
     fdm = trimmed(plan)
     A, aileron, rudder = lateral(fdm)
     hold = np.zeros(len(LATERAL))  # aileron = trim - hold @ (x - trim)
     hold[LATERAL.index("Phi")], hold[LATERAL.index("P")] = plan.roll_gain, plan.roll_rate_gain
-    closed = A - np.outer(aileron, hold), rudder
-    if isinstance(fdm, LinearAircraft):
-        rate = 1.0 / fdm.servo_lag_s
-        lagging = np.block([[A, aileron[:, None]], [-rate * hold, np.array([-rate])]])
-        closed = lagging, np.append(rudder, 0.0)
-    return (A, rudder), closed
+    if not isinstance(fdm, LinearAircraft):
+        return (A, rudder), (A - np.outer(aileron, hold), rudder)
+    rate, surfaces = 1.0 / fdm.servo_lag_s, np.stack([aileron, rudder], axis=1)
+    bare, closed = (
+        np.block([[A, surfaces], [-rate * np.stack([each, 0.0 * hold]), -rate * np.eye(2)]])
+        for each in (0.0 * hold, hold)
+    )
+    command = np.append(np.zeros(len(bare) - 1), rate)
+    return (bare, command), (closed, command)
 
 
 def lateral(fdm: Any) -> tuple[Floats, Floats, Floats]:
