@@ -95,7 +95,8 @@ class Answer:
 
     ``weights`` are those of the structures that were averaged, by name. ``model`` is the answer's
     model. At ``w`` (n,) in rad/s it has the ``response`` (inputs, n); ``covariance`` is that of
-    (log wn, zeta, its real parts, its imaginary parts).
+    (log wn, zeta, its real parts, its imaginary parts). ``large_gain`` is what large motion as an
+    input takes off the least BIC: more than WORTH_BIC where the answer is that of small motion.
     """
 
     wn_rad_s: Known
@@ -106,6 +107,7 @@ class Answer:
     response: Complexes
     covariance: Floats
     eq_23: Eq23
+    large_gain: float
 
 
 def answer_of(fits: Sequence[Fit], *, has_roll_loop: bool = False) -> Answer | None:
@@ -113,11 +115,11 @@ def answer_of(fits: Sequence[Fit], *, has_roll_loop: bool = False) -> Answer | N
 
     With a roll loop that roll does not show, zeta's sigma has the part that the loop may hide.
     """
-    weighted = weights_of(fits)
+    gain = large_gain(fits)
+    weighted = weights_of(fits, gain)
     if not weighted:
         return None
-    is_moved = is_worth_it(fits)
-    counted = [each for each in weighted if is_moved or not each[0].is_small]
+    counted = [each for each in weighted if gain > WORTH_BIC or not each[0].is_small]
     share = np.array([s for _, s in counted])
     share /= share.sum()
     log_wn, zeta = (share @ np.stack([_pair(fit)[0] for fit, _ in counted])).tolist()
@@ -144,30 +146,28 @@ def answer_of(fits: Sequence[Fit], *, has_roll_loop: bool = False) -> Answer | N
     return Answer(
         Known(wn, wn * float(std[0])), Known(zeta, float(std[1])),
         _by_name(counted, share), model, w, G, C,
-        _eq_23(wn, zeta, w, G, C),
+        _eq_23(wn, zeta, w, G, C), gain,
     )  # fmt: skip
 
 
-def is_worth_it(fits: Sequence[Fit]) -> bool:
-    """Return whether large motion as an input takes enough off the BIC to be in the answer."""
+def large_gain(fits: Sequence[Fit]) -> float:
+    """Return what large motion as an input takes off the least BIC; 0 where no fit has it."""
     best, small = best_alone(fits), best_alone(fits, small=True)
-    return best is not None and small is not None and small.bic < best.bic - WORTH_BIC
+    return 0.0 if best is None or small is None else best.bic - small.bic
 
 
-def weights_of(fits: Sequence[Fit]) -> list[tuple[Fit, float]]:
+def weights_of(fits: Sequence[Fit], gain: float = 0.0) -> list[tuple[Fit, float]]:
     """Return the fits that count, and their weights.
 
     Where there are fits of small motion, both kinds must count, and BIC shares the weight.
     """
-    (plain, best), (small, other) = (
-        (_weights([fit for fit in fits if fit.is_small == each]), best_alone(fits, small=each))
-        for each in (False, True)
-    )
-    if best is None or other is None:
+    plain, small = (_weights([fit for fit in fits if fit.is_small == each])
+                    for each in (False, True))  # fmt: skip
+    if not any(fit.is_small for fit in fits):
         return plain
     if not (plain and small):
         return []
-    share = 1.0 / (1.0 + math.exp((other.bic - best.bic) / (2.0 * _temper(best))))
+    share = 1.0 / (1.0 + math.exp(-gain / (2.0 * _temper(plain[0][0]))))
     return [(fit, w * (1.0 - share)) for fit, w in plain] + [(fit, w * share) for fit, w in small]
 
 

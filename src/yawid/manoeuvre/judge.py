@@ -25,11 +25,11 @@ from yawid.answers.reasons import Reason
 from yawid.blocks import AIRSPEED_SHARE, Floats, SampleBlock
 from yawid.config.run import RunConfig
 from yawid.estimation.fit import fit_percent
-from yawid.manoeuvre.answer import Answer, is_worth_it
+from yawid.manoeuvre.answer import Answer
 from yawid.manoeuvre.conditions import SIGMAS
 from yawid.manoeuvre.feedback import rate_feedback
 from yawid.manoeuvre.find import OTHER_SPEED, PERIODS, speed_factor
-from yawid.manoeuvre.fit import Fit, best_alone
+from yawid.manoeuvre.fit import WORTH_BIC, Fit, best_alone
 from yawid.manoeuvre.likelihood import free_decay, freed, shifted, simulated
 from yawid.manoeuvre.signals import Fitted
 from yawid.results.excitation import LEAST_STROKE, own_part
@@ -125,7 +125,13 @@ def reasons(of: Evidence) -> Iterator[Reason]:
     yield from _known(of.answer, of.fit, of.explained_pct)
     yield from _driven(of.fit)
     yield from _fed_back(of, of.answer.wn_rad_s.value)
-    yield from _proportional(of.seen.fits, of.fit)
+    if (gain := of.answer.large_gain) > WORTH_BIC:
+        yield Reason(
+            "not_proportional",
+            "large yaw rates are not in proportion to the rudder (a yaw damper at its limits, or "
+            f"a large sideslip; BIC {gain:.0f} better with them apart): the answer is that of "
+            "small motion",
+        )
     rudder = of.answer.eq_23
     if (effect := of_the_pair(of.fit)) < CLEAR_PAIR:
         yield Reason(
@@ -138,18 +144,6 @@ def reasons(of: Evidence) -> Iterator[Reason]:
             "wrong_sign",
             "positive rudder turns the nose left: the servo is reversed, or --rudder-sign is wrong",
             None if of.setting.config.rudder_unit is None else "Give the other --rudder-sign.",
-        )
-
-
-def _proportional(fits: list[Fit], best: Fit) -> Iterator[Reason]:
-    """Judge whether large motion is as small motion is."""
-    small = best_alone(fits, small=True)
-    if small is not None and is_worth_it(fits):
-        yield Reason(
-            "not_proportional",
-            "large yaw rates are not in proportion to the rudder (a yaw damper at its limits, or "
-            f"a large sideslip; BIC {best.bic - small.bic:.0f} better with them apart): the answer "
-            "is that of small motion",
         )
 
 

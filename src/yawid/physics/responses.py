@@ -114,7 +114,7 @@ class Response(NamedTuple):
 class Blocks:
     """A record in blocks of ``q`` samples: outputs ``y`` (N, outputs), ``runs`` (runs, 2) of them.
 
-    Runs of fewer than ``least`` blocks are left out.
+    Runs of fewer than ``least`` blocks are left out. ``rows`` (N q,) are the samples in blocks.
     """
 
     def __init__(self, record: Record, q: int, least: int = LEAST_BLOCKS) -> None:
@@ -125,7 +125,8 @@ class Blocks:
         ends = np.cumsum([0, *(n for _, n in counts)])
         self.runs = np.stack([ends[:-1], ends[1:]], axis=1)
         rows = [np.arange(a, a + n * q) for a, n in counts]
-        at = np.concatenate([np.empty(0, np.int64), *rows]).reshape(-1, q)
+        self.rows = np.concatenate([np.empty(0, np.int64), *rows])
+        at = self.rows.reshape(-1, q)
         self.y: Floats = record.y[at].mean(axis=1)
         self.u: Floats = record.u[at].transpose(2, 0, 1)
 
