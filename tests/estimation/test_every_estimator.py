@@ -24,14 +24,14 @@ VARIANTS: dict[str, dict[str, Any]] = {
     "two inputs": {"orders": TWO},
     "no input": {"orders": NONE},
 }
-IN_THE_GATE = {"plain", "two inputs"}
-"""Variants of the reference estimator, which is slow, that are not in the long list alone."""
+IN_THE_GATE = "two inputs"
+"""The variant of the reference estimator, which is slow, that is not in the long list alone."""
 KINDS = [
     pytest.param(
         engine,
         {"method": method, **options},
         id=f"{engine} {method}, {name}",
-        marks=() if engine == "numba" or name in IN_THE_GATE else pytest.mark.long,
+        marks=() if engine == "numba" or name == IN_THE_GATE else pytest.mark.long,
     )
     for engine in ("numba", "filterpy")
     for method in ("els", "rml")

@@ -179,7 +179,13 @@ def test_a_run_in_which_none_was_found_says_so_on_the_page(drawn: Drawn) -> None
     assert "hatched" not in Page(html).text
 
 
-@pytest.mark.parametrize("name", EVERY)
+@pytest.mark.parametrize(
+    "name",
+    [
+        "four_of_a_flight", "none_usable",
+        *(pytest.param(name, marks=pytest.mark.long) for name in list(EVERY)[2:]),
+    ],
+)  # fmt: skip
 def test_the_picture_over_airspeed_stands_where_there_are_airspeeds(
     name: str, paged: Paged
 ) -> None:

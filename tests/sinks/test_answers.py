@@ -137,7 +137,7 @@ def test_a_run_that_explodes_is_reported_without_a_warning_or_an_absurd_number(
 
 def test_what_was_held_is_said_once(tmp_path: Path) -> None:
     """Samples without enough before them teach nothing either, but nothing holds them."""
-    run = open_run(replayed(C172P, tmp_path, "--rate", 10, "--forgetting", 1))
+    run = open_run(replayed(C172P, tmp_path, "--rate", 10))
     text = Page(Report(run).html()).text
     counts = [run.summary.estimates[method].held for method in ("els", "rml")]
     assert min(counts) > 0
