@@ -61,7 +61,7 @@ def test_each_log_has_one_outcome_whatever_happens_to_the_processes(tmp_path: Pa
                 number = [signal.SIGKILL, signal.SIGSTOP][hurt.total() % 2]
                 os.kill(drawn.choice(sorted(each.pid for each in now)), number)
                 hurt[number] += 1
-        said = run.communicate()
+        said = run.communicate(timeout=MOST_S)
     assert run.returncode == 0, said
     assert [each for each in below if each.is_running()] == []
     assert min(hurt[signal.SIGKILL], hurt[signal.SIGSTOP]) >= 1
@@ -82,10 +82,10 @@ def test_each_log_has_one_outcome_whatever_happens_to_the_processes(tmp_path: Pa
     with yawid_fleet(
         env, *words, out, "--retry", within_s=MOST_S
     ) as run:  # what was stopped, by its own merits
-        said = run.communicate()
+        said = run.communicate(timeout=MOST_S)
     assert run.returncode == 0, said
     with yawid_fleet(env, *words, tmp_path / "quiet", within_s=MOST_S) as run:
-        said = run.communicate()
+        said = run.communicate(timeout=MOST_S)
     assert run.returncode == 0, said
     again, quiet = (
         {row["path"]: row["outcome"] for row in tables(each)["logs"]}

@@ -76,12 +76,15 @@ def test_a_log_that_is_named_otherwise_is_run_again_and_else_it_is_known(
 @pytest.mark.parametrize(
     ("given", "says"),
     [
-        (["--vehicle", "a", "--vehicle-from", "folder"], "not allowed with"),
+        (
+            ["--vehicle", "a", "--vehicle-from", "folder"],
+            "give --vehicle or --vehicle-from, not both",
+        ),
         (["--vehicle", "  "], "--vehicle must be a name that can be printed, got"),
         (["--vehicle", "a\x1b[2J"], "--vehicle must be a name"),
         (["--vehicle-from", "file"], "must be one of folder, got 'file'"),
-        (["--config", "two.toml"], "--vehicle and --vehicle-from both name the aircraft"),
-        (["--config", "file.toml"], "--vehicle-from must be folder, got 'file'"),
+        (["--config", "two.toml"], "give --vehicle or --vehicle-from, not both"),
+        (["--config", "file.toml"], "--vehicle-from: must be one of folder, got 'file'"),
     ],
 )
 def test_a_name_that_cannot_be_is_one_line_and_2(

@@ -76,7 +76,7 @@ class InThisProcess:
         return future
 
     def rows(self, future: Future[Any]) -> Any:
-        return future.result()
+        return future.result(timeout=60.0)
 
 
 @pytest.fixture

@@ -22,10 +22,10 @@ from yawid.errors import SourceError
 from yawid.sinks.mcap.reader import DAMAGE, McapRun, is_bomb, opened, read_grid
 from yawid.sinks.mcap.schemas import MOTION, SAMPLE, TOPICS, is_ours
 
-Told: TypeAlias = tuple[Schema, Channel, Message]
+Described: TypeAlias = tuple[Schema, Channel, Message]
 
 
-def intact(stream: BinaryIO) -> Iterator[Metadata | Told]:
+def intact(stream: BinaryIO) -> Iterator[Metadata | Described]:
     """Yield the metadata, and each message with its schema and channel, up to the first bad record.
 
     Metadata have no checksum: they are taken as found.
@@ -60,7 +60,7 @@ def intact(stream: BinaryIO) -> Iterator[Metadata | Told]:
 class TornRun(McapRun):
     """A run of which the samples before the first bad record are read."""
 
-    def _messages(self, stream: BinaryIO, topics: list[str]) -> Iterator[Told]:
+    def _messages(self, stream: BinaryIO, topics: list[str]) -> Iterator[Described]:
         for found in intact(stream):
             if not isinstance(found, Metadata) and found[1].topic in topics:
                 yield found
