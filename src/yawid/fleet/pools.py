@@ -149,12 +149,16 @@ def ended_logs(
     """
     done: queue.SimpleQueue[Any] = queue.SimpleQueue()
     waiting, flying = iter(tasks), dict[Any, Task]()
+
+    def start(task: Task) -> None:
+        future = pool.submit(task)
+        flying[future] = task
+        future.add_done_callback(done.put)
+
     task = next(waiting, None)
     while (task or flying) and not stop.is_set:
         while task and len(flying) < QUEUED * pool.threads:
-            future = pool.submit(task)
-            flying[future] = task
-            future.add_done_callback(done.put)
+            start(task)
             task = next(waiting, None)
         try:
             future = done.get(timeout=POLL_S)
@@ -168,9 +172,7 @@ def ended_logs(
         except Exception as error:
             raise SinkError(f"a worker failed: {type(error).__name__}: {error}") from error
         if rows is LOST:
-            future = pool.submit(ended)
-            flying[future] = ended
-            future.add_done_callback(done.put)
+            start(ended)
         else:
             yield ended, rows
 

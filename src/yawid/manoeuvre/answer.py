@@ -116,7 +116,7 @@ def answer_of(fits: Sequence[Fit], *, has_roll_loop: bool = False) -> Answer | N
     With a roll loop that roll does not show, zeta's sigma has the part that the loop may hide.
     """
     gain = large_gain(fits)
-    weighted = weights_of(fits, gain)
+    weighted = weights_of(fits)
     if not weighted:
         return None
     counted = [each for each in weighted if gain > WORTH_BIC or not each[0].is_small]
@@ -156,7 +156,7 @@ def large_gain(fits: Sequence[Fit]) -> float:
     return 0.0 if best is None or small is None else best.bic - small.bic
 
 
-def weights_of(fits: Sequence[Fit], gain: float = 0.0) -> list[tuple[Fit, float]]:
+def weights_of(fits: Sequence[Fit]) -> list[tuple[Fit, float]]:
     """Return the fits that count, and their weights.
 
     Where there are fits of small motion, both kinds must count, and BIC shares the weight.
@@ -167,7 +167,7 @@ def weights_of(fits: Sequence[Fit], gain: float = 0.0) -> list[tuple[Fit, float]
         return plain
     if not (plain and small):
         return []
-    share = 1.0 / (1.0 + math.exp(-gain / (2.0 * _temper(plain[0][0]))))
+    share = 1.0 / (1.0 + math.exp(-large_gain(fits) / (2.0 * _temper(plain[0][0]))))
     return [(fit, w * (1.0 - share)) for fit, w in plain] + [(fit, w * share) for fit, w in small]
 
 
