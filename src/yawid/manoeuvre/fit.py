@@ -123,7 +123,7 @@ class Fit:
         """Return a fit of yaw rate with its pair at wn and zeta; what is linear is solved again."""
         theta, problem = self.theta.copy(), self.of_yaw()
         theta[2 * self.pair : 2 * self.pair + 2] = math.log(wn_rad_s), math.log(zeta)
-        return finished(problem, theta, problem.at(theta), self.inputs)
+        return finished(problem, problem.at(theta), self.inputs)
 
     def response(self, w: Floats) -> tuple[Complexes, Complexes]:
         """Return G(jw) (inputs, n) at w (n,) in rad/s, and the slopes (parameters, inputs, n).
@@ -165,10 +165,8 @@ def limits(blocks: Blocks, of: Structure) -> tuple[Floats, Floats]:
     return low, high
 
 
-def descended(
-    problem: Problem, theta: Floats, steps: int = 12, tolerance: float = 1e-2
-) -> tuple[Floats, Point]:
-    """Return theta and the point of the least squares near theta, by Levenberg and Marquardt.
+def descended(problem: Problem, theta: Floats, steps: int = 12, tolerance: float = 1e-2) -> Point:
+    """Return the point of the least squares near theta, by Levenberg and Marquardt.
 
     The steps end where twice the logarithm of the likelihood gains less than the tolerance.
     """
@@ -195,7 +193,7 @@ def descended(
         theta, point, damping, steps = new, there, max(damping / 5.0, 1e-9), steps - 1
         if gain < tolerance or steps == 0:
             break
-    return theta, point
+    return point
 
 
 def grid(blocks: Blocks) -> list[Floats]:
@@ -248,27 +246,31 @@ def _eliminated(power: Floats, first: int) -> Floats:
 
 def unknowns(problem: Problem, point: Point) -> int:
     """Return how many numbers a fit found, those of the AR included."""
-    found = point.J.shape[1] + point.beta.size + (len(problem.D) - 1) * problem.outputs**2
+    found = len(point.theta) + point.beta.size + (len(problem.D) - 1) * problem.outputs**2
     return int(found)
 
 
-def finished(
-    problem: Problem, theta: Floats, point: Point, inputs: int | None = None, pair: int = 0
-) -> Fit:
-    """Return the fit at theta, where the steps ended, with so many of its ``inputs``, or all."""
-    blocks, of, N = problem.blocks, problem.structure, len(problem.blocks)
+def bic_of(problem: Problem, point: Point) -> float:
+    """Return the BIC of a fit that ended at a point."""
+    rows, N = len(point.e), len(problem.blocks)
+    bic = rows * math.log(float(point.e @ point.e) / rows + 1e-300)
+    bic -= 2.0 * N * math.log(np.linalg.det(problem.D[0]))
+    return bic + unknowns(problem, point) * math.log(N)
+
+
+def finished(problem: Problem, point: Point, inputs: int | None = None, pair: int = 0) -> Fit:
+    """Return the fit at a point, where the steps ended, with so many of its ``inputs``, or all."""
+    blocks, of, theta = problem.blocks, problem.structure, point.theta
     inputs = len(blocks.u) if inputs is None else inputs
     forced = problem.mixing.shape[1] * inputs
     low, high = limits(blocks, of)
-    own, rows = slice(2 * pair, 2 * pair + 2), len(point.e)
-    bic = rows * math.log(float(point.e @ point.e) / rows + 1e-300)
-    bic -= 2.0 * N * math.log(np.linalg.det(problem.D[0]))
-    bic += unknowns(problem, point) * math.log(N)
+    own = slice(2 * pair, 2 * pair + 2)
     low[own.start + 1] = math.log(LIGHTEST)
     return Fit(
         blocks, of, theta, point.beta[0, :forced],
-        _covariance(problem, point, len(theta) + forced), bic, problem.D,
-        point.e.reshape(-1, N), bool(((theta <= low) | (theta >= high))[own].any()), inputs, pair,
+        _covariance(problem, point, len(theta) + forced), bic_of(problem, point), problem.D,
+        point.e.reshape(-1, len(blocks)), bool(((theta <= low) | (theta >= high))[own].any()),
+        inputs, pair,
     )  # fmt: skip
 
 
@@ -308,7 +310,7 @@ def first_of(record: Record, q: int | None = None) -> Fit | None:
         return None
     problem = Problem(coarse, TWO, np.eye(1)[None])
     found = [descended(problem, each, 6, 0.1) for each in grid(coarse)]
-    log_w, log_z = min(found, key=lambda each: float(each[1].e @ each[1].e))[0]
+    log_w, log_z = min(found, key=lambda each: float(each.e @ each.e)).theta
     pair = np.array([log_w, max(log_z, math.log(0.02))])
     q = q or block_size(record, math.exp(log_w), PER_PERIOD, LEAST_ROWS)
     return _fitted(Blocks(record, q), TWO, [pair])
@@ -338,7 +340,7 @@ def refitted(fit: Fit, blocks: Blocks) -> Fit:
     if fit.structure.name != ROLL:
         return _fitted(blocks, fit.structure, [fit.theta], fit.inputs)
     point = Problem(blocks, fit.structure, fit.D).at(fit.theta)
-    return finished(*_with_ar(blocks, fit.structure, fit.theta, point), fit.inputs, fit.pair)
+    return finished(*_with_ar(blocks, fit.structure, point), fit.inputs, fit.pair)
 
 
 def _fitted(
@@ -346,20 +348,17 @@ def _fitted(
 ) -> Fit:
     """Return the fit of yaw rate alone, white or AR."""
     problem = Problem(blocks, of, np.eye(1)[None])
-    theta, point = descended(problem, problem.best_of(starts) if len(starts) > 1 else starts[0])
-    white = finished(problem, theta, point, inputs)
-    coloured = finished(*_with_ar(blocks, of, theta, point), inputs)
-    return min(white, coloured, key=lambda fit: fit.bic)
+    white = descended(problem, problem.best_of(starts) if len(starts) > 1 else starts[0])
+    ends = [(problem, white), _with_ar(blocks, of, white)]
+    return finished(*min(ends, key=lambda end: bic_of(*end)), inputs)
 
 
-def _with_ar(
-    blocks: Blocks, of: Structure, theta: Floats, point: Point
-) -> tuple[Problem, Floats, Point]:
-    """Return the problem, theta and the point with the AR of its own residual."""
+def _with_ar(blocks: Blocks, of: Structure, point: Point) -> tuple[Problem, Point]:
+    """Return the problem and the point with the AR of its own residual."""
     for _ in range(AR_ROUNDS):
         problem = Problem(blocks, of, ar_of(blocks, point.v))
-        theta, point = descended(problem, theta)
-    return problem, theta, point
+        point = descended(problem, point.theta)
+    return problem, point
 
 
 def _with_roll(blocks: Blocks, pair: Floats) -> Fit:
@@ -379,11 +378,11 @@ def _with_roll(blocks: Blocks, pair: Floats) -> Fit:
     found = []
     for of, each in starts.items():
         problem = Problem(blocks, of, D)
-        found.append((*descended(problem, problem.best_of(each), 4), of))
-    theta, point, of = min(found, key=lambda one: float(one[1].e @ one[1].e))
-    problem, theta, point = _with_ar(blocks, of, theta, point)
-    (own,), pairs = TWO.poles(pair), of.poles(theta)[: of.pairs]
-    return finished(problem, theta, point, pair=int(np.argmin(np.abs(np.log(pairs / own)))))
+        found.append((of, descended(problem, problem.best_of(each), 4)))
+    of, point = min(found, key=lambda one: float(one[1].e @ one[1].e))
+    problem, point = _with_ar(blocks, of, point)
+    (own,), pairs = TWO.poles(pair), of.poles(point.theta)[: of.pairs]
+    return finished(problem, point, pair=int(np.argmin(np.abs(np.log(pairs / own)))))
 
 
 def best_alone(fits: Sequence[Fit], *, small: bool = False) -> Fit | None:

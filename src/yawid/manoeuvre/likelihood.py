@@ -72,7 +72,7 @@ def shifted(fit: Fit, rows: Ints) -> Floats:
 
 def freed(fit: Fit, rows: int) -> float:
     """Return the same for one shift, with the poles free to follow it."""
-    e = descended(_later(fit, np.array([rows])), fit.theta, 5, 0.5)[1].e
+    e = descended(_later(fit, np.array([rows])), fit.theta, 5, 0.5).e
     own = fit.e[0]
     return 0.5 * len(e) * math.log(float(e @ e) / float(own @ own))
 

@@ -88,13 +88,14 @@ WITH_ROLL, ROLL_REAL = Structure(ROLL, 2, 1), Structure(ROLL, 1, 3)
 
 
 class Point(NamedTuple):
-    """The fit at theta, whitened rows being those of one output after the other, o N of them.
+    """The fit at ``theta``, whitened rows being those of one output after the other, o N of them.
 
     ``e`` (o N,) is the whitened residual and ``v`` (o, N) the residual itself, ``J`` (o N,
     len(theta)) the slopes of e; ``beta`` (o, elements), ``columns`` (o N, o elements) D X and
     ``slopes`` (o N, len(theta)) D X_j beta.
     """
 
+    theta: Floats
     e: Floats
     v: Floats
     J: Floats
@@ -132,7 +133,7 @@ class Problem:
         W, e, beta, Q, root = self._solved(X)
         slopes, turned = self._slopes(theta, responses, beta, e)
         J = Q @ (Q.T @ slopes - root.T @ turned) - slopes
-        return Point(e, self._measured - beta @ X.T, J, beta, W, slopes)
+        return Point(theta, e, self._measured - beta @ X.T, J, beta, W, slopes)
 
     def best_of(self, thetas: Sequence[Floats]) -> Floats:
         """Return the one of thetas with the least squares."""

@@ -89,7 +89,8 @@ def is_turning(samples: SampleBlock, *, measured: bool = False) -> bool:
     """Return whether the yaw rate is fitted better without the turn that the bank makes.
 
     The BIC decides, over the samples that have both: first that of "2", which costs little, then
-    the least of all structures.
+    the least of all structures. Where none of those that keep the turn comes near the "2" without
+    it, the others without it need not be fitted.
     """
     y = np.where(np.isfinite(samples.turn_rate), samples.y, np.nan)
     same = replace(samples, y=y)
@@ -102,11 +103,8 @@ def is_turning(samples: SampleBlock, *, measured: bool = False) -> bool:
     q = first.blocks.q
     if (without := first_of(removed, q)) is None or without.bic > first.bic - WORTH_BIC:
         return False
-    of_kept, of_removed = (
-        min(fit.bic for fit in fits_of(each, q, own))
-        for each, own in ((kept, first), (removed, without))
-    )
-    return of_removed < of_kept - WORTH_BIC
+    least = min(fit.bic for fit in fits_of(kept, q, first)) - WORTH_BIC
+    return without.bic < least or min(fit.bic for fit in fits_of(removed, q, without)) < least
 
 
 def roll_fault(samples: SampleBlock) -> str:
