@@ -50,7 +50,8 @@ class Pipeline:
     ``rates_hz`` the rates of yaw and rudder messages, and ``of_file`` the rudder, with gains of a
     yaw damper, and the boots. With ``worker``, an executor of one thread, manoeuvres are answered
     there, and ``collect`` returns those that are ready; ``lateral_worker`` is the same for the fits
-    of the bare airframe, which ``collect_lateral`` returns.
+    of the bare airframe, which ``collect_lateral`` returns, and for those of ordinary flight, whose
+    ``running`` answer of the last quarter of an hour follows each window of it.
 
     Raises:
         ConfigError: the rate asked for does not fit the log.
@@ -86,6 +87,9 @@ class Pipeline:
         self._of_file = of_file
         self._ordinary = Ordinary(config.half_travel) if config.is_ordinary else None
         self._answering: Future[OrdinaryAnswer] | None = None
+        self._refit: Future[OrdinaryAnswer] | None = None
+        self._refitted = 0.0
+        self.running: OrdinaryAnswer | None = None
         self._flown = Flown()
 
     def report(self) -> ChannelReport:
@@ -263,11 +267,23 @@ class Pipeline:
         if self._ordinary is not None:
             self._ordinary.feed(samples)
             self._flown.feed(samples)
+            self._run_on(self._ordinary)
         if self._manoeuvres is not None:
             self._manoeuvres.feed(samples, estimates)
             if self._worker is None:
                 self.collect()
                 self.collect_lateral()
+
+    def _run_on(self, flight: Ordinary) -> None:
+        """Take the running answer of ordinary flight, and ask for the next one after a window."""
+        if self._refit is not None and self._refit.done():
+            self.running, self._refit = self._refit.result(), None
+        flown_s = sum(each.seconds for each in flight.by_speed.values())
+        if self._lateral_worker is None or self._refit is not None or flown_s == self._refitted:
+            return
+        last = None if self.running is None else self.running.dutch_roll
+        near, self._refitted = () if last is None else (last.wn_rad_s,), flown_s
+        self._refit = self._lateral_worker.submit(_answered, flight, *near, recent=True)
 
     def _open_bank(self, sample_time_s: float) -> Bank:
         self.bank = Bank(self.config, sample_time_s)
@@ -304,11 +320,11 @@ class Pipeline:
         return self.bank
 
 
-def _answered(flight: Ordinary) -> OrdinaryAnswer:
-    """Return the answer of ordinary flight, refused where its fit fails."""
+def _answered(flight: Ordinary, *near: float, recent: bool = False) -> OrdinaryAnswer:
+    """Return the answer of ordinary flight, refused where its fit fails; see ``answer_of``."""
     try:
         with np.errstate(all="ignore"):  # a step too far is not taken
-            return given(answer_of(flight))
+            return given(answer_of(flight, near, recent=recent))
     except Exception as error:  # whatever happens here, the manoeuvres' answer must stay
         failed = Reason("fit_failed", f"the fit failed: {error}", weight="fatal")
         return OrdinaryAnswer(verdict=Verdict(usable=False, reasons=[failed]))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import re
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import redirect_stdout
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -22,15 +23,20 @@ from yawid.answers.model_parts import DutchRoll
 from yawid.answers.ordinary import OrdinaryAnswer
 from yawid.answers.reasons import Verdict
 from yawid.answers.run_summary import Flight, RunSummary
+from yawid.channels.stage import WANTED
 from yawid.cli.main import main
 from yawid.config.run import RunConfig
 from yawid.dataset.schema import TABLES
 from yawid.dataset.summary_rows import flight_rows
 from yawid.errors import NotIdentifiable
+from yawid.pipeline import Pipeline
 from yawid.report.bare import ordinary_section, spectra_picture
 from yawid.report.write import write_report
 from yawid.results.ordinary_flight import compared
+from yawid.runs.live.publish import values_of
+from yawid.runs.live.running_answer import RunningAnswer, said
 from yawid.sinks.run_page import print_summary
+from yawid.sources.mavlink.decoder import Decoder
 
 
 @pytest.fixture(scope="session")
@@ -248,6 +254,36 @@ def test_a_live_session_ends_with_the_answer_of_the_replay(log: Path, tmp_path: 
     assert ended.summary.ordinary
     assert ended.summary.ordinary == again.ordinary
     assert ended.exit_code == 5
+
+
+def test_a_live_session_has_a_number_of_ordinary_flight_while_it_runs(log: Path) -> None:
+    """Its worker fits once a window, and what is published has names of its own."""
+    decoder, config = Decoder(WANTED), RunConfig(ordinary="auto")
+    with ThreadPoolExecutor(1) as fits, ThreadPoolExecutor(1) as lateral:
+        pipeline = Pipeline(config, worker=fits, lateral_worker=lateral)
+        data = log.read_bytes()
+        size = len(data) // 36
+        seen = []
+        for first in range(0, len(data), size):
+            pipeline.feed(decoder.feed(data[first : first + size]))
+            lateral.submit(int).result()  # the fit before this one has ended
+            seen.append(said(RunningAnswer().look(pipeline, decoder.link)))
+        pipeline.finish()
+        ended = pipeline.ordinary()
+    texts = list(dict.fromkeys(text for text in seen if "ordinary" in text))
+    answer = RunningAnswer().look(pipeline, decoder.link)
+    running = answer.ordinary.dutch_roll
+
+    assert not any("ordinary" in text for text in seen[:25])  # 290 s of flight are needed
+    assert re.fullmatch(
+        r"running: not known yet; ordinary: wn [\d.]+ ± [\d.]+ rad/s, .*after [56] min", texts[0]
+    )
+    assert abs(running.wn_rad_s - ended.dutch_roll.wn_rad_s) < running.wn_std
+    assert [values_of(answer, i) for i in range(4)] == [{"yaw_ok": 0.0}] * 4
+    assert values_of(answer, 4) == {
+        "ord_wn": running.wn_rad_s, "ord_wn_sd": running.wn_std,
+        "ord_zeta": running.zeta, "ord_z_sd": running.zeta_std,
+    }  # fmt: skip
 
 
 def summary(wn: float, zeta: float, loop: str = "airframe") -> RunSummary:

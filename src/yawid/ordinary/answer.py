@@ -76,9 +76,14 @@ _TURN = "Fly twelve minutes at one airspeed, with turns of 20 degrees of bank or
 _DOUBLETS = "Fly rudder doublets."
 
 
-def answer_of(flight: Ordinary) -> OrdinaryAnswer:
-    """Return what a flight answers. Gates that are facts come before any fit."""
-    sums, lost = flight.sums(), flight.lost_s
+def answer_of(
+    flight: Ordinary, near: tuple[float, ...] = (), *, recent: bool = False
+) -> OrdinaryAnswer:
+    """Return what a flight answers, or its ``recent`` part; ``near`` has starts of wn in rad/s.
+
+    Gates that are facts come before any fit.
+    """
+    sums, lost = flight.sums(recent=recent), dict(flight.lost_s)
     cause = max(lost, key=lambda name: lost[name], default="")
     is_rudder = "rudder" in cause and 2.0 * lost[cause] > flight.seen_s
     why = f"; {lost[cause]:.0f} s are {cause}" if cause and lost[cause] > 0.0 else ""
@@ -100,7 +105,7 @@ def answer_of(flight: Ordinary) -> OrdinaryAnswer:
     if not facts:
         return facts
     search = Search(sums)
-    fits = search.fits()
+    fits = search.fits(near)
     if fits:
         return _of_fits(facts, search, fits)
     return replace(facts, verdict=_verdict((True, "no_mode", "no fit shows an oscillation", _TURN)))

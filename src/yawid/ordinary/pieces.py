@@ -8,7 +8,7 @@ The flight is judged in pieces of 20 s of the vehicle's clock. A piece is ordina
 
 Six such pieces in a row are a window of 120 s, and the last three of them begin the next one. The
 rest of a row is a window, too, if it has 40 s. Where a stream was cut into blocks changes nothing.
-What is kept is bounded: the sums of each airspeed, to 3 %.
+What is kept is bounded: the sums of each airspeed, to 3 %, and those of the last windows.
 """
 
 import math
@@ -44,6 +44,8 @@ OWN_PART = 0.05
 .6 and more. With lags, the aileron of a calm flight explains a damper too, as it explains r."""
 BANKED, MEAN_S = 0.14, 2.0
 """The bank in rad of a turn, as a mean over so many s: gusts have less."""
+RECENT = 15
+"""The windows of ``recent``, a quarter of an hour: three times the least that an answer needs."""
 _PIECE_US = round(1e6 * PIECE_S)
 
 
@@ -51,7 +53,8 @@ class Ordinary:
     """An ordinary flight: ``move`` motion and ``feed`` samples, then ``finish``.
 
     ``travel_unit`` is half the rudder's travel in the unit of ``u``. ``by_speed`` has the sums by
-    airspeed; ``lost_s`` has the time in s that was left out by its cause, and ``seen_s`` all of it.
+    airspeed, ``recent`` the last windows; ``lost_s`` has the time in s that was left out by
+    its cause, and ``seen_s`` all of it. Another thread may read all of them meanwhile.
     """
 
     def __init__(self, travel_unit: float = 1.0) -> None:
@@ -61,6 +64,7 @@ class Ordinary:
         self._row: list[SampleBlock] = []
         self._new = 0
         self.by_speed: dict[int, Sums] = {}
+        self.recent: tuple[tuple[int, Sums], ...] = ()
         self.lost_s: defaultdict[str, float] = defaultdict(float)
         self.seen_s = 0.0
 
@@ -87,9 +91,9 @@ class Ordinary:
             self._judge(piece)
         self._end_row()
 
-    def sums(self) -> Sums:
+    def sums(self, *, recent: bool = False) -> Sums:
         """Return the sums of the neighbouring airspeeds that were flown longest."""
-        at = sorted(self.by_speed.items())
+        at = self.recent if recent else sorted(self.by_speed.items())
         runs = (sum((x for j, x in at if i <= j < i + BINS), NONE) for i, _ in at)
         return max(runs, key=lambda x: x.seconds, default=NONE)
 
@@ -98,7 +102,7 @@ class Ordinary:
         seconds = len(piece) * piece.sample_time_s
         self.seen_s += seconds
         cause = self._why_not(piece)
-        if cause is not None or not self._follows(piece):
+        if cause is not None or (self._row and not self._follows(piece)):
             self._end_row()
         if cause is not None:
             self.lost_s[cause] += seconds
@@ -111,8 +115,6 @@ class Ordinary:
 
     def _follows(self, piece: SampleBlock) -> bool:
         """Return whether a piece goes on from the row, at its airspeed."""
-        if not self._row:
-            return True
         gap_us = int(piece.boot_us[0]) - int(self._row[-1].boot_us[-1])
         speed, before = (float(np.nanmean(x.airspeed)) for x in (piece, self._row[-1]))
         return (
@@ -166,6 +168,7 @@ class Ordinary:
         at = math.floor(math.log(motion.airspeed_m_s) / math.log(1.0 + SAME_SPEED / 2.0))
         sums = window_sums(motion, aileron, new_s, turns)
         self.by_speed[at] = self.by_speed.get(at, NONE) + sums
+        self.recent = (*self.recent, (at, sums))[-RECENT:]
 
 
 def _pieces(samples: SampleBlock) -> Iterator[SampleBlock]:

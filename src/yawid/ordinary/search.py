@@ -40,11 +40,14 @@ class Search:
         wide = spectra(sums, WIDE[0], WIDE[1], JOINED)
         self._wide = Band(*wide, sums.speed / sums.seconds, self.law, (np.zeros(0), np.zeros(0)))
 
-    def fits(self) -> list[Fitted]:
-        """Return the ends of the best starts on one band, the best of them first."""
+    def fits(self, near: tuple[float, ...] = ()) -> list[Fitted]:
+        """Return the ends of the best starts on one band, the best of them first.
+
+        They are over all frequencies, or ``near`` some wn in rad/s.
+        """
         starts = [
             fit(start, replace(self._wide, known=known), STEPS)
-            for start, known in (self._start(wn) for wn in STARTS if wn < 0.75 * self.limit)
+            for start, known in (self._start(wn) for wn in near or STARTS if wn < 0.75 * self.limit)
         ]
         ordered = sorted((x for x in starts if x.wn > 0.0), key=lambda x: -x.loss)
         picked = {round(math.log(each.wn) / APART): each for each in ordered}

@@ -5,7 +5,7 @@ import re
 from collections.abc import Callable, Sequence
 from functools import partial
 
-from yawid.answers.run_summary import Manoeuvre
+from yawid.answers.run_summary import DutchRoll, Manoeuvre
 from yawid.runs.live.running_answer import Answer
 from yawid.runs.live.vehicle_session import LiveSession
 from yawid.sinks.words import dutch_roll, says
@@ -16,6 +16,8 @@ SETTLE_S = 10.0
 """What a log lacks is not sent in its first seconds, when few data have arrived."""
 SILENT_US = 5_000_000
 """Nothing is published for a vehicle that has been silent for this long."""
+ORDINARY_EACH = 5
+"""One round in so many has the values of ordinary flight instead: both would be 290 bytes."""
 REASON_S = 15.0
 """The least time between two texts that say "not usable" for different reasons."""
 
@@ -25,6 +27,7 @@ class Published:
 
     def __init__(self) -> None:
         self.round_s = -math.inf
+        self.rounds = 0
         self.manoeuvres = 0
         self.since_s = math.inf
         self.state: str | None = None
@@ -102,8 +105,9 @@ class Publish:
             self._report_change(vehicle[0], answer, known, now_s)
         newest_us = [us for us in pipeline.channels.segmenter.newest if us is not None]
         boot_ms = max(newest_us, default=0) // 1000
-        if self._publisher.send_round(vehicle[0], boot_ms, values_of(answer), now_s):
-            known.round_s = now_s
+        values = values_of(answer, known.rounds)
+        if self._publisher.send_round(vehicle[0], boot_ms, values, now_s):
+            known.round_s, known.rounds = now_s, known.rounds + 1
 
     def _report_manoeuvres(self, sysid: int, session: LiveSession, known: Published) -> None:
         """Queue a text on each manoeuvre answered since the last call."""
@@ -126,19 +130,30 @@ class Publish:
         self._publisher.say(sysid, severity, verdict_text(answer), about="verdict")
 
 
-def values_of(answer: Answer) -> dict[str, float]:
+def values_of(answer: Answer, number: int = 0) -> dict[str, float]:
     """Return the values to publish: wn in rad/s, zeta, their sigmas, and ``yaw_ok``.
 
     ``yaw_ok`` is 1.0 for a usable answer of the flight. For the running number, which is not
-    judged and whose sigma is of noise, it is 0.0. A number that is unknown is left out.
+    judged and whose sigma is of noise, it is 0.0. A number that is unknown is left out. Where
+    ordinary flight has numbers, some rounds, by their ``number``, have these instead.
     """
+    ordinary = None if answer.ordinary is None else answer.ordinary.dutch_roll
+    if ordinary is not None and number % ORDINARY_EACH == ORDINARY_EACH - 1:
+        return _named("ord", ordinary)
     roll = answer.known or answer.running
-    values: dict[str, float | None] = {}
-    if roll is not None:
-        values |= {"yaw_wn": roll.wn_rad_s, "yaw_wn_sd": roll.wn_std}
-        values |= {"yaw_zeta": roll.zeta, "yaw_z_sd": roll.zeta_std}
-    known = {n: value for n, value in values.items() if value is not None and math.isfinite(value)}
-    return known | {"yaw_ok": float(answer.known is not None)}
+    return _named("yaw", roll) | {"yaw_ok": float(answer.known is not None)}
+
+
+def _named(first: str, roll: DutchRoll | None) -> dict[str, float]:
+    """Return the known numbers of a Dutch roll, by names that begin with a word."""
+    if roll is None:
+        return {}
+    values = {"wn": roll.wn_rad_s, "wn_sd": roll.wn_std, "zeta": roll.zeta, "z_sd": roll.zeta_std}
+    return {
+        f"{first}_{name}": value
+        for name, value in values.items()
+        if value is not None and math.isfinite(value)
+    }
 
 
 def manoeuvre_text(found: Manoeuvre) -> str:

@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from yawid.answers.ordinary import OrdinaryAnswer
 from yawid.answers.reasons import Verdict
 from yawid.answers.run_summary import DutchRoll, Flight
 from yawid.blocks import Status
@@ -32,11 +33,13 @@ class Answer(NamedTuple):
     ``verdict`` is the flight's; before a manoeuvre is answered it says what the log lacks, and is
     None where it lacks nothing. ``flights`` are the flight's answers. ``running`` is the stream's
     Dutch roll until the flight has a usable answer, None while it is not known well enough.
+    ``ordinary`` is that of ordinary flight of the last quarter of an hour, with ``--ordinary``.
     """
 
     verdict: Verdict | None
     flights: tuple[Flight, ...] = ()
     running: DutchRoll | None = None
+    ordinary: OrdinaryAnswer | None = None
 
     @property
     def known(self) -> DutchRoll | None:
@@ -51,11 +54,15 @@ class Answer(NamedTuple):
 
 
 def said(answer: Answer) -> str:
-    """Return wn and zeta in words, or that they are not known yet."""
-    if answer.known is not None:
-        return dutch_roll(answer.known)
+    """Return wn and zeta in words, or that they are not known yet; and those of ordinary flight."""
     known = None if answer.running is None else dutch_roll(answer.running)
-    return "running: not known yet" if known is None else f"{NOT_JUDGED}: {known}"
+    text = "running: not known yet" if known is None else f"{NOT_JUDGED}: {known}"
+    if answer.known is not None:
+        text = dutch_roll(answer.known)
+    if answer.ordinary is None or answer.ordinary.dutch_roll is None:
+        return text
+    after = f"after {answer.ordinary.seen_s / 60.0:.0f} min"
+    return f"{text}; ordinary: {dutch_roll(answer.ordinary.dutch_roll)} {after}"
 
 
 class RunningAnswer:
@@ -71,9 +78,8 @@ class RunningAnswer:
         verdict = flights[0].verdict if flights else Verdict.of(of_the_log)
         is_known = bool(flights) and verdict.usable
         running = self._running(pipeline)
-        if not flights and verdict.usable:
-            return Answer(None, flights, running)
-        return Answer(verdict, flights, None if is_known else running)
+        said_of = None if not flights and verdict.usable else verdict
+        return Answer(said_of, flights, None if is_known else running, pipeline.running)
 
     def _running(self, pipeline: Pipeline) -> DutchRoll | None:
         """Return the stream's Dutch roll while wn is known to 10 % by P's sigma.
