@@ -27,7 +27,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "physics": {"config", "estimation"},
     "lateral": {"estimation"},
     "offline": {"config", "estimation", "physics"},
-    "models": {"config", "physics"},
+    "models": {"config", "lateral", "physics"},
     "damper": {"config", "models", "physics"},
     "results": {"config", "estimation", "physics"},
     "manoeuvre": {"config", "estimation", "lateral", "physics", "results"},

@@ -10,7 +10,7 @@ from yawid.damper.refusals import MOST_GAIN_STD, Refused, check_sigma, check_tur
 from yawid.errors import NotIdentifiable
 from yawid.models.answered import Answered
 from yawid.models.draws import Aircraft, drawn_aircraft
-from yawid.models.flown import Flown, flown_in
+from yawid.models.flown import Flown
 from yawid.models.identify import Recorded
 
 
@@ -23,10 +23,6 @@ class Facts(Recorded):
         """Return the damper at each airspeed, for the unit that this run's rudder has."""
         laws = [autopilot.law(known, known[autopilot.loop_rate], v) for v in airspeeds_m_s]
         return [replace(law, scaling=law.scaling * self.config.half_travel) for law in laws]
-
-    def flown(self, manoeuvres: Sequence[Manoeuvre]) -> list[Flown]:
-        """Return the manoeuvres that have samples, with these."""
-        return flown_in(self.rows(manoeuvres), self.config)
 
     def turn_left(
         self, found: Manoeuvre, autopilot: Autopilot, known: Mapping[str, float]
@@ -90,5 +86,7 @@ def _turned(model: Answered, flown: Flown, left: float) -> Answered:
     """
     if left == 0.0:
         return model
-    poles, residues = model.halves()
-    return model.with_rudder(residues[0] - left * flown.explained_by_rudder(poles, flown.turn_rate))
+    turn = flown.explained_by_rudder(model.upper, flown.turn_rate)
+    x = model.x.copy()
+    x[model.order : 2 * model.order] -= left * turn
+    return replace(model, x=x)

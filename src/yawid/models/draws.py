@@ -5,7 +5,7 @@ Moved to the flight's airspeed, the draws' Dutch rolls have the flight's wn and 
 its total sigmas.
 
 Models of different structures have one form where they hold: that of a pair and one real pole, the
-median of theirs, whose residues are solved by least squares.
+median of theirs, whose numerator is solved by least squares.
 """
 
 from collections.abc import Sequence
@@ -16,7 +16,7 @@ import numpy as np
 
 from yawid.answers.run_summary import Flight
 from yawid.blocks import Ints
-from yawid.models.answered import LEAST_ZETA, MOST_ZETA, Answered, band_of, columns_of
+from yawid.models.answered import LEAST_ZETA, MOST_ZETA, Answered, band_of
 from yawid.physics.continuous import Transfer, pole_of
 from yawid.physics.modes import Complexes
 
@@ -89,17 +89,14 @@ def drawn_aircraft(flight: Flight, models: Sequence[Answered]) -> Aircraft | Non
 def alike(G: Transfer, wn_rad_s: float, reals: Complexes) -> Transfer:
     """Return models with their own pairs and these real poles (m,), with nearly their responses.
 
-    Their residues have the least relative error where a model with a pair at ``wn_rad_s`` holds.
+    Their numerators have the least relative error where a model with a pair at ``wn_rad_s`` holds.
     """
-    s, pair = band_of(wn_rad_s), G.dutch_roll
-    lags = np.tile(reals, (len(G), 1))
-    X = columns_of(pair[:, None], lags, s) / G.at(s)[:, :, None]
-    goal = np.repeat([1.0, 0.0], len(s))
-    found = np.linalg.pinv(np.concatenate([X.real, X.imag], axis=1)) @ goal
-    r = found[:, 0] + 1j * found[:, 1]
-    return Transfer(
-        np.column_stack([pair, np.conj(pair), lags]), np.column_stack([r, np.conj(r), found[:, 2:]])
-    )
+    s, pair, powers = band_of(wn_rad_s), G.dutch_roll, np.arange(2 + len(reals))
+    poles = np.column_stack([pair, np.conj(pair), np.tile(reals, (len(G), 1))])
+    den = (s[:, None] - poles[:, None, :]).prod(axis=2)
+    X = s[:, None] ** powers / (den * G.at(s))[:, :, None]
+    num = np.linalg.pinv(np.concatenate([X.real, X.imag], axis=1)) @ np.repeat([1.0, 0.0], len(s))
+    return Transfer.of(poles, (poles[:, :, None] ** powers @ num[:, :, None])[:, :, 0])
 
 
 def _median_real(G: Transfer) -> Complexes:

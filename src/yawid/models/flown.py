@@ -4,18 +4,17 @@ They are those of the fit, and so are the responses (:mod:`yawid.physics.respons
 states, one for each pole and each run without a gap, and the bias are solved by least squares.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from datetime import datetime
 from typing import Final
 
 import numpy as np
+from scipy import signal
 
 from yawid.answers.run_summary import Manoeuvre
 from yawid.blocks import Bools, Floats, SampleBlock, runs_of
 from yawid.config.run import RunConfig
 from yawid.models.answered import Answered
-from yawid.physics.frequency_response import frequency_response
 from yawid.physics.modes import Complexes
 from yawid.physics.responses import Blocks, Record, averaged, inputs_and_rate
 
@@ -43,6 +42,27 @@ class Flown:
     turn_rate: Floats
     simulated: Floats = field(default_factory=lambda: np.empty(0))
 
+    @classmethod
+    def of(cls, found: Manoeuvre, samples: SampleBlock, config: RunConfig) -> "Flown | None":
+        """Return a manoeuvre's samples, out of those of a run; None where it has none."""
+        t, near = samples.boot_us / 1e6, 1e-3 * samples.sample_time_s  # its seconds are rounded
+        rows: Bools = (t >= found.from_s - near) & (t <= found.to_s + near)
+        try:  # another boot may have the same seconds
+            begin_ns = datetime.fromisoformat(found.date or "").timestamp() * 1e9
+        except ValueError:  # a record without a date, or a file that somebody has changed
+            begin_ns = np.nan
+        away_ns = np.abs(samples.unix_ns - begin_ns - 0.5e9 * found.duration_s)
+        rows &= ~(away_ns > 0.5e9 * found.duration_s + _AWAY_NS)
+        if not rows.any():
+            return None
+        samples, measured = samples.select(rows), config.rudder_is == "measured"
+        if config.output == "yaw":
+            samples = averaged(samples, measured=measured)
+        turned = found.turn_removed and config.turn == "keep"
+        u, held, y = inputs_and_rate(samples, found.inputs, measured=measured, turn_removed=turned)
+        t, turn_rate = samples.boot_us / 1e6, samples.turn_rate
+        return cls(found, samples.sample_time_s, t, u, held, y, turn_rate)
+
     @property
     def known(self) -> Bools:
         """The samples (n,) that are no gap."""
@@ -56,11 +76,9 @@ class Flown:
 
     def with_model(self, model: Answered) -> "Flown":
         """Return it with the yaw rate of a model; NaN in a gap."""
-        poles, residues = model.halves()
-        forced, free = self._responses(poles)
-        twice = np.where(poles.imag > 0.0, 2.0, 1.0)
-        answer = np.einsum("nim,im->n", forced, residues * twice).real
+        forced, free = self._responses(model.upper)
         found = np.full(len(self.y), np.nan)
+        answer = forced @ model.x[model.order :]
         rest = np.linalg.lstsq(free, self.y[self.known] - answer)[0]
         found[self.known] = answer + free @ rest
         return replace(self, simulated=found)
@@ -70,77 +88,40 @@ class Flown:
         y, simulated = self.y[self.longest], self.simulated[self.longest]
         if len(y) < 8 * SEGMENTS or not np.ptp(simulated) > 0.0:
             return np.full(len(w), np.nan)
-        length_s = len(y) // SEGMENTS * self.sample_time_s
-        found = frequency_response(simulated, y, self.sample_time_s, length_s)
-        at = 2.0 * np.pi * found.frequency_hz
-        return np.interp(w, at, found.coherence, left=np.nan, right=np.nan)
+        rate = 2.0 * np.pi / self.sample_time_s
+        at, found = signal.coherence(simulated, y, rate, nperseg=len(y) // SEGMENTS)
+        known: Floats = np.interp(w, at[1:], found[1:], left=np.nan, right=np.nan)
+        return known
 
-    def explained_by_rudder(self, poles: Complexes, y: Floats) -> Complexes:
-        """Return the residues (m,) with which the rudder explains another output y (n,) best."""
+    def explained_by_rudder(self, poles: Complexes, y: Floats) -> Floats:
+        """Return the residues with which the rudder explains another output y (n,) best.
+
+        Of ``poles`` (m,), one of each pair, they are numbers as :class:`Answered` has them.
+        """
         forced, free = self._responses(poles)
-        x, pairs = forced[:, 0], poles.imag > 0.0
-        parts = np.concatenate([x.real * np.where(pairs, 2.0, 1.0), -2.0 * x.imag[:, pairs]], 1)
+        n = forced.shape[1] // len(self.found.inputs)
         y = y[self.known]
         known = np.isfinite(y)
-        found = np.linalg.lstsq(np.column_stack([parts, free])[known], y[known])[0]
-        residues: Complexes = found[: len(poles)].astype(complex)
-        residues[pairs] += 1j * found[len(poles) : parts.shape[1]]
-        return residues
+        found = np.linalg.lstsq(np.column_stack([forced[:, :n], free])[known], y[known])[0]
+        return np.asarray(found[:n], np.float64)
 
-    def _responses(self, poles: Complexes) -> tuple[Complexes, Floats]:
-        """Return the forced responses (k, inputs, m), and a column (k,) for each free part.
+    def _responses(self, poles: Complexes) -> tuple[Floats, Floats]:
+        """Return columns (k,) for each input's residues' numbers, and for each free part.
 
         Their rows are the k samples that are no gap.
         """
         record = Record.of(self.sample_time_s, self.held, self.y)
         found = Blocks(record, 1, least=1).responses(poles)
-        free = [r.free.real for r in found]
-        free += [r.free.imag for r, p in zip(found, poles, strict=True) if p.imag > 0.0]
+        units = [
+            (2.0, 2.0j) if pole.imag > 0.0 else (1.0,) for pole in poles
+        ]  # 2 Re(R x) of a pair
+
+        def columns(i: int) -> Floats:
+            every = np.stack(
+                [(own * x[i]).real for x, of in zip(found, units, strict=True) for own in of],
+                axis=2,
+            )
+            return np.asarray(every.reshape(len(every), every.shape[1] * every.shape[2]))
+
         bias = np.ones(np.count_nonzero(self.known))
-        return np.stack([r.forced for r in found], axis=2), np.column_stack([*free, bias])
-
-
-class Rows:
-    """The samples of one manoeuvre, taken from the blocks of a run."""
-
-    def __init__(self, found: Manoeuvre) -> None:
-        self.found = found
-        self._parts: list[SampleBlock] = []
-        try:
-            begin = datetime.fromisoformat(found.date or "").timestamp()
-        except ValueError:  # a record without a date, or a file that somebody has changed
-            begin = np.nan
-        self._from_ns = begin * 1e9 - _AWAY_NS
-        self._to_ns = (begin + found.duration_s) * 1e9 + _AWAY_NS
-
-    def add(self, samples: SampleBlock) -> None:
-        """Take the manoeuvre's samples from a block; another boot may have the same seconds."""
-        t = samples.boot_us / 1e6
-        # A tolerance of a thousandth of a sample, since the summary's seconds are rounded.
-        near = 1e-3 * samples.sample_time_s
-        rows: Bools = (t >= self.found.from_s - near) & (t <= self.found.to_s + near)
-        if np.isfinite(self._from_ns):
-            rows &= (samples.unix_ns >= self._from_ns) & (samples.unix_ns <= self._to_ns)
-        if rows.any():
-            self._parts.append(samples.select(rows))
-
-    def flown(self, config: RunConfig) -> Flown | None:
-        """Return the samples; None where the run has none."""
-        if not self._parts:
-            return None
-        samples, found = SampleBlock.joined(self._parts), self.found
-        if config.output == "yaw":
-            samples = averaged(samples, measured=config.rudder_is == "measured")
-        u, held, y = inputs_and_rate(
-            samples,
-            found.inputs,
-            measured=config.rudder_is == "measured",
-            turn_removed=found.turn_removed and config.turn == "keep",
-        )
-        t, turn_rate = samples.boot_us / 1e6, samples.turn_rate
-        return Flown(found, samples.sample_time_s, t, u, held, y, turn_rate)
-
-
-def flown_in(rows: Sequence[Rows], config: RunConfig) -> list[Flown]:
-    """Return the manoeuvres that have samples."""
-    return [flown for each in rows if (flown := each.flown(config)) is not None]
+        return columns(0), np.column_stack([columns(2), bias])

@@ -7,6 +7,7 @@ mean of its manoeuvres' in one form, and their covariance is that of the flight'
 bare airframe has the states of :mod:`yawid.lateral.model`.
 """
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -15,16 +16,16 @@ from typing import Any
 import numpy as np
 
 from yawid.answers.reasons import Verdict
-from yawid.answers.run_summary import HIGHEST, LOWEST, Bare, Flight, Manoeuvre, RunSummary
+from yawid.answers.run_summary import HIGHEST, LOWEST, Flight, Manoeuvre, RunSummary
 from yawid.blocks import Floats, SampleBlock
 from yawid.config.run import RunConfig
 from yawid.errors import ConfigError, NotIdentifiable
-from yawid.models.answered import Answered, why_not
+from yawid.lateral.model import NAMES, airframe
+from yawid.models.answered import Answered, changes_of, why_not
 from yawid.models.draws import drawn_aircraft
-from yawid.models.flown import Flown, Rows
-from yawid.models.linear import Form, LinearModel, Matrices, Signal, changes_of
+from yawid.models.flown import Flown
+from yawid.models.linear import Form, LinearModel, Matrices, Signal
 from yawid.physics.continuous import Transfer
-from yawid.quantities.airspeed import GRAVITY
 from yawid.quantities.units import HALF_TRAVEL, unit_of_derivative
 
 HELD, MEAN = "held", "mean"
@@ -54,13 +55,13 @@ class Recorded:
         commanded = self.config.rudder_is == "commanded"
         return HELD if commanded and (rate_hz or np.inf) * self.sample_time_s < 1.02 else MEAN
 
-    def rows(self, manoeuvres: Sequence[Manoeuvre]) -> list[Rows]:
-        """Return the samples of manoeuvres, in one pass over those of the run."""
-        found = [Rows(each) for each in manoeuvres]
-        for block in self.samples:
-            for each in found:
-                each.add(block)
-        return found
+    def flown(self, manoeuvres: Sequence[Manoeuvre]) -> list[Flown]:
+        """Return the manoeuvres that have samples, with these."""
+        if not (blocks := list(self.samples)):
+            return []
+        samples = SampleBlock.joined(blocks)
+        found = (Flown.of(each, samples, self.config) for each in manoeuvres)
+        return [each for each in found if each is not None]
 
     @property
     def used(self) -> list[Manoeuvre]:
@@ -93,8 +94,7 @@ def model_of(run: Recorded, which: int | str) -> LinearModel:
         numbers = ", ".join(str(each.n) for each in run.summary.manoeuvres or ()) or "none"
         has = f"a model is that of flight, bare or a manoeuvre ({numbers})"
         raise ConfigError(f"there is no model of {which!r}: {has}")
-    [rows] = run.rows([found])
-    return model_of_answer(run, Answered.of(found), rows.flown(run.config))
+    return model_of_answer(run, Answered.of(found), next(iter(run.flown([found])), None))
 
 
 def model_of_answer(run: Recorded, model: Answered, flown: Flown | None) -> LinearModel:
@@ -197,17 +197,10 @@ def _bare(run: Recorded) -> LinearModel:
 
 def _airframe(values: Floats, names: Sequence[str], airspeed_m_s: float) -> Matrices:
     """Return the matrices of the bare airframe; inputs are the deflections after the servos."""
-    of = dict.fromkeys(Bare.NAMES, 0.0) | dict(zip(names, values.tolist(), strict=True))
-    alpha = of["alpha_rad"]
-    A = np.array([
-        [of["Y_beta"], alpha, -1.0, GRAVITY / airspeed_m_s * np.cos(alpha)],
-        [of["L_beta"], of["L_p"], of["L_r"], 0.0],
-        [of["N_beta"], of["N_p"], of["N_r"], 0.0],
-        [0.0, 1.0, np.tan(alpha), 0.0],
-    ])  # fmt: skip
-    columns = ((0.0, "L_delta_a", "N_delta_a"), ("Y_delta_r", "L_delta_r", "N_delta_r"))
-    B = np.array([[of[n] if isinstance(n, str) else n for n in each] + [0.0] for each in columns]).T
-    return A, B, np.eye(4), np.zeros((4, 2))
+    of = dict(zip(names, values.tolist(), strict=True))
+    of |= {"alpha": of["alpha_rad"], "log_Y_beta": math.log(-of["Y_beta"])}
+    A, B = airframe(np.array([[of.get(name, 0.0) for name in NAMES]]), airspeed_m_s)
+    return A[0, :4, :4], B[0, :4, :2], np.eye(4), np.zeros((4, 2))
 
 
 def _judged(verdict: Verdict) -> dict[str, Any]:

@@ -14,13 +14,12 @@ from scipy import signal
 
 from yawid.blocks import Floats
 from yawid.errors import ConfigError
+from yawid.models.answered import changes_of
 from yawid.models.flown import Flown
 from yawid.physics.modes import Complexes
 
 Matrices = tuple[Floats, Floats, Floats, Floats]
 """A (n, n), B (n, inputs), C (outputs, n), D (outputs, inputs)."""
-STEP = 1e-3
-"""Steps of the differences, in sigmas."""
 COHERENT = 0.6
 """The least coherence at which the response has a sigma: below it the model does not explain what
 was measured there. Signals that have nothing in common reach it in .6 % of records of 4 segments,
@@ -75,19 +74,6 @@ class FrequencyResponse(NamedTuple):
     magnitude_std: Floats
     phase_std_rad: Floats
     coherence: Floats
-
-
-def changes_of(
-    of: Callable[[Floats], np.ndarray], values: Floats, covariance: Floats
-) -> np.ndarray:
-    """Return the changes (..., p) of a function, each by a sigma along an axis of the covariance.
-
-    The squares of the changes add up to the variance; ``values`` (p,), ``covariance`` (p, p).
-    """
-    std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    size, axes = np.linalg.eigh(covariance / np.outer(*2 * [np.where(std > 0.0, std, 1.0)]))
-    steps = STEP * (std[:, None] * axes * np.sqrt(np.maximum(size, 0.0))).T
-    return np.stack([of(values + d) - of(values - d) for d in steps], axis=-1) / (2.0 * STEP)
 
 
 @dataclass(frozen=True, slots=True)

@@ -64,39 +64,39 @@ class Transfer:
         found: Complexes = terms.sum(axis=2)
         return found
 
+    @classmethod
+    def of(cls, poles: Complexes, numerator: Complexes) -> "Transfer":
+        """Return N(s) over the product of all (s - p_i); ``numerator`` (n, m) has N at each p_i."""
+        return cls(poles, numerator / _without_each(poles[:, :, None] - poles[:, None, :]))
+
+    def with_poles(self, poles: Complexes) -> "Transfer":
+        """Return them with other poles (n, m); zeros and the high end stay, and so does N."""
+        parts = _without_each(poles[:, :, None, None] - self.poles[:, None, None, :])
+        return Transfer.of(poles, (parts * self.residues[:, None, :]).sum(axis=2))
+
+    def with_pair(self, pole: Complexes) -> "Transfer":
+        """Return them with the Dutch roll's pole (n,) moved; zeros and the high end stay."""
+        return self.with_poles(np.column_stack([pole, np.conj(pole), self.poles[:, 2:]]))
+
     def faster(self, factor: float, lag: Ints | None = None) -> "Transfer":
         """Return them at an airspeed higher by ``factor``, as the derivatives of eq. 22 scale.
 
         a_z and a_my_omega_y go as V, a_my_beta and a_my_delta_h as V^2, so that G becomes
         factor G(s / factor). ``lag`` (n,) is the column of a lag a / (s + a) that does not scale,
-        such as the servo's, -1 without one: then G (s + a) / a does, and with f = ``factor``
-
-            R_i' = f^2 R_i (p_i + a) / (f p_i + a)
-            R_a' = f R_a - a f (f - 1) sum over the others of R_i / (f p_i + a)
+        such as the servo's, -1 without one: its pole stays, and its gain at rest.
         """
-        if factor == 1.0:
-            return self
         G = Transfer(self.poles * factor, self.residues * factor**2)
         if lag is None:
             return G
-        rows = np.flatnonzero(lag >= 0)
-        at, own = (rows, lag[rows]), (np.arange(len(rows)), lag[rows])
-        p, R, a = self.poles[rows], self.residues[rows], -self.poles[at]
-        R[own] = 0.0
-        others = R / (factor * p + a[:, None])
-        G.residues[rows] = factor**2 * others * (p + a[:, None])
-        G.residues[at] = factor * (self.residues[at] - a * (factor - 1.0) * others.sum(axis=1))
-        G.poles[at] = -a
-        return G
+        stays = lag[:, None] == np.arange(self.poles.shape[1])
+        G = G.with_poles(np.where(stays, self.poles, G.poles))
+        return Transfer(G.poles, G.residues / np.where(stays.any(axis=1), factor, 1.0)[:, None])
 
-    def with_pair(self, pole: Complexes) -> "Transfer":
-        """Return them with the Dutch roll's pole (n,) moved; zeros and the high end stay."""
-        old, p, R = self.dutch_roll, self.poles[:, 2:], self.residues[:, 2:]
-        twin, new = np.conj(old), np.conj(pole)
-        near, far = pole - old, pole - twin
-        # G (s - old) (s - twin) at the new pole
-        r = self.residues[:, 0] * far + self.residues[:, 1] * near
-        r = (r + near * far * (R / (pole[:, None] - p)).sum(axis=1)) / (pole - new)
-        moved = (p - old[:, None]) * (p - twin[:, None]) * R
-        moved = moved / ((p - pole[:, None]) * (p - new[:, None]))
-        return Transfer(np.column_stack([pole, new, p]), np.column_stack([r, np.conj(r), moved]))
+
+def _without_each(x: Complexes) -> Complexes:
+    """Return the products (..., m) over the last axis (m,), the k-th without its k-th factor.
+
+    The axis before the last one is k, or of length 1 where all k have the same factors.
+    """
+    left_out = np.eye(x.shape[-1], dtype=bool)
+    return np.asarray(np.where(left_out, 1.0, x).prod(axis=-1))

@@ -19,7 +19,7 @@ from yawid.blocks import (
     words,
 )
 from yawid.models.answered import Answered
-from yawid.models.flown import Flown, Rows
+from yawid.models.flown import Flown
 from yawid.models.identify import Recorded, model_of_answer
 from yawid.models.linear import LinearModel
 from yawid.sinks.base import Grid
@@ -118,33 +118,27 @@ class _Gatherer:
         self._stride = -(-run.rows // TRACK_POINTS)
         self._rows = 0
         self._thin: list[tuple[Floats, ...]] = []
-        self._full: list[tuple[Any, ...]] = []
+        self._blocks: list[SampleBlock] = []
         self._found = run.summary.manoeuvres or ()
-        self._manoeuvres = [Rows(each) for each in to_draw(self._found, run.summary.used)]
 
     def add(self, samples: SampleBlock, modes: ModesBlock) -> None:
         thin = slice(-self._rows % self._stride, None, self._stride)
         self._thin.append((samples.boot_us[thin] / 1e6, modes.dutch_roll[thin].copy()))
-        self._full.append(
-            (samples.boot_us, samples.held, samples.noted, samples.u[:, 0].copy(), samples.y.copy())
-        )
+        self._blocks.append(samples)
         self._rows += len(samples)
-        for each in self._manoeuvres:
-            each.add(samples)
 
     def result(self) -> ReportData:
-        boot_us, held, noted, rudder, output = _joined(self._full)
-        boot_s, run = boot_us / 1e6, self._run
-        recorded = Recorded(run.summary, run.config, self._grid.sample_time_s, (), {})
+        run, samples = self._run, SampleBlock.joined(self._blocks)
+        boot_s = samples.boot_us / 1e6
+        recorded = Recorded(run.summary, run.config, self._grid.sample_time_s, [samples], {})
         drawn = []
-        for each in self._manoeuvres:
-            if (flown := each.flown(run.config)) is not None:
-                answered = Answered.of(each.found)
-                drawn.append(Drawn(answered, model_of_answer(recorded, answered, flown)))
+        for flown in recorded.flown(to_draw(self._found, run.summary.used)):
+            answered = Answered.of(flown.found)
+            drawn.append(Drawn(answered, model_of_answer(recorded, answered, flown)))
         return ReportData(
             _track(*_joined(self._thin)),
-            self._events(boot_s, held, noted),
-            Whole(boot_s, rudder, output),
+            self._events(boot_s, samples.held, samples.noted),
+            Whole(boot_s, samples.u[:, 0], samples.y),
             tuple(drawn),
         )
 

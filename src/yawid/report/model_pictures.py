@@ -18,8 +18,8 @@ from scipy.signal import welch
 from yawid.answers.run_summary import DutchRoll
 from yawid.blocks import Floats, Ints
 from yawid.errors import YawidError
-from yawid.models.answered import Answered
-from yawid.models.linear import COHERENT, changes_of
+from yawid.models.answered import Answered, changes_of
+from yawid.models.linear import COHERENT
 from yawid.physics.continuous import pole_of
 from yawid.physics.frequency_response import FrequencyResponse, frequency_response
 from yawid.report.data import Drawn
@@ -44,7 +44,7 @@ def poles_picture(drawn: Drawn, bare: DutchRoll | None = None) -> Picture:
 
     The Dutch roll of the bare airframe, where it is known, stands next to them.
     """
-    poles, _ = drawn.answered.halves()
+    poles = drawn.answered.upper
     zeros = np.roots(drawn.model.tf().num)
     size = drawn.wn_rad_s if bare is None else max(drawn.wn_rad_s, bare.wn_rad_s)
 
@@ -83,12 +83,11 @@ def _with_sigma(model: Answered) -> Iterator[tuple[complex, Floats]]:
     """Yield the poles, one of each pair, and the covariance (2, 2) of their two parts."""
 
     def parts(x: Floats) -> Floats:
-        poles, _ = replace(model, x=x).halves()
+        poles = replace(model, x=x).upper
         return np.stack([poles.real, poles.imag])
 
-    poles, _ = model.halves()
     changes = changes_of(parts, model.x, model.covariance)
-    for i, pole in enumerate(poles.tolist()):
+    for i, pole in enumerate(model.upper.tolist()):
         yield pole, changes[:, i] @ changes[:, i].T
 
 
