@@ -10,7 +10,8 @@ in all three numbers.
 
 rates: in how many data sets drawn by each of PLANS a change is reported. The plans have one to
 three flights on a day, which may share an offset, and are tested once or after every day. Where
-zeta falls, it does so by 20 % over 30 days, from a day drawn among the first 31.
+zeta falls, it does so by 20 % over 30 days, from a day drawn among the first 31. The plans of
+ordinary flight have its two numbers, with the scatter that ``bench.py ordinary`` has.
 looks: whether the p of one test is right, in histories without a change (``changes.looks`` was
 fitted to it).
 diff: in how many draws one more flight of a vehicle is reported as changed, compared with 3 to 30
@@ -21,7 +22,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Final
 
 import numpy as np
@@ -38,6 +39,7 @@ from yawid.trend.trend import FALSE_ALARMS, Studied, study
 VEHICLES: Final = 20
 DAYS: Final = 60
 SCATTER: Final = {"kappa_rad_m": 0.015, "zeta": 0.08, "K_per_V": 0.05}
+OF_ORDINARY: Final = {"kappa_rad_m": 0.022, "zeta": 0.12}
 LEVELS: Final = {"kappa_rad_m": 0.12, "zeta": 0.15, "K_per_V": 0.04}
 OUTLIERS: Final = 0.05
 FALL: Final = 0.2
@@ -53,7 +55,8 @@ class Plan:
 
     A day has 1 to ``most`` flights, which share an offset of ``share`` times the scatter; days are
     ``apart_days`` apart. ``falls`` is whether zeta of vehicle 7 (or the last) falls; ``season`` is
-    the amplitude of a season, as a fraction. ``nightly`` tests after every day.
+    the amplitude of a season, as a fraction. ``nightly`` tests after every day. ``scatter`` is that
+    of each number, as a fraction.
     """
 
     vehicles: int = VEHICLES
@@ -64,6 +67,7 @@ class Plan:
     season: float = 0.0
     apart_days: int = 1
     nightly: bool = False
+    scatter: Mapping[str, float] = field(default_factory=lambda: SCATTER)
 
 
 PLANS: Final = {
@@ -73,8 +77,12 @@ PLANS: Final = {
     "nightly-days": Plan(vehicles=1, days=40, most=3, share=1.0, nightly=True),
     "season": Plan(vehicles=5, days=50, season=0.03, apart_days=7),
     "fall": Plan(vehicles=5, days=60, most=3, share=0.5, falls=True),
+    "ordinary": Plan(vehicles=5, days=60, scatter=OF_ORDINARY),
+    "ordinary-days": Plan(vehicles=5, days=60, most=3, share=1.0, scatter=OF_ORDINARY),
+    "ordinary-nightly": Plan(vehicles=1, days=40, nightly=True, scatter=OF_ORDINARY),
+    "ordinary-fall": Plan(vehicles=5, days=60, most=3, share=0.5, falls=True, scatter=OF_ORDINARY),
 }
-"""The plans of ``rates``: the change of the last should be found, in the others nothing changed."""
+"""The plans of ``rates``: a fall should be found, in the others nothing changed."""
 
 
 def draw_history(
@@ -109,10 +117,10 @@ def draw_vehicles(rng: np.random.Generator, plan: Plan) -> Iterator[dict[str, Tr
         phase = 2.0 * np.pi * (rng.random() + date / YEAR_US)
         off = draw_off(rng, len(day))
         tracks = {}
-        for name, level in LEVELS.items():
-            own = level * (1.0 + 0.03 * rng.standard_normal())
+        for name, scatter in plan.scatter.items():
+            own = LEVELS[name] * (1.0 + 0.03 * rng.standard_normal())
             shared = plan.share * rng.standard_normal(plan.days)[day]
-            value, sigma = draw_history(rng, own, SCATTER[name], len(day), off, shared)
+            value, sigma = draw_history(rng, own, scatter, len(day), off, shared)
             if plan.falls and name == "zeta" and vehicle == min(plan.vehicles, 7):
                 value = value * fall
             tracks[name] = Track(value * (1.0 + plan.season * np.sin(phase)), sigma, date)
@@ -141,17 +149,18 @@ def judge_plan(plan: Plan, draws: int, *, seed: int = 0, every: int = 1) -> tupl
     """
     rng = np.random.default_rng(seed)
     looks = range(plan.days, LEAST_DAYS - 1, -every) if plan.nightly else [plan.days]
-    tested = len(LEVELS) * plan.vehicles
+    names = list(plan.scatter)
+    tested = len(names) * plan.vehicles
     found = wrong = 0
     for begin in range(0, draws, _AT_ONCE):
         fleets = [list(draw_vehicles(rng, plan)) for _ in range(min(_AT_ONCE, draws - begin))]
-        numbers = [[each[name] for each in fleet] for fleet in fleets for name in LEVELS]
+        numbers = [[each[name] for each in fleet] for fleet in fleets for name in names]
         is_changed = np.zeros((len(numbers), plan.vehicles), bool)
         for days in looks:
             fits = fit_fleets([[_until(track, days) for track in tracks] for tracks in numbers])
             is_changed |= [[_changed(each, tested) for each in some] for some in fits]
-        by_fleet = is_changed.reshape(len(fleets), len(LEVELS), plan.vehicles)
-        falls = by_fleet[:, list(LEVELS).index("zeta"), min(plan.vehicles, 7) - 1]
+        by_fleet = is_changed.reshape(len(fleets), len(names), plan.vehicles)
+        falls = by_fleet[:, names.index("zeta"), min(plan.vehicles, 7) - 1]
         if plan.falls:
             found += int(falls.sum())
             falls[:] = False
