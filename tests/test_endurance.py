@@ -234,7 +234,7 @@ def test_a_link_that_says_nothing_for_a_day_is_one_gap():
     first, second = doublets(600, 4), doublets(600, 5)
     log = long_log(flown(first, 6), 1500.0 + 400.0 * first, HZ)
     log += long_log(flown(second, 7), 1500.0 + 400.0 * second, HZ, start_s=86_500.0)
-    found = summary_of(log, forgetting=1.0)
+    found = summary_of(log, memory=math.inf)
 
     assert (found["link"]["gaps"], found["link"]["reboots"]) == (1, 0)
     assert found["estimates"]["els"]["updates"] < 1200
@@ -246,7 +246,7 @@ def test_a_link_that_says_nothing_for_a_day_is_one_gap():
 def test_many_reboots(count: int):
     """Each life lasts ten seconds and has a clock of its own; what was learned is kept."""
     log = b"".join(lives(count, 100))
-    found = summary_of(log, forgetting=1.0, manoeuvres="off")
+    found = summary_of(log, memory=math.inf, manoeuvres="off")
 
     assert found["link"]["reboots"] == count - 1
     assert found["estimates"]["els"]["updates"] > 85 * count

@@ -37,7 +37,7 @@ def reasons(summary: dict[str, Any]) -> dict[str, str]:
 
 AS_FLOWN = {"wn": 10.22, "zeta": 0.630}
 """The simulator's plane at 22 m/s, linearised and closed with FBWA's roll loop."""
-EXCITED = ("--rate", 25, "--forgetting", 1, "--from", 86.5, "--to", 253.9)
+EXCITED = ("--rate", 25, "--memory", "inf", "--from", 86.5, "--to", 253.9)
 
 
 @recorded("sitl_fbwa_50hz")

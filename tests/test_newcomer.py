@@ -10,7 +10,7 @@ from pathlib import Path
 
 from places import C172P, SRC
 
-BEFORE = "    engine: Engine = field("
+BEFORE = "    turn: Annotated["
 FIELD = """    airport: str | None = field(
         default=None,
         metadata=option(AIRCRAFT, "NAME", "where it was flown (default: unknown)"),

@@ -291,7 +291,6 @@ class Pipeline:
             self.config.armax_orders(),
             sample_time_s,
             mean_output=self.config.output == "yaw",
-            servo_tau_s=self.config.servo_tau,
         )
         modes_of = self.channels.modes_of or self._modes_of
         if self.config.has_manoeuvres:

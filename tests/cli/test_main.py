@@ -170,8 +170,7 @@ def test_a_log_without_heartbeat_has_no_vehicle(tmp_path: Path):
         (["--orders", "3,3,2,0"], "nk"),
         (["--orders", "a,b,c,d"], "orders"),
         (["--method", "arx"], "els, rml"),
-        (["--forgetting", "1.5"], "(0, 1]"),
-        (["--forgetting", "1", "--memory", "60"], "--memory"),
+        (["--memory", "0"], "> 0"),
         (["--rate", "-1"], "--rate"),
         (["--rate", "nan"], "--rate"),
         (["--rate", "80"], "--rate 50"),
@@ -197,7 +196,7 @@ def test_a_setting_outside_its_limits_is_named_with_the_limit(
 def test_every_option_can_stand_in_a_toml_file_and_the_command_line_wins(tmp_path: Path):
     settings = tmp_path / "run.toml"
     settings.write_text(
-        'orders = [2, 2, 2, 1]\nrate = 10\nforgetting = 1.0\nalso = "none"\n', encoding="utf-8"
+        'orders = [2, 2, 2, 1]\nrate = 10\nmemory = inf\nalso = "none"\n', encoding="utf-8"
     )
 
     done = inside("replay", C172P, "--config", settings, "--rate", 5, "--out", tmp_path, "--json")

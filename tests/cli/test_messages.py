@@ -108,10 +108,10 @@ def test_an_unknown_setting_is_answered_with_the_options_as_they_are_written(tmp
     assert "_" not in said.replace(str(settings), "")
 
 
-def test_forgetting_on_the_command_line_overrules_the_memory_of_the_file(tmp_path: Path, capsys):
+def test_the_memory_on_the_command_line_overrules_that_of_the_file(tmp_path: Path, capsys):
     settings = tmp_path / "run.toml"
     settings.write_text("memory = 30\nrate = 10\n", encoding="utf-8")
-    arguments = ["--config", str(settings), "--forgetting", "1", "--out", str(tmp_path), "--json"]
+    arguments = ["--config", str(settings), "--memory", "inf", "--out", str(tmp_path), "--json"]
 
     assert main(["replay", C172P, *arguments]) == 0
     assert '"forgetting_factor": 1.0' in capsys.readouterr().out
@@ -125,7 +125,7 @@ def test_orders_says_that_a_log_has_no_rudder_with_the_code_for_it(capsys):
     assert said.count("\n") == 1
 
 
-@pytest.mark.parametrize("option", ["--orders", "--method", "--memory", "--engine"])
+@pytest.mark.parametrize("option", ["--orders", "--method", "--memory", "--also"])
 def test_orders_takes_no_option_that_it_would_not_use(option: str, capsys):
     with pytest.raises(SystemExit, match="2"):
         main(["orders", C172P, option, "2"])

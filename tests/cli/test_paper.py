@@ -72,7 +72,7 @@ def test_a_simulated_tlog_replays_to_the_plants_dutch_roll(tmp_path: Path, capsy
     capsys.readouterr()
 
     replay = ["replay", str(log), "--out", str(tmp_path), "--json", "--method", "rml"]
-    grid = ["--rate", "10", "--forgetting", "1", "--rudder-max-deg", "25"]
+    grid = ["--rate", "10", "--memory", "inf", "--rudder-max-deg", "25"]
     assert main([*replay, *grid]) == 0
 
     found = json.loads(capsys.readouterr().out)["estimates"]["rml"]

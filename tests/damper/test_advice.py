@@ -22,7 +22,7 @@ from yawid.cli import main as command_line
 WN, V, DELTA = 5.0, 20.0, 6.0
 """The aircraft is r/u = 6 (s + 0.4) / (s^2 + 2 zeta 5 s + 25), flown at 20 m/s."""
 PLANE = (
-    "--autopilot=ardupilot", "--loop-rate=200", "--param=YAW2SRV_DAMP=0",
+    "--autopilot=ardupilot", "--param=SCHED_LOOP_RATE=200", "--param=YAW2SRV_DAMP=0",
     "--param=SCALING_SPEED=20", "--param=AIRSPEED_MIN=10", "--param=AIRSPEED_MAX=30",
 )  # fmt: skip
 
@@ -165,7 +165,7 @@ def test_an_effect_that_noise_hides_is_asked_for_and_one_that_structures_hide_is
 
 
 SIMULATOR = REPLAY_LOGS / "sitl_fbwa_manoeuvres" / "log.tlog"
-SETTINGS = ("--loop-rate=50", "--param=YAW2SRV_DAMP=0", "--param=SCALING_SPEED=15",
+SETTINGS = ("--param=SCHED_LOOP_RATE=50", "--param=YAW2SRV_DAMP=0", "--param=SCALING_SPEED=15",
             "--param=AIRSPEED_MIN=12", "--param=AIRSPEED_MAX=30")  # fmt: skip
 
 

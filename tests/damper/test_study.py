@@ -130,10 +130,20 @@ def test_at_a_higher_airspeed_less_damping_is_added(run: Run) -> None:
             {"autopilot": "ardupilot"},
             "loop_rate_unknown",
             2,
-            "--loop-rate HZ --param YAW2SRV_DAMP=VALUE --param SCALING_SPEED=VALUE",
+            "--param SCHED_LOOP_RATE=HZ --param YAW2SRV_DAMP=VALUE --param SCALING_SPEED=VALUE",
         ),
-        ({"autopilot": "ardupilot", "loop_rate": 50.0}, "parameters_unknown", 2, "--param SCALING"),
-        ({"autopilot": "px4", "loop_rate": 400.0}, "parameters_unknown", 2, "FW_AIRSPD_TRIM"),
+        (
+            {"autopilot": "ardupilot", "parameters": {"SCHED_LOOP_RATE": 50.0}},
+            "parameters_unknown",
+            2,
+            "--param SCALING",
+        ),
+        (
+            {"autopilot": "px4", "parameters": {"IMU_GYRO_RATEMAX": 400.0}},
+            "parameters_unknown",
+            2,
+            "FW_AIRSPD_TRIM",
+        ),
         ({"airspeed": (20.0, 40.0)}, "too_far", 2, "--airspeed"),
         ({"parameters": PLANE | {"YAW_RATE_ENABLE": 1.0}}, "other_loop", 5, "fly again"),
     ],
@@ -245,7 +255,15 @@ def test_the_command_prints_a_table_json_and_a_page(tmp_path: Path, capsys) -> N
     head = ["t,rudder [half travel],r [rad/s],airspeed [m/s EAS],roll [rad]"]
     path.write_text("\n".join([*head, *lines]) + "\n", encoding="utf-8")
     given = [f"--param={name}={value}" for name, value in PLANE.items()]
-    asked = ["damper", str(path), "--autopilot", "ardupilot", *given, "--loop-rate", "200"]
+    asked = [
+        "damper",
+        str(path),
+        "--autopilot",
+        "ardupilot",
+        *given,
+        "--param",
+        "SCHED_LOOP_RATE=200",
+    ]
 
     assert command_line.main([*asked, "-o", str(page)]) == 0
     said = capsys.readouterr().out

@@ -33,7 +33,8 @@ def test_a_ring_holds_the_newest_rows_however_they_came(limit: int, cuts: list[i
                 np.testing.assert_array_equal(kept, column[max(0, total - min(limit, newest)) :])
 
 
-CONFIG = RunConfig(orders=(2, 2, 2, 1), forgetting=0.98)
+MEMORY_S = -SAMPLE_TIME_S / math.log(0.98)
+CONFIG = RunConfig(orders=(2, 2, 2, 1), memory=MEMORY_S)
 KEPT = math.ceil(MEMORIES / (1.0 - 0.98))
 
 

@@ -132,7 +132,6 @@ def test_what_is_known_is_not_run_again_unless_it_changed_or_is_to_be_retried(
         for name in times:
             (logs / name).touch()
         assert "to run: 2 logs" in to_run()
-        assert "to run: 1 logs" in to_run("--verify")  # nobody read the text: it has no hash
     finally:
         for name, time_ns in times.items():
             os.utime(logs / name, ns=(time_ns, time_ns))

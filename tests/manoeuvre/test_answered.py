@@ -65,7 +65,7 @@ def test_it_is_the_plants_dutch_roll():
     "options",
     [
         {"memory": 3.0},
-        {"forgetting": 0.9},
+        {"memory": 0.5},
         {"method": "els", "also": "none"},
         {"orders": (2, 2, 2, 1)},
     ],

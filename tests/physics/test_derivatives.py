@@ -97,34 +97,11 @@ OVERDAMPED = eq23(0.8, 0.5, math.sqrt(24.0), 11.0 / (2.0 * math.sqrt(24.0)))
 SLOW_SERVO = theta_of(OVERDAMPED[0], np.polymul(OVERDAMPED[1], [0.5, 1.0]), 0.04)
 
 
-def test_a_servo_slower_than_the_yaw_mode_is_known_by_its_name():
-    values, error = yaw_channel(SLOW_SERVO[None], THREE, 0.04, servo_tau_s=0.45)
-
-    expected = [0.8, 0.5, math.sqrt(24.0), 11.0 / (2.0 * math.sqrt(24.0))]
-    np.testing.assert_allclose(values[0, :4], expected, rtol=1e-7)
-    assert values[0, SERVO] == pytest.approx(0.5, rel=1e-7)
-    assert error[0] < 1e-7
-
-
-def test_an_unnamed_servo_is_the_real_pole_whose_removal_costs_least():
+def test_the_servo_is_the_real_pole_whose_removal_costs_least():
     values, _ = yaw_channel(SLOW_SERVO[None], THREE, 0.04)
 
     np.testing.assert_allclose(values[0, 2], math.sqrt(2.0 * 3.0), rtol=1e-7)
     assert values[0, SERVO] == pytest.approx(1.0 / 8.0, rel=1e-7)
-
-
-def test_a_servo_named_where_no_pole_is_leaves_the_physics_out():
-    numerator, denominator = eq23(0.8, 0.9, 2.4, 0.25)
-    theta = theta_of(numerator, np.polymul(denominator, [0.2, 1.0]), 0.1)
-
-    named, missed = (
-        yaw_channel(theta[None], THREE, 0.1, servo_tau_s=tau)[0][0] for tau in (0.15, 0.05)
-    )
-
-    np.testing.assert_allclose(named[[2, 3, SERVO]], [2.4, 0.25, 0.2], rtol=1e-6)
-    assert np.isnan(missed).all()
-    summary = summary_of(theta, 1e-10 * np.eye(6), THREE, 0.1, servo_tau_s=0.05)
-    assert summary == {}
 
 
 def test_two_real_poles_beside_an_alternating_one_are_the_yaw_mode():
@@ -160,10 +137,10 @@ def test_a_servo_among_four_poles_is_told_apart():
     theta = theta_of(numerator, denominator, 0.05)
     orders = ArmaxOrders(na=4, nb=4, nc=0, nk=1)
 
-    values, error = yaw_channel(theta[None], orders, 0.05, servo_tau_s=0.1)
+    values, error = yaw_channel(theta[None], orders, 0.05)
 
     np.testing.assert_allclose(values[0, :4], [0.8, 0.9, 2.4, 0.25], rtol=1e-5)
-    assert values[0, SERVO] == pytest.approx(0.1, rel=1e-5)
+    assert values[0, SERVO] == pytest.approx(0.02, rel=1e-5)
     assert error[0] < 1e-5
 
 

@@ -29,7 +29,7 @@ STREAM = ("--manoeuvres", "off")
 @pytest.fixture(scope="module")
 def good(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("good")
-    return replayed(C172P, folder, "--rate", 10, "--forgetting", 1, *STREAM)
+    return replayed(C172P, folder, "--rate", 10, "--memory", "inf", *STREAM)
 
 
 @pytest.fixture(scope="module")
@@ -191,6 +191,6 @@ def test_the_browser_would_notice_a_script_error_and_a_request(tmp_path: Path) -
 
 def test_the_two_other_flights_make_reports_too(tmp_path: Path) -> None:
     log = REPLAY_LOGS / "c172p_gcs_rates" / "log.tlog"
-    html = Report(open_run(replayed(log, tmp_path, "--forgetting", 0.99, *STREAM))).html()
+    html = Report(open_run(replayed(log, tmp_path, "--memory", 10, *STREAM))).html()
     assert "Can I use it? Not judged" in first_screen(html)
     assert Page(html).tags.count("svg") == len(PICTURES)

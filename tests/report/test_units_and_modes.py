@@ -19,7 +19,7 @@ from yawid.report.write import Report
 from yawid.sinks.mcap.reader import open_run
 
 LOG = REPLAY_LOGS / "sitl_fbwa_50hz" / "log.tlog"
-OPTIONS = ("--rate", 25, "--forgetting", 1)
+OPTIONS = ("--rate", 25, "--memory", "inf")
 
 
 @pytest.fixture(scope="module")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from itertools import pairwise
 
 import numpy as np
@@ -19,7 +20,7 @@ from yawid.estimation.fit import fit_percent, simulate
 from yawid.results.summary import dutch_roll_of_stream, of_stream
 
 TS = 0.1
-KEEPS_ALL = RunConfig(forgetting=1.0)
+KEEPS_ALL = RunConfig(memory=math.inf)
 
 
 def flown(n: int, wn: float = 2.4, seed: int = 6) -> tuple[np.ndarray, np.ndarray]:
@@ -76,7 +77,7 @@ def test_the_modes_and_the_numbers_of_eq_22_and_23_are_the_plants_to_their_sigma
         assert physics[name].value == pytest.approx(true, rel=0.05), name
 
 
-@given(cuts=st.lists(st.integers(1, 699), max_size=8), memory=st.sampled_from([None, 15.0]))
+@given(cuts=st.lists(st.integers(1, 699), max_size=8), memory=st.sampled_from([60.0, 15.0]))
 @examples(10)
 def test_it_does_not_depend_on_how_the_stream_was_cut(cuts, memory):
     u, y = flown(700)

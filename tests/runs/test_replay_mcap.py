@@ -13,7 +13,7 @@ from printed import printed
 
 from yawid.cli.main import main
 
-OTHER = ("--orders", "4,4,2,1", "--forgetting", "0.999")
+OTHER = ("--orders", "4,4,2,1", "--memory", "100")
 STREAM = ("--manoeuvres", "off")
 
 
@@ -70,10 +70,8 @@ def test_the_log_behind_the_samples_is_named_through_any_number_of_replays(
     assert summary_of(third)["estimates"] == summary_of(second)["estimates"]
 
 
-def test_memory_takes_the_place_of_the_forgetting_factor_of_the_run(
-    first: Path, tmp_path: Path
-) -> None:
-    second = replayed(first, tmp_path / "second", "--forgetting", "0.99", *STREAM)
+def test_memory_takes_the_place_of_that_of_the_run(first: Path, tmp_path: Path) -> None:
+    second = replayed(first, tmp_path / "second", "--memory", "10", *STREAM)
     third = replayed(second, tmp_path / "third", "--memory", "60")
 
     assert summary_of(third)["estimates"] == summary_of(first)["estimates"]

@@ -126,7 +126,7 @@ def test_a_fit_of_an_exploding_model_is_no_number() -> None:
 def test_a_run_that_explodes_is_reported_without_a_warning_or_an_absurd_number(
     tmp_path: Path,
 ) -> None:
-    options = ("--orders", "30,30,20,1", "--forgetting", 1, "--method", "rml")
+    options = ("--orders", "30,30,20,1", "--memory", "inf", "--method", "rml")
     options = (*options, "--manoeuvres", "off", "--to", 60)
     run = open_run(replayed(C172P, tmp_path, *options))
     assert run.summary.estimates["rml"].fit.simulation_pct == -1000.0

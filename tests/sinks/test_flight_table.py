@@ -29,9 +29,9 @@ from yawid.sinks.pages import rich_table
 from yawid.sinks.run_page import print_summary
 
 
-def printed(run: RunSummary, *, verbose: bool = True) -> list[str]:
+def printed(run: RunSummary) -> list[str]:
     out = io.StringIO()
-    print_summary(run, out, verbose=verbose)
+    print_summary(run, out)
     lines = out.getvalue().splitlines()
     assert max(map(len, lines)) <= WIDTH
     return lines
@@ -49,7 +49,7 @@ def rows_of(run: RunSummary) -> list[list[str]]:
     return [line.split() for line in lines[head + 1 : end]]
 
 
-def test_the_flight_comes_before_the_stream_and_has_the_verdict() -> None:
+def test_the_flight_has_the_verdict() -> None:
     lines = printed(four_of_a_flight())
 
     assert lines[1] == "verdict  usable"
@@ -59,30 +59,19 @@ def test_the_flight_comes_before_the_stream_and_has_the_verdict() -> None:
     assert lines[5].strip() == "this is the aircraft with its roll loop"
     assert lines[6].strip() == "wn = 0.4634 ± 0.0077 · V, where V is the equivalent airspeed"
     assert lines[7].startswith("   flown  2026-03-05 12:14:37 UTC, in FBWA, vehicle 1/1, fixed")
-    stream = lines.index("running estimates at the end of the log:")
-    assert lines[stream + 1].startswith("± is one sigma of noise")
-    assert any("13.500 ± 0.090" in line for line in lines[stream:])
-    assert not any("13.5" in line or "answers" in line for line in lines[:stream])
+    assert not any("13.5" in line or "answers" in line for line in lines)
 
 
-def test_the_streams_numbers_are_printed_only_if_asked_for() -> None:
-    brief, all_of_it = printed(four_of_a_flight(), verbose=False), printed(four_of_a_flight())
-
-    first = brief.index("running estimates at the end of the log: --verbose")
-    assert all_of_it[:first] == brief[:first]
-    assert not any("fit one step" in line for line in brief)
-    assert sum("fit one step" in line for line in all_of_it) == 1
-    # Without a flight the stream is the answer.
-    nothing_found = summary([], None)
-    assert printed(nothing_found, verbose=False) == printed(nothing_found)
-    assert "fit one step" in text_of(nothing_found)
+def test_the_streams_numbers_are_printed_only_without_a_flight() -> None:
+    assert not any("fit one step" in line for line in printed(four_of_a_flight()))
+    assert "fit one step" in text_of(summary([], None))
 
 
 def test_sigma_is_the_total_and_that_of_the_stream_of_noise() -> None:
-    text = text_of(four_of_a_flight())
-
-    assert "± is one sigma: noise, structure, scatter of manoeuvres; V is" in text
-    assert "± is one sigma of noise ELS RML" in text
+    assert "± is one sigma: noise, structure, scatter of manoeuvres; V is" in text_of(
+        four_of_a_flight()
+    )
+    assert "± is one sigma of noise ELS RML" in text_of(summary([], None))
 
 
 def test_each_manoeuvre_has_a_row_that_says_what_came_of_it() -> None:

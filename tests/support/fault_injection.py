@@ -7,6 +7,7 @@ RML are within three sigma of them.
 from __future__ import annotations
 
 import functools
+import math
 from collections.abc import Callable, Iterable
 from typing import Any
 
@@ -23,7 +24,7 @@ MIDDLE_S = 90.0  # vehicle time; the flight lasts from 30 s to 150 s
 
 
 def run(log: bytes, **settings: Any) -> Summary:
-    settings = {"rate": 10.0, "forgetting": 1.0, "manoeuvres": "off"} | settings
+    settings = {"rate": 10.0, "memory": math.inf, "manoeuvres": "off"} | settings
     config = RunConfig(**settings)
     return finished(log, config, size=1 << 16).to_json()
 

@@ -69,12 +69,10 @@ def _check(code: int, arguments: list[str], out: str, err: str) -> None:
 def warm_up(folder: Path) -> None:
     """Import and compile everything, so that this does not count as time of a run."""
     with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
-        for engine in ("numba", "filterpy"):
-            log = folder / "log.tlog"
-            log.write_bytes(FuzzFlight(seconds=15.0).tlog())
-            out = ["--out", str(folder / "out"), "--force"]
-            yawid(["replay", str(log), f"--engine={engine}", *out])
-            yawid(["orders", str(log)])
+        log = folder / "log.tlog"
+        log.write_bytes(FuzzFlight(seconds=15.0).tlog())
+        yawid(["replay", str(log), "--out", str(folder / "out"), "--force"])
+        yawid(["orders", str(log)])
 
 
 @contextlib.contextmanager

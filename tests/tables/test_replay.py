@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import math
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
@@ -143,7 +144,7 @@ def test_an_answer_is_a_value_that_says_whether_it_is_one(run: Run) -> None:
 
 
 def test_where_no_manoeuvre_was_looked_for_there_are_numbers_of_the_stream_and_no_answer() -> None:
-    stream = yawid.replay(record(), **SAID, manoeuvres="off", forgetting=1.0)
+    stream = yawid.replay(record(), **SAID, manoeuvres="off", memory=math.inf)
 
     assert not stream.usable
     assert not stream.flight

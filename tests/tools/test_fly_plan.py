@@ -80,7 +80,7 @@ def test_a_manoeuvre_is_found_at_the_airspeed_flown_in_it(
     before, after = SEARCHED_S
     window = ["--from", str(told["from_s"] - before), "--to", str(told["to_s"] + after)]
 
-    settings = ["--rate", "10", "--forgetting", "1", "--out", str(tmp_path)]
+    settings = ["--rate", "10", "--memory", "inf", "--out", str(tmp_path)]
     main(["replay", str(log), "--json", *settings, *window])
 
     found = json.loads(capfd.readouterr().out)["estimates"]["rml"]["dutch_roll"]

@@ -137,12 +137,12 @@ def test_channels_and_verdict_are_changes_and_the_configuration_is_told(
         return summary
 
     def configured(name: str, record: dict[str, str]) -> dict[str, str]:
-        return record | {"forgetting": "0.5"} if name == "configuration" else record
+        return record | {"memory": "0.5"} if name == "configuration" else record
 
     other = forge(flown, tmp_path / "o.mcap", metadata=configured)
     code, said = told(capsys, flown, other)
     assert code == 0
-    assert [fact["what"] for fact in said["facts"]] == ["configuration forgetting"]
+    assert [fact["what"] for fact in said["facts"]] == ["configuration memory"]
 
     other = forge(flown, tmp_path / "p.mcap", summary=given)
     assert main(["diff", str(flown), str(other)]) == 7

@@ -164,7 +164,7 @@ TABLES: dict[str, Callable[[], str]] = {
     "cases": cases, "mutations": mutations, "reasons": reasons, "exit_codes": exit_codes,
     "truth_short": truth_short,
     "answer": partial(_output, _FLIGHT("c172p_3211", "answer"), "n from-to"),
-    "good": partial(_output, _FLIGHT("c172p_3211", "answer"), "running estimate"),
+    "good": partial(_output, _FLIGHT("c172p_3211", "answer"), "  rudder"),
     "refusal": partial(_output, _FLIGHT("turns_calm", "refusal --ordinary auto"), "± is one sigma"),
     "bare": partial(_shown, "bare", "n from-to"),
     "gain": partial(_shown, "gain", "mix "),

@@ -95,7 +95,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         run = ["replay", str(options.log), "--out", folder, "--rerun", "save", "--json"]
         with contextlib.redirect_stdout(io.StringIO()):
-            yawid([*run, *(replay_options or ["--rate", "10", "--forgetting", "1"])])
+            yawid([*run, *(replay_options or ["--rate", "10", "--memory", "inf"])])
             mcap = Path(folder) / f"{options.log.stem}.mcap"
             made = Path(folder) / "run"
             yawid(["replay", str(MANY), "--out", str(made), "--json"])

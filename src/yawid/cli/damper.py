@@ -20,8 +20,6 @@ def add_damper(command: Command) -> None:
     command.option("log", metavar="RUN|LOG", type=Path, help=kinds)
     text = "the damping ratio aimed at (default: 0.3 to 0.4)"
     command.option("--aim", type=float, metavar="ZETA", help=text)
-    text = "the autopilot's loop rate (default: the log's)"
-    command.option("--loop-rate", type=float, metavar="HZ", help=text)
     text = "airspeeds in m/s (default: those flown)"
     command.option("--airspeed", type=_pair, metavar="LO,HI", help=text)
     text = "whose damper (default: the log's)"
@@ -65,8 +63,7 @@ def _damper(arguments: argparse.Namespace) -> int:
     if arguments.out is not None and arguments.out.suffix != ".html":
         raise ConfigError(f"--out {arguments.out}: the name must end in .html")
     asked = Asked(
-        arguments.aim, arguments.autopilot, arguments.loop_rate, arguments.airspeed,
-        dict(arguments.param),
+        arguments.aim, arguments.autopilot, arguments.airspeed, dict(arguments.param)
     )  # fmt: skip
     found = study(run_of(arguments.log).facts, asked)
     print_answer(found.report, print_damper, as_json=arguments.json)

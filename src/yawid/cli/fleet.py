@@ -31,7 +31,6 @@ def add_fleet(command: Command) -> None:
     text = "a Dask scheduler in place of them: tcp://HOST:8786"
     command.option("--scheduler", metavar="ADDRESS", help=text)
     command.flag("--retry", "run crashed and timed-out logs again")
-    command.flag("--verify", "recognise logs by content, not by time", rare=True)
     command.flag("--dry-run", "only count what would be done")
     text = "most seconds for a log (default: 600)"
     command.option("--timeout", type=float, default=600.0, metavar="S", help=text, rare=True)
@@ -122,6 +121,5 @@ def _asked(arguments: argparse.Namespace) -> "FleetRun":
         workers=arguments.workers,
         scheduler=address,
         retry=arguments.retry,
-        verify=arguments.verify,
         timeout_s=arguments.timeout,
     )

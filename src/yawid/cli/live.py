@@ -2,7 +2,6 @@
 
 import argparse
 import sys
-from functools import partial
 from pathlib import Path
 
 from yawid.cli.options import (
@@ -82,6 +81,5 @@ def _live(arguments: argparse.Namespace) -> int:
             options, config, outputs, stop, console_for(sys.stderr), read_options_of(arguments)
         )
     for session in ended:
-        page = partial(print_summary, verbose=arguments.verbose)
-        print_answer(session.summary, page, as_json=arguments.json)
+        print_answer(session.summary, print_summary, as_json=arguments.json)
     return max(session.exit_code for session in ended)

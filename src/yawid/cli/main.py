@@ -217,7 +217,6 @@ def _replay(arguments: argparse.Namespace) -> int:
     settings = settings_of(arguments)
     _compile_behind()
     read_options = read_options_of(arguments)
-    page = partial(_print_summary, verbose=arguments.verbose)
     then = partial(_write_report, arguments) if arguments.report else None
     codes: list[int] = []
     unreached: list[Place] = []
@@ -229,7 +228,7 @@ def _replay(arguments: argparse.Namespace) -> int:
             outputs = outputs_of(arguments, name)
             run = partial(replay, log, settings, outputs, stop, read_options)
             try:
-                codes.append(_run_and_print(run, arguments.json, page, then))
+                codes.append(_run_and_print(run, arguments.json, _print_summary, then))
             except Interrupted:
                 unreached.append(log)
     if unreached:
@@ -251,10 +250,10 @@ def _write_report(arguments: argparse.Namespace, summary: "RunSummary") -> None:
         webbrowser.open(page.as_uri())
 
 
-def _print_summary(summary: "RunSummary", stream: TextIO, *, verbose: bool) -> None:
-    from yawid.sinks.run_page import print_summary
+def _print_summary(summary: "RunSummary", stream: TextIO) -> None:
+    from yawid.sinks.run_page import print_summary  # --json needs nothing of it
 
-    print_summary(summary, stream, verbose=verbose)
+    print_summary(summary, stream)
 
 
 def _compile_behind() -> None:

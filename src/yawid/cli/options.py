@@ -144,9 +144,6 @@ def add_outputs(command: Command) -> None:
     )  # fmt: skip
     command.flag("--force", "overwrite files that exist", group=group)
     command.flag("--json", "print one JSON object per log", group=group)
-    command.flag(
-        "--verbose", "print the numbers of the stream at its end as well", group=group, rare=True
-    )
     command.option(
         "--rerun", default="off", metavar="off|save|spawn|URL", group=group,
         help="a Rerun recording, or a viewer: rerun+http://HOST:PORT/proxy (default: off)",

@@ -9,11 +9,9 @@ from yawid.sinks.door import print_json, print_line
 PLANTS = ("yaw", "lateral", "rigid-body")
 NUMBERS = (
     ("--amplitude", 0.05, "RAD", "of the rudder (default: 0.05)"),
-    ("--unit", 0.7, "S", "its unit of time (default: 0.7)"),
     ("--seconds", 120.0, "N", "length (default: 120)"),
     ("--rate", 50.0, "HZ", "samples (default: 50)"),
     ("--noise", 0.0, "RAD/S", "of the yaw rate, white (default: 0)"),
-    ("--seed", 0, "N", "seed of the random signals (default: 0)"),
 )
 """The numbers of a simulation: option, default, unit and help."""
 SETTLING = ("settling_2pct_s", "settling_5pct_s")
@@ -83,11 +81,9 @@ def _simulate(arguments: argparse.Namespace) -> int:
         arguments.input,
         arguments.out,
         amplitude=arguments.amplitude,
-        unit_s=arguments.unit,
         seconds=arguments.seconds,
         rate_hz=arguments.rate,
         noise_std=arguments.noise,
-        seed=arguments.seed,
         force=arguments.force,
     )
     if str(arguments.out) != "-":

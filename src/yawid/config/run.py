@@ -8,13 +8,12 @@ from typing import Annotated, Any
 import tomli_w
 from msgspec import Meta
 
-from yawid.config.estimator import ArmaxOrders, Engine, EstimatorConfig, forgetting_factor
+from yawid.config.estimator import ArmaxOrders, EstimatorConfig, forgetting_factor
 from yawid.config.fields import (
     Finite,
     NotNegative,
     Positive,
     Said,
-    Share,
     check_fields,
     one_of,
     option,
@@ -80,20 +79,10 @@ class RunConfig:
             STREAM, f"{'|'.join(RECURSIVE)}|none", f"a second one next to it (default: {RML})"
         ),
     )
-    engine: Engine = field(
-        default="numba",
-        metadata=option(STREAM, "numba|filterpy", "what computes the recursion (default: numba)"),
-    )
-    memory: Positive | None = field(
-        default=None,
-        metadata=option(STREAM, "SECONDS", "forget with a memory of so many seconds (default: 60)"),
-    )
-    forgetting: Share | None = field(
-        default=None,
+    memory: Annotated[float, Meta(gt=0.0, description="be > 0")] = field(
+        default=DEFAULT_MEMORY_S,
         metadata=option(
-            STREAM,
-            "LAMBDA",
-            "forgetting factor instead of a memory; 1 forgets nothing (default: from it)",
+            STREAM, "SECONDS", "forget with this memory; inf forgets nothing (default: 60)"
         ),
     )
     rate: Annotated[float, Meta(ge=0.1, le=1e3, description="lie in 0.1 to 1000 Hz")] | None = (
@@ -175,12 +164,6 @@ class RunConfig:
             "on straight lines between rows, or held from row to row (default: by its unit)",
         ),
     )
-    least_stroke_deg: Positive | None = field(
-        default=None,
-        metadata=option(
-            COLUMNS, "DEG", "rudder stroke needed, in deg, where its travel is unknown (default: 1)"
-        ),
-    )
     columns: tuple[str, ...] = field(
         default=(),
         metadata=option(
@@ -194,10 +177,6 @@ class RunConfig:
         metadata=option(
             COLUMNS, "rad|deg", "unit of angles and rates that give none (default: none)"
         ),
-    )
-    servo_tau: Positive | None = field(
-        default=None,
-        metadata=option(STREAM, "SECONDS", "the servo's lag in s (default: the fastest real pole)"),
     )
     from_s: Finite | None = field(
         default=None,
@@ -299,8 +278,6 @@ class RunConfig:
                 object.__setattr__(self, name, tuple(each))
         self._check_lists()
         check_fields(self, lambda name: f"--{option_name(name)}")
-        if self.memory is not None and self.forgetting is not None:
-            raise ConfigError("--memory and --forgetting mean the same: give only one of them")
         if self.from_s is not None and self.to_s is not None and not self.from_s < self.to_s:
             raise ConfigError(f"--from {self.from_s!r} must lie before --to {self.to_s!r}")
 
@@ -358,9 +335,7 @@ class RunConfig:
     @property
     def stroke_floor_deg(self) -> float:
         """The least stroke in deg of a rudder whose travel is unknown, 0 for any other rudder."""
-        if self.travel_is_known:
-            return 0.0
-        return LEAST_STROKE_DEG if self.least_stroke_deg is None else self.least_stroke_deg
+        return 0.0 if self.travel_is_known else LEAST_STROKE_DEG
 
     @property
     def unit_of_rudder(self) -> str:
@@ -380,14 +355,12 @@ class RunConfig:
         return ArmaxOrders(na=na, nb=(nb,) * count, nc=nc, nk=(nk,) * count)
 
     def forgetting_factor(self, sample_time_s: float) -> float:
-        """Return lambda = exp(-Ts / memory), or the factor asked for.
+        """Return lambda = exp(-Ts / memory).
 
         Raises:
             ConfigError: the memory is so short that lambda is 0.
         """
-        if self.forgetting is not None:
-            return self.forgetting
-        factor = forgetting_factor(self.memory or DEFAULT_MEMORY_S, sample_time_s)
+        factor = forgetting_factor(self.memory, sample_time_s)
         if factor == 0.0:
             text = (
                 f"is far below one sample of {sample_time_s:g} s: give several periods of the mode"

@@ -146,7 +146,7 @@ def check_loop(autopilot: Autopilot, known: Mapping[str, float]) -> None:
     id_, text = "parameters_unknown", f"not in the log: {names}"
     loop_hz = known.get(autopilot.loop_rate, 0.0)
     if not (isfinite(loop_hz) and loop_hz > 0.0):
-        id_, give = "loop_rate_unknown", ["--loop-rate HZ", *give]
+        id_, give = "loop_rate_unknown", [f"--param {autopilot.loop_rate}=HZ", *give]
         text = f"{autopilot.loop_rate} is not in the log: delay and washout depend on it"
         text += f"; nor are {names}" if missing else ""
     if give:

@@ -63,19 +63,17 @@ class Asked:
 
     aim: float | None = None
     autopilot: str | None = None
-    loop_rate_hz: float | None = None
     airspeed: tuple[float, float] | None = None
     parameters: Mapping[str, float] = field(default_factory=dict)
     gains: Sequence[float] = ()
 
     def __post_init__(self) -> None:
-        aim, rate, gains = self.aim or 0.3, self.loop_rate_hz or 50.0, self.gains
+        aim, gains = self.aim or 0.3, self.gains
         low, high = self.airspeed or (1.0, 1.0)
         known = self.autopilot in (None, *AUTOPILOTS)
         checks: tuple[tuple[str, object, bool, str], ...] = (
             ("--aim", aim, 0.05 <= aim <= 0.9, "0.05 to 0.9"),
             ("--autopilot", self.autopilot, known, f"one of {', '.join(AUTOPILOTS)}"),
-            ("--loop-rate", rate, 10.0 <= rate <= 1e4, "10 to 10000 Hz"),
             ("--airspeed", [low, high], 0.0 < low <= high < 1e3, "LO,HI in m/s, 0 < LO <= HI"),
             ("gains", gains, all(0.0 <= gain < 1e3 for gain in gains), "0 to 1000"),
         )
@@ -119,7 +117,6 @@ def study(facts: Facts, asked: Asked) -> Study:
         said["mix"] = mix_of(
             facts.summary, autopilot, known.get(autopilot.mix), facts.config.half_travel
         )
-        known |= {autopilot.loop_rate: asked.loop_rate_hz} if asked.loop_rate_hz else {}
         check_loop(autopilot, known)
         flown, seen = known[autopilot.gain], list[float | None]()
         if autopilot.gain not in asked.parameters:

@@ -1,7 +1,6 @@
 """Finds the logs below paths, globs and URLs, and what shows that a log has changed."""
 
 import glob
-import hashlib
 import os
 import stat
 from collections.abc import Iterable, Iterator
@@ -11,7 +10,7 @@ from typing import Any, Final
 
 from yawid.errors import ConfigError, SourceError
 from yawid.sources.formats import IN_FOLDERS, WITH_RECORDS
-from yawid.system.stores import CHUNK, StoredPath, fsspec
+from yawid.system.stores import fsspec
 
 NOT_FINISHED: Final = ".interrupted.mcap"
 _WILD: Final = frozenset("*?[")
@@ -100,22 +99,6 @@ def is_log(name: str, ends: tuple[str, ...]) -> bool:
     """
     lower = name.lower()
     return lower.endswith(ends) and not lower.endswith(NOT_FINISHED)
-
-
-def sha256_of(log: FoundLog) -> str:
-    """Return the SHA-256 of a log's bytes, in hexadecimal.
-
-    Raises:
-        SourceError: the log cannot be read.
-    """
-    is_url, digest = "://" in log.path, hashlib.sha256()
-    try:
-        with StoredPath(log.path).opened() if is_url else Path(log.path).open("rb") as stream:
-            while chunk := stream.read(CHUNK):
-                digest.update(chunk)
-    except OSError as error:
-        raise SourceError(f"{log.path}: {error}") from error
-    return digest.hexdigest()
 
 
 def _below(path: str, ends: tuple[str, ...]) -> Iterator[FoundLog]:

@@ -14,7 +14,7 @@ from yawid.dataset.files import DataSet, misfit, peek
 from yawid.dataset.schema import ANALYSIS_VERSION
 from yawid.dataset.values import FAILED, USAGE, Entry, ReadRow, failed
 from yawid.errors import SinkError, SourceError
-from yawid.fleet.find_logs import FoundLog, check_apart, find_logs, sha256_of
+from yawid.fleet.find_logs import FoundLog, check_apart, find_logs
 from yawid.fleet.pools import HERE, check_installed, ended_logs, workers_here, workers_of
 from yawid.fleet.spec import Spec
 from yawid.fleet.worker import Task
@@ -43,7 +43,6 @@ class FleetRun:
     workers: int | None = None
     scheduler: str | None = None
     retry: bool = False
-    verify: bool = False
     timeout_s: float = TIMEOUT_S
 
 
@@ -115,7 +114,7 @@ def plan_of(run: FleetRun, found: Sequence[FoundLog], known: Mapping[str, ReadRo
     """Return which logs are to be run: those that the data set does not have as they are now.
 
     Raises:
-        SourceError: a log cannot be read to verify it, or needs a library that is not installed.
+        SourceError: a log needs a library that is not installed.
     """
     config_hash = run.spec.config_hash
     todo = [log for log in found if not _is_known(log, known.get(log.path), config_hash, run)]
@@ -139,8 +138,6 @@ def _is_known(log: FoundLog, row: ReadRow | None, config_hash: str, run: FleetRu
         or (run.retry and row["outcome"] in TRIED_AGAIN)
     ):
         return False
-    if run.verify and row["file_sha256"] is not None:
-        return bool(sha256_of(log) == row["file_sha256"])
     return bool(row["modified"] == log.modified)
 
 

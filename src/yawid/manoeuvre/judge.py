@@ -176,7 +176,7 @@ def _flown(of: Evidence) -> Iterator[Reason]:
         yield Reason(
             "not_excited",
             f"the rudder moved by {stroke_deg:.2g} deg: at least {config.stroke_floor_deg:g} deg "
-            "is needed where its travel is unknown (--least-stroke-deg)",
+            "is needed where its travel is unknown (give --rudder-max-deg)",
         )
     factor = speed_factor(samples.airspeed[np.isfinite(samples.airspeed)], samples.sample_time_s)
     if factor > OTHER_SPEED:

@@ -54,8 +54,6 @@ _OF_NYQUIST = 0.8
 CANCELLED = 0.01
 """An alternating pole has no effect with at most this share of the sum of all |residues|: a zero
 lies on it."""
-_NEAR = 2.0
-"""The servo's pole lies within this factor of 1 / tau, where tau is given."""
 
 
 def yaw_channel(
@@ -64,16 +62,14 @@ def yaw_channel(
     sample_time_s: float,
     *,
     mean_output: bool = False,
-    servo_tau_s: float | None = None,
     poles: Poles | None = None,
 ) -> tuple[Floats, Floats]:
     """Return the numbers of eq. 22-23 (n, 9) and the error of the reduction (n,).
 
     The numbers have the order and units of ``quantities.table.YAW_CHANNEL``. ``theta`` (n, p) and
     its ``poles``, where the caller has them. ``mean_output``: the output is the mean rate over the
-    interval before the sample, as with the yaw angle. ``servo_tau_s`` is the servo's lag in s, used
-    for na > 2. NaN where there is no yaw mode or no servo with that lag, and for na < 2 or without
-    B. The servo's lag alone is NaN where no pole is left for it.
+    interval before the sample, as with the yaw angle. NaN where there is no yaw
+    mode, and for na < 2 or without B. The servo's lag alone is NaN where no pole is left for it.
     """
     n = len(theta)
     if orders.na < 2 or not orders.nb or orders.nb[0] == 0:
@@ -86,7 +82,7 @@ def yaw_channel(
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         yaw, servo = np.arange(2) + np.zeros((n, 1), int), np.full(n, np.nan)
         if orders.na > 2:
-            yaw, servo = _yaw_and_servo(p, residues, sample_time_s, servo_tau_s)
+            yaw, servo = _yaw_and_servo(p, residues, sample_time_s)
         mode = np.take_along_axis(p, yaw, axis=1)
         omega = np.sqrt(mode.prod(axis=1).real)
         xi = -mode.sum(axis=1).real / (2.0 * omega)
@@ -107,14 +103,10 @@ def yaw_channel(
         a_omega = 2.0 * xi * omega - a_z
         a_beta, a_delta = omega**2 - a_omega * a_z, K * omega**2 * T
         values = np.stack([K, T, omega, xi, a_z, a_omega, a_beta, a_delta, -1.0 / servo], axis=1)
-        if servo_tau_s is not None and orders.na > 2:
-            values[np.isnan(servo)] = np.nan
     return values, error
 
 
-def _yaw_and_servo(
-    p: Complexes, residues: Complexes, sample_time_s: float, servo_tau_s: float | None
-) -> tuple[Ints, Floats]:
+def _yaw_and_servo(p: Complexes, residues: Complexes, sample_time_s: float) -> tuple[Ints, Floats]:
     """Return the columns (n, 2) of the yaw mode's poles, and the servo's pole (n,) or NaN.
 
     Rows of ``p`` without a yaw mode become NaN.
@@ -126,14 +118,10 @@ def _yaw_and_servo(
 
     real = np.where(p.imag == 0.0, p.real, np.nan)
     lag = np.where(real < 0.0, real, np.nan)
-    off = -np.abs(lag) if servo_tau_s is None else np.abs(np.log(-lag * servo_tau_s))
-    nearest = np.argmin(np.nan_to_num(off, nan=np.inf), axis=1)
+    nearest = np.argmin(np.nan_to_num(-np.abs(lag), nan=np.inf), axis=1)
     servo = lag[rows, nearest]
-    if servo_tau_s is None:
-        # Without a third real pole both belong to the yaw mode, and none to the servo.
-        servo[(first < 0) & (np.isfinite(real).sum(axis=1) < 3)] = np.nan
-    else:
-        servo[~(off[rows, nearest] <= np.log(_NEAR))] = np.nan
+    # Without a third real pole both belong to the yaw mode, and none to the servo.
+    servo[(first < 0) & (np.isfinite(real).sum(axis=1) < 3)] = np.nan
     speed = np.nan_to_num(np.abs(real), nan=np.inf)
     speed[rows, nearest] = np.where(np.isnan(servo), speed[rows, nearest], np.inf)
     slowest = np.argsort(speed, axis=1, kind="stable")[:, :2]
@@ -194,7 +182,6 @@ def with_sigma(
     sample_time_s: float,
     *,
     mean_output: bool = False,
-    servo_tau_s: float | None = None,
 ) -> tuple[Floats, Floats, Floats]:
     """Return the numbers of :func:`yaw_channel` (n, 9), their sigma (n, 9) and the error (n,).
 
@@ -214,7 +201,7 @@ def with_sigma(
     poles = poles_of(stack[moved, :, : orders.na].reshape(-1, orders.na), sample_time_s)
     values, error = yaw_channel(
         stack.reshape(-1, theta.shape[1]), orders, sample_time_s, mean_output=mean_output,
-        servo_tau_s=servo_tau_s, poles=poles.select((same * n + np.arange(n)).ravel()),
+        poles=poles.select((same * n + np.arange(n)).ravel()),
     )  # fmt: skip
     values = values.reshape(2 * count + 1, n, len(YAW_CHANNEL))
     jacobian = (values[1 : count + 1] - values[count + 1 :]) / (2.0 * steps.T[:, :, None])
@@ -245,7 +232,6 @@ def summary_of(
     sample_time_s: float,
     *,
     mean_output: bool = False,
-    servo_tau_s: float | None = None,
 ) -> dict[str, dict[str, float]]:
     """Return {name: {value, std}} for the JSON summary, empty where eq. 23 does not hold.
 
@@ -253,7 +239,7 @@ def summary_of(
     """
     values, std, error = with_sigma(
         theta[None], covariance[None], orders, sample_time_s,
-        mean_output=mean_output, servo_tau_s=servo_tau_s,
+        mean_output=mean_output,
     )  # fmt: skip
     if not known_rows(values, std, error)[0]:
         return {}

@@ -25,10 +25,9 @@ class PhysicsStage:
         sample_time_s: float,
         *,
         mean_output: bool = False,
-        servo_tau_s: float | None = None,
     ) -> None:
         self._orders, self._sample_time_s = orders, sample_time_s
-        self._mean_output, self._servo_tau_s = mean_output, servo_tau_s
+        self._mean_output = mean_output
         self._every = max(1, round(1.0 / sample_time_s))
         self._standing = np.full((2, len(YAW_CHANNEL)), np.nan)
 
@@ -49,7 +48,7 @@ class PhysicsStage:
         if estimates.covariance is not None and worth.any():
             values, std, error = with_sigma(
                 estimates.theta[due[worth]], estimates.covariance[due[worth]], self._orders,
-                self._sample_time_s, mean_output=self._mean_output, servo_tau_s=self._servo_tau_s,
+                self._sample_time_s, mean_output=self._mean_output,
             )  # fmt: skip
             known = known_rows(values, std, error)[:, None, None]
             numbers = np.stack([values, std], axis=1)

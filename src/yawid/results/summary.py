@@ -197,7 +197,7 @@ def _of_method(bank: Bank, method: str, history: SampleHistory) -> MethodSummary
     orders, theta = estimator.config.orders, last.theta[-1]
     numbers = summary_of(
         theta, estimator.covariance, orders, bank.sample_time_s,
-        mean_output=bank.config.output == "yaw", servo_tau_s=bank.config.servo_tau,
+        mean_output=bank.config.output == "yaw",
     )  # fmt: skip
     error = numbers.pop(REDUCTION_ERROR, None)
     physics = {n: Value(x["value"], x["std"], x["std"]) for n, x in numbers.items()}

@@ -2,6 +2,7 @@
 
 import csv
 import io
+import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -39,6 +40,8 @@ A record with these units needs no option to be replayed."""
 OF_LATERAL = {"p": ("p", "rad/s"), "ay": ("ay", "m/s^2")}
 """The further columns of the lateral plant, whose aileron and pitch rest."""
 STDOUT = Path("-")
+UNIT_S = 0.7
+"""The length of the 1 of a 3-2-1-1, of half a doublet and of a PRBS bit."""
 MOST_SAMPLES = 5_000_000
 """The largest number of samples: about a day at 50 Hz, which fits into a small machine's memory."""
 
@@ -49,16 +52,14 @@ def simulate_to_file(
     out: Path,
     *,
     amplitude: float,
-    unit_s: float,
     seconds: float,
     rate_hz: float,
     noise_std: float,
-    seed: int,
     force: bool,
 ) -> None:
     """Simulate and write to ``out``, whose suffix is the format: csv, parquet, tlog or mcap.
 
-    ``-`` is a CSV on stdout. ``kind``, ``amplitude`` (rad) and ``unit_s`` describe the input.
+    ``-`` is a CSV on stdout. ``kind`` and ``amplitude`` (rad) describe the input.
 
     Raises:
         ConfigError: another suffix, or a value outside its limits.
@@ -71,9 +72,7 @@ def simulate_to_file(
         text = f"in {least:g} to {most:.0f} at {rate_hz:g} Hz, got {seconds!r}"
         raise ConfigError(f"--seconds must lie {text}")
     start_s = 5.0 if seconds > 20.0 else 0.0
-    excitation = Excitation(
-        kind=kind, amplitude=amplitude, start_s=start_s, unit_s=unit_s, seed=seed
-    )
+    excitation = Excitation(kind=kind, amplitude=amplitude, start_s=start_s, unit_s=UNIT_S)
     writers = {".csv": _csv, ".parquet": _parquet, ".tlog": _tlog}
     if out.suffix not in (*writers, ".mcap") and out != STDOUT:
         raise ConfigError(f"--out must end in .csv, .parquet, .tlog or .mcap, or be -, got {out}")
@@ -83,7 +82,6 @@ def simulate_to_file(
         duration_s=seconds,
         sample_time_s=1.0 / rate_hz,
         noise_std=noise_std,
-        seed=seed,
     )
     if out.suffix == ".mcap":
         _mcap(simulation, out, rate_hz, force)
@@ -141,7 +139,7 @@ def _tlog(simulation: Simulation) -> bytes:
 
 def _mcap(simulation: Simulation, out: Path, rate_hz: float, force: bool) -> None:
     """Write what a replay of the simulated tlog would write."""
-    config = replace(RunConfig(), rate=min(rate_hz, 20.0), forgetting=1.0)
+    config = replace(RunConfig(), rate=min(rate_hz, 20.0), memory=math.inf)
     outputs = Outputs(out.parent, out.stem, force=force)
     source = in_memory([_tlog(simulation)], WANTED)
     sinks = [open_mcap(config, outputs)]

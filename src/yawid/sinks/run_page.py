@@ -28,30 +28,26 @@ _DERIVATIVES: Final = ("a_my_beta", "a_my_omega_y", "a_my_delta_h", "a_z_beta", 
 """The yaw channel's numbers that are shown next to wn and zeta."""
 
 
-def print_summary(summary: RunSummary, stream: TextIO, *, verbose: bool = False) -> None:
+def print_summary(summary: RunSummary, stream: TextIO) -> None:
     """Print the summary of one run: see :func:`summary_page`, then the channels and files."""
     # A path is for copying and must not be wrapped.
     files = (summary.files or {}).items()
     paths = (Note(f"{kind:>8}  {path}", wraps=False) for kind, path in files)
-    page = summary_page(summary, verbose=verbose)
+    page = summary_page(summary)
     to_terminal([Note(summary.log, "bold"), *page, *origin(summary), *paths], stream)
 
 
-def summary_page(summary: RunSummary, *, verbose: bool = False) -> Iterator[Part]:
+def summary_page(summary: RunSummary) -> Iterator[Part]:
     """Yield the verdict, the answers with their sigmas, and the manoeuvres.
 
-    Where there were manoeuvres the numbers of the stream follow only if ``verbose``.
+    The numbers of the stream follow only where there was no manoeuvre.
     """
     yield from verdict_parts(summary.deciding)
     yield from answer_rows(summary)
     if summary.manoeuvres:
         yield from manoeuvre_parts(summary.manoeuvres, summary.by_loop)
-    if summary.estimates:
-        if summary.flight is not None:
-            more = ":" if verbose else ": --verbose"
-            yield Note(f"running estimates at the end of the log{more}", "bold")
-        if summary.flight is None or verbose:
-            yield stream_grid(summary.estimates)
+    if summary.estimates and summary.flight is None:
+        yield stream_grid(summary.estimates)
 
 
 def stream_grid(estimates: Mapping[str, MethodSummary]) -> Grid:

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, BinaryIO, Final
+from typing import Any, Final
 
 from yawid.errors import ConfigError, SourceError, YawidError
 
@@ -50,17 +50,16 @@ class StoredPath:
         """Return itself."""
         return self
 
-    @contextmanager
-    def opened(self) -> Iterator[BinaryIO]:
-        """Open the file for reading while a context lasts.
+    def copy_to(self, local: Path) -> None:
+        """Copy the file to one of this machine.
 
         Raises:
             ConfigError: fsspec or the store's own library is not installed.
-            SourceError: it cannot be read, or the context ended with another error.
+            SourceError: it cannot be read.
         """
         try:
-            with fsspec().open(self._url) as stream:
-                yield stream
+            with fsspec().open(self._url) as stream, local.open("wb") as out:
+                shutil.copyfileobj(stream, out, CHUNK)
         except YawidError:
             raise
         except ImportError as error:
@@ -70,11 +69,6 @@ class StoredPath:
             number = errno.ENOENT if isinstance(error, FileNotFoundError) else number
             said = os.strerror(number) if number else f"{type(error).__name__}: {error}"
             raise SourceError(f"{self} cannot be read: {said}") from error
-
-    def copy_to(self, local: Path) -> None:
-        """Copy the file to one of this machine. Raises as :meth:`opened` does."""
-        with self.opened() as stream, local.open("wb") as out:
-            shutil.copyfileobj(stream, out, CHUNK)
 
 
 Place = Path | StoredPath

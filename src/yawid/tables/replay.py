@@ -37,7 +37,6 @@ def replay(
     rudder_max_deg: float | None = None,
     rudder_unit: Literal["half-travel", "rad", "deg"] | None = None,
     rudder_is: Literal["measured", "commanded"] | None = None,
-    least_stroke_deg: float | None = None,
     aileron: str | None = None,
     columns: Mapping[str, str] | Sequence[str] | str | None = None,
     units: Literal["rad", "deg"] | None = None,
@@ -49,12 +48,9 @@ def replay(
     lateral: Literal["auto", "off"] | None = None,
     servo_lag: float | None = None,
     ordinary: Literal["auto", "only", "off"] | None = None,
-    servo_tau: float | None = None,
     method: RecursiveName | None = None,
     also: RecursiveName | Literal["none"] | None = None,
-    engine: Literal["numba", "filterpy"] | None = None,
     memory: float | None = None,
-    forgetting: float | None = None,
     airborne: Literal["auto", "all"] | None = None,
     boot: int | None = None,
     sysid: int | None = None,
@@ -67,7 +63,7 @@ def replay(
     ``r``, ...): a DataFrame of pandas or polars, a table of pyarrow, a dict of arrays (n,), or a
     table of another run. The keywords are the options of the command line, None where not given:
     the stretch is ``from_s`` and ``to_s`` in s since boot, ``rate`` is in Hz, ``band`` in Hz,
-    ``memory``, ``servo_lag`` and ``servo_tau`` in s, and ``columns`` may be a dict of the table's
+    ``memory`` and ``servo_lag`` in s, and ``columns`` may be a dict of the table's
     names to those of the record. ``config`` names a TOML file, ``signing_key_file``
     the file with the key of signed frames.
 

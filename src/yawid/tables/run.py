@@ -198,15 +198,14 @@ class Run:
         *,
         aim: float | None = None,
         autopilot: Literal["ardupilot", "px4"] | None = None,
-        loop_rate: float | None = None,
         airspeed: tuple[float, float] | None = None,
         parameters: Mapping[str, float] | None = None,
         gains: Sequence[float] = (),
     ) -> "Study":
         """Return which gain of the autopilot's yaw damper gives which damping.
 
-        ``aim`` is the damping ratio aimed at, ``loop_rate`` the autopilot's in Hz, ``airspeed`` the
-        lowest and highest in m/s; ``parameters`` stand in for those of the log, and ``gains`` are
+        ``aim`` is the damping ratio aimed at, ``airspeed`` the lowest and highest in
+        m/s; ``parameters`` stand in for those of the log, and ``gains`` are
         shown. ``.report`` is what ``yawid damper --json`` prints; where nothing can be said, its
         verdict says why.
 
@@ -215,7 +214,7 @@ class Run:
         """
         from yawid.damper.study import Asked, study
 
-        asked = Asked(aim, autopilot, loop_rate, airspeed, parameters or {}, gains)
+        asked = Asked(aim, autopilot, airspeed, parameters or {}, gains)
         return study(self.facts, asked)
 
     @property

@@ -255,7 +255,7 @@ def test_once_the_movement_is_forgotten_the_streams_number_is_not_known_any_more
 
     Without a search for manoeuvres the number is shown by the same rule.
     """
-    off = replace(CONFIG, forgetting=None, memory=5.0, manoeuvres="off")
+    off = replace(CONFIG, memory=5.0, manoeuvres="off")
     pipeline, decoder = flown(off, 19.6)
     recent = RunningAnswer().look(pipeline, decoder.link)
     pipeline, decoder = flown(off, 21.6)

@@ -172,7 +172,7 @@ def test_a_channel_that_claims_the_number_of_another_ends_the_file(
 def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("whole")
     (folder / "a.tlog").write_bytes(FLIGHT)
-    return replayed(folder / "a.tlog", folder, "--rate", 10, "--forgetting", 1)
+    return replayed(folder / "a.tlog", folder, "--rate", 10, "--memory", "inf")
 
 
 @pytest.fixture(scope="module")

@@ -67,7 +67,7 @@ def test_the_samples_are_those_of_the_telemetry_log_of_the_same_flight(ulg: Path
 
 def test_the_replay_names_the_rudder_by_the_parameters(ulg: Path, tmp_path: Path):
     log = ulg.rename(tmp_path / "flight.tlog")
-    summary = replay(log, {"forgetting": 1.0}, Outputs(tmp_path, "out"), StopFlag())
+    summary = replay(log, {"memory": math.inf}, Outputs(tmp_path, "out"), StopFlag())
     verdict = summary.verdict
 
     assert verdict.exit_code == 0, verdict.reasons

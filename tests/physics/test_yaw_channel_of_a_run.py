@@ -1,4 +1,4 @@
-"""The yaw channel of a whole run: in its summary, in the rows of its file, by a servo named."""
+"""The yaw channel of a whole run: in its summary, in the rows of its file."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from yawid.quantities.table import YAW_CHANNEL
 SITL = REPLAY_LOGS / "sitl_fbwa_50hz" / "log.tlog"
 OPTIONS = (
     "--method", "rml", "--also", "none", "--manoeuvres", "off",
-    "--rate", 25, "--forgetting", 1, "--from", 86.5,
+    "--rate", 25, "--memory", "inf", "--from", 86.5,
 )  # fmt: skip
 
 
@@ -41,25 +41,3 @@ def test_the_file_holds_the_yaw_channel_with_sigma_at_every_sample(capsys, tmp_p
         known = np.isfinite(values)
         assert known[2000:].all()
         np.testing.assert_array_equal(known, np.isfinite(sigmas))
-
-
-def test_a_servo_is_named_on_the_command_line_or_in_toml(capsys, tmp_path):
-    settings = tmp_path / "run.toml"
-    settings.write_text("servo-tau = 0.14\n", encoding="utf-8")
-
-    by_option = replayed(capsys, tmp_path, "--servo-tau", 0.14)
-    by_file = replayed(capsys, tmp_path, "--config", settings)
-    elsewhere = replayed(capsys, tmp_path, "--servo-tau", 1.4)
-
-    assert by_option["physics"]["servo_tau_s"]["value"] == pytest.approx(0.12, abs=0.01)
-    assert by_file["physics"] == by_option["physics"]
-    assert "physics" not in elsewhere  # no pole of the model is that slow
-    assert elsewhere["dutch_roll"] == by_option["dutch_roll"]
-
-
-@pytest.mark.parametrize("tau", ["0", "-0.1", "inf", "nan"])
-def test_a_lag_that_is_none_is_refused(capsys, tmp_path, tau):
-    code = main(["replay", str(SITL), "--out", str(tmp_path), f"--servo-tau={tau}"])
-
-    assert code == 2
-    assert capsys.readouterr().err.startswith("yawid: --servo-tau must be > 0 and finite")
