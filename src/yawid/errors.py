@@ -1,5 +1,6 @@
 """The exceptions that yawid raises on purpose, with exit codes; only ``cli/`` prints them."""
 
+import importlib
 from collections.abc import Iterable
 from typing import Any, Final
 
@@ -85,3 +86,15 @@ def did_you_mean(name: str, names: Iterable[str]) -> str:
     by_plain = {each.lower().replace("_", "-"): each for each in names}
     near = get_close_matches(name.lower().replace("_", "-"), by_plain, n=1, cutoff=0.6)
     return f"; did you mean {by_plain[near[0]]}?" if near else ""
+
+
+def library(name: str) -> Any:
+    """Import an optional library.
+
+    Raises:
+        ConfigError: it is not installed; the message names it.
+    """
+    try:
+        return importlib.import_module(name)
+    except ImportError as error:
+        raise ConfigError(f"to_{name} needs {name}: pip install {name} ({error})") from error

@@ -120,7 +120,7 @@ def test_a_lag_that_is_not_known_leaves_the_response_known() -> None:
 
     assert np.std(np.log(-x[:, 2])) == pytest.approx(0.3, rel=0.1)
     given = np.diag(J @ covariance[2:, 2:] @ J.T).reshape(2, 3).sum(axis=0) ** 0.5
-    spread = np.std(of.transfer(x).at(1j * w), axis=0)  # of both parts together
+    spread = np.std(of.transfers(x)[0].at(1j * w), axis=0)  # of both parts together
     assert np.linalg.norm(spread) == pytest.approx(np.linalg.norm(given), rel=0.5)
     assert (spread < 0.1 * np.abs(G(1j * w)).max()).all()
 

@@ -91,9 +91,9 @@ def test_time_and_frequency_are_those_of_the_matrices(which: int | str) -> None:
 
 def test_sigmas_are_those_of_parameters_that_are_drawn() -> None:
     found, rng = model("flight"), np.random.default_rng(2)
-    form, w = found.continuous, np.array([3.2, 5.0, 7.8])
+    w = np.array([3.2, 5.0, 7.8])
     # A hundredth of the covariance, within which everything is nearly linear.
-    drawn = rng.multivariate_normal(form.values, 1e-2 * form.covariance, 4000)
+    drawn = rng.multivariate_normal(found.values, 1e-2 * found.covariance, 4000)
     G = np.array([np.polyval(p[2:], 1j * w) / np.polyval([1.0, *p[:2]], 1j * w) for p in drawn])
 
     response = found.frequency_response(w)

@@ -12,9 +12,10 @@ import numpy as np
 import pytest
 from gate import one_in
 
+from yawid.answers.identified_model import ModelSignal
 from yawid.models.aerodynamics import aerodynamics
 from yawid.models.identify import _airframe
-from yawid.models.linear import Form, LinearModel, Signal
+from yawid.models.linear import LinearModel
 
 jsbsim = pytest.importorskip("jsbsim")
 
@@ -30,9 +31,9 @@ def identified(fdm: Any, A: np.ndarray, aileron: np.ndarray, rudder: np.ndarray)
     values = [A[0, 0], A[2, 0], A[2, 2], A[2, 3], aileron[2], -rudder[2],
               A[3, 0], A[3, 2], A[3, 3], aileron[3], -rudder[3], -rudder[0], alpha]  # fmt: skip
     matrices = partial(_airframe, names=NAMES, airspeed_m_s=V)
-    form = Form(NAMES, ("",) * len(NAMES), np.array(values), np.zeros((13, 13)), matrices)
-    inputs = Signal("aileron", "half-travel"), Signal("rudder", "half-travel")
-    return LinearModel("bare airframe", True, (), "mean", form, 0.05, inputs, (), (),
+    inputs = ModelSignal("aileron", "half-travel"), ModelSignal("rudder", "half-travel")
+    return LinearModel("bare airframe", True, (), "mean", NAMES, ("",) * len(NAMES),
+                       np.array(values), np.zeros((13, 13)), matrices, 0.05, inputs, (), (),
                        facts={"airspeed_m_s": V})  # fmt: skip
 
 

@@ -27,8 +27,8 @@ def test_cross_spectra_measure_g_where_the_coherence_is_high():
     u = prbs(1200.0)
     y = answer(u) + 0.05 * rng.standard_normal(len(u))
     found = frequency_response(u, y, TS, 20.0)
-    _, G = freqz([0.0, *THETA[2:]], [1.0, *THETA[:2]], worN=found.frequency_hz, fs=1.0 / TS)
-    seen = (found.frequency_hz > 0.1) & (found.frequency_hz < 2.0)
+    _, G = freqz([0.0, *THETA[2:]], [1.0, *THETA[:2]], worN=found.w, fs=2.0 * np.pi / TS)
+    seen = (found.w > 0.6) & (found.w < 12.6)
     assert (found.coherence[seen] > 0.9).all()
     magnitude = (np.abs(found.G) - np.abs(G))[seen] / found.magnitude_std[seen]
     phase = np.angle(found.G / G)[seen] / found.phase_std_rad[seen]

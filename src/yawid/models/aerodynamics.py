@@ -16,7 +16,7 @@ sideslip. Both are subtracted in the file, so that their sum with it is what was
 import math
 import re
 import textwrap
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Final, NamedTuple
 from xml.etree.ElementTree import Element, indent, tostring
 
@@ -27,7 +27,7 @@ from yawid.models.linear import LinearModel
 from yawid.quantities.units import HALF_TRAVEL
 
 NAMES: Final = {"beta": "b", "p": "p", "r": "r", "delta_a": "da", "delta_r": "dr"}
-AXES: Final = {"SIDE": "CY", "ROLL": "Cl", "YAW": "Cn"}
+AXES: Final = {"CY": "SIDE", "Cl": "ROLL", "Cn": "YAW"}
 _FACTORS: Final = {
     "b": ("aero/beta-rad",),
     "p": ("aero/bi2vel", "velocities/p-aero-rad_sec"),
@@ -36,8 +36,6 @@ _FACTORS: Final = {
     "dr": ("fcs/rudder-pos-rad",),
 }
 """What each coefficient is multiplied by: JSBSim's properties."""
-_ALONG: Final = {"ROLL": ("z", -1.0), "YAW": ("x", 1.0)}
-"""The axis along which the arm of the side force lies, and the sign that takes its moment away."""
 DIMENSIONS: Final = (
     "mass", "ixx", "izz", "ixz", "area", "span", "rudder_max_deg", "aileron_max_deg", "density",
 )  # fmt: skip
@@ -79,31 +77,28 @@ def coefficients(model: LinearModel, given: Mapping[str, float | None]) -> dict[
     Raises:
         ConfigError: a dimension is missing or impossible, or the model is not the bare airframe's.
     """
-    if "airspeed_m_s" not in model.facts or "alpha_rad" not in model.continuous.names:
+    if "airspeed_m_s" not in model.facts or "alpha_rad" not in model.names:
         raise ConfigError(f"coefficients are those of the bare airframe, not of the {model.of}")
-    of, form, V = checked(given), model.continuous, model.facts["airspeed_m_s"]
+    of, V = checked(given), model.facts["airspeed_m_s"]
     q_area = 0.5 * of["density"] * V**2 * of["area"]
-    travel = {
-        "delta_a": math.radians(of["aileron_max_deg"]),
-        "delta_r": -math.radians(of["rudder_max_deg"]),
-    }
-    if {each.name: each.unit for each in model.inputs}["rudder"] != HALF_TRAVEL:
-        travel["delta_r"] = -1.0
+    in_rad = {each.name: each.unit for each in model.inputs}["rudder"] != HALF_TRAVEL
+    travel_rad = 1.0 if in_rad else math.radians(of["rudder_max_deg"])
+    per = {"beta": 1.0} | dict.fromkeys("pr", 2.0 * V / of["span"])
+    per |= {"delta_a": 1.0 / math.radians(of["aileron_max_deg"]), "delta_r": -1.0 / travel_rad}
     found = {}
     for x, short in NAMES.items():
-        per = 2.0 * V / of["span"] if x in ("p", "r") else 1.0 / travel.get(x, 1.0)
-        moment = per / (q_area * of["span"])
+        moment = per[x] / (q_area * of["span"])
         for axis, parts in {
-            "CY": {"Y": of["mass"] * V / q_area * per},
+            "CY": {"Y": of["mass"] * V / q_area * per[x]},
             "Cl": {"L": of["ixx"] * moment, "N": -of["ixz"] * moment},
             "Cn": {"N": of["izz"] * moment, "L": -of["ixz"] * moment},
         }.items():
             own = {f"{letter}_{x}": factor for letter, factor in parts.items()}
-            weights = np.array([own.get(name, 0.0) for name in form.names])
+            weights = np.array([own.get(name, 0.0) for name in model.names])
             if weights.any():
-                std = math.sqrt(max(float(weights @ form.covariance @ weights), 0.0))
-                main = form.names[int(np.abs(weights).argmax())]
-                value = float(weights @ form.values)
+                std = math.sqrt(max(float(weights @ model.covariance @ weights), 0.0))
+                main = model.names[int(np.abs(weights).argmax())]
+                value = float(weights @ model.values)
                 found[f"{axis}{short}"] = Coefficient(value, std, main in model.from_prior)
     return found
 
@@ -114,16 +109,28 @@ def aerodynamics(model: LinearModel, given: Mapping[str, float | None]) -> str:
     Raises:
         ConfigError: as :func:`coefficients`.
     """
-    found, axes = coefficients(model, given), []
-    forces = [f"aero/coefficient/{name}" for name in found if name.startswith("CY")]
+    found, rows = coefficients(model, given), []
+    for name, each in found.items():
+        prior = "; what is known beforehand determines it, not the flight" * each.from_prior
+        length = () if name.startswith("CY") else ("metrics/bw-ft",)
+        factors = "aero/qbar-psf", "metrics/Sw-sqft", *length, *_FACTORS[name[2:]]
+        value = _element("value", text=f"{each.value:.8g}")
+        said = f"{name}, sigma {each.std:.3g}{prior}"
+        rows.append((name[:2], _product(f"coefficient/{name}", said, *factors, value)))
     said = "CYb holds the side force of thrust, which JSBSim adds by itself"
-    factors = _properties("forces/fbx-prop-lbs", "aero/beta-rad")
-    thrust = _product("aero/yawid/thrust", said, *factors)
-    for axis, letter in AXES.items():
-        functions = [_coefficient(*each) for each in found.items() if each[0].startswith(letter)]
-        functions.append(_arm(axis, forces) if axis in _ALONG else thrust)
-        axes.append(_element("axis", *functions, name=axis))
-    root = _element("aerodynamics", *axes)
+    thrust = _product("yawid/thrust", said, "forces/fbx-prop-lbs", "aero/beta-rad")
+    forces = [f"aero/coefficient/{name}" for name in found if name.startswith("CY")]
+    drag = _element("product", "forces/fwx-aero-lbs", "aero/beta-rad")
+    side = _element("difference", _element("sum", *forces, "aero/yawid/thrust"), drag)
+    rows.append(("CY", thrust))
+    for of, along, per_in in (("Cl", "z", -1.0 / 12.0), ("Cn", "x", 1.0 / 12.0)):
+        said = "The moments are about the centre of gravity, the side force is not"
+        arm = _element("difference", f"metrics/aero-rp-{along}-in", f"inertia/cg-{along}-in")
+        value = _element("value", text=f"{per_in:.9f}")
+        rows.append((of, _product(f"yawid/{AXES[of].lower()}-arm", said, arm, side, value)))
+    root = _element("aerodynamics")
+    for of, axis in AXES.items():
+        root.append(_element("axis", *(each for letters, each in rows if letters == of), name=axis))
     indent(root, " ")
     head = _head(model, checked(given))
     return f'<?xml version="1.0"?>\n<!-- {head}\n-->\n{tostring(root, "unicode")}\n'
@@ -146,42 +153,17 @@ def _head(model: LinearModel, of: Mapping[str, float]) -> str:
     return "\n     ".join(row for each in text.split("\n") for row in textwrap.wrap(each, 92))
 
 
-def _element(tag: str, *inside: Element, text: str | None = None, **attributes: str) -> Element:
+def _element(
+    tag: str, *inside: Element | str, text: str | None = None, **attributes: str
+) -> Element:
+    """Return an element with a text, or with others in it; a string is a property by its name."""
     found = Element(tag, attributes)
     found.text = text
-    found.extend(inside)
+    found.extend(_element("property", text=x) if isinstance(x, str) else x for x in inside)
     return found
 
 
-def _product(name: str, said: str, *factors: Element) -> Element:
+def _product(name: str, said: str, *factors: Element | str) -> Element:
     """Return the function ``name`` that is the product of some factors."""
-    return _element(
-        "function", _element("description", text=said), _element("product", *factors), name=name
-    )
-
-
-def _properties(*names: str) -> list[Element]:
-    return [_element("property", text=name) for name in names]
-
-
-def _coefficient(name: str, each: Coefficient) -> Element:
-    prior = "; what is known beforehand determines it, not the flight" if each.from_prior else ""
-    length = () if name.startswith("CY") else ("metrics/bw-ft",)
-    factors = ("aero/qbar-psf", "metrics/Sw-sqft", *length, *_FACTORS[name[2:]])
-    value = _element("value", text=f"{each.value:.8g}")
-    said = f"{name}, sigma {each.std:.3g}{prior}"
-    return _product(f"aero/coefficient/{name}", said, *_properties(*factors), value)
-
-
-def _arm(axis: str, forces: Sequence[str]) -> Element:
-    """Return the moment that takes that of the side force away: its arm times the side force."""
-    along, sign = _ALONG[axis]
-    arm = _properties(f"metrics/aero-rp-{along}-in", f"inertia/cg-{along}-in")
-    force = _element("sum", *_properties(*forces, "aero/yawid/thrust"))
-    drag = _element("product", *_properties("forces/fwx-aero-lbs", "aero/beta-rad"))
-    return _product(
-        f"aero/yawid/{axis.lower()}-arm",
-        "The moments are about the centre of gravity, the side force is not",
-        _element("difference", *arm), _element("difference", force, drag),
-        _element("value", text=f"{sign / 12:.9f}"),
-    )  # fmt: skip
+    product, description = _element("product", *factors), _element("description", text=said)
+    return _element("function", description, product, name=f"aero/{name}")

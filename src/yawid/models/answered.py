@@ -66,8 +66,7 @@ class Answered:
         covariance, roll = np.array(answer.response.covariance, float), answer.dutch_roll
         for i, std in enumerate((roll.wn_std, roll.zeta_std) if roll else ()):
             covariance[i, i] = max(covariance[i, i], (std or 0.0) ** 2)
-        model = cls(found, tuple(by_input), pairs, x, covariance)
-        return model._with_limited_reals()
+        return cls(found, tuple(by_input), pairs, x, covariance)._with_limited_reals()
 
     def _with_limited_reals(self) -> "Answered":
         reals, rest = slice(2 * self.pairs, self.order), slice(self.order, None)
@@ -75,8 +74,7 @@ class Answered:
         P, stays, s = np.eye(len(self.x)), np.minimum(1.0, known), band_of(float(self.x[0]))
 
         def responses(x: Floats) -> Complexes:
-            every = [self.transfer(x[None], i).at(s)[0] for i in range(len(self.inputs))]
-            return np.concatenate(every)
+            return np.concatenate([G.at(s)[0] for G in self.transfers(x[None])])
 
         relative = changes_of(responses, self.x, P) / np.abs(responses(self.x))[:, None]
         slopes = np.concatenate([relative.real, relative.imag])
@@ -94,18 +92,13 @@ class Answered:
         """The number of poles, both of a pair counted."""
         return len(self.x) // (1 + len(self.inputs))
 
-    def transfer(self, x: Floats | None = None, number: int = 0) -> Transfer:
-        """Return the transfer functions from one input for its own or other numbers (n, p)."""
+    def transfers(self, x: Floats | None = None) -> list[Transfer]:
+        """Return the transfer functions from each input, for its own or other numbers (n, p)."""
         x = self.x[None] if x is None else x
-        n, pairs = self.order, 2 * self.pairs
-        of_poles, of_residues = x[:, :n], x[:, n * (1 + number) : n * (2 + number)]
-        wn, zeta = of_poles[:, 0:pairs:2], of_poles[:, 1:pairs:2]
-        return Transfer(
-            _whole(pole_of(wn, zeta), of_poles[:, pairs:]),
-            _whole(
-                of_residues[:, 0:pairs:2] + 1j * of_residues[:, 1:pairs:2], of_residues[:, pairs:]
-            ),
-        )
+        parts, n = np.split(x, 1 + len(self.inputs), axis=1), 2 * self.pairs
+        (wn, zeta, real), *every = ((p[:, 0:n:2], p[:, 1:n:2], p[:, n:]) for p in parts)
+        poles = _whole(pole_of(wn, zeta), real)
+        return [Transfer(poles, _whole(re + 1j * im, rest)) for re, im, rest in every]
 
     @property
     def upper(self) -> Complexes:
@@ -118,13 +111,13 @@ class Answered:
 
         Frequencies and real poles are log-normal, so that none changes its sign.
         """
-        size, axes = np.linalg.eigh(0.5 * (self.covariance + self.covariance.T))
-        spread = axes * np.sqrt(np.maximum(size, 0.0))
-        moved: Floats = rng.normal(size=(count, len(self.x))) @ spread.T
-        x, pairs = self.x + moved, 2 * self.pairs
-        signed = np.r_[0:pairs:2, pairs : self.order]
-        x[:, signed] = self.x[signed] * np.exp(moved[:, signed] / self.x[signed])
-        x[:, 1:pairs:2] = np.clip(x[:, 1:pairs:2], LEAST_ZETA, MOST_ZETA)
+        x: Floats = rng.multivariate_normal(
+            self.x, self.covariance, count, check_valid="ignore", method="eigh"
+        )
+        n = 2 * self.pairs
+        signed = np.r_[0:n:2, n : self.order]
+        x[:, signed] = self.x[signed] * np.exp(x[:, signed] / self.x[signed] - 1.0)
+        x[:, 1:n:2] = np.clip(x[:, 1:n:2], LEAST_ZETA, MOST_ZETA)
         return x
 
 

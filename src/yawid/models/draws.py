@@ -14,7 +14,7 @@ from typing import Final
 
 import numpy as np
 
-from yawid.answers.run_summary import Flight
+from yawid.answers.run_summary import DutchRoll, Flight
 from yawid.blocks import Ints
 from yawid.models.answered import LEAST_ZETA, MOST_ZETA, Answered, band_of
 from yawid.physics.continuous import Transfer, pole_of
@@ -30,13 +30,14 @@ class Aircraft:
 
     ``lag`` (n,) is the column of the real pole that stays where it is at another airspeed, -1 in
     half of the draws: whether it is the servo's or the aircraft's is not known. ``central`` is one
-    with exactly the flight's wn and zeta, and the mean of its manoeuvres' responses. ``falls`` is
-    the variance of the rudder's effect on the pair, over its median, that noise and the scatter
-    between manoeuvres cause: it falls with their number.
+    with exactly the flight's wn and zeta, and the mean of its manoeuvres' responses, ``alike`` has
+    the draws in its form. ``falls`` is the variance of the rudder's effect on the pair, over its
+    median, that noise and the scatter between manoeuvres cause: it falls with their number.
     """
 
     G: Transfer
     central: Transfer
+    alike: Transfer
     lag: Ints
     airspeed_m_s: float
     falls: float
@@ -54,26 +55,20 @@ class Aircraft:
         total = float(np.mean((effect / np.median(effect) - 1.0) ** 2))
         return float(np.sqrt(max(total - self.falls, 0.0) + self.falls / manoeuvres))
 
-    @property
-    def alike(self) -> Transfer:
-        """The draws in the form of ``central``."""
-        return alike(self.G, abs(self.central.dutch_roll[0]), self.central.poles[0, 2:])
-
 
 def drawn_aircraft(flight: Flight, models: Sequence[Answered]) -> Aircraft | None:
     """Return the flight's aircraft from the models of its manoeuvres; None where there is none."""
     roll, speed = flight.dutch_roll, flight.airspeed_m_s
-    flown = [(each, each.found.airspeed_m_s) for each in models]
-    at = [(each, speed / own) for each, own in flown if speed is not None and own is not None]
+    flown = [each.found.airspeed_m_s for each in models]
+    at = [(each, speed / own) for each, own in zip(models, flown, strict=True) if speed and own]
     if roll is None or speed is None or not at:
         return None
     rng, count = np.random.default_rng(SEED), max(1, round(DRAWS / len(at)))
-    parts = [each.transfer(each.drawn(count, rng)).faster(factor) for each, factor in at]
+    parts = [each.transfers(each.drawn(count, rng))[0].faster(factor) for each, factor in at]
     drawn = Transfer.joined(parts)
-    of_mean = Transfer.joined([each.transfer().faster(factor) for each, factor in at])
-    wn, zeta = roll.wn_rad_s, roll.zeta
-    of_mean = of_mean.with_pair(np.full(len(at), pole_of(wn, np.array(zeta))))
-    mean = alike(of_mean, wn, _median_real(drawn))
+    of_mean = Transfer.joined([each.transfers()[0].faster(factor) for each, factor in at])
+    pair, wn = pole_of(roll.wn_rad_s, np.array(roll.zeta)), roll.wn_rad_s
+    mean = alike(of_mean.with_pair(np.full(len(at), pair)), wn, _median_real(drawn))
     central = Transfer(mean.poles[:1], mean.residues.mean(axis=0)[None])
     middle = float(np.median(drawn.effect))
     common = [
@@ -81,9 +76,9 @@ def drawn_aircraft(flight: Flight, models: Sequence[Answered]) -> Aircraft | Non
         for (each, _), part in zip(at, parts, strict=True)
     ]
     falls = max(float(np.var(drawn.effect / middle) - np.mean(common)), 0.0)
-    G = drawn.with_pair(_as_answered(flight, drawn.dutch_roll, rng))
+    G = drawn.with_pair(_as_answered(roll, drawn.dutch_roll, rng))
     lag = np.where(np.arange(len(G)) % 2 == 0, _fastest_real(G), -1)
-    return Aircraft(G, central, lag, speed, falls)
+    return Aircraft(G, central, alike(G, wn, central.poles[0, 2:]), lag, speed, falls)
 
 
 def alike(G: Transfer, wn_rad_s: float, reals: Complexes) -> Transfer:
@@ -101,23 +96,19 @@ def alike(G: Transfer, wn_rad_s: float, reals: Complexes) -> Transfer:
 
 def _median_real(G: Transfer) -> Complexes:
     """Return the median of the draws' first real pole (1,), nothing where none has any."""
-    known = np.flatnonzero((G.residues[:, 2:3] != 0.0).any(axis=1))
-    every = np.sort(G.poles[known, 2:3].real, axis=0)
-    return every[len(every) // 2 : len(every) // 2 + 1].ravel().astype(complex)
+    every = np.sort(G.poles[:, 2:3][G.residues[:, 2:3] != 0.0].real)
+    return every[len(every) // 2 : len(every) // 2 + 1].astype(complex)
 
 
 def _share_of_noise(model: Answered) -> float:
     """Return the part of a manoeuvre's variance that noise explains, as wn has it."""
     roll = model.found.dutch_roll
-    if roll is None or not roll.wn_std or roll.wn_std_noise is None:
-        return 0.0
-    return min(1.0, (roll.wn_std_noise / roll.wn_std) ** 2)
+    noise, std = (roll.wn_std_noise, roll.wn_std) if roll else (None, None)
+    return min(1.0, ((noise or 0.0) / (std or np.inf)) ** 2)
 
 
-def _as_answered(flight: Flight, poles: Complexes, rng: np.random.Generator) -> Complexes:
+def _as_answered(roll: DutchRoll, poles: Complexes, rng: np.random.Generator) -> Complexes:
     """Return the Dutch rolls (n,) with the flight's mean and total sigma of wn and zeta."""
-    assert flight.dutch_roll is not None
-    roll = flight.dutch_roll
     values = np.stack([np.log(np.abs(poles)), -poles.real / np.abs(poles)])
     mean = np.array([[np.log(roll.wn_rad_s)], [roll.zeta]])
     std = np.array([[(roll.wn_std or 0.0) / roll.wn_rad_s], [roll.zeta_std or 0.0]])

@@ -47,12 +47,10 @@ class Flown:
         """Return a manoeuvre's samples, out of those of a run; None where it has none."""
         t, near = samples.boot_us / 1e6, 1e-3 * samples.sample_time_s  # its seconds are rounded
         rows: Bools = (t >= found.from_s - near) & (t <= found.to_s + near)
-        try:  # another boot may have the same seconds
-            begin_ns = datetime.fromisoformat(found.date or "").timestamp() * 1e9
-        except ValueError:  # a record without a date, or a file that somebody has changed
-            begin_ns = np.nan
-        away_ns = np.abs(samples.unix_ns - begin_ns - 0.5e9 * found.duration_s)
-        rows &= ~(away_ns > 0.5e9 * found.duration_s + _AWAY_NS)
+        if found.date is not None:  # another boot may have the same seconds
+            begin_ns = datetime.fromisoformat(found.date).timestamp() * 1e9
+            away_ns = np.abs(samples.unix_ns - begin_ns - 0.5e9 * found.duration_s)
+            rows &= away_ns <= 0.5e9 * found.duration_s + _AWAY_NS
         if not rows.any():
             return None
         samples, measured = samples.select(rows), config.rudder_is == "measured"
@@ -90,8 +88,7 @@ class Flown:
             return np.full(len(w), np.nan)
         rate = 2.0 * np.pi / self.sample_time_s
         at, found = signal.coherence(simulated, y, rate, nperseg=len(y) // SEGMENTS)
-        known: Floats = np.interp(w, at[1:], found[1:], left=np.nan, right=np.nan)
-        return known
+        return np.asarray(np.interp(w, at[1:], found[1:], left=np.nan, right=np.nan))
 
     def explained_by_rudder(self, poles: Complexes, y: Floats) -> Floats:
         """Return the residues with which the rudder explains another output y (n,) best.

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from yawid.answers.identified_model import ModelSignal
 from yawid.answers.reasons import Verdict
 from yawid.answers.run_summary import HIGHEST, LOWEST, Flight, Manoeuvre, RunSummary
 from yawid.blocks import Floats, SampleBlock
@@ -24,18 +25,23 @@ from yawid.lateral.model import NAMES, airframe
 from yawid.models.answered import Answered, changes_of, why_not
 from yawid.models.draws import drawn_aircraft
 from yawid.models.flown import Flown
-from yawid.models.linear import Form, LinearModel, Matrices, Signal
+from yawid.models.linear import LinearModel, Matrices
 from yawid.physics.continuous import Transfer
 from yawid.quantities.units import HALF_TRAVEL, unit_of_derivative
 
 HELD, MEAN = "held", "mean"
-_OUTPUT = Signal("r", "rad/s")
-_STATES = (Signal("beta", "rad"), Signal("p", "rad/s"), _OUTPUT, Signal("roll", "rad"))
+_OUTPUT = ModelSignal("r", "rad/s")
+_STATES = (
+    ModelSignal("beta", "rad"),
+    ModelSignal("p", "rad/s"),
+    _OUTPUT,
+    ModelSignal("roll", "rad"),
+)
 
 
 @dataclass(frozen=True, slots=True)
 class Recorded:
-    """A run: its summary and configuration, its samples in blocks, the vehicle's parameters."""
+    """A run: its summary and configuration, its samples in one block or more, and parameters."""
 
     summary: RunSummary
     config: RunConfig
@@ -51,15 +57,13 @@ class Recorded:
         one moved between the samples, which have its mean.
         """
         rudder = self.summary.channels.get("rudder")
-        rate_hz = None if rudder is None else rudder.rate_hz
+        rate_hz = (rudder and rudder.rate_hz) or np.inf
         commanded = self.config.rudder_is == "commanded"
-        return HELD if commanded and (rate_hz or np.inf) * self.sample_time_s < 1.02 else MEAN
+        return HELD if commanded and rate_hz * self.sample_time_s < 1.02 else MEAN
 
     def flown(self, manoeuvres: Sequence[Manoeuvre]) -> list[Flown]:
         """Return the manoeuvres that have samples, with these."""
-        if not (blocks := list(self.samples)):
-            return []
-        samples = SampleBlock.joined(blocks)
+        samples = SampleBlock.joined(list(self.samples))
         found = (Flown.of(each, samples, self.config) for each in manoeuvres)
         return [each for each in found if each is not None]
 
@@ -69,10 +73,11 @@ class Recorded:
         of = () if self.summary.flight is None else self.summary.flight.used
         return [each for each in self.summary.manoeuvres or () if each.n in of]
 
-    def inputs(self, names: Sequence[str]) -> tuple[Signal, ...]:
+    def inputs(self, names: Sequence[str]) -> tuple[ModelSignal, ...]:
         """Return inputs with their units."""
         return tuple(
-            Signal(n, self.config.unit_of_rudder if n == "rudder" else HALF_TRAVEL) for n in names
+            ModelSignal(n, self.config.unit_of_rudder if n == "rudder" else HALF_TRAVEL)
+            for n in names
         )
 
 
@@ -92,20 +97,26 @@ def model_of(run: Recorded, which: int | str) -> LinearModel:
     found = next((m for m in run.summary.manoeuvres or () if m.n == which), None)
     if found is None:
         numbers = ", ".join(str(each.n) for each in run.summary.manoeuvres or ()) or "none"
-        has = f"a model is that of flight, bare or a manoeuvre ({numbers})"
-        raise ConfigError(f"there is no model of {which!r}: {has}")
+        raise ConfigError(
+            f"there is no model of {which!r}: a model is that of flight, bare or a manoeuvre "
+            f"({numbers})"
+        )
     return model_of_answer(run, Answered.of(found), next(iter(run.flown([found])), None))
 
 
 def model_of_answer(run: Recorded, model: Answered, flown: Flown | None) -> LinearModel:
     """Return the model of a manoeuvre's answer, ``flown`` being its samples."""
-    values = _coefficients(model, model.x)
-    changes = changes_of(partial(_coefficients, model), model.x, model.covariance)
-    flown = None if flown is None else flown.with_model(model)
-    of, wn = f"manoeuvre {model.found.n}", float(model.x[0])
+
+    def coefficients(x: Floats) -> Floats:
+        return np.asarray(_polynomials(model.transfers(x[None]))[0])
+
+    values = coefficients(model.x)
+    changes = changes_of(coefficients, model.x, model.covariance)
     return _observer(
-        run, of, model.found, model.inputs, wn, values, changes @ changes.T, measured=flown
-    )
+        run, f"manoeuvre {model.found.n}", model.found, run.inputs(model.inputs), float(model.x[0]),
+        values,
+        changes @ changes.T, measured=flown and flown.with_model(model),
+    )  # fmt: skip
 
 
 def _flight(run: Recorded) -> LinearModel:
@@ -116,58 +127,59 @@ def _flight(run: Recorded) -> LinearModel:
     aircraft = drawn_aircraft(flight, [Answered.of(each) for each in run.used])
     if aircraft is None:
         raise NotIdentifiable("the airspeed is not known: take the model of one manoeuvre")
-    values, wn = _polynomials(aircraft.central)[0], flight.dutch_roll.wn_rad_s
-    apart = _polynomials(aircraft.alike) - values
-    return _observer(run, "flight", flight, ("rudder",), wn, values, apart.T @ apart / len(apart))
+    values, wn = _polynomials([aircraft.central])[0], flight.dutch_roll.wn_rad_s
+    apart = _polynomials([aircraft.alike]) - values
+    return _observer(
+        run, "flight", flight, run.inputs(["rudder"]), wn, values, apart.T @ apart / len(apart)
+    )
 
 
 def _observer(
     run: Recorded,
     of: str,
     answer: Manoeuvre | Flight,
-    names: Sequence[str],
+    inputs: tuple[ModelSignal, ...],
     wn_rad_s: float,
     values: Floats,
     covariance: Floats,
     measured: Flown | None = None,
 ) -> LinearModel:
     """Return the model of the yaw rate with den and num coefficients, n for each, as ``values``."""
-    inputs, speed = run.inputs(names), answer.airspeed_m_s
-    n = len(values) // (1 + len(inputs))
+    n, speed = len(values) // (1 + len(inputs)), answer.airspeed_m_s
     powers = [f"s{n - 1 - i}" for i in range(n)]
-    units = ["1/s", *(f"1/s^{i + 1}" for i in range(1, n))]
-    units += [f"rad/s^{i + 2} per {each.unit}" for each in inputs for i in range(n)]
+    den = [(f"den_{s}", f"1/s^{i}" if i > 1 else "1/s") for i, s in enumerate(powers, 1)]
+    num = [
+        (f"num_{s}_{each.name}", f"rad/s^{i} per {each.unit}")
+        for each in inputs
+        for i, s in enumerate(powers, 2)
+    ]
 
     def matrices(v: Floats) -> Matrices:
         A, B = np.eye(n, k=1), v[n:].reshape(len(inputs), n).T
         A[:, 0] = -v[:n]
         return A, B, np.eye(1, n), np.zeros((1, len(inputs)))
 
-    coefficients = [f"den_{power}" for power in powers]
-    coefficients += [f"num_{power}_{each.name}" for each in inputs for power in powers]
+    names, units = zip(*den, *num, strict=True)
     return LinearModel(
         of=of, **_judged(answer.verdict), input_is=run.input_is,
-        continuous=Form(tuple(coefficients), tuple(units), values, covariance, matrices),
+        names=names, units=units, values=values, covariance=covariance, matrices=matrices,
         sample_time_s=run.sample_time_s, inputs=inputs, outputs=(_OUTPUT,),
-        states=(_OUTPUT, *(Signal(f"x{i + 1}", f"rad/s^{i + 1}") for i in range(1, n))),
+        states=(_OUTPUT, *(ModelSignal(f"x{i + 1}", f"rad/s^{i + 1}") for i in range(1, n))),
         facts={} if speed is None else {"airspeed_m_s": speed}, measured=measured,
         holds_rad_s=(LOWEST * wn_rad_s, HIGHEST * wn_rad_s),
     )  # fmt: skip
 
 
-def _coefficients(model: Answered, x: Floats) -> Floats:
-    """Return the coefficients of den, then of each input's num, for the numbers x (p,)."""
-    n = model.order
-    each = [_polynomials(model.transfer(x[None], i))[0] for i in range(len(model.inputs))]
-    return np.concatenate([each[0][:n], *(both[n:] for both in each)])
+def _polynomials(every: Sequence[Transfer]) -> Floats:
+    """Return the coefficients (n, m + m inputs) of den without its leading 1, then of each num.
 
-
-def _polynomials(G: Transfer) -> Floats:
-    """Return the coefficients (n, 2m) of den and num without its leading 1, high powers first."""
-    found = []
-    for p, residues in zip(G.poles, G.residues, strict=True):
-        parts = [r * np.poly(np.delete(p, i)) for i, r in enumerate(residues)]
-        found.append(np.concatenate([np.poly(p)[1:], np.sum(parts, axis=0)]).real)
+    High powers come first; ``every`` has the transfer functions of each input, of the same poles.
+    """
+    found: list[Floats] = []
+    for i, p in enumerate(every[0].poles):
+        others = [np.poly(np.delete(p, j)) for j in range(len(p))]
+        nums = [G.residues[i] @ others for G in every]
+        found.append(np.concatenate([np.poly(p)[1:], *nums]).real)
     return np.stack(found)
 
 
@@ -186,7 +198,7 @@ def _bare(run: Recorded) -> LinearModel:
     units = [unit_of_derivative(each, run.config.unit_of_rudder) for each in bare.derivatives]
     return LinearModel(
         of="bare airframe", **_judged(bare.verdict), input_is=MEAN,
-        continuous=Form(names, (*units, "rad"), value, covariance, matrices),
+        names=names, units=(*units, "rad"), values=value, covariance=covariance, matrices=matrices,
         sample_time_s=run.sample_time_s, inputs=run.inputs(("aileron", "rudder")), outputs=_STATES,
         states=_STATES, facts={"airspeed_m_s": bare.airspeed_m_s} | (
             {} if bare.servo_lag_s is None else {"servo_lag_s": bare.servo_lag_s.value or 0.0}

@@ -5,17 +5,20 @@ a thousandth of a sigma along each axis of their covariance.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
+from functools import partial
 from operator import itemgetter
 from typing import NamedTuple
 
 import numpy as np
 from scipy import signal
 
+from yawid.answers.identified_model import ModelSignal
 from yawid.blocks import Floats
-from yawid.errors import ConfigError
+from yawid.errors import ConfigError, library
 from yawid.models.answered import changes_of
 from yawid.models.flown import Flown
+from yawid.physics.frequency_response import FrequencyResponse
 from yawid.physics.modes import Complexes
 
 Matrices = tuple[Floats, Floats, Floats, Floats]
@@ -24,13 +27,6 @@ COHERENT = 0.6
 """The least coherence at which the response has a sigma: below it the model does not explain what
 was measured there. Signals that have nothing in common reach it in .6 % of records of 4 segments,
 (1 - .6)^(n - 1) for the n = 6.65 independent averages of 7 that overlap by half."""
-
-
-class Signal(NamedTuple):
-    """The name and the unit of an input, an output or a state."""
-
-    name: str
-    unit: str
 
 
 class TransferFunction(NamedTuple):
@@ -61,51 +57,6 @@ class StateSpace(NamedTuple):
     sample_time_s: float
 
 
-class FrequencyResponse(NamedTuple):
-    """G at ``w`` (k,) in rad/s from one input to one output, in y per u.
-
-    ``magnitude_std`` (k,) in y per u and ``phase_std_rad`` (k,) are sigmas of |G| and of its angle,
-    NaN where the model does not hold. ``coherence`` (k,) is the squared coherence of what was
-    measured and what the model makes of it, NaN where there is none.
-    """
-
-    w: Floats
-    G: Complexes
-    magnitude_std: Floats
-    phase_std_rad: Floats
-    coherence: Floats
-
-
-@dataclass(frozen=True, slots=True)
-class Form:
-    """Parameters (p,) by name and unit, their covariance (p, p), and the function to matrices."""
-
-    names: tuple[str, ...]
-    units: tuple[str, ...]
-    values: Floats
-    covariance: Floats
-    matrices: Callable[[Floats], Matrices]
-    sample_time_s: float = 0.0
-
-    @property
-    def std(self) -> Floats:
-        """The sigmas (p,)."""
-        return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
-
-    def held(self, sample_time_s: float) -> "Form":
-        """Return it in discrete time, with the inputs held from sample to sample."""
-
-        def matrices(values: Floats) -> Matrices:
-            A, B, C, D, _ = signal.cont2discrete(self.matrices(values), sample_time_s)
-            return A, B, C, D
-
-        return replace(self, matrices=matrices, sample_time_s=sample_time_s)
-
-    def changes(self, of: Callable[[Matrices], np.ndarray]) -> np.ndarray:
-        """Return what :func:`changes_of` does, of what is made of the matrices."""
-        return changes_of(lambda values: of(self.matrices(values)), self.values, self.covariance)
-
-
 @dataclass(frozen=True, slots=True)
 class LinearModel:
     """An identified model: of a manoeuvre, of the flight, or of the bare airframe.
@@ -113,39 +64,57 @@ class LinearModel:
     ``of`` says which, ``usable`` and ``reasons`` whether its answer may be used. ``input_is`` says
     how the record has the rudder: "mean" of each sample, or "held" from one to the next. The model
     answers the rudder itself, in discrete time one that is held for ``sample_time_s``. Inputs move
-    from their trim; a unit of them is that of their channel. ``measured`` has the samples of a
-    manoeuvre, else None. ``holds_rad_s`` are the frequencies between which the response has a
-    sigma, None where it has one at all. ``facts`` are further numbers.
+    from their trim; a unit of them is that of their channel. The ``matrices`` are a function of the
+    parameters, which have ``names`` and ``units`` (p,), ``values`` and their ``covariance``.
+    ``measured`` has the samples of a manoeuvre, else None. ``holds_rad_s`` are the frequencies
+    between which the response has a sigma, None where it has one at all. ``facts`` are further
+    numbers.
     """
 
     of: str
     usable: bool
     reasons: tuple[str, ...]
     input_is: str
-    continuous: Form
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    values: Floats
+    covariance: Floats
+    matrices: Callable[[Floats], Matrices]
     sample_time_s: float
-    inputs: tuple[Signal, ...]
-    outputs: tuple[Signal, ...]
-    states: tuple[Signal, ...]
+    inputs: tuple[ModelSignal, ...]
+    outputs: tuple[ModelSignal, ...]
+    states: tuple[ModelSignal, ...]
     measured: Flown | None = None
     holds_rad_s: tuple[float, float] | None = None
     facts: dict[str, float] = field(default_factory=dict)
     from_prior: tuple[str, ...] = ()
     """The parameters that what is known beforehand determines more than the record does."""
 
-    def form(self, *, discrete: bool) -> Form:
-        """Return the continuous form, or that whose inputs are held from sample to sample."""
-        return self.continuous.held(self.sample_time_s) if discrete else self.continuous
+    @property
+    def std(self) -> Floats:
+        """The sigmas (p,) of the parameters."""
+        return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
+
+    def _with_changes(
+        self, of: Callable[[Matrices], np.ndarray], *, discrete: bool = False
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return what is made of the matrices, and its changes, see :func:`changes_of`."""
+
+        def made(values: Floats) -> np.ndarray:
+            found = self.matrices(values)
+            return of(signal.cont2discrete(found, self.sample_time_s)[:4] if discrete else found)
+
+        return made(self.values), changes_of(made, self.values, self.covariance)
 
     def ss(self, *, discrete: bool = False) -> StateSpace:
         """Return the state space with the sigmas of its elements.
 
         A discrete one has the inputs held from sample to sample.
         """
-        form = self.form(discrete=discrete)
-        A, B, C, D = form.matrices(form.values)
-        A_std, B_std = (np.linalg.norm(form.changes(itemgetter(i)), axis=-1) for i in (0, 1))
-        return StateSpace(A, B, C, D, A_std, B_std, form.sample_time_s)
+        *_, C, D = self.matrices(self.values)
+        both = (self._with_changes(itemgetter(i), discrete=discrete) for i in (0, 1))
+        (A, A_std), (B, B_std) = ((x, np.linalg.norm(change, axis=-1)) for x, change in both)
+        return StateSpace(A, B, C, D, A_std, B_std, self.sample_time_s * discrete)
 
     def tf(
         self, input: str | None = None, output: str | None = None, *, discrete: bool = False
@@ -156,30 +125,25 @@ class LinearModel:
             ConfigError: the model has no such input or output.
         """
         i, o = self.place_of(self.inputs, input), self.place_of(self.outputs, output)
-        form = self.form(discrete=discrete)
-
-        def polynomials(m: Matrices) -> Floats:
-            num, den = signal.ss2tf(*m, input=i)
-            return np.stack([num[o], den])
-
-        num, den = polynomials(form.matrices(form.values))
-        num_std, den_std = np.linalg.norm(form.changes(polynomials), axis=-1)
-        first = len(num) - len(np.trim_zeros(np.abs(num) > 1e-12 * np.abs(num).max(), "f"))
-        first = min(first, len(num) - 1)
-        return TransferFunction(num[first:], den, num_std[first:], den_std, form.sample_time_s)
+        both = partial(_polynomials, i=i, o=o)
+        (num, den), changes = self._with_changes(both, discrete=discrete)
+        num_std, den_std = np.linalg.norm(changes, axis=-1)
+        first = int(np.argmax(np.abs(num) > 1e-12 * np.abs(num).max()))
+        Ts = self.sample_time_s * discrete
+        return TransferFunction(num[first:], den, num_std[first:], den_std, Ts)
 
     @staticmethod
-    def place_of(signals: Sequence[Signal], name: str | None) -> int:
+    def place_of(signals: Sequence[ModelSignal], name: str | None) -> int:
         """Return the place of a signal by its name; without one, of yaw rate or rudder.
 
         Raises:
             ConfigError: there is no such signal.
         """
         names = [each.name for each in signals]
-        wanted = {"r", "rudder"} if name is None else {name}
-        if not wanted & set(names):
-            raise ConfigError(f"the model has no {name!r}: {', '.join(names)}")
-        return next(i for i, each in enumerate(names) if each in wanted)
+        for i, each in enumerate(names):
+            if each == name or (name is None and each in ("r", "rudder")):
+                return i
+        raise ConfigError(f"the model has no {name!r}: {', '.join(names)}")
 
     def frequency_response(
         self, w: Sequence[float] | Floats, input: str | None = None, output: str | None = None
@@ -195,12 +159,11 @@ class LinearModel:
             raise ConfigError("frequencies w must be above 0 rad/s")
 
         def response(m: Matrices) -> Complexes:
-            A, B, C, D = m
-            x = np.linalg.solve(1j * w[:, None, None] * np.eye(len(A)) - A, B[:, i, None])
-            return np.asarray((C[o] @ x)[:, 0] + D[o, i], np.complex128)
+            num, den = _polynomials(m, i, o)
+            return np.asarray(np.polyval(num, 1j * w) / np.polyval(den, 1j * w))
 
-        G = response(self.continuous.matrices(self.continuous.values))
-        part = self.continuous.changes(response) / G[:, None]
+        G, changes = self._with_changes(response)
+        part = changes / G[:, None]
         known = np.full(len(w), np.nan) if self.measured is None else self.measured.coherence(w)
         low, high = self.holds_rad_s or (0.0, np.inf)
         lost = (w < low) | (w > high) | (known < COHERENT)
@@ -222,8 +185,7 @@ class LinearModel:
             names = ", ".join(each.name for each in self.inputs)
             raise ConfigError(f"u must be (n,) or (n, {len(self.inputs)}) for {names}: {u.shape}")
         u = np.pad(u, ((0, 0), (0, len(self.inputs) - u.shape[1])))
-        form = self.form(discrete=True)
-        _, y, _ = signal.dlsim((*form.matrices(form.values), form.sample_time_s), u)
+        _, y, _ = signal.dlsim((*self.ss(discrete=True)[:4], self.sample_time_s), u)
         return np.asarray(y[:, 0] if y.shape[1] == 1 else y, np.float64)
 
     def to_control(self, *, discrete: bool = False) -> object:
@@ -232,11 +194,14 @@ class LinearModel:
         Raises:
             ConfigError: python-control is not installed.
         """
-        try:
-            import control
-        except ImportError as error:
-            text = "to_control needs python-control: pip install control"
-            raise ConfigError(f"{text} ({error})") from error
         found = self.ss(discrete=discrete)
-        inputs, outputs = ([name for name, _ in each] for each in (self.inputs, self.outputs))
-        return control.ss(*found[:4], found.sample_time_s, inputs=inputs, outputs=outputs)
+        inputs, outputs = ([each.name for each in of] for of in (self.inputs, self.outputs))
+        return library("control").ss(
+            *found[:4], found.sample_time_s, inputs=inputs, outputs=outputs
+        )
+
+
+def _polynomials(m: Matrices, i: int, o: int) -> Floats:
+    """Return num and den (2, n + 1) from one input to one output, highest power first."""
+    num, den = signal.ss2tf(*m, input=i)
+    return np.stack([num[o], den])

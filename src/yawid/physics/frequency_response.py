@@ -1,28 +1,29 @@
 """The frequency response of the plant from measured data, by cross spectra."""
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy import signal
 
 from yawid.blocks import Floats
 from yawid.errors import ConfigError, NotIdentifiable
+from yawid.physics.modes import Complexes
 
 
-@dataclass(frozen=True, slots=True)
-class FrequencyResponse:
-    """G (n,) of the sampled plant in y per u, at ``frequency_hz`` (n,).
+class FrequencyResponse(NamedTuple):
+    """G at ``w`` (k,) in rad/s from an input to an output, in y per u.
 
-    ``coherence`` (n,) is the squared coherence; ``magnitude_std`` (n,) in y per u and
-    ``phase_std_rad`` (n,) are the sigma of |G| and of its angle.
+    ``magnitude_std`` (k,) in y per u and ``phase_std_rad`` (k,) are sigmas of |G| and of its angle,
+    NaN where a model does not hold. ``coherence`` (k,) is the squared coherence of what was
+    measured with the input or with what a model makes of it, NaN where there is none.
     """
 
-    frequency_hz: Floats
-    G: NDArray[np.complex128]
-    coherence: Floats
+    w: Floats
+    G: Complexes
     magnitude_std: Floats
     phase_std_rad: Floats
+    coherence: Floats
 
 
 def frequency_response(
@@ -30,9 +31,9 @@ def frequency_response(
 ) -> FrequencyResponse:
     """Return G = S_uy / S_uu of u (n,) and y (n,) from averaged cross spectra (passive).
 
-    Hann windows of ``segment_s`` s overlap by half, each with its mean removed; the frequency 0 is
-    left out. Sigma follows Bendat and Piersol (2010, table 9.6), with 0.95 independent averages for
-    each of the overlapping segments.
+    The response is that of the sampled plant. Hann windows of ``segment_s`` s overlap by half, each
+    with its mean removed; the frequency 0 is left out. Sigma follows Bendat and Piersol (2010,
+    table 9.6), with 0.95 independent averages for each of the overlapping segments.
 
     Raises:
         ConfigError: a shape is wrong, or a segment is below 8 samples or above half the record.
@@ -48,14 +49,13 @@ def frequency_response(
         )
     if not np.ptp(u) > 0.0:
         raise NotIdentifiable("the input does not move")
-    options = {"fs": 1.0 / sample_time_s, "window": "hann", "nperseg": length}
-    frequency, s_uu = signal.welch(u, **options)
+    options = {"fs": 2.0 * np.pi / sample_time_s, "window": "hann", "nperseg": length}
+    w, s_uu = signal.welch(u, **options)
     _, s_uy = signal.csd(u, y, **options)
     _, coherence = signal.coherence(u, y, **options)
     with np.errstate(divide="ignore", invalid="ignore"):
         G = s_uy / s_uu
         averages = 0.95 * (2 * len(y) // length - 1)
         relative = np.sqrt((1.0 - coherence) / (2.0 * averages * coherence))
-    return FrequencyResponse(
-        frequency[1:], G[1:], coherence[1:], np.abs(G[1:]) * relative[1:], relative[1:]
-    )
+    w, G, relative, coherence = w[1:], G[1:], relative[1:], coherence[1:]
+    return FrequencyResponse(w, G, np.abs(G) * relative, relative, coherence)

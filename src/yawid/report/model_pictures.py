@@ -103,9 +103,9 @@ def bode_picture(drawn: Drawn, grid: Grid) -> Picture:
     """Return the frequency response from rudder to yaw rate, with its band, and spectral points."""
     spectral = _spectral(drawn)
     nyquist_hz = 0.5 / drawn.model.sample_time_s
-    low = (
-        0.02 * nyquist_hz if spectral is None else min(0.02 * nyquist_hz, spectral.frequency_hz[0])
-    )
+    low = 0.02 * nyquist_hz
+    if spectral is not None:
+        low = min(low, spectral.w[0] / (2.0 * np.pi))
     f = np.geomspace(low, HIGHEST * nyquist_hz, 200)
     response = drawn.model.frequency_response(2.0 * np.pi * f)
     size, phase = np.abs(response.G), np.unwrap(np.angle(response.G))
@@ -120,7 +120,7 @@ def bode_picture(drawn: Drawn, grid: Grid) -> Picture:
         spread = 2.0 * response.phase_std_rad
         band(lower, f, np.degrees(phase - spread), np.degrees(phase + spread), MODEL)
         if spectral is not None:
-            _draw_spectral(upper, lower, spectral, np.interp(spectral.frequency_hz, f, phase))
+            _draw_spectral(upper, lower, spectral, np.interp(spectral.w, 2.0 * np.pi * f, phase))
         for ax in (upper, lower):
             ax.axvline(drawn.wn_rad_s / (2.0 * np.pi), color=NEUTRAL, linewidth=0.9, ls="--")
         log_axis(upper)
@@ -166,16 +166,16 @@ def _spectral(drawn: Drawn) -> FrequencyResponse | None:
         found = frequency_response(u, y, step_s, _segment_s(drawn))
     except YawidError:
         return None
-    s = 2j * np.pi * found.frequency_hz * step_s
+    s = 1j * found.w * step_s
     mean = np.expm1(s) / s
-    return replace(found, G=found.G * mean, magnitude_std=found.magnitude_std * np.abs(mean))
+    return found._replace(G=found.G * mean, magnitude_std=found.magnitude_std * np.abs(mean))
 
 
 def _draw_spectral(
     upper: Axes, lower: Axes, spectral: FrequencyResponse, model_phase: Floats
 ) -> None:
-    good = _apart(spectral.frequency_hz, np.flatnonzero(spectral.coherence >= COHERENT))
-    f, gain = spectral.frequency_hz[good], np.abs(spectral.G[good])
+    good = _apart(spectral.w, np.flatnonzero(spectral.coherence >= COHERENT))
+    f, gain = spectral.w[good] / (2.0 * np.pi), np.abs(spectral.G[good])
     # The spectral phase is known only up to multiples of 360 degrees: take those near the model's.
     phase = np.angle(spectral.G[good])
     phase += 2.0 * np.pi * np.round((model_phase[good] - phase) / (2.0 * np.pi))
@@ -188,11 +188,11 @@ def _draw_spectral(
         ax.errorbar(f, y, reach, fmt=".", color=DATA, markersize=4, elinewidth=0.8, label=label)
 
 
-def _apart(frequency_hz: Floats, rows: Ints) -> Ints:
+def _apart(w: Floats, rows: Ints) -> Ints:
     """Return rows that are far enough apart on the logarithmic axis to be seen as single points."""
     kept: list[int] = []
     for i in rows.tolist():
-        if not kept or frequency_hz[i] > APART * frequency_hz[kept[-1]]:
+        if not kept or w[i] > APART * w[kept[-1]]:
             kept.append(i)
     return np.array(kept, dtype=np.int64)
 
@@ -231,7 +231,7 @@ def step_band(model: Answered, t: Floats) -> tuple[Floats, Floats]:
     """
 
     def answer(x: Floats) -> Floats:
-        G = model.transfer(x[None])
+        G = model.transfers(x[None])[0]
         p, residues = G.poles[0], G.residues[0]
         return np.asarray((np.expm1(t[:, None] * p) * (residues / p)).sum(axis=1).real)
 

@@ -15,7 +15,6 @@ from yawid.answers.identified_model import (
     ModelForm,
     ModelParameter,
     ModelResponse,
-    ModelSignal,
     ModelTransfer,
 )
 from yawid.blocks import Array
@@ -64,10 +63,7 @@ def write_model(
 
 def model_file(model: LinearModel, log: str) -> ModelFile:
     """Return a model as it is written to JSON."""
-    signals = {
-        key: [ModelSignal(*each) for each in getattr(model, key)]
-        for key in ("inputs", "outputs", "states")
-    }
+    signals = {key: list(getattr(model, key)) for key in ("inputs", "outputs", "states")}
     return ModelFile(
         log=log,
         of=model.of,
@@ -90,9 +86,8 @@ def _pairs(model: LinearModel) -> list[tuple[str, str]]:
 
 
 def _form(model: LinearModel, *, discrete: bool) -> ModelForm:
-    form = model.form(discrete=discrete)
     space = model.ss(discrete=discrete)
-    numbers = zip(form.values.tolist(), form.std.tolist(), form.units, strict=True)
+    numbers = zip(model.values.tolist(), model.std.tolist(), model.units, strict=True)
     transfers = []
     for i, o in _pairs(model):
         tf = model.tf(i, o, discrete=discrete)
@@ -100,9 +95,9 @@ def _form(model: LinearModel, *, discrete: bool) -> ModelForm:
         transfers.append(ModelTransfer(input=i, output=o, **lists))
     matrices = {key: getattr(space, key).tolist() for key in ["A", "B", "C", "D", "A_std", "B_std"]}
     return ModelForm(
-        sample_time_s=form.sample_time_s or None,
-        parameters=dict(zip(form.names, (ModelParameter(*n) for n in numbers), strict=True)),
-        covariance=form.covariance.tolist(),
+        sample_time_s=space.sample_time_s or None,
+        parameters=dict(zip(model.names, (ModelParameter(*n) for n in numbers), strict=True)),
+        covariance=model.covariance.tolist(),
         **matrices,
         transfer_functions=transfers,
     )
@@ -133,7 +128,7 @@ def _matlab(model: LinearModel) -> bytes:
     """Return a .mat: A, B, C, D, Ts sampled, Ac to Dc continuous, parameters, the response."""
     from scipy.io import savemat
 
-    sampled, space, form = model.ss(discrete=True), model.ss(), model.continuous
+    sampled, space = model.ss(discrete=True), model.ss()
     kept: dict[str, Any] = dict(zip("ABCD", sampled[:4], strict=True))
     kept |= {"Ts": sampled.sample_time_s, "A_std": sampled.A_std, "B_std": sampled.B_std}
     kept |= dict(zip(("Ac", "Bc", "Cc", "Dc"), space[:4], strict=True))
@@ -143,8 +138,9 @@ def _matlab(model: LinearModel) -> bytes:
             texts = [getattr(each, what) for each in getattr(model, key)]
             kept[f"{key}_{what}"] = np.array(texts, object)
     kept |= {
-        "parameters": np.array(form.names, object), "parameter_units": np.array(form.units, object),
-        "values": form.values, "std": form.std, "covariance": form.covariance,
+        "parameters": np.array(model.names, object),
+        "parameter_units": np.array(model.units, object),
+        "values": model.values, "std": model.std, "covariance": model.covariance,
     }  # fmt: skip
     found = {pair: model.frequency_response(frequencies(model), *pair) for pair in _pairs(model)}
     for (i, o), each in found.items():

@@ -1,6 +1,5 @@
 """Tables of columns with units, in Arrow, and their conversion to pandas, polars and xarray."""
 
-import importlib
 from collections.abc import Iterator, Sequence
 from html import escape
 from textwrap import fill
@@ -10,7 +9,7 @@ import numpy as np
 import pyarrow as pa
 
 from yawid.blocks import Array
-from yawid.errors import ConfigError
+from yawid.errors import library
 from yawid.sinks.door import plain
 
 SHOWN: Final = 10
@@ -209,18 +208,6 @@ def cell(value: object) -> str:
     if isinstance(value, float):
         return f"{value:.6g}"
     return str(value)
-
-
-def library(name: str) -> Any:
-    """Import an optional library.
-
-    Raises:
-        ConfigError: it is not installed; the message names it.
-    """
-    try:
-        return importlib.import_module(name)
-    except ImportError as error:
-        raise ConfigError(f"to_{name} needs {name}: pip install {name} ({error})") from error
 
 
 def filled(values: Array) -> Array:

@@ -174,7 +174,7 @@ def _before_after(a: _Side, b: _Side) -> BeforeAfter | None:
 
 
 def _facts(run: McapRun) -> Facts | None:
-    if run.grid is None:
+    if run.grid is None or not run.rows:
         return None
     known = parameters_in(run.attachments.get(PARAMETERS, b""))
     return Facts(run.summary, run.config, run.grid.sample_time_s, run.samples(), known)
