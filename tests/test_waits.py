@@ -20,8 +20,6 @@ RUNS = {"run", "call", "check_call", "check_output"}
 PYTEST = [sys.executable, "-m", "pytest", "-p", "no:hypothesispytest"]  # it takes a second to load
 READS = {"recv", "recvfrom", "accept"}
 HAS_A_LIMIT = {
-    # It is the wait that is tested: its socket has a timeout.
-    ("tests/sources/link/test_recvmmsg.py", "receiver.wait()"),
     # It is yawid's own call: its socket has a timeout.
     ("tests/support/other_system.py", "super().recvfrom(size, flags)"),
     ("tools/checks/children.py", "subprocess.Popen(command, **options)"),

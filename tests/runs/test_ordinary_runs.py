@@ -266,7 +266,7 @@ def test_a_live_session_has_a_number_of_ordinary_flight_while_it_runs(log: Path)
         seen = []
         for first in range(0, len(data), size):
             pipeline.feed(decoder.feed(data[first : first + size]))
-            lateral.submit(int).result()  # the fit before this one has ended
+            lateral.submit(int).result(60.0)  # the fit before this one has ended
             seen.append(said(RunningAnswer().look(pipeline, decoder.link)))
         pipeline.finish()
         ended = pipeline.ordinary()

@@ -18,7 +18,6 @@ from yawid.channels.stage import WANTED
 from yawid.errors import SourceError
 from yawid.sources.link.endpoints import Endpoint
 from yawid.sources.link.inbox import MOST_AT_ONCE, Inbox, Stamps
-from yawid.sources.link.recvmmsg import OneByOne, make_receiver
 from yawid.sources.link.tap import split_datagram
 from yawid.sources.link.udp import UdpTap, dropped_by
 from yawid.sources.mavlink.decoder import Decoder
@@ -27,9 +26,8 @@ ANY_PORT = Endpoint("127.0.0.1", 0)
 FRAMES = [rec[8:] for rec in random_records(np.random.default_rng(0), 300)]
 
 
-@pytest.fixture(params=[make_receiver, OneByOne])
-def tap(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Iterator[UdpTap]:
-    monkeypatch.setattr("yawid.sources.link.udp.make_receiver", request.param)
+@pytest.fixture
+def tap() -> Iterator[UdpTap]:
     with UdpTap(ANY_PORT) as opened:
         yield opened
 
@@ -294,7 +292,6 @@ def test_stamps_go_on_evenly_when_the_clock_is_set_and_the_jump_is_said_once() -
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="only Linux tells when a datagram arrived")
-@pytest.mark.parametrize("tap", [make_receiver], indirect=True)
 def test_a_stamp_is_when_the_datagram_arrived_though_it_gathers_with_others(
     tap: UdpTap, vehicle: socket.socket
 ) -> None:

@@ -10,7 +10,7 @@ from itertools import accumulate, islice
 from yawid.errors import SourceError
 from yawid.sources.link.endpoints import Endpoint
 from yawid.sources.link.inbox import Address
-from yawid.sources.link.recvmmsg import MOST, NOTHING, Arrivals, make_receiver
+from yawid.sources.link.receiver import MOST, NOTHING, Arrivals, Receiver
 from yawid.sources.link.tap import Tap
 
 RECEIVE_BUFFER = 4 << 20
@@ -32,7 +32,7 @@ class UdpTap(Tap):
         self._socket = open_socket(self.endpoint)
         host, port, *_ = self._socket.getsockname()
         self.address: Address = host, port
-        self._receiver = make_receiver(self._socket)
+        self._receiver = Receiver(self._socket)
         self.receive_buffer: int = self._socket.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF)
         self._dropped_at_close: int | None = None
 

@@ -1,24 +1,20 @@
-"""Datagrams off a real socket: one by one and many at once are the same datagrams."""
+"""Datagrams from a real socket: with and without their times they are the same datagrams."""
 
 from __future__ import annotations
 
-import ctypes
-import errno
 import socket
 import struct
 import sys
 import time
 from collections.abc import Iterator
 from functools import partial
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from yawid.sources.link.recvmmsg import MOST, NOTHING, ManyAtOnce, OneByOne, Receiver, make_receiver
+from yawid.sources.link.receiver import MOST, NOTHING, Receiver
 
 SIZES = [1, 0, 75, 280, 1472, 9000, 65507]
-KINDS = [OneByOne, *([ManyAtOnce] if sys.platform == "linux" else [])]
 
 
 @pytest.fixture
@@ -38,9 +34,9 @@ def vehicles() -> Iterator[list[socket.socket]]:
         link.close()
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("has_time", [True, False])
 def test_datagrams_of_any_size_come_whole_in_order_and_with_their_senders(
-    kind: type[OneByOne | ManyAtOnce], hearing: socket.socket, vehicles: list[socket.socket]
+    has_time: bool, hearing: socket.socket, vehicles: list[socket.socket]
 ) -> None:
     rng = np.random.default_rng(0)
     sent = []
@@ -48,18 +44,18 @@ def test_datagrams_of_any_size_come_whole_in_order_and_with_their_senders(
         link, data = vehicles[i % 2], rng.bytes(SIZES[i % len(SIZES)])
         link.sendto(data, hearing.getsockname())
         sent.append((data, ("127.0.0.1", link.getsockname()[1])))
-    receiver = kind(hearing)
+    receiver = made(hearing, has_time=has_time)
     assert [(data, sender) for _, data, sender in everything(receiver)] == sent
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("has_time", [True, False])
 def test_silence_and_a_peer_that_is_not_there_yet_are_no_datagrams(
-    kind: type[OneByOne | ManyAtOnce], hearing: socket.socket
+    has_time: bool, hearing: socket.socket
 ) -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as gone:
         gone.bind(("127.0.0.1", 0))
         nobody = gone.getsockname()
-    receiver = kind(hearing)
+    receiver = made(hearing, has_time=has_time)
     assert receiver.receive(wait=True) == receiver.receive() == NOTHING
     hearing.connect(nobody)
     for ask in (partial(receiver.receive, wait=True), receiver.receive):
@@ -71,8 +67,7 @@ def test_silence_and_a_peer_that_is_not_there_yet_are_no_datagrams(
 def test_the_time_told_is_when_the_system_had_the_datagram(
     hearing: socket.socket, vehicles: list[socket.socket]
 ) -> None:
-    receiver = make_receiver(hearing)
-    assert isinstance(receiver, ManyAtOnce)
+    receiver = Receiver(hearing)
     until_it_tells(receiver, hearing, vehicles[0])
     before_us = time.time_ns() // 1000
     for link in vehicles:
@@ -85,11 +80,11 @@ def test_the_time_told_is_when_the_system_had_the_datagram(
     assert before_us - clock_us <= times[0] <= times[1] <= after_us + clock_us
 
 
-@pytest.mark.skipif(sys.platform != "linux", reason="the call is Linux's")
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux tells when a datagram arrived")
 def test_a_time_the_system_does_not_tell_is_not_the_one_before(
     hearing: socket.socket, vehicles: list[socket.socket]
 ) -> None:
-    receiver = make_receiver(hearing)
+    receiver = Receiver(hearing)
     vehicles[0].sendto(b"told", hearing.getsockname())
     assert everything(receiver)[0][0] > 0
     hearing.setsockopt(socket.SOL_SOCKET, 29, 0)
@@ -97,19 +92,11 @@ def test_a_time_the_system_does_not_tell_is_not_the_one_before(
     assert [(told_us, data) for told_us, data, _ in everything(receiver)] == [(0, b"not told")]
 
 
-@pytest.mark.skipif(sys.platform != "linux", reason="the call is Linux's")
-@pytest.mark.parametrize("code", [None, errno.ENOSYS, errno.EPERM])
-def test_a_system_that_has_no_such_call_or_refuses_it_is_asked_one_by_one(
-    code: int | None, hearing: socket.socket, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def refuse(*_: object) -> int:
-        assert code is not None
-        ctypes.set_errno(code)
-        return -1
-
-    library = SimpleNamespace() if code is None else SimpleNamespace(recvmmsg=refuse)
-    monkeypatch.setattr("yawid.sources.link.recvmmsg.ctypes.CDLL", lambda *_, **__: library)
-    assert isinstance(make_receiver(hearing), OneByOne)
+def made(udp: socket.socket, *, has_time: bool) -> Receiver:
+    """Return the receiver of a system that has times of arrival, or of one that has none."""
+    receiver = Receiver(udp)
+    receiver._has_time &= has_time
+    return receiver
 
 
 def until_it_tells(receiver: Receiver, hearing: socket.socket, link: socket.socket) -> None:
