@@ -34,6 +34,7 @@ def test_its_text_is_the_one_that_runs_already_hold() -> None:
         "orders = [3, 3, 2, 1]\n"
         'method = "els"\n'
         'also = "rml"\n'
+        'engine = "numba"\n'
         "memory = 30.0\n"
         "band = [0.1, 3.0]\n"
         'inputs = ["rudder"]\n'

@@ -33,8 +33,7 @@ def test_a_ring_holds_the_newest_rows_however_they_came(limit: int, cuts: list[i
                 np.testing.assert_array_equal(kept, column[max(0, total - min(limit, newest)) :])
 
 
-MEMORY_S = -SAMPLE_TIME_S / math.log(0.98)
-CONFIG = RunConfig(orders=(2, 2, 2, 1), memory=MEMORY_S)
+CONFIG = RunConfig(orders=(2, 2, 2, 1), forgetting=0.98)
 KEPT = math.ceil(MEMORIES / (1.0 - 0.98))
 
 

@@ -5,7 +5,7 @@ To change it, make a copy by ``dataclasses.replace`` and a new estimator; nothin
 
 import math
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, Literal
 
 from msgspec import Meta
 
@@ -13,6 +13,7 @@ from yawid.config.fields import Count, NotNegative, Positive, Share, check_field
 from yawid.config.names import ELS, RECURSIVE
 from yawid.errors import ConfigError
 
+Engine = Literal["numba", "filterpy"]
 Order = Annotated[int, Meta(ge=0, le=50, description="be an int from 0 to 50")]
 
 

@@ -8,12 +8,13 @@ from typing import Annotated, Any
 import tomli_w
 from msgspec import Meta
 
-from yawid.config.estimator import ArmaxOrders, EstimatorConfig, forgetting_factor
+from yawid.config.estimator import ArmaxOrders, Engine, EstimatorConfig, forgetting_factor
 from yawid.config.fields import (
     Finite,
     NotNegative,
     Positive,
     Said,
+    Share,
     check_fields,
     one_of,
     option,
@@ -79,10 +80,22 @@ class RunConfig:
             STREAM, f"{'|'.join(RECURSIVE)}|none", f"a second one next to it (default: {RML})"
         ),
     )
+    engine: Engine = field(
+        default="numba",
+        metadata=option(STREAM, "numba|filterpy", "what computes the recursion (default: numba)"),
+    )
     memory: Annotated[float, Meta(gt=0.0, description="be > 0")] = field(
         default=DEFAULT_MEMORY_S,
         metadata=option(
             STREAM, "SECONDS", "forget with this memory; inf forgets nothing (default: 60)"
+        ),
+    )
+    forgetting: Share | None = field(
+        default=None,
+        metadata=option(
+            STREAM,
+            "LAMBDA",
+            "forgetting factor instead of a memory (default: from it)",
         ),
     )
     rate: Annotated[float, Meta(ge=0.1, le=1e3, description="lie in 0.1 to 1000 Hz")] | None = (
@@ -280,6 +293,8 @@ class RunConfig:
         check_fields(self, lambda name: f"--{option_name(name)}")
         if self.from_s is not None and self.to_s is not None and not self.from_s < self.to_s:
             raise ConfigError(f"--from {self.from_s!r} must lie before --to {self.to_s!r}")
+        if self.forgetting is not None and self.memory != DEFAULT_MEMORY_S:
+            raise ConfigError("--memory and --forgetting mean the same: give only one of them")
 
     def _check_lists(self) -> None:
         if unknown := set(self.given) - set(GIVEN):
@@ -355,11 +370,13 @@ class RunConfig:
         return ArmaxOrders(na=na, nb=(nb,) * count, nc=nc, nk=(nk,) * count)
 
     def forgetting_factor(self, sample_time_s: float) -> float:
-        """Return lambda = exp(-Ts / memory).
+        """Return lambda = exp(-Ts / memory), or the factor asked for.
 
         Raises:
             ConfigError: the memory is so short that lambda is 0.
         """
+        if self.forgetting is not None:
+            return self.forgetting
         factor = forgetting_factor(self.memory, sample_time_s)
         if factor == 0.0:
             text = (

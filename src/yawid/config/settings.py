@@ -31,6 +31,7 @@ _LISTS: dict[str, tuple[Any, str]] = {
 }
 """The settings that are lists, or a text with commas: their kind, and what errors ask for."""
 _KINDS = {float: "a number", int: "a whole number", str: "a text"}
+FORGETTING = frozenset({"memory", "forgetting"})
 
 
 def read_toml(path: Path) -> dict[str, Any]:
@@ -49,6 +50,8 @@ def read_toml(path: Path) -> dict[str, Any]:
 
 def overruled(settings: Mapping[str, Any], by: Mapping[str, Any]) -> dict[str, Any]:
     """Return settings overruled ``by`` others; both have been checked."""
+    if by.keys() & FORGETTING:  # both say the same thing: the one given overrules both
+        settings = {name: value for name, value in settings.items() if name not in FORGETTING}
     given = {*settings.get("given", ()), *by.get("given", ())}
     return {**settings, **by, "given": tuple(sorted(given))}
 

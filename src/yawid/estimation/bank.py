@@ -11,7 +11,7 @@ import numpy as np
 
 from yawid.blocks import EstimateBlock, Floats, Held, Ints, SampleBlock
 from yawid.config.run import RunConfig
-from yawid.estimation.armax import RecursiveArmax
+from yawid.estimation.reference import make_estimator
 
 HISTORY = 2**19
 """The most samples kept: seven hours at 20 Hz; only the end of a longer run is judged."""
@@ -97,7 +97,10 @@ class Bank:
     def _start_again(self) -> None:
         """Make new estimators, and empty the record of samples and models."""
         self.estimators = {
-            method: RecursiveArmax(self.config.estimator(method, self.sample_time_s))
+            method: make_estimator(
+                self.config.estimator(method, self.sample_time_s),
+                "filterpy" if self.config.engine == "filterpy" else "numba",
+            )
             for method in self.methods
         }
         forgotten = 1.0 - self.config.forgetting_factor(self.sample_time_s)

@@ -1,4 +1,4 @@
-"""The same recursion on filterpy's KalmanFilter: an independent reference.
+"""The same recursion on filterpy's KalmanFilter: an independent reference, and an engine to choose.
 
 Scaling, registers, floor and sums are the kernel's own, in plain Python; what theta, P and the
 covariance become is filterpy's and NumPy's. The state of the filter is theta, with F = I, H = psi',
@@ -11,13 +11,13 @@ R = 1 and alpha = lambda^-1/2 (filterpy's fading memory)::
 
 import math
 from types import FunctionType
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from yawid.blocks import Floats
-from yawid.config.estimator import EstimatorConfig
+from yawid.config.estimator import Engine, EstimatorConfig
 from yawid.errors import ConfigError
 from yawid.estimation.armax import Estimate, RecursiveArmax
 from yawid.estimation.kernel import entry_points
@@ -62,9 +62,7 @@ class _State(Unpacked):
         self.parts = self._at._replace(packed=self)  # type: ignore[arg-type] # it stands for it
 
 
-def make_estimator(
-    config: EstimatorConfig, engine: Literal["numba", "filterpy"] = "numba"
-) -> RecursiveArmax:
+def make_estimator(config: EstimatorConfig, engine: Engine = "numba") -> RecursiveArmax:
     """Return the estimator of a configuration, on the given engine."""
     return RecursiveArmax(config) if engine == "numba" else ReferenceArmax(config)
 

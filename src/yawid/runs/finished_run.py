@@ -27,8 +27,8 @@ from yawid.sources.formats import RUN
 from yawid.system.stores import Place
 
 CHANGEABLE = (
-    "orders", "method", "also", "memory", "inputs", "from_s", "to_s", "manoeuvres",
-    "lateral", "servo_lag", "ordinary", "given",
+    "orders", "method", "also", "engine", "memory", "forgetting", "inputs", "from_s", "to_s",
+    "manoeuvres", "lateral", "servo_lag", "ordinary", "given",
 )  # fmt: skip
 
 
