@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import copy
 import json
-import tomllib
 
 import pytest
-from places import C172P, REPLAY_LOGS, SRC
+from places import C172P, REPLAY_LOGS
 from printed import WHOLE, why_invalid
 
 from yawid.cli.json_schema import of_command
@@ -17,17 +16,14 @@ from yawid.cli.program import PRINTING
 CASES = sorted(REPLAY_LOGS.glob("*/expected.json"))
 
 
-def test_nothing_is_said_of_a_key_that_there_is_not():
-    defs = {
-        name: each["properties"] for name, each in WHOLE["$defs"].items() if "properties" in each
-    }
-    keys = {key for properties in defs.values() for key in properties}
-    keys |= {f"{name}.{key}" for name, properties in defs.items() for key in properties}
-    own = tomllib.loads((SRC / "cli" / "json_keys.toml").read_text(encoding="utf-8"))
-    keys |= {key for inner in own["within"].values() for key in inner} | {"record"}
-    said = {key for name, table in own.items() if name != "commands" for key in table}
-
-    assert said - keys == set()
+def test_every_key_has_words_and_a_number_with_a_unit_in_its_name_has_that_unit():
+    ends = {"_rad_s": "rad/s", "_m_s": "m/s", "_hz": "Hz", "_s": "s", "_m": "m", "_deg": "deg"}
+    for name, each in WHOLE["$defs"].items():
+        for key, schema in each.get("properties", {}).items() if name[0].isupper() else ():
+            assert schema["description"], (name, key)
+            end = next((e for e in (*ends, "_rad_m") if key.endswith(e)), None)
+            if schema.get("type") == "number" and end in ends and not key.startswith("slope"):
+                assert schema["x-unit"] == ends[end], (name, key)
 
 
 def test_every_reason_and_every_exit_code_stands_on_the_same_page(capsys):

@@ -1,6 +1,8 @@
 """The result of ``yawid damper``, as ``--json`` prints it; a type for each object."""
 
-from yawid.answers.part import Count, Number, Part, Positive
+from typing import Annotated
+
+from yawid.answers.part import Count, Number, Part, Positive, says
 from yawid.answers.reasons import Verdict
 
 
@@ -11,38 +13,54 @@ class DamperAt(Part, frozen=True, kw_only=True):
     nothing crosses in the frequencies over which the model is known.
     """
 
-    airspeed_m_s: Positive
-    wn_rad_s: Number | None = None
+    airspeed_m_s: Annotated[Positive, says("equivalent airspeed of the prediction", "m/s")]
+    wn_rad_s: Annotated[
+        Number | None,
+        says(
+            "natural frequency of the damped Dutch roll; absent where it no longer oscillates",
+            "rad/s",
+        ),
+    ] = None
     wn_std: Number | None = None
-    zeta: Number | None = None
+    zeta: Annotated[Number | None, says("its damping ratio", "1")] = None
     zeta_std: Number | None = None
-    gain_margin_db: Number | None = None
-    phase_margin_deg: Number | None = None
+    gain_margin_db: Annotated[
+        Number | None,
+        says("gain margin of the open loop at the 95 % bound of the model; absent where unknown"),
+    ] = None
+    phase_margin_deg: Annotated[
+        Number | None,
+        says(
+            "phase margin of the open loop at the 95 % bound of the model; "
+            "absent where |L| does not cross 1, or unknown",
+            "deg",
+        ),
+    ] = None
 
 
 class DamperGain(Part, frozen=True, kw_only=True):
     """One value of the parameter, and the loop at each airspeed."""
 
-    value: Number
-    at: list[DamperAt]
+    value: Annotated[Number, says("the value of the parameter", "as the quantity it belongs to")]
+    at: Annotated[list[DamperAt], says("the closed loop and its margins, at each airspeed")]
 
 
 class Recommended(Part, frozen=True, kw_only=True):
     """The band of gains aimed at, and the one to fly next on the way there."""
 
-    low: Number
-    high: Number
-    next: Number
+    low: Annotated[Number, says("the lowest gain of the band")]
+    high: Annotated[Number, says("the highest gain of the band")]
+    next: Annotated[Number, says("the gain to fly next")]
 
 
 class Decay(Part, frozen=True, kw_only=True):
     """The one damped sine that fits the free decays; its sigmas are None with fewer than three."""
 
-    wn_rad_s: Number
+    wn_rad_s: Annotated[Number, says("natural frequency of the damped sine", "rad/s")]
     wn_std: Number | None = None
-    zeta: Number
+    zeta: Annotated[Number, says("its damping ratio", "1")]
     zeta_std: Number | None = None
-    decays: Count
+    decays: Annotated[Count, says("how many decays were fitted together")]
 
 
 class FlownGain(Part, frozen=True, kw_only=True):
@@ -51,16 +69,30 @@ class FlownGain(Part, frozen=True, kw_only=True):
     ``decay_predicted`` is the same fit of the predicted response. What is not known is None.
     """
 
-    flight: str
-    gain: Number
-    airspeed_m_s: Positive
-    wn_rad_s: Number | None = None
+    flight: Annotated[str, says("A or B")]
+    gain: Annotated[Number, says("the gain flown")]
+    airspeed_m_s: Annotated[Positive, says("mean equivalent airspeed of its manoeuvres", "m/s")]
+    wn_rad_s: Annotated[
+        Number | None,
+        says(
+            "natural frequency of the damped Dutch roll, predicted from the "
+            "other flight; absent where that predicts nothing",
+            "rad/s",
+        ),
+    ] = None
     wn_std: Number | None = None
-    zeta: Number | None = None
+    zeta: Annotated[Number | None, says("its damping ratio", "1")] = None
     zeta_std: Number | None = None
-    decay: Decay | None = None
-    decay_predicted: Decay | None = None
-    agrees: bool | None = None
+    decay: Annotated[
+        Decay | None, says("damped sine fitted to the free decays in flight; absent without any")
+    ] = None
+    decay_predicted: Annotated[
+        Decay | None, says("the same fit of the response that the other flight's model predicts")
+    ] = None
+    agrees: Annotated[
+        bool | None,
+        says("whether both decays agree within the larger of .05, 15 % of zeta and 2 sigma"),
+    ] = None
 
 
 class Mix(Part, frozen=True, kw_only=True):
@@ -69,12 +101,23 @@ class Mix(Part, frozen=True, kw_only=True):
     ``value`` is None where it is not known: ``text`` says why, or what the value means.
     """
 
-    parameter: str
-    flown: Number | None = None
-    value: Number | None = None
-    std: Number | None = None
-    airspeed_m_s: Positive | None = None
-    text: str
+    parameter: Annotated[str, says("the autopilot's parameter of the mix")]
+    flown: Annotated[
+        Number | None, says("its value in the log; absent where the log does not say")
+    ] = None
+    value: Annotated[
+        Number | None,
+        says(
+            "the mix that rolls with the least sideslip, in the parameter's "
+            "unit; absent where not known",
+            "as the quantity it belongs to",
+        ),
+    ] = None
+    std: Annotated[Number | None, says("its sigma", "as the quantity it belongs to")] = None
+    airspeed_m_s: Annotated[
+        Positive | None, says("equivalent airspeed of the bare airframe", "m/s")
+    ] = None
+    text: Annotated[str, says("what it means, or why it is not known and what to do")]
 
 
 class DamperReport(Part, frozen=True, kw_only=True):
@@ -84,13 +127,24 @@ class DamperReport(Part, frozen=True, kw_only=True):
     where no gain can be recommended: the verdict says why. ``says`` holds sentences for the pilot.
     """
 
-    log: str
-    autopilot: str | None = None
-    parameter: str | None = None
-    flown: Number | None = None
-    loop_rate_hz: Positive | None = None
-    gains: list[DamperGain]
-    recommended: Recommended | None = None
-    mix: Mix | None = None
-    says: list[str]
-    verdict: Verdict
+    log: Annotated[
+        str, says("absolute path of the log, or the endpoint of a live session without a tlog")
+    ]
+    autopilot: Annotated[str | None, says("the autopilot whose damper it is")] = None
+    parameter: Annotated[str | None, says("the autopilot's parameter of the gain")] = None
+    flown: Annotated[Number | None, says("its value in the log")] = None
+    loop_rate_hz: Annotated[Positive | None, says("rate of the autopilot's loop", "Hz")] = None
+    gains: Annotated[list[DamperGain], says("the gains, ascending, and what each of them gives")]
+    recommended: Annotated[
+        Recommended | None,
+        says(
+            "the band of gains aimed at, and the one to fly next; absent where "
+            "none can be recommended"
+        ),
+    ] = None
+    mix: Annotated[
+        Mix | None,
+        says("how much of the aileron the rudder needs; absent where the autopilot is not known"),
+    ] = None
+    says: Annotated[list[str], says("what it means and what to look for, in sentences")]
+    verdict: Annotated[Verdict, says("whether gains can be predicted, and why not")]

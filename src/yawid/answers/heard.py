@@ -3,11 +3,11 @@
 from bisect import bisect_left, bisect_right
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from typing import Final
+from typing import Annotated, Final
 
 from msgspec import field
 
-from yawid.answers.part import Count, Number, Part
+from yawid.answers.part import Count, Number, Part, says
 from yawid.quantities.vehicles import autopilot_name, type_name
 
 
@@ -16,8 +16,10 @@ class VehicleSeen(Part, frozen=True):
 
     sysid: Count
     compid: Count
-    type: Count
-    autopilot: Count
+    type: Annotated[Count, says("MAV_TYPE of its HEARTBEAT; 1 is a fixed wing", "MAV_TYPE")]
+    autopilot: Annotated[
+        Count, says("MAV_AUTOPILOT of its HEARTBEAT; 3 is ArduPilot, 12 is PX4", "MAV_AUTOPILOT")
+    ]
 
     @property
     def address(self) -> tuple[int, int]:
@@ -44,8 +46,8 @@ class BootSpan(Part, frozen=True):
     """The times that one boot of the vehicle covers, in s since that boot."""
 
     boot: Count
-    from_s: Number = field(name="from")
-    to_s: Number = field(name="to")
+    from_s: Annotated[Number, says("first second, since boot", "s")] = field(name="from")
+    to_s: Annotated[Number, says("last second, since boot", "s")] = field(name="to")
 
 
 PARAMETERS: Final = "parameters.txt"
@@ -65,10 +67,10 @@ def parameters_in(attached: bytes) -> dict[str, float]:
 class GainSeen(Part, frozen=True):
     """A gain of the feedback from yaw rate to rudder, and from when in which boot it holds."""
 
-    name: str
-    value: Number
-    boot: Count
-    from_s: Number
+    name: Annotated[str, says("the parameter")]
+    value: Annotated[Number, says("its value", "as the quantity it belongs to")]
+    boot: Annotated[Count, says("number of the boot")]
+    from_s: Annotated[Number, says("time since that boot from which on it holds", "s")]
 
 
 def gains_between(
@@ -112,6 +114,10 @@ class LinkCounts(Part, frozen=True):
     reboots: Count | None = None
     clock_steps: Count | None = None
     gaps: Count | None = None
-    unsigned_rejected: Count | None = None
-    clock_leap_s: Number | None = None
-    signed: Count | None = None
+    unsigned_rejected: Annotated[
+        Count | None, says("frames rejected because they are not signed with the key")
+    ] = None
+    clock_leap_s: Annotated[Number | None, says("by how much the vehicle's clock jumped", "s")] = (
+        None
+    )
+    signed: Annotated[Count | None, says("signed frames")] = None

@@ -5,12 +5,12 @@ flight does not show the rudder's effect.
 """
 
 import math
-from typing import Final
+from typing import Annotated, Final
 
 import numpy as np
 
-from yawid.answers.model_parts import DutchRoll, TimeConstant, Value
-from yawid.answers.part import Count, Number, Part
+from yawid.answers.model_parts import DERIVATIVES, DutchRoll, TimeConstant, Value
+from yawid.answers.part import Count, Number, Part, named, says
 from yawid.answers.reasons import Verdict
 from yawid.quantities.airspeed import density_ratio
 
@@ -30,10 +30,16 @@ class RollLaw(Part, frozen=True, kw_only=True):
     aileron = -k_roll roll - k_p p - k_integral (integral of roll) + what is asked for
     """
 
-    k_roll: Number
-    k_p: Number
-    k_integral: Number
-    r2: Number
+    k_roll: Annotated[Number, says("aileron per roll, per rad", "unit of aileron per rad")]
+    k_p: Annotated[Number, says("aileron per roll rate, per rad/s", "unit of aileron per rad/s")]
+    k_integral: Annotated[
+        Number, says("aileron per integral of the roll, per rad s", "unit of aileron per rad s")
+    ]
+    r2: Annotated[Number, says("part of the aileron's changes that it explains", "1")]
+
+
+OF_SIGNALS: Final = named(p="of the roll rate", r="of the yaw rate", roll="of the roll")
+"""The signals that have a spectrum."""
 
 
 class OrdinarySpectrum(Part, frozen=True, kw_only=True):
@@ -43,10 +49,22 @@ class OrdinarySpectrum(Part, frozen=True, kw_only=True):
     frequencies each mean has.
     """
 
-    w_rad_s: list[Number]
-    count: list[Number]
-    measured: dict[str, list[Number]]
-    modelled: dict[str, list[Number]]
+    w_rad_s: Annotated[list[Number], says("frequencies")]
+    count: Annotated[list[Number], says("independent frequencies in each mean")]
+    measured: Annotated[
+        dict[str, list[Number]],
+        says(
+            "of the log, (rad/s)^2 or rad^2 per Hz, on both sides",
+            **OF_SIGNALS,
+        ),
+    ]
+    modelled: Annotated[
+        dict[str, list[Number]],
+        says(
+            "of the model, with the inputs as they were",
+            **OF_SIGNALS,
+        ),
+    ]
 
 
 class Agreement(Part, frozen=True, kw_only=True):
@@ -56,9 +74,11 @@ class Agreement(Part, frozen=True, kw_only=True):
     ``flown`` is compared.
     """
 
-    against: str
-    wn_sigmas: Number
-    zeta_sigmas: Number
+    against: Annotated[str, says("what it was compared with", enum=["bare", "flight"])]
+    wn_sigmas: Annotated[
+        Number, says("difference of wn, brought to one airspeed, in sigmas of it", "1")
+    ]
+    zeta_sigmas: Annotated[Number, says("difference of zeta, in sigmas of it", "1")]
 
 
 class OrdinaryAnswer(Part, frozen=True, kw_only=True):
@@ -73,25 +93,62 @@ class OrdinaryAnswer(Part, frozen=True, kw_only=True):
     gate stops.
     """
 
-    dutch_roll: DutchRoll | None = None
-    poles: list[list[Number]] | None = None
-    roll_mode: TimeConstant | None = None
-    derivatives: dict[str, Value] | None = None
-    flown: DutchRoll | None = None
-    flown_verdict: Verdict | None = None
-    law: RollLaw | None = None
-    airspeed_m_s: Number | None = None
-    airspeed_source: str | None = None
-    altitude_m: Number | None = None
-    seconds: Number = 0.0
-    seen_s: Number = 0.0
-    turns: Count = 0
-    windows: Count = 0
-    share: Number | None = None
-    band_rad_s: list[Number] | None = None
-    spectrum: OrdinarySpectrum | None = None
-    agrees: Agreement | None = None
-    verdict: Verdict
+    dutch_roll: Annotated[
+        DutchRoll | None, says("of the bare airframe; absent where a gate stops it")
+    ] = None
+    poles: Annotated[
+        list[list[Number]] | None,
+        says("real and imaginary part of each, in rad/s; the pair is the Dutch roll"),
+    ] = None
+    roll_mode: Annotated[TimeConstant | None, says("how fast a roll rate decays")] = None
+    derivatives: Annotated[
+        dict[str, Value] | None,
+        says(
+            "dimensional, per rad, rad/s or unit of the input, with Ixz folded in",
+            **DERIVATIVES,
+        ),
+    ] = None
+    flown: Annotated[
+        DutchRoll | None, says("the same mode under the roll law found, where that is known")
+    ] = None
+    flown_verdict: Annotated[
+        Verdict | None, says("whether it is known under the roll law; if not, why")
+    ] = None
+    law: Annotated[
+        RollLaw | None,
+        says(
+            "the roll hold found: aileron = -k_roll roll - k_p p - k_integral "
+            "(integral of roll) + what is asked for"
+        ),
+    ] = None
+    airspeed_m_s: Annotated[Number | None, says("mean true airspeed of what was used", "m/s")] = (
+        None
+    )
+    airspeed_source: Annotated[
+        str | None, says("where that airspeed is from", enum=["airspeed", "ground speed"])
+    ] = None
+    altitude_m: Annotated[Number | None, says("mean altitude flown at this airspeed", "m")] = None
+    seconds: Annotated[Number, says("length of the ordinary flight used, at one airspeed", "s")] = (
+        0.0
+    )
+    seen_s: Annotated[Number, says("length of all that was looked at", "s")] = 0.0
+    turns: Annotated[Count, says("turns in what was used")] = 0
+    windows: Annotated[Count, says("stretches of up to 120 s in what was used")] = 0
+    share: Annotated[
+        Number | None, says("part of the roll rate's power near the mode that turns make", "1")
+    ] = None
+    band_rad_s: Annotated[list[Number] | None, says("lowest and highest frequency used")] = None
+    spectrum: Annotated[
+        OrdinarySpectrum | None,
+        says("densities of p, r and roll, as measured and as the model has them"),
+    ] = None
+    agrees: Annotated[
+        Agreement | None,
+        says(
+            "how far the manoeuvres' answer is away; absent where none is known near this airspeed"
+        ),
+    ] = None
+    verdict: Annotated[Verdict, says("whether it is known; if not, why, and what to do")]
 
     def __bool__(self) -> bool:
         """Return whether it is usable."""

@@ -7,11 +7,11 @@ reasons to judge again.
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import Final
+from typing import Annotated, Final
 
 from msgspec.structs import force_setattr
 
-from yawid.answers.part import Part
+from yawid.answers.part import Part, says
 from yawid.quantities.vehicles import ARDUPILOT, PX4
 
 NOT_IDENTIFIABLE: Final = 5
@@ -213,10 +213,12 @@ class Reason(Part, frozen=True):
     sentence; where none is given, :func:`yawid.results.advice.advised` adds that of its kind.
     """
 
-    id: str
-    text: str
-    remedy: str | None = None
-    weight: str = ""
+    id: Annotated[str, says("which reason: see x-reasons")]
+    text: Annotated[str, says("what was found and what is needed, in words")]
+    remedy: Annotated[str | None, says("what to do about it, in a sentence")] = None
+    weight: Annotated[
+        str, says("fatal makes the answer unusable, a warning does not", enum=["fatal", "warning"])
+    ] = ""
 
     def __post_init__(self) -> None:
         """Give it the weight of its kind."""
@@ -259,10 +261,18 @@ class Verdict(Part, frozen=True, kw_only=True):
     The reasons are in the order of the table, the fatal ones first, then the warnings by id.
     """
 
-    method: str | None = None
+    method: Annotated[str | None, says("the method that answers")] = None
     usable: bool
-    reasons: list[Reason]
-    next: str | None = None
+    reasons: Annotated[
+        list[Reason],
+        says(
+            "reasons against the answer and warnings: fatal ones first, the "
+            "first decides the exit code"
+        ),
+    ]
+    next: Annotated[
+        str | None, says("what to do about the first fatal reason, in one line; absent when usable")
+    ] = None
 
     @staticmethod
     def of(reasons: Iterable[Reason], method: str | None = None) -> "Verdict":

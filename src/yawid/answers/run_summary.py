@@ -5,17 +5,24 @@ have the order of the keys.
 """
 
 import json
-from typing import ClassVar, Final, Self
+from typing import Annotated, ClassVar, Final, Self
 
 import msgspec
 
 from yawid.answers.heard import BootSpan, GainSeen, LinkCounts, VehicleSeen
+from yawid.answers.model_parts import DERIVATIVES, EQ_22_23
+from yawid.answers.model_parts import HIGHEST as HIGHEST
+from yawid.answers.model_parts import LOWEST as LOWEST
+from yawid.answers.model_parts import POINTS as POINTS
 from yawid.answers.model_parts import DutchRoll as DutchRoll  # all of an answer is found here
-from yawid.answers.model_parts import Fit, Mode
+from yawid.answers.model_parts import MethodSummary as MethodSummary
+from yawid.answers.model_parts import OneStructure as OneStructure
+from yawid.answers.model_parts import Orders as Orders
+from yawid.answers.model_parts import Response as Response
 from yawid.answers.model_parts import TimeConstant as TimeConstant
 from yawid.answers.model_parts import Value as Value
 from yawid.answers.ordinary import OrdinaryAnswer as OrdinaryAnswer
-from yawid.answers.part import Count, Number, Part, Positive
+from yawid.answers.part import Count, Number, Part, Positive, named, says
 from yawid.answers.reasons import Reason, Verdict
 from yawid.answers.session import LiveFacts
 
@@ -26,97 +33,54 @@ CT: Final = "ct"
 
 
 class ChannelFound(Part, frozen=True):
-    """The source of a channel, how it was found, its travel, and its message rate.
+    """The source of a channel, how it was found, its travel, and its message rate."""
 
-    ``rate_hz`` is the rate of the first seconds, which chose the grid, or of the whole run if
-    ``first_rate_hz`` is given, which is then that of the first seconds. ``measured`` is there for a
-    record: a deflection on straight lines, or a held command; ``yaw_loop`` has a damper's gains,
-    ``yaw_gains`` those that changed in flight.
-    """
-
-    source: str
-    how: str | None = None
-    min_us: Number | None = None
-    trim_us: Number | None = None
-    max_us: Number | None = None
-    reversed: bool | None = None
-    measured: bool | None = None
-    yaw_loop: str | None = None
-    yaw_gains: list[GainSeen] | None = None
-    rate_hz: Positive | None = None
-    first_rate_hz: Positive | None = None
-
-
-class Orders(Part, frozen=True):
-    """The orders of the ARMAX model; nb and nk are those of every input."""
-
-    na: Count
-    nb: Count
-    nc: Count
-    nk: Count
-
-    def __str__(self) -> str:
-        """Return them as ``--orders`` takes them."""
-        return f"{self.na},{self.nb},{self.nc},{self.nk}"
-
-
-LOWEST, HIGHEST, POINTS = 0.6, 1.6, 21
-"""Where the model of an answer holds, as parts of wn, and how many points of its response there its
-covariance is made of. Below it a model of eq. 23 does not have the zeros of an aircraft: |G| was 6
-times too high at .3 wn."""
-
-
-class Response(Part, frozen=True, kw_only=True):
-    """The transfer function of a manoeuvre's answer, from each input to the yaw rate.
-
-    G(s) = sum of r / (s - p), and of the conjugate where p is complex. ``poles`` are [real,
-    imaginary] in rad/s, one of each pair, the Dutch roll first, then the real ones; ``residues``
-    has as many by the name of the input, in rad/s^2 per unit of it. ``covariance`` is that of wn
-    and zeta of each pair, of each real pole, then of the residues of each input: both parts of a
-    pair's, and a real one's.
-    """
-
-    poles: list[list[Number]]
-    residues: dict[str, list[list[Number]]]
-    covariance: list[list[Number]]
-
-
-class OneStructure(Part, frozen=True, kw_only=True):
-    """What one structure of the continuous-time fit found, and its weight in the answer."""
-
-    wn_rad_s: Positive
-    wn_std: Number
-    zeta: Number
-    zeta_std: Number
-    weight: Number
-
-
-class MethodSummary(Part, frozen=True, kw_only=True):
-    """The results of one method, of the stream or of a manoeuvre.
-
-    The recursive methods have orders and theta, whose sigmas (of noise) are by parameter names. The
-    continuous-time fit (``ct``) has the ``response`` of its answer, its ``structure``, and what
-    each of the ``structures`` found; ``roll_left_out`` says why roll was no output of it.
-    ``yaw_acceleration`` is what a step of the rudder makes at once, K T wn^2 in rad/s^2 per unit.
-    """
-
-    method: str
-    orders: Orders | None = None
-    sample_time_s: Positive
-    forgetting_factor: Number | None = None
-    updates: Count | None = None
-    held: Count | None = None
-    theta: dict[str, Number] | None = None
-    theta_std: dict[str, Number] | None = None
-    modes: list[Mode] | None = None
-    dutch_roll: DutchRoll | None = None
-    physics: dict[str, Value] | None = None
-    yaw_acceleration: Value | None = None
-    response: Response | None = None
-    structure: str | None = None
-    structures: dict[str, OneStructure] | None = None
-    roll_left_out: str | None = None
-    fit: Fit
+    source: Annotated[
+        str, says("message and field that carry the channel, or a column of a record")
+    ]
+    how: Annotated[
+        str | None, says("how it was found: parameter, option, assumed, ...; and what its twins do")
+    ] = None
+    min_us: Annotated[Number | None, says("pulse at one end of the travel", "us")] = None
+    trim_us: Annotated[Number | None, says("pulse at rest", "us")] = None
+    max_us: Annotated[Number | None, says("pulse at the other end", "us")] = None
+    reversed: Annotated[
+        bool | None, says("whether a longer pulse turns the surface the other way")
+    ] = None
+    measured: Annotated[
+        bool | None,
+        says(
+            "of a record: true where the deflection is measured, on straight "
+            "lines between rows; false where it is a command, held from row to "
+            "row"
+        ),
+    ] = None
+    yaw_loop: Annotated[
+        str | None,
+        says(
+            "gains by which the autopilot feeds the yaw rate back to the "
+            "rudder; of a flight or a manoeuvre what holds of that loop: see "
+            "loop"
+        ),
+    ] = None
+    yaw_gains: Annotated[
+        list[GainSeen] | None,
+        says(
+            "gains of that feedback that changed while the log lasts, and from "
+            "when each of them holds; absent where none changed"
+        ),
+    ] = None
+    rate_hz: Annotated[
+        Positive | None,
+        says(
+            "messages a second: of the first seconds, or of the whole run if "
+            "first_rate_hz is there",
+            "Hz",
+        ),
+    ] = None
+    first_rate_hz: Annotated[
+        Positive | None, says("messages a second in the first seconds, which chose the grid", "Hz")
+    ] = None
 
 
 class Bare(Part, frozen=True, kw_only=True):
@@ -129,25 +93,49 @@ class Bare(Part, frozen=True, kw_only=True):
     the verdict, which says why.
     """
 
-    NAMES: ClassVar = (
-        "Y_beta", "L_beta", "L_p", "L_r", "L_delta_a", "L_delta_r",
-        "N_beta", "N_p", "N_r", "N_delta_a", "N_delta_r", "Y_delta_r",
-    )  # fmt: skip
+    NAMES: ClassVar = tuple[str, ...](DERIVATIVES["x-names"])
 
-    dutch_roll: DutchRoll | None = None
-    roll_mode: TimeConstant | None = None
-    spiral: TimeConstant | None = None
-    derivatives: dict[str, Value] | None = None
-    alpha_rad: Value | None = None
-    servo_lag_s: Value | None = None
-    rudder_mix: Value | None = None
-    correlations: list[list[Number]] | None = None
-    from_prior: list[str] | None = None
-    gust_std_rad: Number | None = None
-    whiteness_rho1: Number | None = None
-    airspeed_m_s: Number | None = None
-    used: list[Count]
-    verdict: Verdict
+    dutch_roll: Annotated[
+        DutchRoll | None, says("of the bare airframe; absent where a gate stops it")
+    ] = None
+    roll_mode: Annotated[TimeConstant | None, says("how fast a roll rate decays")] = None
+    spiral: Annotated[
+        TimeConstant | None, says("how fast a bank decays, or grows where it is negative")
+    ] = None
+    derivatives: Annotated[
+        dict[str, Value] | None,
+        says(
+            "dimensional, per rad, rad/s or unit of the input, with Ixz folded in",
+            **DERIVATIVES,
+        ),
+    ] = None
+    alpha_rad: Annotated[Value | None, says("angle of attack of the body's axes")] = None
+    servo_lag_s: Annotated[Value | None, says("lag of the servos of rudder and aileron", "s")] = (
+        None
+    )
+    rudder_mix: Annotated[
+        Value | None,
+        says(
+            "rudder per aileron that rolls with the least sideslip, each in the unit of its channel"
+        ),
+    ] = None
+    correlations: Annotated[
+        list[list[Number]] | None,
+        says("of the derivatives, alpha_rad and servo_lag_s, in this order; of a flight only"),
+    ] = None
+    from_prior: Annotated[
+        list[str] | None,
+        says("names of the numbers that what is known beforehand determines more than the record"),
+    ] = None
+    gust_std_rad: Annotated[Number | None, says("sideslip of the gusts")] = None
+    whiteness_rho1: Annotated[
+        Number | None, says("largest autocorrelation of the innovations over 40 ms or a sample")
+    ] = None
+    airspeed_m_s: Annotated[Number | None, says("true airspeed for which it holds", "m/s")] = None
+    used: Annotated[
+        list[Count], says("numbers n of the manoeuvres that it rests on, or that were looked at")
+    ]
+    verdict: Annotated[Verdict, says("whether it is known; if not, why, and what to do")]
 
     def __bool__(self) -> bool:
         """Return whether it is known."""
@@ -172,14 +160,21 @@ class Conditions(Part, frozen=True, kw_only=True):
     n: Count
     from_s: Number
     to_s: Number
-    duration_s: Number
+    duration_s: Annotated[Number, says("length of the manoeuvre", "s")]
     date: str | None = None
     mode: str | None = None
-    loop: str
-    yaw_loop: str | None = None
+    loop: Annotated[str, says(enum=["airframe", "with_roll_loop", "unknown"])]
+    yaw_loop: Annotated[
+        str | None,
+        says(
+            "gains by which the autopilot feeds the yaw rate back to the "
+            "rudder; of a flight or a manoeuvre what holds of that loop: see "
+            "loop"
+        ),
+    ] = None
     airspeed_m_s: Number | None = None
     airspeed_std_m_s: Number | None = None
-    airspeed_source: str | None = None
+    airspeed_source: Annotated[str | None, says(enum=["airspeed", "ground speed"])] = None
     airspeed_kind: str | None = None
     altitude_m: Number | None = None
 
@@ -189,9 +184,15 @@ class Manoeuvre(Conditions, frozen=True, kw_only=True):
 
     inputs: list[str]
     turn_removed: bool
-    estimates: dict[str, MethodSummary]
-    verdict: Verdict
-    lateral: Bare | None = None
+    estimates: Annotated[dict[str, MethodSummary], says("of the manoeuvre, by method")]
+    verdict: Annotated[Verdict, says("of the manoeuvre")]
+    lateral: Annotated[
+        Bare | None,
+        says(
+            "the bare airframe of this manoeuvre, with --lateral auto; it "
+            "comes after the answer as flown"
+        ),
+    ] = None
 
     @property
     def answer(self) -> MethodSummary | None:
@@ -216,8 +217,8 @@ class Manoeuvre(Conditions, frozen=True, kw_only=True):
 class BetweenStd(Part, frozen=True, kw_only=True):
     """The scatter of manoeuvres beyond their own sigmas: the tau of the random effects."""
 
-    wn_rad_s: Number | None = None
-    zeta: Number | None = None
+    wn_rad_s: Annotated[Number | None, says("of natural frequencies", "rad/s")] = None
+    zeta: Annotated[Number | None, says("of damping ratios", "1")] = None
 
 
 TAU_WN_SHARE, TAU_ZETA = 0.015, 0.02
@@ -233,22 +234,41 @@ class Flight(Part, frozen=True, kw_only=True):
     Without a usable manoeuvre there is only the verdict, with the best one's reasons.
     """
 
-    method: str | None = None
+    method: Annotated[str | None, says("the method that answers")] = None
     airspeed_m_s: Number | None = None
-    airspeed_source: str | None = None
+    airspeed_source: Annotated[str | None, says(enum=["airspeed", "ground speed"])] = None
     airspeed_kind: str | None = None
     altitude_m: Number | None = None
     date: str | None = None
-    loop: str | None = None
-    yaw_loop: str | None = None
-    dutch_roll: DutchRoll | None = None
+    loop: Annotated[str | None, says(enum=["airframe", "with_roll_loop", "unknown"])] = None
+    yaw_loop: Annotated[
+        str | None,
+        says(
+            "gains by which the autopilot feeds the yaw rate back to the "
+            "rudder; of a flight or a manoeuvre what holds of that loop: see "
+            "loop"
+        ),
+    ] = None
+    dutch_roll: Annotated[
+        DutchRoll | None,
+        says("the answer, or what a method found; absent where no mode of the model is one"),
+    ] = None
     kappa_rad_m: Value | None = None
     K_per_V: Value | None = None
-    physics: dict[str, Value] | None = None
-    between_std: BetweenStd | None = None
-    used: list[Count]
-    disagree: list[Count]
-    verdict: Verdict
+    physics: Annotated[
+        dict[str, Value] | None,
+        says(
+            "numbers of eq. 22-23 at the flight's airspeed, from all "
+            "manoeuvres used; absent where none has them",
+            **EQ_22_23,
+        ),
+    ] = None
+    between_std: Annotated[
+        BetweenStd | None, says("tau, by how much manoeuvres scatter beyond their own sigmas")
+    ] = None
+    used: Annotated[list[Count], says("numbers n of the manoeuvres that the answer rests on")]
+    disagree: Annotated[list[Count], says("numbers n of those left out because they disagree")]
+    verdict: Annotated[Verdict, says("of the flight; that of the headline decides the exit code")]
 
     def __bool__(self) -> bool:
         """Return whether it is usable."""
@@ -258,27 +278,49 @@ class Flight(Part, frozen=True, kw_only=True):
 class Source(Part, frozen=True):
     """The log that the samples of a replayed MCAP are from."""
 
-    log: str | None = None
-    sha256: str | None = None
-    bytes_read: Count | None = None
+    log: Annotated[str | None, says("absolute path of the log that the MCAP was made from")] = None
+    sha256: Annotated[
+        str | None, says("of the log's bytes; absent where it was not read to its end")
+    ] = None
+    bytes_read: Annotated[
+        Count | None, says("how far the log was read; instead of the hash", "bytes")
+    ] = None
 
 
 class Origin(Part, frozen=True, kw_only=True):
-    """The origin of an answer: the log, the vehicle, the link and the channels.
+    """The origin of an answer: the log, the vehicle, the link and the channels."""
 
-    A log that was not read to its end has ``bytes_read`` instead of a hash.
-    """
-
-    log: str
-    sha256: str | None = None
-    bytes_read: Count | None = None
-    source: Source | None = None
-    duration_s: Number
-    vehicle: VehicleSeen | None = None
-    vehicles: list[VehicleSeen] | None = None
-    boots: list[BootSpan] | None = None
-    link: LinkCounts
-    channels: dict[str, ChannelFound]
+    log: Annotated[
+        str, says("absolute path of the log, or the endpoint of a live session without a tlog")
+    ]
+    sha256: Annotated[
+        str | None, says("of the log's bytes; absent where it was not read to its end")
+    ] = None
+    bytes_read: Annotated[
+        Count | None, says("how far the log was read; instead of the hash", "bytes")
+    ] = None
+    source: Annotated[
+        Source | None, says("the log that the samples of a replayed MCAP are from")
+    ] = None
+    duration_s: Annotated[Number, says("last record minus first, by the receiver's stamps", "s")]
+    vehicle: Annotated[
+        VehicleSeen | None,
+        says("the aircraft estimated; absent where none was heard, and of a record"),
+    ] = None
+    vehicles: Annotated[
+        list[VehicleSeen] | None, says("every vehicle heard, where there are several")
+    ] = None
+    boots: Annotated[
+        list[BootSpan] | None, says("what each boot of the vehicle covers, where there are several")
+    ] = None
+    link: Annotated[LinkCounts, says("what was received over the link")]
+    channels: Annotated[
+        dict[str, ChannelFound],
+        says(
+            "where each channel comes from",
+            **named(rudder="rudder", aileron="aileron", yaw="yaw rate"),
+        ),
+    ]
 
     @property
     def own_source(self) -> Source:
@@ -319,16 +361,50 @@ class RunSummary(Origin, Judged, frozen=True, kw_only=True):
     ``ordinary`` is next to them all; with ``--ordinary only`` it is all there is, and decides.
     """
 
-    estimates: dict[str, MethodSummary] | None = None
-    verdict: Verdict | None = None
-    warnings: list[Reason] | None = None
-    manoeuvres: list[Manoeuvre] | None = None
-    flight: Flight | None = None
-    flights: list[Flight] | None = None
-    bare: Bare | None = None
-    ordinary: OrdinaryAnswer | None = None
-    live: LiveFacts | None = None
-    files: dict[str, str] | None = None
+    estimates: Annotated[
+        dict[str, MethodSummary] | None, says("of the stream at its end, by method")
+    ] = None
+    verdict: Annotated[
+        Verdict | None,
+        says("the flight's, or why the log has no answer; absent where nothing was judged"),
+    ] = None
+    warnings: Annotated[
+        list[Reason] | None, says("reasons found in link and channels where nothing was judged")
+    ] = None
+    manoeuvres: Annotated[
+        list[Manoeuvre] | None, says("each with its answer; absent where they were not looked for")
+    ] = None
+    flight: Annotated[
+        Flight | None,
+        says("what the manoeuvres say together, the headline; absent where there was none"),
+    ] = None
+    flights: Annotated[
+        list[Flight] | None,
+        says(
+            "for each loop with a usable manoeuvre what its manoeuvres say together, flight first"
+        ),
+    ] = None
+    bare: Annotated[
+        Bare | None,
+        says(
+            "the bare airframe of the flight, with --lateral auto: without the "
+            "roll loop it was flown with"
+        ),
+    ] = None
+    ordinary: Annotated[
+        OrdinaryAnswer | None,
+        says(
+            "from ordinary flight, with --ordinary: the aircraft without its autopilot, mode only"
+        ),
+    ] = None
+    live: Annotated[LiveFacts | None, says("what a live session adds")] = None
+    files: Annotated[
+        dict[str, str] | None,
+        says(
+            "absolute paths of the files written",
+            **named(mcap="the run", rrd="Rerun's recording", tlog="what a live session heard"),
+        ),
+    ] = None
 
     @classmethod
     def from_json(cls, data: bytes, *, is_whole: bool = True) -> Self:

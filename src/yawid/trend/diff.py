@@ -12,14 +12,14 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Final
+from typing import Annotated, Final
 
 import numpy as np
 from msgspec.structs import replace
 
 from yawid.answers.damper_report import FlownGain
 from yawid.answers.heard import PARAMETERS, parameters_in
-from yawid.answers.part import Part
+from yawid.answers.part import Part, says
 from yawid.answers.run_summary import Value
 from yawid.damper.before_after import BeforeAfter, before_after
 from yawid.damper.identified import Facts
@@ -53,25 +53,35 @@ class Difference(Part, frozen=True, kw_only=True):
     so uncertain that it may be 0, and no change shows: to agree with that would mean nothing.
     """
 
-    vehicle: str
-    loop: str
-    quantity: str
-    a: Value
-    b: Value
-    difference: float
-    sigmas: float | None = None
-    p: float | None = None
-    changed: bool
-    not_judged: str | None = None
+    vehicle: Annotated[str, says("empty for two runs, which are compared whatever the vehicle")]
+    loop: Annotated[
+        str,
+        says(
+            "empty for two runs",
+            enum=["airframe", "with_roll_loop", "unknown", "bare", "ordinary", ""],
+        ),
+    ]
+    quantity: Annotated[str, says("which number: a column of the data set's flights")]
+    a: Annotated[Value, says("what is compared")]
+    b: Annotated[Value, says("with what")]
+    difference: Annotated[float, says("B minus A", "as unit")]
+    sigmas: Annotated[float | None, says("in sigmas", "1")] = None
+    p: Annotated[
+        float | None, says("probability of as much by chance anywhere in what was tested", "1")
+    ] = None
+    changed: Annotated[bool, says("whether the difference is beyond what both sigmas explain")]
+    not_judged: Annotated[str | None, says("why the difference says nothing about the vehicle")] = (
+        None
+    )
 
 
 class Fact(Part, frozen=True, kw_only=True):
     """Something that differs between A and B; ``changed`` if it is a change of the answer."""
 
-    what: str
-    a: str
-    b: str
-    changed: bool
+    what: Annotated[str, says("which fact")]
+    a: Annotated[str, says("what is compared")]
+    b: Annotated[str, says("with what")]
+    changed: Annotated[bool, says("whether that is a change of the answer")]
 
 
 class DamperDiff(Part, frozen=True, kw_only=True):
@@ -81,11 +91,17 @@ class DamperDiff(Part, frozen=True, kw_only=True):
     change. ``flown`` has every gain of both flights.
     """
 
-    parameter: str
-    unchanged: bool | None = None
-    differ: list[str]
-    flown: list[FlownGain]
-    notes: list[str]
+    parameter: Annotated[str, says("the autopilot's parameter of the gain")]
+    unchanged: Annotated[
+        bool | None,
+        says("whether the aircraft without its damper is the same; absent where not judged"),
+    ] = None
+    differ: Annotated[list[str], says("which of its numbers changed")]
+    flown: Annotated[
+        list[FlownGain],
+        says("every gain of both flights, with what the other flight's model predicts"),
+    ]
+    notes: Annotated[list[str], says("what could not be predicted or measured, in words")]
 
 
 class Diff(Part, frozen=True, kw_only=True):
@@ -94,15 +110,20 @@ class Diff(Part, frozen=True, kw_only=True):
     ``damper`` is there for two runs of which one at least was flown with a yaw damper.
     """
 
-    a: str
-    b: str
-    changed: bool
-    false_alarm_rate: float
-    judged: int
-    numbers: list[Difference]
-    facts: list[Fact]
-    notes: list[str]
-    damper: DamperDiff | None = None
+    a: Annotated[str, says("what is compared")]
+    b: Annotated[str, says("with what")]
+    changed: Annotated[bool, says("whether anything changed; the exit code is then 7")]
+    false_alarm_rate: Annotated[
+        float, says("of all data sets or pairs of runs in which nothing changed", "1")
+    ]
+    judged: Annotated[int, says("numbers judged")]
+    numbers: Annotated[list[Difference], says("each number that both sides have")]
+    facts: Annotated[list[Fact], says("what else differs")]
+    notes: Annotated[list[str], says("what could not be compared, in words")]
+    damper: Annotated[
+        DamperDiff | None,
+        says("what two runs say of the yaw dampers flown; absent where none was flown"),
+    ] = None
 
 
 @dataclass(slots=True)

@@ -11,11 +11,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Final
+from typing import Annotated, Final
 
 import numpy as np
 
-from yawid.answers.part import Part
+from yawid.answers.part import Part, named, says
 from yawid.answers.reasons import Reason
 from yawid.answers.run_summary import Value
 from yawid.errors import ConfigError
@@ -41,48 +41,55 @@ class Changed(Part, frozen=True, kw_only=True):
     this in any test. For a possible season it is the probability if there were no seasons.
     """
 
-    kind: str
-    from_flight: int
-    to_flight: int
-    from_date: str
-    to_date: str
-    before: float
-    after: float
-    difference: float
-    std: float
-    sigmas: float
-    percent: float | None = None
-    p: float
-    measured_otherwise: list[str]
+    kind: Annotated[str, says("step or slope", enum=["step", "slope"])]
+    from_flight: Annotated[int, says("the last flight before it, from 1")]
+    to_flight: Annotated[int, says("the first flight after it")]
+    from_date: Annotated[str, says("of that flight")]
+    to_date: Annotated[str, says("of that flight")]
+    before: Annotated[float, says("level before it", "as unit")]
+    after: Annotated[float, says("level after it", "as unit")]
+    difference: Annotated[float, says("after minus before", "as unit")]
+    std: Annotated[
+        float, says("sigma of the difference, in its unit", "as the quantity it belongs to")
+    ]
+    sigmas: Annotated[float, says("in sigmas", "1")]
+    percent: Annotated[float | None, says("the difference in percent of the level before", "%")] = (
+        None
+    )
+    p: Annotated[
+        float,
+        says("probability of as much by chance in any history and at any look, one each day", "1"),
+    ]
+    measured_otherwise: Annotated[list[str], says("what else changed with it: that may be why")]
 
 
 class Outlier(Part, frozen=True, kw_only=True):
     """A flight far off the others; its distance is in sigmas (its own sigma and tau together)."""
 
-    flight: int
-    date: str
-    log_sha256: str | None = None
+    flight: Annotated[int, says("number of the flight, from 1")]
+    date: Annotated[str, says("UTC time of the flight, ISO 8601")]
+    log_sha256: Annotated[str | None, says("of its log")] = None
     boot: int | None = None
-    value: float
-    sigmas: float
-    p: float
+    value: Annotated[float, says("what it says", "as the quantity it belongs to")]
+    sigmas: Annotated[float, says("in sigmas", "1")]
+    p: Annotated[float, says("probability of as much by chance anywhere in what was tested", "1")]
 
 
 class Yearly(Part, frozen=True, kw_only=True):
     """A season: the amplitude by which a number swings, and the day of the year of its peak."""
 
-    amplitude: Value
-    peak: str
+    amplitude: Annotated[Value, says("by how much it swings the number either way")]
+    peak: Annotated[str, says("month and day at which the number is highest")]
 
 
 class Beside(Part, frozen=True, kw_only=True):
     """A vehicle compared with all of its type and loop: their median, its distance in sigmas."""
 
-    vehicles: int
-    median: float
-    sigmas: float
-    p: float
-    stands_out: bool
+    vehicles: Annotated[int, says("how many there are")]
+    median: Annotated[float, says("of all of them", "as unit")]
+    sigmas: Annotated[float, says("in sigmas", "1")]
+    p: Annotated[float, says("probability of as much by chance anywhere in what was tested", "1")]
+    stands_out: Annotated[bool, says("whether it is further off than chance explains")]
 
 
 class Followed(Part, frozen=True, kw_only=True):
@@ -93,24 +100,41 @@ class Followed(Part, frozen=True, kw_only=True):
     a season may explain, as there are fewer than two years of flights to show one.
     """
 
-    vehicle: str
-    loop: str
-    quantity: str
-    unit: str
-    flights: int
-    days: int
-    first_date: str
-    last_date: str
-    now: Value
-    between_std: float | None = None
-    slope_per_year: Value | None = None
-    slope_per_flight: Value | None = None
-    tested: bool
-    change: Changed | None = None
-    may_be_season: Changed | None = None
-    season: Yearly | None = None
-    outliers: list[Outlier]
-    beside: Beside | None = None
+    vehicle: Annotated[str, says("as the data set names it")]
+    loop: Annotated[
+        str,
+        says(
+            "whose number it is: each loop is a history of its own, and so is the bare airframe",
+            enum=["airframe", "with_roll_loop", "unknown", "bare", "ordinary"],
+        ),
+    ]
+    quantity: Annotated[str, says("which number: a column of the data set's flights")]
+    unit: Annotated[str, says("of the number")]
+    flights: Annotated[int, says("flights of this history")]
+    days: Annotated[int, says("days flown: flights of one day count as one")]
+    first_date: Annotated[str, says("of its first flight")]
+    last_date: Annotated[str, says("of its last flight")]
+    now: Annotated[Value, says("its level after the last change", "of the parameter")]
+    between_std: Annotated[
+        float | None, says("tau, by how much flights scatter beyond their own sigmas", "as unit")
+    ] = None
+    slope_per_year: Annotated[
+        Value | None, says("absent where the flights cover less than a month")
+    ] = None
+    slope_per_flight: Annotated[Value | None, says("from one flight to the next")] = None
+    tested: Annotated[bool, says("whether there were enough days to look for a change")]
+    change: Annotated[Changed | None, says("the change found, absent where there is none")] = None
+    may_be_season: Annotated[
+        Changed | None,
+        says("a clear change that may be a season, until two years show which: no alarm"),
+    ] = None
+    season: Annotated[
+        Yearly | None, says("what returns every year; absent where fewer than two years show it")
+    ] = None
+    outliers: Annotated[list[Outlier], says("flights far off the others")]
+    beside: Annotated[
+        Beside | None, says("this vehicle next to the others of its type and loop")
+    ] = None
 
 
 class Trend(Part, frozen=True, kw_only=True):
@@ -119,16 +143,32 @@ class Trend(Part, frozen=True, kw_only=True):
     ``warnings`` name the ids under which several aircraft seem to fly.
     """
 
-    dataset: str
-    changed: bool
-    judged: int
-    warnings: list[Reason]
-    false_alarm_rate: float
-    histories_tested: int
-    numbers_tested: int
-    flights: int
-    left_out: dict[str, int]
-    followed: list[Followed]
+    dataset: Annotated[str, says("absolute path of the data set")]
+    changed: Annotated[bool, says("whether anything changed; the exit code is then 7")]
+    judged: Annotated[
+        int, says("histories of those followed that were tested; none: the exit code is 5")
+    ]
+    warnings: Annotated[list[Reason], says("ids under which several aircraft seem to fly")]
+    false_alarm_rate: Annotated[
+        float, says("of all data sets or pairs of runs in which nothing changed", "1")
+    ]
+    histories_tested: Annotated[int, says("histories with enough days to look for a change")]
+    numbers_tested: Annotated[int, says("numbers of flights looked at for outliers")]
+    flights: Annotated[int, says("flights looked at")]
+    left_out: Annotated[
+        dict[str, int],
+        says(
+            "number of flights left out, by reason",
+            **named(
+                **{
+                    "not usable": "",
+                    "without a date": "",
+                    "without a number and its sigma": "of an answer",
+                }
+            ),
+        ),
+    ]
+    followed: Annotated[list[Followed], says("each number of each vehicle over its flights")]
 
 
 @dataclass(frozen=True, slots=True)
