@@ -8,7 +8,7 @@ from printed import printed
 from yawid.cli.main import main
 from yawid.config.run import RunConfig
 from yawid.errors import NotIdentifiable
-from yawid.offline.orders import CANDIDATES, compare_orders, recommended
+from yawid.offline.orders import CANDIDATES, compare_orders
 
 
 def second_order(n: int, nk: int, noise: float) -> tuple[np.ndarray, np.ndarray]:
@@ -27,9 +27,8 @@ def test_the_structure_that_made_the_record_is_recommended(nk: int):
     u, y = second_order(1500, nk, 0.3)
     tried = [(na, na, nc, k) for na in (1, 2, 3) for nc in (0, 1) for k in (1, 2, 3)]
 
-    found = compare_orders(u, y, 0.1, RunConfig(), tried)
+    found, best = compare_orders(u, y, 0.1, RunConfig(), tried)
 
-    best = recommended(found)
     assert (best.na, best.nb, best.nk) == (2, 2, nk)
     assert [c.simulation_pct for c in found] == sorted(
         (c.simulation_pct for c in found), reverse=True
@@ -51,7 +50,7 @@ def test_the_candidates_cover_the_default_and_fit_two_inputs_and_the_yaw_angle()
     config = RunConfig(inputs=("rudder", "aileron"), output="yaw")
     u, y = second_order(1500, 1, 0.3)
     both = np.column_stack([u, np.roll(u, 17)])
-    [found] = compare_orders(both, y, 0.1, config, [(2, 2, 1, 1)])
+    [found], _ = compare_orders(both, y, 0.1, config, [(2, 2, 1, 1)])
     assert str(found) == "2,2,1,1"
 
 

@@ -22,11 +22,7 @@ from matplotlib.axes import Axes
 
 from yawid.config.estimator import ArmaxOrders
 from yawid.estimation.fit import fit_percent, simulate
-from yawid.offline.step_response import (
-    first_order_response,
-    overshoot,
-    second_order_response,
-)
+from yawid.offline.step_response import FORMS, first_order_response
 from yawid.offline.two_stage import paper_listing, two_stage
 from yawid.plant.excitation import Excitation
 from yawid.plant.simulate import REFERENCE
@@ -48,8 +44,9 @@ def first_order(axes: Axes) -> None:
 def second_order(axes: Axes) -> None:
     """Draw figure 2: overshoot and the time of the first peak give D and q (eq. 12-13)."""
     t, D, q = np.linspace(0.0, 12.0, 600), 0.2, 2.0
-    axes.plot(t, second_order_response(t, 1.0, D, q))
-    peak, height = np.pi / (q * np.sqrt(1.0 - D * D)), 1.0 + overshoot(D)  # eq. 9
+    response, peak = FORMS["second"].response, np.pi / (q * np.sqrt(1.0 - D * D))  # eq. 9
+    axes.plot(t, response(t, 1.0, D, q))
+    height = float(response(peak, 1.0, D, q))
     axes.axhline(1.0, ls=":", c="0.5")
     axes.plot([peak, peak], [1.0, height], c="C3")
     axes.annotate("Δh", (peak, 1.2), xytext=(peak + 0.2, 1.2), color="C3")

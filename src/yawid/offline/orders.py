@@ -41,13 +41,15 @@ def compare_orders(
     config: RunConfig,
     tried: Sequence[tuple[int, int, int, int]] = CANDIDATES,
     advance: Callable[[int], None] = lambda count: None,
-) -> list[OrdersTried]:
+) -> tuple[list[OrdersTried], Orders]:
     """Return the candidates, best simulation first, for u (n, inputs) and y (n,); NaN is held.
 
-    ``advance`` is called with 1 after each candidate.
+    The orders to use are next to them: of those about as good as the best, the ones with the least
+    BIC. ``advance`` is called with 1 after each candidate.
 
     Raises:
-        NotIdentifiable: there are fewer than 200 samples without a NaN.
+        NotIdentifiable: there are fewer than 200 samples without a NaN, or no candidate has a
+            finite simulation and BIC.
     """
     good = np.isfinite(y) & np.isfinite(u).all(axis=1)
     if good.sum() < LEAST_SAMPLES:
@@ -60,26 +62,14 @@ def compare_orders(
     for four in tried:
         found.append(_try(u, y, split, sample_time_s, replace(config, orders=four)))
         advance(1)
-    return sorted(found, key=lambda c: math.inf if c.simulation_pct is None else -c.simulation_pct)
-
-
-def recommended(found: Sequence[OrdersTried]) -> Orders:
-    """Return the orders to use: of those about as good as the best, the ones with the least BIC.
-
-    Raises:
-        NotIdentifiable: no candidate has a finite simulation and BIC.
-    """
-    finite_ones = [
-        (c.simulation_pct, c.bic, c)
-        for c in found
-        if c.simulation_pct is not None and c.bic is not None
-    ]
-    if not finite_ones:
+    found.sort(key=lambda c: math.inf if c.simulation_pct is None else -c.simulation_pct)
+    pct, bic = np.array([(each.simulation_pct, each.bic) for each in found], float).T
+    known = np.isfinite(pct + bic)
+    if not known.any():
         raise NotIdentifiable("no structure tried gives a finite model of this record")
-    best = max(pct for pct, *_ in finite_ones)
-    close = [each for each in finite_ones if each[0] >= best - CLOSE_PCT]
-    chosen = min(close, key=lambda each: each[1])[2]
-    return Orders(na=chosen.na, nb=chosen.nb, nc=chosen.nc, nk=chosen.nk)
+    close = known & (pct >= pct[known].max() - CLOSE_PCT)
+    best = found[int(np.argmin(np.where(close, bic, np.inf)))]
+    return found, Orders(na=best.na, nb=best.nb, nc=best.nc, nk=best.nk)
 
 
 def samples_of_manoeuvres(
@@ -94,11 +84,9 @@ def samples_of_manoeuvres(
     """
     if samples is None:
         raise NotIdentifiable("no sample has both rudder and yaw rate")
-    time_s = samples.boot_us / 1e6
-    inside = np.zeros(len(samples), dtype=np.bool_)
-    for each in flown:
-        inside |= (each.from_s <= time_s) & (time_s <= each.to_s)
-    y = np.where(inside, samples.y, np.nan)
+    t = samples.boot_us / 1e6
+    inside = [(each.from_s <= t) & (t <= each.to_s) for each in flown]
+    y = np.where(np.any(inside, axis=0), samples.y, np.nan)
     if np.isfinite(y).sum() < LEAST_SAMPLES:
         return samples, 0
     return replace(samples, y=y), len(flown)
@@ -123,6 +111,5 @@ def _try(u: Floats, y: Floats, split: int, sample_time_s: float, run: RunConfig)
         "whiteness_p": armax.whiteness_p,
         "simulation_pct": fit_percent(y[split:], simulated),
     }
-    roll = DutchRoll.of(tuple(modes(block, orders, sample_time_s).dutch_roll[-1].tolist()))
-    four = dict(zip(("na", "nb", "nc", "nk"), run.orders, strict=True))
-    return OrdersTried(**four, **finite(scores), dutch_roll=roll)
+    roll = modes(block, orders, sample_time_s).dutch_roll[-1]
+    return OrdersTried(*run.orders, **finite(scores), dutch_roll=DutchRoll.of(tuple(roll.tolist())))

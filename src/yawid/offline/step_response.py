@@ -19,21 +19,18 @@ means Delta y/(k u0).
 """
 
 import math
-import sys
 import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from itertools import product, starmap
-from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
-from numpy.typing import ArrayLike
 from scipy.optimize import OptimizeWarning, approx_fprime, curve_fit
 
 from yawid.answers.reports import StepReport, Told
 from yawid.blocks import Floats
-from yawid.errors import ConfigError, NotIdentifiable, SourceError
+from yawid.errors import ConfigError, NotIdentifiable
 
 SETTLED = 0.05
 """The steady state is reached where the fitted form is within this share of its final value."""
@@ -52,11 +49,6 @@ def first_order_response(t: Floats, K: float, T: float) -> Floats:
     return np.asarray(-K * np.expm1(-np.maximum(t, 0.0) / T))
 
 
-def first_order_settling(tolerance: float, T: float) -> float:
-    """Return the settling time T ln(1/tolerance) of eq. 6 in s; the tolerance is 0.02 or 0.05."""
-    return T * math.log(1.0 / tolerance)
-
-
 def first_order_from_curve(t: Floats, y: Floats) -> tuple[float]:
     """Return T in s by eq. 6: when y (n,), which runs from 0 to 1, has passed 63 %."""
     level = 1.0 - math.exp(-1.0)
@@ -68,18 +60,10 @@ def first_order_from_curve(t: Floats, y: Floats) -> tuple[float]:
     )
 
 
-def second_order_response(t: Floats, k: float, D: float, q: float) -> Floats:
-    """Return h(t) of eq. 7, k q^2 / (s^2 + 2 q D s + q^2), at t (n,) in s; 0 before t = 0."""
-    return yaw_response(t, k, 0.0, D, q)
-
-
-def second_order_settling(tolerance: float, D: float, q: float) -> float:
-    """Return the time in s at which exp(-D q t)/sqrt(1 - D^2), the envelope, is the tolerance."""
-    return yaw_settling(tolerance, 0.0, D, q)
-
-
 def second_order_from_curve(t: Floats, y: Floats) -> tuple[float, float]:
     """Return D and q in rad/s by eq. 12 and 13 of y (n,), which runs from 0 to 1 at last.
+
+    The overshoot is exp(-pi D / sqrt(1 - D^2)) by eq. 10 and 11, which is solved for D.
 
     Raises:
         NotIdentifiable: y has no overshoot between 0 and 100 % after the start: not eq. 7.
@@ -93,11 +77,6 @@ def second_order_from_curve(t: Floats, y: Floats) -> tuple[float, float]:
     return D, math.pi / (t1 * math.sqrt(1.0 - D * D))
 
 
-def overshoot(D: float) -> float:
-    """Return the overshoot Delta h / k = exp(-pi D / sqrt(1 - D^2)) of eq. 10-11."""
-    return math.exp(-math.pi * D / math.sqrt(1.0 - D * D))
-
-
 def yaw_response(t: Floats, K: float, T: float, xi: float, omega: float) -> Floats:
     """Return the yaw rate of eq. 23, K (T s + 1) w^2 / (s^2 + 2 xi w s + w^2), after a unit step.
 
@@ -108,10 +87,9 @@ def yaw_response(t: Floats, K: float, T: float, xi: float, omega: float) -> Floa
     return np.asarray(K * (1.0 - np.exp(-xi * omega * t) * swing))
 
 
-def yaw_settling(tolerance: float, T: float, xi: float, omega: float) -> float:
-    """Return the time in s at which the envelope of eq. 23's transient is tolerance times K."""
-    height = math.hypot(1.0, (xi - T * omega) / math.sqrt(1.0 - xi * xi))
-    return max(math.log(height / tolerance), 0.0) / (xi * omega)
+def yaw_envelope(T: float, xi: float, omega: float) -> tuple[float, float]:
+    """Return the height, over K, and the rate in 1/s of the envelope of eq. 23's transient."""
+    return math.hypot(1.0, (xi - T * omega) / math.sqrt(1.0 - xi * xi)), xi * omega
 
 
 def yaw_from_grid(t: Floats, y: Floats) -> tuple[float, float, float]:
@@ -138,9 +116,9 @@ def yaw_from_grid(t: Floats, y: Floats) -> tuple[float, float, float]:
 class Form:
     """One closed form: its words, its parameters, and its functions.
 
-    The first parameter is the gain, the last a time or a frequency; ``read`` returns all but the
-    gain, and ``by_formula`` says whether that reading is the paper's. ``low`` and ``high`` bound
-    them in the fit.
+    The first parameter is the gain, the last a time or a frequency. Of all but the gain
+    ``envelope`` returns the height, over the gain, and the rate in 1/s of the transient's envelope;
+    ``read`` returns them. ``low`` and ``high`` bound them in the fit.
     """
 
     words: str
@@ -148,77 +126,39 @@ class Form:
     low: tuple[float, ...]
     high: tuple[float, ...]
     response: Callable[..., Floats]
-    settling: Callable[..., float]
+    envelope: Callable[..., tuple[float, float]]
     read: Callable[[Floats, Floats], tuple[float, ...]]
-    by_formula: bool = True
 
 
 _ANY, _MOST_DAMPED = math.inf, 1.0 - 1e-6
 FORMS: Final[Mapping[str, Form]] = {
     "first": Form(
         "first order (eq. 4)", ("K", "T"), (0.0,), (_ANY,),
-        first_order_response, first_order_settling, first_order_from_curve,
+        first_order_response, lambda T: (1.0, 1.0 / T), first_order_from_curve,
     ),
-    "second": Form(
+    "second": Form(  # k q^2 / (s^2 + 2 q D s + q^2)
         "second order (eq. 7)", ("k", "D", "q"), (1e-6, 0.0), (_MOST_DAMPED, _ANY),
-        second_order_response, second_order_settling, second_order_from_curve,
+        lambda t, k, D, q: yaw_response(t, k, 0.0, D, q),
+        lambda D, q: yaw_envelope(0.0, D, q), second_order_from_curve,
     ),
     "yaw": Form(
         "yaw rate (eq. 23)", ("K", "T_theta_s", "xi_beta", "omega_beta"), (-_ANY, 1e-6, 0.0),
-        (_ANY, _MOST_DAMPED, _ANY), yaw_response, yaw_settling, yaw_from_grid, by_formula=False,
+        (_ANY, _MOST_DAMPED, _ANY), yaw_response, yaw_envelope, yaw_from_grid,
     ),
 }  # fmt: skip
 
 
-def read_step(
-    path: Path, u0: float | None = None, step_time_s: float | None = None
-) -> tuple[Floats, Floats, float, float]:
-    """Return t (n,) in s, y (n,), and the step's height and time in s, of a CSV file (-: stdin).
+def settling(form: Form, tolerance: float, *p: float) -> float:
+    """Return the time in s at which the envelope is the tolerance times the gain.
 
-    The first line names the columns t and y, and u where it was recorded. A height or time that is
-    not given is taken from u; without u they are 1 and 0 s. The columns r and rudder of a flight
-    record count as y and u. A row of units, other columns and empty lines are ignored; an empty y
-    is NaN.
-
-    Raises:
-        SourceError: the file cannot be read or is not text.
-        ConfigError: a column t or y is missing, a value is not a number, or u is not one step.
+    ``p`` are all parameters but the gain. Of the first order it is T ln(1/tolerance), by eq. 6.
     """
-    try:
-        text = sys.stdin.read() if str(path) == "-" else path.read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        why = error.strerror if isinstance(error, OSError) else "it is not a text file"
-        raise SourceError(f"{path}: cannot be read: {why}; give a CSV with t and y") from error
-    header, *rows = [line for line in text.splitlines() if line.strip()] or [""]
-    names = [name.strip().lower() for name in header.split(",")]
-    roles = ("t",), ("y", "r"), ("u", "rudder")
-    columns = [next((each for each in role if each in names), "") for role in roles]
-    if any(not each or names.count(each) > 1 for each in columns[:2]):
-        raise ConfigError(f"{path}: the first line must name one column t and one y: {names}")
-    places = [names.index(each) for each in columns if each]
-    if rows and not any(map(str.isdigit, rows[0].split(",")[places[0]])):
-        del rows[0]  # of units
-    try:
-        t, y, *more = np.loadtxt(
-            rows or ["nan," * len(names)], delimiter=",", usecols=places, ndmin=2, unpack=True,
-            converters=lambda cell: float(cell) if cell.strip() else math.nan,
-        )  # fmt: skip
-    except ValueError as error:
-        raise ConfigError(f"{path}: no numbers below the first line: {error}") from None
-    height, time_s = 1.0, 0.0
-    if more and (u0 is None or step_time_s is None):
-        changes = np.flatnonzero(np.diff(more[0], prepend=0.0))
-        if len(changes) != 1:
-            raise ConfigError(
-                f"{path}: column u changes {len(changes)} times, and a step is one change from 0: "
-                "give --u0 and --step-time to pass over it"
-            )
-        height, time_s = float(more[0][changes[0]]), float(t[changes[0]])
-    return t, y, height if u0 is None else u0, time_s if step_time_s is None else step_time_s
+    height, rate = form.envelope(*p)
+    return max(math.log(height / tolerance), 0.0) / rate
 
 
 def fit_step(
-    model: str, t: ArrayLike, y: ArrayLike, u0: float = 1.0, step_time_s: float = 0.0
+    model: str, t: Floats, y: Floats, u0: float = 1.0, step_time_s: float = 0.0
 ) -> StepReport:
     """Fit a form of :data:`FORMS` to y (n,) at t (n,) in s, increasing; NaN in y is left out.
 
@@ -227,27 +167,25 @@ def fit_step(
     correlated, a first-order process. ``formula`` has what the paper's formulas read.
 
     Raises:
-        ConfigError: a shape is wrong, there are fewer than 10 samples after the step, the times do
-        not increase, a value is infinite, or u0 is 0.
+        ConfigError: there are fewer than 10 samples after the step, the times do not increase, a
+        value is infinite, or u0 is 0.
         NotIdentifiable: y does not respond to the step, reaches no steady state, shows too little
         of the transient, or has another form.
     """
     t, y = _checked(t, y, u0, step_time_s)
     form, (low, scale, noise) = FORMS[model], _scale(t, y)
     y = (y - low) / scale
-
-    def response(t: Floats, offset: float, *p: float) -> Floats:
-        return offset + form.response(t, *p)
-
     read = form.read(*_smoothed(t, y))
     bounds = np.array([[-np.inf, -np.inf, *form.low], [np.inf, np.inf, *form.high]])
     start = np.clip([0.0, 1.0, *read], *bounds)
-    exact: Any = {"jac": "3-point", "xtol": 1e-14, "ftol": 1e-14, "gtol": 1e-14}
-    exact |= {"x_scale": np.maximum(np.abs(start), 1e-3), "full_output": True}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", OptimizeWarning)  # the covariance is infinite then
         try:
-            p, covariance, more, *_ = curve_fit(response, t, y, start, bounds=bounds, **exact)
+            p, covariance, more, *_ = curve_fit(
+                lambda t, offset, *p: offset + form.response(t, *p), t, y, start, bounds=bounds,
+                full_output=True, jac="3-point", xtol=1e-14, ftol=1e-14, gtol=1e-14,
+                x_scale=np.maximum(np.abs(start), 1e-3),
+            )  # fmt: skip
         except RuntimeError as error:
             raise NotIdentifiable(
                 "the record does not have this form, or does not reach a steady state: "
@@ -258,29 +196,23 @@ def fit_step(
     correlation = float(residual[1:] @ residual[:-1]) / max(power, 1e-300)
     if correlation > 2.0 / math.sqrt(len(t)):  # the samples count for fewer than white noise's
         covariance = covariance * (1.0 + correlation) / max(1.0 - correlation, 1e-3)
-    std = np.sqrt(np.diag(covariance))
     _check(form, t, residual, noise / abs(scale), p, covariance)
-    found = [Told(value=float(x), std=float(sigma)) for x, sigma in zip(p, std, strict=True)]
-    gain = scale / u0
-    found[1] = Told(value=found[1].value * gain, std=found[1].std * abs(gain))
-    formula = dict(zip(form.names, map(float, (gain, *read)), strict=True))
+    units = np.array([scale / u0, *np.ones(len(read))])
+    values, stds = p[1:] * units, np.sqrt(np.diag(covariance))[1:] * np.abs(units)
+    found = (Told(value=x, std=std) for x, std in zip(values.tolist(), stds.tolist(), strict=True))
+    formula = dict(zip(form.names, map(float, (scale / u0, *read)), strict=True))
     return StepReport(
         model=model,
-        parameters=dict(zip(form.names, found[1:], strict=True)),
-        formula=formula if form.by_formula else None,
+        parameters=dict(zip(form.names, found, strict=True)),
+        formula=None if form.read is yaw_from_grid else formula,
         settling_2pct_s=_settling(form, 0.02, p[2:], covariance[2:, 2:]),
         settling_5pct_s=_settling(form, 0.05, p[2:], covariance[2:, 2:]),
         noise_std=math.sqrt(power / (len(t) - len(p))) * abs(scale),
     )
 
 
-def _checked(
-    times: ArrayLike, values: ArrayLike, u0: float, step_time_s: float
-) -> tuple[Floats, Floats]:
+def _checked(t: Floats, y: Floats, u0: float, step_time_s: float) -> tuple[Floats, Floats]:
     """Return t (n,) in s since the step and y (n,) without NaN; errors as :func:`fit_step`."""
-    t, y = np.asarray(times, dtype=np.float64), np.asarray(values, dtype=np.float64)
-    if t.ndim != 1 or t.shape != y.shape:
-        raise ConfigError(f"t and y must be (n,) alike, got {t.shape} and {y.shape}")
     if not np.isfinite(t).all() or np.isinf(y).any() or not (np.diff(t) > 0.0).all():
         raise ConfigError("t must be finite and increasing and y finite (NaN where missing)")
     if not math.isfinite(u0) or u0 == 0.0 or not math.isfinite(step_time_s):
@@ -306,34 +238,30 @@ def _scale(t: Floats, y: Floats) -> tuple[float, float, float]:
 
 def _smoothed(t: Floats, y: Floats) -> tuple[Floats, Floats]:
     """Return the times after the step and the moving average of y over them."""
-    t, y = t[t >= 0.0], y[t >= 0.0]
-    half = round(0.5 * SMOOTHING * len(y))
-    width = 2 * half + 1
-    return t[half : len(t) - half], np.convolve(y, np.ones(width) / width, mode="valid")
+    after = t >= 0.0
+    half = round(0.5 * SMOOTHING * np.count_nonzero(after))
+    average = np.ones(2 * half + 1) / (2 * half + 1)
+    return t[after][half : -half or None], np.convolve(y[after], average, mode="valid")
 
 
 def _settling(form: Form, tolerance: float, p: Floats, covariance: Floats) -> Told:
     """Return the settling time in s and its sigma, from p (n,) and its covariance (n, n)."""
-
-    def settling(p: Floats) -> float:
-        return form.settling(tolerance, *p)
-
-    slope = approx_fprime(p, settling, 1e-8 * np.abs(p))
-    return Told(value=float(settling(p)), std=math.sqrt(slope @ covariance @ slope))
+    slope = approx_fprime(p, lambda p: settling(form, tolerance, *p), 1e-8 * np.abs(p))
+    return Told(
+        value=float(settling(form, tolerance, *p)), std=math.sqrt(slope @ covariance @ slope)
+    )
 
 
 def _check(
     form: Form, t: Floats, residual: Floats, noise: float, p: Floats, covariance: Floats
 ) -> None:
     """Raise NotIdentifiable where the fitted form does not describe the scaled record."""
-    step, settling_s = abs(float(p[1])), form.settling(SETTLED, *p[2:])
+    step, settling_s = abs(float(p[1])), settling(form, SETTLED, *p[2:])
     # The mean product of neighbours is the systematic part; that of white noise is about 0.
-    power = 0.0
-    for rows in (t >= 0.0, (t >= 0.0) & (t <= 1.5 * settling_s)):
-        near = residual[rows][1:] * residual[rows][:-1]
-        if len(near) >= FEWEST_SAMPLES:
-            by_chance = CLEAR * noise**2 / math.sqrt(len(near))
-            power = max(power, float(near.mean()) - by_chance)
+    after = residual[t >= 0.0], residual[(t >= 0.0) & (t <= 1.5 * settling_s)]
+    near = [part[1:] * part[:-1] for part in after if len(part) > FEWEST_SAMPLES]
+    by_chance = CLEAR * noise**2
+    power = max([0.0, *(float(x.mean()) - by_chance / math.sqrt(len(x)) for x in near)])
     if power > (MISFIT * step) ** 2:
         raise NotIdentifiable(
             f"the record does not have this form: the fit misses it by "

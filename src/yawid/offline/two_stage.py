@@ -39,8 +39,6 @@ SMALLEST_SHARE = 0.1
 """The smallest share of a step that is taken."""
 NOISELESS = 1e-9
 """ARX residuals up to this share of y are rounding errors: C stays 1, with infinite sigma."""
-RCOND = 1e-12
-"""Relative size of singular values that count as 0."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,7 +97,7 @@ def two_stage(u: ArrayLike, y: ArrayLike, orders: ArmaxOrders, bias: bool = Fals
 
 def _least_squares(phi: Floats, y: Floats) -> tuple[Floats, Floats]:
     """Return theta (n,) and its sigma from the regressors (rows, n) and y (rows,)."""
-    theta, _, rank, _ = np.linalg.lstsq(phi, y, rcond=RCOND)
+    theta, _, rank, _ = np.linalg.lstsq(phi, y, rcond=None)
     if rank < phi.shape[1]:
         raise NotIdentifiable(
             f"the record excites only {rank} of {phi.shape[1]} parameters: lower the orders or "
@@ -107,8 +105,7 @@ def _least_squares(phi: Floats, y: Floats) -> tuple[Floats, Floats]:
         )
     eps = y - phi @ theta
     variance = np.diag(np.linalg.inv(phi.T @ phi)) * (eps @ eps) / (len(y) - len(theta))
-    std: Floats = np.sqrt(np.maximum(variance, np.finfo(float).tiny))
-    return np.asarray(theta, dtype=np.float64), std
+    return np.asarray(theta), np.sqrt(np.maximum(variance, np.finfo(float).tiny))
 
 
 def paper_listing(u: Floats, y: Floats) -> tuple[Floats, Floats]:

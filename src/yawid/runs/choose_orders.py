@@ -32,7 +32,6 @@ def orders_report(
     from yawid.offline.orders import (  # seldom needed
         CANDIDATES,
         compare_orders,
-        recommended,
         samples_of_manoeuvres,
     )
 
@@ -45,8 +44,9 @@ def orders_report(
         try:
             samples, used = samples_of_manoeuvres(kept.joined(), summary.manoeuvres or [])
             bar.begin(f"{len(CANDIDATES)} structures", len(CANDIDATES))
-            found = compare_orders(samples.u, samples.y, samples.sample_time_s, config, advance=bar)
-            chosen = recommended(found)
+            found, chosen = compare_orders(
+                samples.u, samples.y, samples.sample_time_s, config, advance=bar
+            )
         except NotIdentifiable as error:  # the log's own first reason says more, if it has one
             first = next(iter(verdict.reasons), None)
             if first is None or (kept.joined() is not None and first.exit_code != 3):

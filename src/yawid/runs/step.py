@@ -1,9 +1,15 @@
 """``yawid step``: the paper's models fitted to a measured step response (eq. 4-16, 23)."""
 
+import sys
 from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
 
 from yawid.answers.reports import StepReport
-from yawid.errors import NotIdentifiable
+from yawid.blocks import Floats
+from yawid.errors import ConfigError, NotIdentifiable, SourceError
+from yawid.sources.records.tables import CsvTable
 
 
 def step_report(
@@ -20,7 +26,7 @@ def step_report(
         NotIdentifiable: no model fits.
         SourceError: the file cannot be read.
     """
-    from yawid.offline.step_response import FORMS, fit_step, read_step
+    from yawid.offline.step_response import FORMS, fit_step
 
     t, y, u0, step_time = read_step(file, u0, step_time)
     found, refusals = list[StepReport](), []
@@ -36,3 +42,51 @@ def step_report(
         raise NotIdentifiable("; ".join(refusals) + hint)
     best = min(found, key=lambda each: each.noise_std)
     return FORMS[best.model].words, best
+
+
+def read_step(
+    path: Path, u0: float | None = None, step_time_s: float | None = None
+) -> tuple[Floats, Floats, float, float]:
+    """Return t (n,) in s, y (n,), and the step's height and time in s, of a CSV file (-: stdin).
+
+    It has the columns t and y, and u where it was recorded. A height or time that is not given is
+    taken from u; without u they are 1 and 0 s. The columns r and rudder of a flight record count as
+    y and u. An empty y is NaN.
+
+    Raises:
+        SourceError: the file cannot be read or is not text.
+        ConfigError: a column t or y is missing, a value is not a number, or u is not one step.
+    """
+    try:
+        t, y, *more = _columns(path)
+    except SourceError as error:
+        if isinstance(error.__cause__, OSError | UnicodeError):
+            raise
+        raise ConfigError(str(error)) from error
+    height, time_s = 1.0, 0.0
+    if more and (u0 is None or step_time_s is None):
+        changes = np.flatnonzero(np.diff(more[0], prepend=0.0))
+        if len(changes) != 1:
+            raise ConfigError(
+                f"{path}: column u changes {len(changes)} times, and a step is one change from 0: "
+                "give --u0 and --step-time to pass over it"
+            )
+        height, time_s = float(more[0][changes[0]]), float(t[changes[0]])
+    return t, y, height if u0 is None else u0, time_s if step_time_s is None else step_time_s
+
+
+def _columns(path: Path) -> list[Floats]:
+    """Return t (n,), y (n,) and, where it was recorded, u (n,)."""
+    with TemporaryDirectory() as folder:
+        if str(path) == "-":
+            path = Path(folder, "stdin")
+            path.write_bytes(sys.stdin.buffer.read())
+        table = CsvTable(path)
+        names = [name.strip().lower() for name in table.names]
+        roles = ("t",), ("y", "r"), ("u", "rudder")
+        columns = [next((each for each in role if each in names), "") for role in roles]
+        if any(names.count(each) != 1 for each in columns[:2]):
+            raise ConfigError(f"{path}: the header must name one column t and one y: {names}")
+        places = [names.index(each) for each in columns if each]
+        table.load(places)
+        return [table.numbers(place) for place in places]
