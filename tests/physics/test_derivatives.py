@@ -187,11 +187,11 @@ def test_sigma_is_the_scatter():
     covariance = root @ root.T
     scattered = rng.multivariate_normal(theta, covariance, size=3000)
 
-    values, std, _ = with_sigma(theta[None], covariance[None], TWO, ts)
+    [(values, std)], _ = with_sigma(theta[None], covariance[None], TWO, ts)
     spread, _ = yaw_channel(scattered, TWO, ts)
 
-    np.testing.assert_allclose(std[0, :8], spread[:, :8].std(axis=0), rtol=0.06)
-    np.testing.assert_allclose(values[0, :8], spread[:, :8].mean(axis=0), rtol=0.02)
+    np.testing.assert_allclose(std[:8], spread[:, :8].std(axis=0), rtol=0.06)
+    np.testing.assert_allclose(values[:8], spread[:, :8].mean(axis=0), rtol=0.02)
 
 
 @pytest.mark.parametrize("theta", [np.zeros(6), np.array([-1.2, 0.7, -0.1, 0.1, 0.0, -0.09])])
@@ -208,7 +208,7 @@ def test_rows_of_a_block_are_those_of_single_calls_to_the_bit(na):
     rng, orders = np.random.default_rng(9), ArmaxOrders(na=na, nb=na, nc=0, nk=1)
     thetas = 0.4 * rng.standard_normal((3000, 2 * na))
     covariance = np.broadcast_to(1e-6 * np.eye(2 * na), (3000, 2 * na, 2 * na))
-    whole = with_sigma(thetas, covariance, orders, 0.1)
+    whole, plain = with_sigma(thetas, covariance, orders, 0.1), yaw_channel(thetas, orders, 0.1)
     poles = _poles_and_residues(thetas, orders)
 
     for row in range(0, 3000, 30):
@@ -216,6 +216,7 @@ def test_rows_of_a_block_are_those_of_single_calls_to_the_bit(na):
         for found, joined in (
             (_poles_and_residues(thetas[one], orders), poles),
             (with_sigma(thetas[one], covariance[one], orders, 0.1), whole),
+            (yaw_channel(thetas[one], orders, 0.1), plain),
         ):
             for column, columns in zip(found, joined, strict=True):
                 np.testing.assert_array_equal(column[0], columns[row])

@@ -60,9 +60,11 @@ def test_the_yaw_channel_stands_from_one_whole_second_to_the_next():
             assert np.isnan(found.yaw[row]).all()
             continue
         rows = slice(second, second + 1)
-        values, std, _ = with_sigma(estimates.theta[rows], estimates.covariance[rows], ORDERS, TS)
-        np.testing.assert_array_equal(found.yaw[row], values[0])
-        np.testing.assert_array_equal(found.yaw_std[row], std[0])
+        [(values, std)], _ = with_sigma(
+            estimates.theta[rows], estimates.covariance[rows], ORDERS, TS
+        )
+        np.testing.assert_array_equal(found.yaw[row], values)
+        np.testing.assert_array_equal(found.yaw_std[row], std)
     omega = found.yaw[:, list(YAW_CHANNEL).index("omega_beta")]
     assert omega[-1] > omega[10]
     assert (found.yaw_std[-1] > 0.0).all()

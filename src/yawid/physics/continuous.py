@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from yawid.blocks import Floats, Ints
-from yawid.physics.modes import Complexes
+from yawid.physics.modes import Complexes, without_each
 
 FAR = 1e9
 """Size in rad/s of a pole that has no effect."""
@@ -67,11 +67,11 @@ class Transfer:
     @classmethod
     def of(cls, poles: Complexes, numerator: Complexes) -> "Transfer":
         """Return N(s) over the product of all (s - p_i); ``numerator`` (n, m) has N at each p_i."""
-        return cls(poles, numerator / _without_each(poles[:, :, None] - poles[:, None, :]))
+        return cls(poles, numerator / without_each(poles[:, :, None] - poles[:, None, :]))
 
     def with_poles(self, poles: Complexes) -> "Transfer":
         """Return them with other poles (n, m); zeros and the high end stay, and so does N."""
-        parts = _without_each(poles[:, :, None, None] - self.poles[:, None, None, :])
+        parts = without_each(poles[:, :, None, None] - self.poles[:, None, None, :])
         return Transfer.of(poles, (parts * self.residues[:, None, :]).sum(axis=2))
 
     def with_pair(self, pole: Complexes) -> "Transfer":
@@ -91,12 +91,3 @@ class Transfer:
         stays = lag[:, None] == np.arange(self.poles.shape[1])
         G = G.with_poles(np.where(stays, self.poles, G.poles))
         return Transfer(G.poles, G.residues / np.where(stays.any(axis=1), factor, 1.0)[:, None])
-
-
-def _without_each(x: Complexes) -> Complexes:
-    """Return the products (..., m) over the last axis (m,), the k-th without its k-th factor.
-
-    The axis before the last one is k, or of length 1 where all k have the same factors.
-    """
-    left_out = np.eye(x.shape[-1], dtype=bool)
-    return np.asarray(np.where(left_out, 1.0, x).prod(axis=-1))

@@ -30,7 +30,7 @@ it is the fastest one, whose removal changes the response least: by |s/p| for a 
 import numpy as np
 from numpy.polynomial.polynomial import polyval
 
-from yawid.blocks import Bools, Floats, Ints
+from yawid.blocks import Floats, Ints
 from yawid.config.estimator import ArmaxOrders
 from yawid.physics.modes import (
     Complexes,
@@ -182,11 +182,13 @@ def with_sigma(
     sample_time_s: float,
     *,
     mean_output: bool = False,
-) -> tuple[Floats, Floats, Floats]:
-    """Return the numbers of :func:`yaw_channel` (n, 9), their sigma (n, 9) and the error (n,).
+) -> tuple[Floats, Floats]:
+    """Return the numbers of :func:`yaw_channel` and their sigma (n, 2, 9), and the error (n,).
 
-    ``theta`` (n, p), ``covariance`` (n, p, p). Sigma is that of the delta method. The Jacobian is
-    taken by central differences, with steps of 1e-6 plus a thousandth of each parameter's sigma.
+    They are NaN where eq. 23 does not hold: a number but the servo's lag has no sigma, or the error
+    is large. ``theta`` (n, p), ``covariance`` (n, p, p). Sigma is that of the delta method. The
+    Jacobian is taken by central differences, with steps of 1e-6 plus a thousandth of each
+    parameter's sigma.
     """
     n, count = len(theta), orders.na + (orders.nb[0] if orders.nb else 0)
     variances = np.diagonal(covariance, axis1=1, axis2=2)[:, :count]
@@ -210,19 +212,11 @@ def with_sigma(
         # A matrix product for each row: its bits must not depend on the length of the block.
         product = np.matmul(jacobian, covariance[:, :count, :count])
         std = np.sqrt(np.maximum((product * jacobian).sum(axis=2), 0.0))
-    return values[0], std, error[:n]
-
-
-def known_rows(values: Floats, std: Floats, error: Floats) -> Bools:
-    """Return in which rows (n,) eq. 23 holds: all numbers have a sigma, and the error is small.
-
-    ``values`` and ``std`` (n, 9), ``error`` (n,) are those of :func:`with_sigma`. Only the servo's
-    lag may be missing.
-    """
-    rest = np.arange(len(YAW_CHANNEL)) != SERVO
-    finite = np.isfinite(values[:, rest]) & np.isfinite(std[:, rest])
-    known: Bools = finite.all(axis=1) & (error <= LARGEST_ERROR)
-    return known
+    numbers, rest = np.stack([values[0], std], axis=1), np.arange(len(YAW_CHANNEL)) != SERVO
+    finite = np.isfinite(numbers)
+    known = finite[:, :, rest].all(axis=(1, 2)) & (error[:n] <= LARGEST_ERROR)
+    # All NaNs have the same bits, because files are compared bit for bit.
+    return np.where(known[:, None, None] & finite, numbers, np.nan), error[:n]
 
 
 def summary_of(
@@ -237,17 +231,14 @@ def summary_of(
 
     ``theta`` (p,) and its ``covariance`` (p, p); the rest as in :func:`yaw_channel`.
     """
-    values, std, error = with_sigma(
-        theta[None], covariance[None], orders, sample_time_s,
-        mean_output=mean_output,
-    )  # fmt: skip
-    if not known_rows(values, std, error)[0]:
-        return {}
+    [numbers], error = with_sigma(
+        theta[None], covariance[None], orders, sample_time_s, mean_output=mean_output
+    )
     found = {
         name: {"value": float(value), "std": float(sigma)}
-        for name, value, sigma in zip(YAW_CHANNEL, values[0], std[0], strict=True)
+        for name, value, sigma in zip(YAW_CHANNEL, *numbers, strict=True)
         if np.isfinite(value) and np.isfinite(sigma)
     }
-    if orders.na > 2:  # the error has no sigma
+    if found and orders.na > 2:  # the error has no sigma
         found[REDUCTION_ERROR] = {"value": float(error[0]), "std": 0.0}
     return found

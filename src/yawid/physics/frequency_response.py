@@ -57,5 +57,6 @@ def frequency_response(
         G = s_uy / s_uu
         averages = 0.95 * (2 * len(y) // length - 1)
         relative = np.sqrt((1.0 - coherence) / (2.0 * averages * coherence))
-    w, G, relative, coherence = w[1:], G[1:], relative[1:], coherence[1:]
-    return FrequencyResponse(w, G, np.abs(G) * relative, relative, coherence)
+    return FrequencyResponse(
+        w[1:], G[1:], np.abs(G[1:]) * relative[1:], relative[1:], coherence[1:]
+    )

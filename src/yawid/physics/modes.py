@@ -36,35 +36,6 @@ def orders_of(parameters: Sequence[str]) -> ArmaxOrders:
     return ArmaxOrders(na=na, nb=(nb,), nc=nc, nk=(1,))
 
 
-def discrete_poles(a: Floats) -> Complexes:
-    """Return the roots (n, na) of z^na + a1 z^(na-1) + ... for coefficients ``a`` (n, na).
-
-    Rows are sorted by |ln z|, then by the imaginary part; a row that is not finite, or all 0 before
-    the first estimate, is NaN.
-    """
-    return _sorted_poles(a)[0]
-
-
-def _sorted_poles(a: Floats) -> tuple[Complexes, Complexes]:
-    """Return the poles of :func:`discrete_poles`, and their logarithms."""
-    n, na = a.shape
-    if na == 0:
-        return np.zeros((n, 0), np.complex128), np.zeros((n, 0), np.complex128)
-    companion = np.zeros((n, na, na))
-    good = np.isfinite(a).all(axis=1) & (a != 0.0).any(axis=1)
-    companion[:, 0, :] = np.where(good[:, None], -a, 0.0)
-    companion[:, np.arange(1, na), np.arange(na - 1)] = 1.0
-    z: Complexes = np.linalg.eigvals(companion).astype(np.complex128)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        ln_z = np.log(z)
-    key = np.nan_to_num(np.abs(ln_z), posinf=1e3)
-    # |ln z| of a conjugate pair differs in its last bits; rounding keeps the pair together.
-    order = np.lexsort((z.imag, np.round(key, 9)))
-    z, ln_z = (np.take_along_axis(x, order, axis=1) for x in (z, ln_z))
-    z[~good] = np.nan
-    return z, ln_z
-
-
 @dataclass(frozen=True, slots=True)
 class Poles(Columns):
     """The poles of rows of a (n, na): discrete ``z``, continuous ``s`` in rad/s, and A'(z)."""
@@ -75,16 +46,32 @@ class Poles(Columns):
 
 
 def poles_of(a: Floats, sample_time_s: float) -> Poles:
-    """Return the poles (n, na) of coefficients ``a`` (n, na), sorted as :func:`discrete_poles`.
+    """Return the poles (n, na) of coefficients ``a`` (n, na), z^na + a1 z^(na-1) + ...
 
-    ``s`` in rad/s is NaN where z has no continuous counterpart: on the negative real axis or at 0.
+    Rows are sorted by |ln z|, then by the imaginary part; a row that is not finite, or all 0 before
+    the first estimate, is NaN. ``s`` in rad/s is NaN where z has no continuous counterpart, too: on
+    the negative real axis or at 0.
     """
-    z, ln_z = _sorted_poles(a)
+    n, na = a.shape
+    if na == 0:
+        nothing = np.zeros((n, 0), np.complex128)
+        return Poles(nothing, nothing, nothing)
+    companion = np.zeros((n, na, na))
+    good = np.isfinite(a).all(axis=1) & (a != 0.0).any(axis=1)
+    companion[:, 0, :] = np.where(good[:, None], -a, 0.0)
+    companion[:, np.arange(1, na), np.arange(na - 1)] = 1.0
+    z: Complexes = np.linalg.eigvals(companion).astype(np.complex128)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        ln_z = np.log(z)
+        key = np.nan_to_num(np.abs(ln_z), posinf=1e3)
+        # |ln z| of a conjugate pair differs in its last bits; rounding keeps the pair together.
+        order = np.lexsort((z.imag, np.round(key, 9)))
+        z, ln_z = (np.take_along_axis(x, order, axis=1) for x in (z, ln_z))
+        z[~good] = np.nan
         # Only s becomes NaN: the slopes at the other poles need the distance to this z.
         continuous = (z.imag != 0.0) | (z.real > 0.0)
         s = np.where(continuous, ln_z / sample_time_s, np.nan).astype(np.complex128)
-        return Poles(z, s, _slopes(z))
+        return Poles(z, s, without_each(z[:, :, None] - z[:, None, :]))
 
 
 def modes(
@@ -180,12 +167,12 @@ def dutch_roll_index(s: Complexes, residues: Complexes, sample_time_s: float) ->
     return np.where(score[np.arange(len(s)), best] >= 0.0, best, -1)
 
 
-def _slopes(z: Complexes) -> Complexes:
-    """Return A'(z) (n, na) at its roots: the product of the differences to the other roots."""
-    distance = z[:, :, None] - z[:, None, :]
-    distance[:, np.arange(z.shape[1]), np.arange(z.shape[1])] = 1.0
-    slope: Complexes = np.prod(distance, axis=2)
-    return slope
+def without_each(x: Complexes) -> Complexes:
+    """Return the products (..., m) over the last axis (m,), the k-th without its k-th factor.
+
+    The axis before the last one is k, or of length 1 where all k have the same factors.
+    """
+    return np.asarray(np.where(np.eye(x.shape[-1], dtype=bool), 1.0, x).prod(axis=-1))
 
 
 def _sigmas(poles: Poles, covariance: Floats, sample_time_s: float) -> tuple[Floats, Floats]:

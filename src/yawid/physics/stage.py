@@ -11,7 +11,7 @@ import numpy as np
 
 from yawid.blocks import EstimateBlock, Floats, Ints, ModesBlock, Status
 from yawid.config.estimator import ArmaxOrders
-from yawid.physics.derivatives import known_rows, with_sigma
+from yawid.physics.derivatives import with_sigma
 from yawid.physics.modes import modes
 from yawid.quantities.table import YAW_CHANNEL
 
@@ -46,12 +46,8 @@ class PhysicsStage:
         rows = np.full((len(due), 2, len(YAW_CHANNEL)), np.nan)
         worth = estimates.status[due] != Status.WARMING_UP
         if estimates.covariance is not None and worth.any():
-            values, std, error = with_sigma(
+            rows[worth], _ = with_sigma(
                 estimates.theta[due[worth]], estimates.covariance[due[worth]], self._orders,
                 self._sample_time_s, mean_output=self._mean_output,
             )  # fmt: skip
-            known = known_rows(values, std, error)[:, None, None]
-            numbers = np.stack([values, std], axis=1)
-            # All NaNs have the same bits, because files are compared bit for bit.
-            rows[worth] = np.where(known & np.isfinite(numbers), numbers, np.nan)
         return rows

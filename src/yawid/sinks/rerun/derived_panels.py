@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yawid.blocks import EstimateBlock, Floats, Held, Ints, Noted, SampleBlock, Status, words
-from yawid.physics.modes import discrete_poles, modes, orders_of
+from yawid.physics.modes import modes, orders_of, poles_of
 from yawid.sinks.base import Grid
 from yawid.sinks.palette import BAD, CARE, GOOD, NEUTRAL
 
@@ -114,7 +114,8 @@ class Marks:
         b = theta[:, self._na : self._na + self._nb]
         with np.errstate(divide="ignore", invalid="ignore"):
             monic = b[:, 1:] / b[:, :1]
-        return Plane(rows, discrete_poles(theta[:, : self._na]), discrete_poles(monic))
+        poles, zeros = (poles_of(each, 1.0).z for each in (theta[:, : self._na], monic))
+        return Plane(rows, poles, zeros)
 
     def rolls(
         self, samples: SampleBlock, estimate: EstimateBlock, known: NDArray[np.bool_]
