@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import datetime
-import json
 import math
 import sqlite3
 from pathlib import Path
@@ -13,8 +12,8 @@ import pytest
 from data_sets import MAY, entry, merge
 
 from yawid.dataset import files as dataset
-from yawid.dataset.files import DATABASE, PAGE, SCHEMA, DataSet, read_table
-from yawid.dataset.schema import TABLES
+from yawid.dataset.files import DATABASE, PAGE, DataSet, read_table
+from yawid.dataset.schema import TABLES, json_schema
 from yawid.errors import SinkError, SourceError
 
 
@@ -159,7 +158,7 @@ def test_what_is_no_data_set_or_of_another_version_is_refused_in_one_line(tmp_pa
 def test_a_data_set_holds_its_schema_which_names_every_column(tmp_path: Path) -> None:
     merge(tmp_path, [entry("/a", "A", MAY)])
     page = (tmp_path / PAGE).read_text(encoding="utf-8")
-    definitions = json.loads((tmp_path / SCHEMA).read_text(encoding="utf-8"))["$defs"]
+    definitions = json_schema()["$defs"]
     for table in TABLES.values():
         names = table.schema.names
         assert len(set(names)) == len(names)

@@ -1,6 +1,6 @@
 from __future__ import annotations
 
-import os
+import errno
 from hashlib import sha256
 from pathlib import Path
 
@@ -94,8 +94,11 @@ def test_whatever_is_wrong_with_a_log_is_an_outcome_with_its_text(
 
 
 def test_what_a_machine_or_a_store_lacks_is_failed_and_says_nothing_of_the_log(
-    tmp_path: Path,
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
     def told(rows: Rows) -> tuple[str, str]:
         return rows["logs"][0]["outcome"], rows["logs"][0]["text"]
 
@@ -107,10 +110,11 @@ def test_what_a_machine_or_a_store_lacks_is_failed_and_says_nothing_of_the_log(
     outcome, said = told(rows_of(tmp_path / "broken.tlog", Spec()))
     assert (outcome, "Input/output error" in said) == ("failed", True)
     logs = REPLAY_LOGS / "no_rudder"
-    (tmp_path / f"{os.getpid()}").mkdir()
-    (tmp_path / f"{os.getpid()}" / "log.tlog").symlink_to("/dev/full")
-    outcome, said = told(rows_here(f"file://{logs}/log.tlog", Spec(), tmp_path))
+    with monkeypatch.context() as patched:
+        patched.setattr("shutil.copyfileobj", full)
+        outcome, said = told(rows_here(f"file://{logs}/log.tlog", Spec(), tmp_path))
     assert (outcome, said.partition(" be ")[2]) == ("failed", "read: No space left on device")
+    assert not [path for path in tmp_path.iterdir() if path.is_dir()]
     outcome, said = told(rows_here(f"file://{logs}/absent.tlog", Spec(), tmp_path))
     assert (outcome, said.partition(" be ")[2]) == ("failed", "read: No such file or directory")
     key.write_text("other\n", encoding="utf-8")

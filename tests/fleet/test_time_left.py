@@ -53,7 +53,7 @@ def test_after_a_tenth_of_the_logs_the_time_left_is_known_within_a_factor_of_one
         heapq.heappush(free, end)
         ends.append((end, log.size))
     ends.sort()
-    progress, last = Progress(len(logs), sum(log.size for log in logs)), ends[-1][0]
+    progress, last = Progress(logs), ends[-1][0]
     for i, (passed_s, size) in enumerate(ends, 1):
         progress.add("ok", size)
         if i >= len(logs) / 10 and last - passed_s > last / 20:

@@ -17,7 +17,7 @@ from data_sets import merge
 from flights.long_log import START_US, write_log
 
 from yawid.dataset.files import read_table
-from yawid.dataset.schema import ANALYSIS_VERSION, TABLES
+from yawid.dataset.schema import TABLES
 from yawid.fleet.find_logs import find_logs
 from yawid.fleet.one_log import rows_of
 from yawid.fleet.run_fleet import with_keys
@@ -67,10 +67,8 @@ def make_logs(folder: Path, count: int) -> None:
 
 def one_process(paths: Sequence[str], out: Path) -> None:
     """Make a data set of logs in this process, without workers, as the expected result."""
-    spec = Spec()
-    own = {"config_hash": spec.config_hash, "analysis_version": ANALYSIS_VERSION}
-    logs = find_logs(paths)
-    merge(out, [with_keys(log, rows_of(Path(log.path), spec), own) for log in logs])
+    spec, logs = Spec(), find_logs(paths)
+    merge(out, [with_keys(log, rows_of(Path(log.path), spec), spec) for log in logs])
 
 
 def tables(folder: Path) -> dict[str, list[dict[str, object]]]:

@@ -13,7 +13,7 @@ from yawid.runs.stop import StopFlag
 from yawid.sinks.door import print_line
 
 if TYPE_CHECKING:
-    from yawid.fleet.run_fleet import FleetRun, Plan, Progress
+    from yawid.fleet.run_fleet import FleetRun, Progress
 
 
 def add_fleet(command: Command) -> None:
@@ -45,20 +45,21 @@ def add_fleet(command: Command) -> None:
 def _fleet(arguments: argparse.Namespace) -> int:
     from yawid.dataset.files import read_table
     from yawid.dataset.schema import TABLES
-    from yawid.dataset.values import USAGE
+    from yawid.dataset.values import FAILED, USAGE
     from yawid.fleet.run_fleet import dry_run, run_fleet
     from yawid.sinks.terminal.progress import Console
 
     run = _asked(arguments)
     if arguments.dry_run:
-        plan = dry_run(run)
-        text = f"{len(plan.todo)} logs, {plan.size / 1e6:.1f} MB; known already: {plan.known}"
+        planned = dry_run(run)
+        size = f"{len(planned.todo)} logs, {planned.size / 1e6:.1f} MB"
+        text = f"{size}; known already: {planned.known}"
         print_line(f"to run: {text}")
         return 0
     console = Console(sys.stderr)
 
-    def began(plan: "Plan") -> None:
-        console.say(f"{len(plan.todo)} logs to run, {plan.known} known already")
+    def began(progress: "Progress") -> None:
+        console.say(f"{len(progress.todo)} logs to run, {progress.known} known already")
 
     def show(progress: "Progress") -> None:
         if console.is_due():
@@ -70,7 +71,7 @@ def _fleet(arguments: argparse.Namespace) -> int:
         finally:
             console.close()
     if stop.is_set:
-        left = progress.logs - progress.done
+        left = len(progress.todo) - progress.done
         console.say(
             f"{stop.name}: {progress.done} logs are finished and saved, {left} were not reached"
         )
@@ -78,16 +79,16 @@ def _fleet(arguments: argparse.Namespace) -> int:
     outcomes = Counter(read_table(run.out, "logs", ["outcome"])["outcome"].to_pylist())
     print_line(f"{run.out.absolute()}: {rows}")
     print_line(f"outcomes: {', '.join(f'{name} {n}' for name, n in sorted(outcomes.items()))}")
-    if progress.failed:
+    if failed := progress.outcomes[FAILED]:
         console.say(
-            f"{progress.failed} logs failed for a reason that may pass: repeat the command to try "
-            f"them again; {progress.why_failed}"
+            f"{failed} logs failed for a reason that may pass: repeat the command to try them "
+            f"again; {progress.first[FAILED]}"
         )
     if usage := progress.outcomes[USAGE]:
-        console.say(f"{usage} logs were not run with these options; {progress.why_usage}")
+        console.say(f"{usage} logs were not run with these options; {progress.first[USAGE]}")
     if stop.is_set:
         return stop.exit_code
-    if progress.failed or {*(progress.outcomes or outcomes)} == {"unreadable"}:
+    if failed or {*(progress.outcomes or outcomes)} == {"unreadable"}:
         return SinkError.exit_code
     return ConfigError.exit_code if usage else 0
 

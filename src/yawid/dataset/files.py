@@ -2,7 +2,7 @@
 
     DATASET/fleet.sqlite                    each log's rows; only a fleet opens it
     DATASET/logs.parquet, flights.parquet   a file for each table of :mod:`yawid.dataset.schema`
-    DATASET/SCHEMA.md, schema.json          its columns
+    DATASET/SCHEMA.md                       its columns
 
 A log's rows are one transaction, so that a kill loses no finished log. The Parquet files are all
 written under ``.part`` names and then renamed: whoever reads them finds each as it was or as it is,
@@ -15,27 +15,25 @@ column name, with times in microseconds since 1970.
 import json
 import sqlite3
 from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, closing, contextmanager, suppress
 from pathlib import Path
 from typing import Final, Self
 
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from yawid.dataset.schema import FORMAT, ID, TABLES, Table, json_schema, schema_page
+from yawid.dataset.schema import FORMAT, ID, TABLES, Table, schema_page
 from yawid.dataset.values import Entry, ReadRow, plain
 from yawid.errors import SinkError, SourceError
 from yawid.system.part_file import os_errors_as_sink_error, write_whole, written_whole
 
 DATABASE, COPIES = "fleet.sqlite", "fleet.copies"
 """What only a running fleet uses: its database, and the folder for copies of a store's logs."""
-PAGE, SCHEMA = "SCHEMA.md", "schema.json"
-"""Files that describe the columns: one for people, one for programs."""
+PAGE: Final = "SCHEMA.md"
+"""The file that describes the columns; those of a Parquet file have the same words (``says``)."""
 ROWS: Final = 10_000
 """Rows that are in memory at once, and in one row group of a Parquet file."""
-KNOWN: Final = (
-    "size_bytes", "modified", "config_hash", "analysis_version", "outcome", "file_sha256",
-)  # fmt: skip
+KNOWN: Final = ("size_bytes", "modified", "config_hash", "analysis_version", "outcome")
 """The columns of ``logs`` that decide whether a log is run again."""
 _OURS: Final = 0x79617764
 """SQLite's application id, by which a database is known to be a data set's."""
@@ -71,7 +69,8 @@ def read_table(folder: Path, name: str, columns: Sequence[str] | None = None) ->
     path, schema = folder / f"{name}.parquet", TABLES[name].schema
     try:
         with pq.ParquetFile(path) as file:
-            if not _are_equal(file.schema_arrow, schema):
+            its = file.schema_arrow  # the words of its columns may differ
+            if not its.equals(schema) or its.metadata != schema.metadata:
                 raise SourceError(f"{path} is of another version of yawid: run yawid fleet again")
             names = schema.names if columns is None else list(columns)
             return file.read(names).select(names).unify_dictionaries()
@@ -79,11 +78,6 @@ def read_table(folder: Path, name: str, columns: Sequence[str] | None = None) ->
         raise SourceError(f"{folder} is not a data set: it has no {path.name}") from None
     except (OSError, pa.ArrowException) as error:
         raise SourceError(f"{path} cannot be read: {error}") from error
-
-
-def _are_equal(one: pa.Schema, other: pa.Schema) -> bool:
-    """Return whether columns and format are the same; the words of the columns may differ."""
-    return bool(one.equals(other)) and one.metadata == other.metadata
 
 
 def table_of(table: Table, rows: Sequence[ReadRow]) -> pa.Table:
@@ -97,16 +91,6 @@ def table_of(table: Table, rows: Sequence[ReadRow]) -> pa.Table:
         raise ValueError(f"{table.name} has no column {', '.join(sorted(unknown))}")
     fields = [each.with_type(pa.string()) if each.type == ID else each for each in table.schema]
     return pa.Table.from_pylist(clean, pa.schema(fields))
-
-
-def misfit(entry: Entry) -> str | None:
-    """Return why an entry does not fit the tables, None where it does."""
-    try:
-        for name, rows in entry.items():
-            table_of(TABLES[name], rows)
-    except (pa.ArrowException, ValueError, TypeError, OverflowError) as error:
-        return f"its rows do not fit the tables: {error}"
-    return None
 
 
 class DataSet:
@@ -126,18 +110,14 @@ class DataSet:
         with os_errors_as_sink_error(folder):
             folder.mkdir(parents=True, exist_ok=True)
         self.folder, self.copies = folder, folder / COPIES
-        with _said(folder):
-            self._rows = sqlite3.connect(folder / DATABASE, timeout=0.0)
-        try:
-            with _said(folder):
-                self._rows.execute("PRAGMA locking_mode = EXCLUSIVE")
-                self._rows.execute("BEGIN EXCLUSIVE")
-                if _OURS not in self._rows.execute("PRAGMA application_id").fetchone():
-                    self._rows.executescript(f"BEGIN; {_MAKE} COMMIT")
-                self._rows.commit()
-        except SinkError:
-            self._rows.close()
-            raise
+        with _said(folder), ExitStack() as stack:
+            self._rows = stack.enter_context(closing(sqlite3.connect(folder / DATABASE, timeout=0)))
+            self._rows.execute("PRAGMA locking_mode = EXCLUSIVE")
+            self._rows.execute("BEGIN EXCLUSIVE")
+            if _OURS not in self._rows.execute("PRAGMA application_id").fetchone():
+                self._rows.executescript(f"BEGIN; {_MAKE} COMMIT")
+            self._rows.commit()
+            stack.pop_all()  # it stays open
 
     def __enter__(self) -> Self:
         """Return itself."""
@@ -153,7 +133,7 @@ class DataSet:
         try:
             with _said(self.folder):
                 is_new = self._rows.execute("SELECT * FROM unwritten LIMIT 1").fetchone()
-                if is_new or not all(map(self._is_written, TABLES.values())):
+                if is_new or not all(map(self._is_written, TABLES)):
                     self._write()
         except (pa.ArrowException, ValueError, TypeError, OverflowError, RecursionError) as error:
             text = f"{self.folder / DATABASE} has rows that no fleet wrote: {error}"
@@ -194,18 +174,15 @@ class DataSet:
                     while rows := found.fetchmany(ROWS):
                         part = table_of(table, [json.loads(row) for (row,) in rows])
                         file.write_table(part.cast(table.schema))
-        schema = json.dumps(json_schema(), indent=1)
-        texts = {PAGE: schema_page(), SCHEMA: f"{schema}\n"}
-        write_whole({self.folder / name: t.encode() for name, t in texts.items()}, force=True)
+        write_whole({self.folder / PAGE: schema_page().encode()}, force=True)
         with self._rows:
             self._rows.execute("DELETE FROM unwritten")
 
-    def _is_written(self, table: Table) -> bool:
-        try:
-            schema = pq.read_schema(self.folder / f"{table.name}.parquet")
-        except (OSError, pa.ArrowException):
-            return False
-        return _are_equal(schema, table.schema)
+    def _is_written(self, name: str) -> bool:
+        with suppress(SourceError):
+            read_table(self.folder, name, ())
+            return True
+        return False
 
 
 def peek(folder: Path) -> dict[str, ReadRow]:
@@ -217,12 +194,8 @@ def peek(folder: Path) -> dict[str, ReadRow]:
     """
     if not check_ours(folder):
         return {}
-    with _said(folder):
-        database = sqlite3.connect(folder / DATABASE, timeout=0.0)
-        try:
-            return _known(database)
-        finally:
-            database.close()
+    with _said(folder), closing(sqlite3.connect(folder / DATABASE, timeout=0.0)) as database:
+        return _known(database)
 
 
 def _known(database: sqlite3.Connection) -> dict[str, ReadRow]:

@@ -22,8 +22,6 @@ ANALYSIS_VERSION: Final = "6"
 logs again."""
 FORMAT: Final = 2
 """Version of the data set's files and columns: a data set of another one is refused."""
-OUTCOMES: Final = ("ok", "unusable", "crashed", "timeout", "unreadable", "failed")
-"""Results of a log; ``failed`` means that it was not read for a reason that may pass."""
 
 ID: Final = pa.dictionary(pa.int32(), pa.string())
 TIME: Final = pa.timestamp("us", tz="UTC")
@@ -120,9 +118,6 @@ _MODEL: Final = (
         "spr_margin",
     ),
 )  # fmt: skip
-_LINK: Final = _columns(
-    COUNT, "frames", "skipped_bytes", "bad_crc", "unknown", "lost", "reboots", "clock_steps", "gaps"
-)
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,10 +137,9 @@ class Table:
     @property
     def schema(self) -> pa.Schema:
         """The Arrow schema of the table's files."""
-        said = {"yawid": f"{self.name} {FORMAT}"}
         return pa.schema(
             [pa.field(name, kind, metadata={"says": says}) for name, kind, says in self.columns],
-            metadata=said,
+            metadata={"yawid": f"{self.name} {FORMAT}"},
         )
 
 
@@ -163,14 +157,29 @@ LOGS: Final = Table(
             "of the file; it differs only for an MCAP, which was made from the log",
         ),
         *_MADE_BY,
-        ("outcome", ID, " | ".join(OUTCOMES)),
+        (
+            "outcome",
+            ID,
+            "ok | unusable | crashed | timeout | unreadable, or failed: not read for a reason that "
+            "may pass",
+        ),
         ("reasons", IDS, "ids of the fatal reasons, or the outcome where there are none"),
         ("warnings", IDS, "ids of the answers' warnings"),
         ("text", TEXT, "both in words, or the error"),
         ("kind", ID, "tlog, bin, ulg, csv, parquet or mcap"),
         ("date", TIME, "first record; NULL where the log has no date"),
         ("duration_s", NUMBER, "last record minus first"),
-        *_LINK,
+        *_columns(
+            COUNT,
+            "frames",
+            "skipped_bytes",
+            "bad_crc",
+            "unknown",
+            "lost",
+            "reboots",
+            "clock_steps",
+            "gaps",
+        ),
         ("flights", COUNT, "rows of it in flights"),
         ("manoeuvres", COUNT, "rows of it in manoeuvres"),
     ),
@@ -315,14 +324,13 @@ _NAMES: Final = {
     IDS: "list of id",
 }  # fmt: skip
 _JSON: Final = {
-    ID: "string", TEXT: "string", FLAG: "boolean", NUMBER: "number", COUNT: "integer",
-    NUMBERS: "number", COUNTS: "integer", IDS: "string",
+    ID: "string", TIME: "string", TEXT: "string", FLAG: "boolean", NUMBER: "number",
+    COUNT: "integer", NUMBERS: "number", COUNTS: "integer", IDS: "string",
 }  # fmt: skip
 
 
 def _json_type(kind: Any) -> dict[str, Any]:
-    if kind == TIME:
-        return {"type": ["string", "null"], "format": "date-time"}
+    found: dict[str, Any] = {"type": [_JSON[kind], "null"]}
     if kind in (NUMBERS, COUNTS, IDS):
-        return {"type": ["array", "null"], "items": {"type": [_JSON[kind], "null"]}}
-    return {"type": [_JSON[kind], "null"]}
+        return {"type": ["array", "null"], "items": found}
+    return found | ({"format": "date-time"} if kind == TIME else {})

@@ -2,7 +2,6 @@
 
 import glob
 import os
-import stat
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,13 +20,11 @@ class FoundLog:
     """A log file: where it is, and its size and state when it was found."""
 
     path: str
-    """The absolute path or the URL, with backslash codes for what no table can hold."""
+    """The absolute path or the URL."""
     size: int
-    """The size in bytes."""
+    """The size in bytes, 0 where it cannot be read."""
     modified: str
     """The time of the last change in ns since 1970, or what a store reports instead (an ETag)."""
-    failure: str | None = None
-    """Why it is not read, where only its name makes it a log."""
 
 
 def find_logs(paths: Iterable[str], *, with_records: bool = False) -> list[FoundLog]:
@@ -63,18 +60,15 @@ def check_apart(paths: Iterable[str], found: Iterable[FoundLog], out: Path) -> N
         ConfigError: one of them contains the other.
     """
     place = Path(os.path.realpath(out))
-    for folder in {os.path.dirname(_local_path(log.path)) for log in found}:
-        if folder and Path(os.path.realpath(folder)).is_relative_to(place):
+    holding = {os.path.dirname(_local_path(log.path)) for log in found}
+    apart = [(Path(os.path.realpath(folder)), place) for folder in holding if folder]
+    searched = filter(None, (_searched(_local_path(path)) for path in paths))
+    apart += [(place, Path(os.path.realpath(folder))) for folder in searched]
+    for inner, outer in apart:
+        if inner.is_relative_to(outer):
             raise ConfigError(
-                f"--out {out} holds the logs in {folder}: a data set needs a folder of its own: "
-                "choose one that holds no logs"
-            )
-    for path in paths:
-        searched = _searched(_local_path(path))
-        if searched is not None and place.is_relative_to(os.path.realpath(searched)):
-            raise ConfigError(
-                f"--out {out} lies below {searched}, where logs are searched for: choose a folder "
-                "outside of it"
+                f"--out {out} and the logs are not apart, as {inner} lies in {outer}: choose a "
+                "folder that neither holds logs nor is searched for them"
             )
 
 
@@ -97,8 +91,7 @@ def is_log(name: str, ends: tuple[str, ...]) -> bool:
 
     A file that the user names is always taken for a log.
     """
-    lower = name.lower()
-    return lower.endswith(ends) and not lower.endswith(NOT_FINISHED)
+    return name.lower().endswith(ends) and not name.lower().endswith(NOT_FINISHED)
 
 
 def _below(path: str, ends: tuple[str, ...]) -> Iterator[FoundLog]:
@@ -119,18 +112,9 @@ def _local(path: str) -> FoundLog:
     whole = os.path.abspath(path)
     try:
         about = os.stat(path)
-    except OSError as error:
-        return _named(whole, 0, "unknown", f"it cannot be read: {error.strerror}")
-    what = None if stat.S_ISREG(about.st_mode) else "it is not a regular file: only those are read"
-    return _named(whole, about.st_size, str(about.st_mtime_ns), what)
-
-
-def _named(path: str, size: int, modified: str, failure: str | None = None) -> FoundLog:
-    """Return a log found; the tables hold UTF-8, so that one with another name is not read."""
-    text = path.encode("utf-8", "backslashreplace").decode()
-    if text != path:
-        failure = failure or "its name is not UTF-8: rename the file or its folder"
-    return FoundLog(text, size, modified, failure)
+    except OSError:  # who reads it says why it cannot be read
+        return FoundLog(whole, 0, "unknown")
+    return FoundLog(whole, about.st_size, str(about.st_mtime_ns))
 
 
 def _cannot_list(error: OSError) -> None:
@@ -150,7 +134,7 @@ def _below_url(url: str, ends: tuple[str, ...]) -> Iterator[FoundLog]:
         for name, about in names.items():
             if name == root or (about.get("type") == "file" and is_log(name, ends)):
                 size = int(about.get("size") or 0)
-                yield _named(store.unstrip_protocol(name), size, _modified(about))
+                yield FoundLog(store.unstrip_protocol(name), size, _modified(about))
     except Exception as error:  # a store's library may raise anything
         raise SourceError(f"{url}: {type(error).__name__}: {error}") from error
 

@@ -4,46 +4,54 @@ Every error becomes an outcome with a text; none is raised.
 """
 
 import errno
-import os
+import stat
 import traceback
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from yawid.answers.heard import LinkCounts
 from yawid.answers.reasons import Reason
 from yawid.answers.run_summary import RunSummary
 from yawid.config.run import OF_RECORDS, RunConfig
-from yawid.dataset.summary_rows import flight_rows, manoeuvre_rows, run_rows
+from yawid.dataset.schema import LOGS
+from yawid.dataset.summary_rows import flat, flight_rows, manoeuvre_rows, of_table, run_rows
 from yawid.dataset.values import FAILED, USAGE, ReadRow, Row, failed, known_date, plain, serial_of
 from yawid.errors import ConfigError, SourceError, YawidError
 from yawid.fleet.spec import Spec
 from yawid.runs.job import Recording, open_log, run
 from yawid.sinks.base import Event, Grid, RunRows, Sink
 from yawid.sources.open_log import ReadOptions
-from yawid.system.stores import StoredPath
+from yawid.system.stores import StoredPath, brought
 from yawid.version import __version__
 
 Rows = dict[str, list[Row]]
-_LINK = ("frames", "skipped_bytes", "bad_crc", "unknown", "lost", "reboots", "clock_steps", "gaps")
 
 
-class FlightSink(Sink):
-    """Keeps ``first_us`` (us since 1970, None if unknown), ``duration_s`` (s) and ``seconds``.
+class Flown(Sink):
+    """One replay of one boot of one vehicle, and what is kept of its samples.
 
-    With ``every_second``, ``seconds`` has a row of the table ``modes`` for each second, taken from
-    its first sample.
+    ``boots`` are the numbers of all boots that it saw; ``first_us`` (us since 1970) is None if
+    unknown, ``duration_s`` is in s. ``seconds`` has a row of the table ``modes`` for each second,
+    taken from its first sample.
+
+    Raises:
+        ConfigError: the configuration excludes this boot.
+        YawidError: it cannot be replayed.
     """
 
-    def __init__(self, *, every_second: bool = False) -> None:
+    def __init__(self, source: Recording, config: RunConfig) -> None:
         self.first_us: int | None = None
         self.duration_s: float | None = None
         self.seconds: list[Row] = []
-        self._every_second = every_second
         self._boot_s, self._last_s = 0.0, -1
+        job = run(source, config, [self])
+        self.boots = tuple(job.pipeline.channels.boots.spans_us)
+        self.boot = config.boot or next(iter(self.boots), 1)
+        self.vehicle_id = source.vehicle_id or serial_of(source.parameters(job.pipeline))
+        self.summary = job.conclude()
 
     def take(self, event: Event) -> None:
         """See :class:`Sink`; the modes are those of the first method."""
@@ -56,8 +64,6 @@ class FlightSink(Sink):
             self.first_us = known_date(int(samples.unix_ns[0]) // 1000)
             self._boot_s = samples.boot_us[0] / 1e6
         self.duration_s = float(samples.boot_us[-1] / 1e6 - self._boot_s)
-        if not self._every_second:
-            return
         seconds = samples.boot_us // 1_000_000
         rows = np.flatnonzero(np.diff(seconds, prepend=self._last_s))
         self._last_s = int(seconds[-1])
@@ -74,37 +80,19 @@ class FlightSink(Sink):
             )
 
 
-@dataclass(frozen=True, slots=True)
-class _Flown:
-    """One replay of one boot of one vehicle, and the numbers of all ``boots`` that it saw."""
-
-    summary: RunSummary
-    boot: int
-    boots: tuple[int, ...]
-    vehicle_id: str | None
-    sink: FlightSink
-
-
-class _OtherKeyError(SourceError):
-    """The key file on this machine cannot be read, or is not the one the fleet started with."""
-
-
-def rows_here(path: str, spec: Spec, copies: Path) -> Any:
-    """Return the rows of a log by table, or None if this machine has no such file.
-
-    A URL is first copied into a folder of this process below ``copies``.
-    """
-    if "://" not in path:
-        return rows_of(Path(path), spec) if Path(path).is_file() else None
-    local = copies / f"{os.getpid()}" / StoredPath(path).local_name
+def rows_here(path: str, spec: Spec, copies: Path) -> Rows:
+    """Return the rows of a log by table; a URL is first copied below the folder ``copies``."""
+    place = StoredPath(path) if "://" in path else Path(path)
     try:
-        local.parent.mkdir(parents=True, exist_ok=True)
-        StoredPath(path).copy_to(local)
-        return rows_of(local, spec)
+        path.encode()
+        if isinstance(place, Path) and not stat.S_ISREG(place.stat().st_mode):
+            return failed(FAILED, "it is not a regular file: only those are read")
+        with brought(place, copies) as local:
+            return rows_of(local, spec)
+    except UnicodeEncodeError:  # the tables hold UTF-8
+        return failed(FAILED, "its name is not UTF-8: rename the file or its folder")
     except (YawidError, OSError) as error:
         return failed(FAILED, str(error))
-    finally:
-        local.unlink(missing_ok=True)
 
 
 def rows_of(path: Path, spec: Spec) -> Rows:
@@ -114,10 +102,13 @@ def rows_of(path: Path, spec: Spec) -> Rows:
     ``analysis_version``.
     """
     try:
-        return _rows_of(path, spec)
+        options = spec.read_options()
+    except ConfigError as error:
+        return failed(FAILED, str(error))
+    try:
+        return _rows_of(path, spec, options)
     except SourceError as error:
-        may_pass = isinstance(error, _OtherKeyError) or _may_pass(error.__cause__)
-        outcome, text = FAILED if may_pass else "unreadable", str(error)
+        outcome, text = FAILED if _may_pass(error.__cause__) else "unreadable", str(error)
     except ConfigError as error:
         outcome, text = USAGE, str(error)
     except YawidError as error:
@@ -126,24 +117,6 @@ def rows_of(path: Path, spec: Spec) -> Rows:
         outcome, text = FAILED if _may_pass(error) else "crashed", _where(error)
     reason = "refused" if outcome == "unusable" else None
     return failed(outcome, text.replace(str(path), path.name), reason)
-
-
-def read_options_of(spec: Spec) -> ReadOptions:
-    """Return how the log's bytes are read: with the signing key, if any.
-
-    Raises:
-        _OtherKeyError: the key cannot be read here, or differs from the one the fleet started with.
-    """
-    path = None if spec.key_file is None else Path(spec.key_file)
-    try:
-        options = ReadOptions.asked(path)
-    except ConfigError as error:
-        raise _OtherKeyError(str(error)) from error
-    if options.key is not None and options.key.mark != spec.key_mark:
-        raise _OtherKeyError(
-            f"signing key file {path}: it holds another key than when the fleet was started"
-        )
-    return options
 
 
 def _may_pass(error: BaseException | None) -> bool:
@@ -160,21 +133,20 @@ def _where(error: Exception) -> str:
     return f"{type(error).__name__}: {error} ({Path(last.filename).name}:{last.lineno})"
 
 
-def _rows_of(path: Path, spec: Spec) -> Rows:
+def _rows_of(path: Path, spec: Spec, options: ReadOptions) -> Rows:
     """Return the rows of a log. An MCAP gets the hash of the log that it was made from."""
-    options = read_options_of(spec)
     source = open_log(path, options)
     settings = dict(spec.settings)
     if not source.format.has_columns:  # a folder may hold records and logs
         settings = {name: each for name, each in settings.items() if name not in OF_RECORDS}
     config = source.settled(settings)
-    first = _flown(source, config, spec)
+    first = Flown(source, config)
 
-    def another(config: RunConfig) -> _Flown | None:
+    def another(config: RunConfig) -> Flown | None:
         again = open_log(path, options)
         again.settled(settings)
         try:
-            return _flown(again, config, spec)
+            return Flown(again, config)
         except ConfigError:  # the settings exclude this boot
             return None
 
@@ -185,47 +157,31 @@ def _rows_of(path: Path, spec: Spec) -> Rows:
         "log_sha256": made_from or summary.sha256,
         "file_sha256": summary.sha256,
         "kind": source.format.name,
-        "date": first.sink.first_us if first_us is None else known_date(first_us),
+        "date": first.first_us if first_us is None else known_date(first_us),
     }
     return _rows(summary, flights, log, spec)
 
 
-def _each(first: _Flown, config: RunConfig, another: Any) -> Iterator[_Flown]:
+def _each(first: Flown, config: RunConfig, another: Any) -> Iterator[Flown]:
     """Yield every boot of every vehicle that the configuration does not exclude.
 
     ``first`` is the replay that was already made; ``another`` makes one with a configuration.
     """
-    own = first.summary.vehicle
-    found = first.summary.vehicles or ([] if own is None else [own])
-    sysids = list(dict.fromkeys(each.sysid for each in found))
-    if config.sysid is not None or own is None:
-        sysids = [own.sysid] if own is not None else []
-    if not sysids:
+    if (own := first.summary.vehicle) is None:
         yield first
-    for sysid in sysids:
-        is_first = own is not None and sysid == own.sysid
-        chosen = config if is_first else replace(config, sysid=sysid)
-        flown = first if is_first else another(chosen)
-        if flown is None:
-            continue
-        if len(flown.boots) < 2 or config.boot is not None:
+        return
+    found = [own] if config.sysid is not None else first.summary.vehicles or [own]
+    for sysid in dict.fromkeys(each.sysid for each in found):
+        chosen = replace(config, sysid=sysid)
+        flown = first if sysid == own.sysid else another(chosen)
+        if flown is not None and len(flown.boots) > 1 and config.boot is None:
+            each_boot = (another(replace(chosen, boot=boot)) for boot in flown.boots)
+            yield from filter(None, each_boot)
+        elif flown is not None:
             yield flown
-            continue
-        for boot in flown.boots:
-            if (alone := another(replace(chosen, sysid=sysid, boot=boot))) is not None:
-                yield alone
 
 
-def _flown(source: Recording, config: RunConfig, spec: Spec) -> _Flown:
-    sink = FlightSink(every_second=spec.modes)
-    job = run(source, config, [sink])
-    boots = tuple(job.pipeline.channels.boots.spans_us)
-    own = source.vehicle_id or serial_of(source.parameters(job.pipeline))
-    summary = job.conclude()
-    return _Flown(summary, config.boot or next(iter(boots), 1), boots, own, sink)
-
-
-def _rows(summary: RunSummary, flights: list[_Flown], log: ReadRow, spec: Spec) -> Rows:
+def _rows(summary: RunSummary, flights: list[Flown], log: ReadRow, spec: Spec) -> Rows:
     rows: Rows = {"flights": [], "flights_by_loop": [], "runs": [], "manoeuvres": [], "modes": []}
     for flown in flights:
         vehicle = flown.summary.vehicle
@@ -237,31 +193,30 @@ def _rows(summary: RunSummary, flights: list[_Flown], log: ReadRow, spec: Spec) 
             "sysid": sysid,
             "boot": flown.boot,
         }
-        first_us = flown.sink.first_us or log["date"]
-        by_loop = flight_rows(flown.summary, first_us, flown.sink.duration_s)
+        first_us = flown.first_us or log["date"]
+        by_loop = flight_rows(flown.summary, first_us, flown.duration_s)
         rows["flights"].append(whose | by_loop[0])
         rows["flights_by_loop"] += [whose | row for row in by_loop]
         date = {"date": by_loop[0]["date"]}
         rows["runs"] += [whose | date | row for row in run_rows(flown.summary)]
         rows["manoeuvres"] += [whose | row for row in manoeuvre_rows(flown.summary)]
-        rows["modes"] += [whose | row for row in flown.sink.seconds]
+        rows["modes"] += [whose | row for row in flown.seconds if spec.modes]
     judged = [flown.summary.deciding for flown in flights]
     said = [reason for verdict in judged for reason in verdict.reasons]
     is_ok = any(flown.summary.exit_code == 0 for flown in flights)
-    fatal = [] if is_ok else _ids(said, "fatal")
     row = {
+        **flat(summary.link),
         **log,
         "yawid_version": __version__,
         "outcome": "ok" if is_ok else "unusable",
-        "reasons": fatal,
+        "reasons": [] if is_ok else _ids(said, "fatal"),
         "warnings": _ids(said, "warning"),
         "text": "; ".join(dict.fromkeys(map(str, said))),
         "duration_s": summary.duration_s,
-        **{name: getattr(summary.link or LinkCounts(), name) for name in _LINK},
         "flights": len(rows["flights"]),
         "manoeuvres": len(rows["manoeuvres"]),
     }
-    return {name: plain(each) for name, each in {"logs": [row], **rows}.items()}
+    return {name: plain(each) for name, each in {"logs": [of_table(LOGS, row)], **rows}.items()}
 
 
 def _ids(reasons: Iterable[Reason], weight: str) -> list[str]:

@@ -8,29 +8,26 @@ import importlib.util
 import logging
 import queue
 import shutil
-import time
 from asyncio import CancelledError
 from collections.abc import Generator, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import contextmanager, suppress
+from itertools import chain, islice
 from pathlib import Path
 from typing import Any, Final
 
 from yawid.dataset.values import failed
 from yawid.errors import ConfigError, SinkError
-from yawid.fleet.worker import REPLAYS, Task, replayed, replayed_in_dask, version, warm
+from yawid.fleet.worker import OWN, REPLAYS, Task, ready, replayed, replayed_in_dask, warm
 from yawid.runs.stop import SIGNALS, StopFlag
 from yawid.system.child import Worker
 from yawid.system.processes import block, cores
 from yawid.version import __version__
 
-HERE: Final = "this machine"
 QUEUED, POLL_S = 2, 0.1
 """How many logs a worker holds (it replays one, one waits); the longest wait for a result in s."""
 RESULT_S: Final = 10.0
 """Time limit in s for fetching the result of a task that has ended."""
-LOOK_S: Final = 1.0
-"""Interval in s at which the scheduler is asked for its number of threads."""
 CONNECT_S: Final = 5.0
 """Time limit in s for connecting to the scheduler."""
 LOST: Final = object()
@@ -40,30 +37,24 @@ LOST: Final = object()
 class Here:
     """Threads of this process, each with a process that replays logs."""
 
-    address = HERE
-
     def __init__(self, threads: int, copies: Path) -> None:
         self.threads, self._copies = threads, copies
         self._workers = [Worker(REPLAYS) for _ in range(threads)]
-        self._idle: queue.SimpleQueue[Worker] = queue.SimpleQueue()
-        for worker in self._workers:
-            self._idle.put(worker)
-        self._pool = ThreadPoolExecutor(threads, "yawid-fleet", block, (SIGNALS,))
+        unused = iter(self._workers)
+        self._pool = ThreadPoolExecutor(threads, "yawid-fleet", self._begin, (unused,))
+
+    @staticmethod
+    def _begin(unused: Iterator[Worker]) -> None:
+        block(SIGNALS)
+        OWN.worker = next(unused)
 
     def submit(self, task: Task) -> Any:
         """Return a future of a log's rows."""
-        return self._pool.submit(self._replayed, task)
+        return self._pool.submit(replayed, task, self._copies)
 
     def rows(self, future: Any) -> Any:
         """Return the rows of a future that has ended."""
         return future.result()
-
-    def _replayed(self, task: Task) -> Any:
-        worker = self._idle.get()
-        try:
-            return replayed(task, worker, self._copies)
-        finally:
-            self._idle.put(worker)
 
     def end(self) -> None:
         """Kill all processes and drop the logs that are not finished."""
@@ -79,34 +70,36 @@ class Cluster:
     """The workers of the Dask scheduler at ``address``.
 
     A log whose worker dies is given to another one.
+
+    Raises:
+        SinkError: they cannot import yawid or have another version of it.
     """
 
     def __init__(self, client: Any, address: str) -> None:
-        self._client, self.address = client, address
-        self._threads, self._look_s = 0, 0.0
+        self._client, self._address = client, address
+        try:  # one of each machine: all would compile at the same time, each in half a gigabyte
+            one_of = {worker.rpartition(":")[0]: worker for worker in client.nthreads()}
+            found = client.run(ready, workers=[*one_of.values()])
+        except Exception as error:
+            raise SinkError(f"the workers cannot run yawid {__version__}: {error}") from error
+        for worker, its in found.items():
+            if its != __version__:
+                raise SinkError(f"the worker at {worker} has yawid {its}, here is {__version__}")
 
     @property
     def threads(self) -> int:
-        """The number of the workers' threads, asked for at times.
+        """The number of the workers' threads.
 
         Raises:
             SinkError: the connection to the scheduler is lost.
         """
-        self._check()
-        if time.monotonic() >= self._look_s:
-            try:
-                self._threads = sum(self._client.nthreads().values())
-            except Exception as error:
-                raise self._lost() from error
-            self._look_s = time.monotonic() + LOOK_S
-        return self._threads
+        with self._connected():
+            return sum(self._client.nthreads().values())
 
     def submit(self, task: Task) -> Any:
         """Return a future of a log's rows. Raises as :attr:`threads` does."""
-        try:
+        with self._connected():
             return self._client.submit(replayed_in_dask, task, pure=False)
-        except Exception as error:
-            raise self._lost() from error
 
     def rows(self, future: Any) -> Any:
         """Return the rows of a future that has ended, or ``LOST``."""
@@ -120,20 +113,23 @@ class Cluster:
         except (TimeoutError, CancelledError, UnboundLocalError, CommClosedError):
             # The result was lost with its worker, or the scheduler is lost, which shows in the
             # client's status. Dask raises any of these errors then.
-            self._check()
-            return LOST
+            with self._connected():
+                return LOST
         finally:
             future.release()
 
-    def _check(self) -> None:
-        if self._client.status != "running":
-            raise self._lost()
-
-    def _lost(self) -> SinkError:
-        return SinkError(
-            f"Lost the scheduler at {self.address}. Finished logs are saved: start it again and "
+    @contextmanager
+    def _connected(self) -> Iterator[None]:
+        lost = SinkError(
+            f"Lost the scheduler at {self._address}. Finished logs are saved: start it again and "
             "repeat the command."
         )
+        if self._client.status != "running":
+            raise lost
+        try:
+            yield
+        except Exception as error:  # Dask raises many kinds
+            raise lost from error
 
 
 def ended_logs(
@@ -141,25 +137,21 @@ def ended_logs(
 ) -> Generator[tuple[Task, Any] | None, None, None]:
     """Yield each task with its rows when it ends; after ``stop`` is set, yield no more.
 
-    While no task ends, yield None every ``POLL_S`` seconds. Rows are None if a worker's machine has
-    no such file.
+    While no task ends, yield None every ``POLL_S`` seconds.
 
     Raises:
         SinkError: the connection to a scheduler is lost, or a worker failed.
     """
     done: queue.SimpleQueue[Any] = queue.SimpleQueue()
     waiting, flying = iter(tasks), dict[Any, Task]()
-
-    def start(task: Task) -> None:
-        future = pool.submit(task)
-        flying[future] = task
-        future.add_done_callback(done.put)
-
-    task = next(waiting, None)
-    while (task or flying) and not stop.is_set:
-        while task and len(flying) < QUEUED * pool.threads:
-            start(task)
-            task = next(waiting, None)
+    while not stop.is_set:
+        room = QUEUED * pool.threads - len(flying)
+        for task in islice(waiting, max(room, 0)):
+            future = pool.submit(task)
+            flying[future] = task
+            future.add_done_callback(done.put)
+        if room > 0 and not flying:
+            return
         try:
             future = done.get(timeout=POLL_S)
         except queue.Empty:
@@ -172,7 +164,7 @@ def ended_logs(
         except Exception as error:
             raise SinkError(f"a worker failed: {type(error).__name__}: {error}") from error
         if rows is LOST:
-            start(ended)
+            waiting = chain([ended], waiting)
         else:
             yield ended, rows
 
@@ -188,6 +180,7 @@ def workers_here(count: int | None, copies: Path) -> Iterator[Here]:
     """
     warm()
     shutil.rmtree(copies, ignore_errors=True)
+    copies.mkdir()
     here = Here(count or cores(), copies)
     try:
         yield here
@@ -217,42 +210,16 @@ def workers_of(address: str) -> Iterator[Cluster]:
     import dask
     from distributed import Client
 
-    for name in list(logging.root.manager.loggerDict):
-        if name.startswith("distributed"):  # this module reports errors in its own words
-            logging.getLogger(name).setLevel(logging.CRITICAL)
-    settings = {
-        "distributed.comm.timeouts.connect": f"{CONNECT_S:g}s",
-        "distributed.client.scheduler-info-interval": "2s",
-    }
-    with ExitStack() as stack:
-        stack.enter_context(dask.config.set(settings))
+    for name in ("distributed", "distributed.client", "distributed.gc"):
+        logging.getLogger(name).setLevel(logging.CRITICAL)  # this module reports errors itself
+    with dask.config.set({"distributed.comm.timeouts.connect": f"{CONNECT_S:g}s"}):
         try:
             client = Client(address, set_as_default=False, timeout=CONNECT_S)
         except (OSError, TimeoutError, ValueError) as error:
             text = f"no Dask scheduler answers at {address}"
             raise SinkError(f"{text}: {str(error) or type(error).__name__}") from error
-        stack.push(lambda *_: _close(client))
-        _make_ready(client)
-        yield Cluster(client, address)
-
-
-def _close(client: Any) -> None:
-    with suppress(Exception):  # the scheduler may be lost
-        client.close(timeout=2)
-
-
-def _make_ready(client: Any) -> None:
-    """Check the workers' versions, and compile once on each machine before its workers start.
-
-    Without this, all workers of a machine would compile at the same time.
-    """
-    try:
-        found = client.run(version)
-    except Exception as error:
-        raise SinkError(f"the workers cannot run yawid {__version__}: {error}") from error
-    for worker, its in found.items():
-        if its != __version__:
-            raise SinkError(f"the worker at {worker} has yawid {its}, here is {__version__}")
-    one_of = {worker.rpartition(":")[0]: worker for worker in found}
-    with suppress(Exception):  # the scheduler may be lost
-        client.run(warm, workers=list(one_of.values()))
+        try:
+            yield Cluster(client, address)
+        finally:
+            with suppress(Exception):  # the scheduler may be lost
+                client.close(timeout=2)

@@ -1,6 +1,5 @@
 """``yawid fleet``: replays the logs that a data set does not have yet, and merges their rows."""
 
-import importlib.util
 import time
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
@@ -9,18 +8,18 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
+import pyarrow as pa
+
 from yawid.config.run import OF_RECORDS
-from yawid.dataset.files import DataSet, misfit, peek
-from yawid.dataset.schema import ANALYSIS_VERSION
+from yawid.dataset.files import DataSet, peek, table_of
+from yawid.dataset.schema import ANALYSIS_VERSION, TABLES
 from yawid.dataset.values import FAILED, USAGE, Entry, ReadRow, failed
-from yawid.errors import SinkError, SourceError
 from yawid.fleet.find_logs import FoundLog, check_apart, find_logs
-from yawid.fleet.pools import HERE, check_installed, ended_logs, workers_here, workers_of
+from yawid.fleet.pools import check_installed, ended_logs, workers_here, workers_of
 from yawid.fleet.spec import Spec
 from yawid.fleet.worker import Task
 from yawid.runs.stop import StopFlag
 from yawid.sinks.words import duration
-from yawid.sources.formats import FORMATS
 
 TIMEOUT_S: Final = 600.0
 """Default time limit of one log in s."""
@@ -47,113 +46,80 @@ class FleetRun:
 
 
 @dataclass(slots=True)
-class Plan:
-    """Which logs are to be run."""
+class Progress:
+    """Which logs are to be run, and how far that has come.
 
-    todo: list[FoundLog]
-    known: int
-    """How many logs the data set already has as they are now."""
-    answered: frozenset[str] = frozenset()
-    """Paths that have an outcome other than "failed", even of an older state of the log."""
+    The data set already has ``known`` further logs as they are now. ``done_bytes`` is the size
+    of what has ended. ``threads`` workers each replay a log. ``start_s`` is on the monotonic clock.
+    ``first`` has the first log of each outcome with its text.
+    """
+
+    todo: Sequence[FoundLog]
+    known: int = 0
+    threads: int = 0
+    done_bytes: int = 0
+    outcomes: Counter[str] = field(default_factory=Counter)
+    first: dict[str, str] = field(default_factory=dict)
+    start_s: float = field(default_factory=time.monotonic)
+
+    @property
+    def done(self) -> int:
+        """The number of logs that have ended."""
+        return self.outcomes.total()
 
     @property
     def size(self) -> int:
         """The number of bytes to be read."""
         return sum(log.size for log in self.todo)
 
-
-@dataclass(slots=True)
-class Progress:
-    """How far a run has come.
-
-    ``logs`` and ``size`` (bytes) are the whole, ``done`` and ``done_bytes`` what has ended.
-    ``threads`` workers each replay a log. ``start_s`` is on the monotonic clock. ``why_failed``
-    is the text of the first log that failed, ``why_usage`` that of the first that the options do
-    not fit.
-    """
-
-    logs: int
-    size: int
-    threads: int = 0
-    done: int = 0
-    done_bytes: int = 0
-    outcomes: Counter[str] = field(default_factory=Counter)
-    start_s: float = field(default_factory=time.monotonic)
-    why_failed: str = ""
-    why_usage: str = ""
-
-    @property
-    def failed(self) -> int:
-        """The number of logs that failed for a reason that may pass."""
-        return self.outcomes[FAILED]
-
-    def add(self, outcome: str, size: int) -> None:
+    def add(self, outcome: str, size: int, text: str = "") -> None:
         """Count a log that has ended."""
-        self.done, self.done_bytes = self.done + 1, self.done_bytes + size
+        self.done_bytes += size
         self.outcomes[outcome] += 1
+        self.first.setdefault(outcome, text)
 
     def left_s(self, passed_s: float) -> float:
         """Return the time in s that the logs left will take, if those done took ``passed_s``."""
-        left = self.size - self.done_bytes + LOG_BYTES * (self.logs - self.done)
+        left = self.size - self.done_bytes + LOG_BYTES * (len(self.todo) - self.done)
         return passed_s * left / (self.done_bytes + LOG_BYTES * self.done)
 
     def line(self) -> str:
         """Return the progress in words, with the rate and the time that remains."""
+        text = f"{self.done} of {len(self.todo)} logs"
         if not self.threads:
-            return f"{self.done} of {self.logs} logs; waiting for workers"
+            return f"{text}; waiting for workers"
         passed_s = max(time.monotonic() - self.start_s, 1e-3)
         counts = ", ".join(f"{name} {count}" for name, count in self.outcomes.most_common())
-        text = f"{self.done} of {self.logs} logs, {self.done / passed_s:.2g}/s"
+        text += f", {self.done / passed_s:.2g}/s"
         if self.done_bytes:
             rate = f"{self.done_bytes / passed_s / 1e6:.2g} MB/s"
             text += f", {rate}, {duration(self.left_s(passed_s))} left"
         return f"{text}; {counts}" if counts else text
 
 
-def plan_of(run: FleetRun, found: Sequence[FoundLog], known: Mapping[str, ReadRow]) -> Plan:
+def plan_of(run: FleetRun, found: Sequence[FoundLog], known: Mapping[str, ReadRow]) -> Progress:
     """Return which logs are to be run: those that the data set does not have as they are now.
 
-    Raises:
-        SourceError: a log needs a library that is not installed.
+    They are sorted by size as they were found, with every tenth first.
     """
-    config_hash = run.spec.config_hash
-    todo = [log for log in found if not _is_known(log, known.get(log.path), config_hash, run)]
-    _need_libraries(todo)
-    answered = frozenset(path for path, row in known.items() if row["outcome"] != FAILED)
-    return Plan(_spread(todo), len(found) - len(todo), answered)
+    own, again = _own(run.spec), (FAILED, *TRIED_AGAIN) if run.retry else (FAILED,)
+
+    def is_known(log: FoundLog) -> bool:
+        row = known.get(log.path, {"outcome": FAILED})
+        now = own | {"size_bytes": log.size, "modified": log.modified}
+        return row["outcome"] not in again and now.items() <= row.items()
+
+    todo = [log for log in found if not is_known(log)]
+    spread = todo[::SPREAD] + [log for i, log in enumerate(todo) if i % SPREAD]
+    return Progress(spread, len(found) - len(todo))
 
 
-def _spread(logs: list[FoundLog]) -> list[FoundLog]:
-    """Return logs, which are sorted by size, with every tenth first."""
-    return logs[::SPREAD] + [log for i, log in enumerate(logs) if i % SPREAD]
+def _own(spec: Spec) -> dict[str, str]:
+    """Return the keys that all logs of a run share."""
+    return {"config_hash": spec.config_hash, "analysis_version": ANALYSIS_VERSION}
 
 
-def _is_known(log: FoundLog, row: ReadRow | None, config_hash: str, run: FleetRun) -> bool:
-    now = (config_hash, ANALYSIS_VERSION, log.size)
-    if row is None or (row["config_hash"], row["analysis_version"], row["size_bytes"]) != now:
-        return False
-    if (
-        log.failure is not None
-        or row["outcome"] == FAILED
-        or (run.retry and row["outcome"] in TRIED_AGAIN)
-    ):
-        return False
-    return bool(row["modified"] == log.modified)
-
-
-def _need_libraries(logs: Sequence[FoundLog]) -> None:
-    """Find out before the first log is run whether the readers of all can be."""
-    for each in FORMATS:
-        if each.needs is None or not any(log.path.lower().endswith(each.suffix) for log in logs):
-            continue
-        module, extra = each.needs
-        if importlib.util.find_spec(module) is None:
-            raise SourceError(
-                f"{each.said} is among the logs: reading it needs {module} (yawid[{extra}])"
-            )
-
-
-def dry_run(run: FleetRun) -> Plan:
+def dry_run(run: FleetRun) -> Progress:
     """Return what a run would do, without writing anything. Raises as :func:`run_fleet` does."""
     return plan_of(run, _found(run), peek(run.out))
 
@@ -169,16 +135,16 @@ def run_fleet(
     run: FleetRun,
     stop: StopFlag,
     show: Callable[[Progress], None] = lambda progress: None,
-    began: Callable[[Plan], None] = lambda plan: None,
+    began: Callable[[Progress], None] = lambda progress: None,
 ) -> Progress:
     """Run every log that the data set does not have; return the progress.
 
-    When ``stop`` is set, finished logs are kept. ``began`` is called once with the plan, ``show``
-    after each log and while waiting for one.
+    When ``stop`` is set, finished logs are kept. ``began`` is called once, ``show`` after
+    each log and while waiting for one.
 
     Raises:
         Interrupted: ``stop`` was set before the run began.
-        SourceError: there is no log, or a log cannot be read; the data set is of another version.
+        SourceError: there is no log; the data set is of another version.
         SinkError: the data set cannot be written, or the scheduler is lost.
         ConfigError: a scheduler is asked for and Dask is not installed, or the data set's folder
             contains the logs or lies among them.
@@ -188,86 +154,56 @@ def run_fleet(
     with stop.raising():
         found = _found(run)
     with DataSet(run.out) as data:
-        with stop.raising():
-            plan = plan_of(run, found, data.known())
-        began(plan)
-        progress = Progress(len(plan.todo), plan.size)
-        if plan.todo:
-            _run(run, plan, data, progress, stop, show)
+        known = data.known()
+        progress = plan_of(run, found, known)
+        began(progress)
+        if not progress.todo:
+            return progress
+        answered = {path for path, row in known.items() if row["outcome"] != FAILED}
+        logs, address = {log.path: log for log in progress.todo}, run.scheduler
+        tasks = (Task(path, run.spec, run.timeout_s) for path in logs)
+        with (
+            (
+                workers_here(run.workers, data.copies) if address is None else workers_of(address)
+            ) as workers,
+            closing(ended_logs(workers, tasks, stop)) as done,
+        ):
+            progress.start_s = time.monotonic()
+            for ended in done:
+                progress.threads = workers.threads
+                if ended is not None:
+                    log = logs[ended[0].path]
+                    entry = _entry(log, ended[1], run.spec)
+                    row = entry["logs"][0]
+                    # A failure does not replace an earlier answer.
+                    is_new = row["outcome"] != FAILED or row["path"] not in answered
+                    if is_new and row["outcome"] != USAGE:
+                        data.add(entry)
+                    progress.add(row["outcome"], log.size, f"{row['path']}: {row['text']}")
+                show(progress)
     return progress
 
 
-def _run(
-    run: FleetRun,
-    plan: Plan,
-    data: DataSet,
-    progress: Progress,
-    stop: StopFlag,
-    show: Callable[[Progress], None],
-) -> None:
-    found = {log.path: log for log in plan.todo}
-    own = {"config_hash": run.spec.config_hash, "analysis_version": ANALYSIS_VERSION}
-    address = run.scheduler
-    readable = (log for log in plan.todo if log.failure is None)
-    tasks = (Task(log.path, run.spec, run.timeout_s) for log in readable)
-
-    def add(log: FoundLog, rows: Any, address: str) -> None:
-        entry = _entry(log, rows, own, address, run.spec.name_of(log.path))
-        row = entry["logs"][0]
-        if row["outcome"] == FAILED:
-            progress.why_failed = progress.why_failed or f"{log.path}: {row['text']}"
-        if row["outcome"] == USAGE:
-            progress.why_usage = progress.why_usage or f"{log.path}: {row['text']}"
-        elif row["outcome"] != FAILED or log.path not in plan.answered:
-            data.add(entry)  # a failure does not replace an earlier answer
-        progress.add(row["outcome"], log.size)
-        show(progress)
-
-    for log in plan.todo:
-        if log.failure is not None:
-            add(log, failed(FAILED, log.failure), HERE)
-    with (
-        workers_here(run.workers, data.copies) if address is None else workers_of(address)
-    ) as workers:
-        progress.start_s = time.monotonic()
-        with closing(ended_logs(workers, tasks, stop)) as done:
-            for ended in done:
-                progress.threads = workers.threads
-                if ended is None:
-                    show(progress)
-                else:
-                    task, rows = ended
-                    add(found[task.path], rows, workers.address)
+def _entry(log: FoundLog, rows: Any, spec: Spec) -> Entry:
+    """Return a log's rows with their keys, checked to fit the tables."""
+    try:
+        entry = with_keys(log, rows, spec)
+        for name, each in entry.items():
+            table_of(TABLES[name], each)
+    except (pa.ArrowException, ValueError, TypeError, OverflowError) as error:
+        return with_keys(log, failed("crashed", f"its rows do not fit the tables: {error}"), spec)
+    return entry
 
 
-def _entry(
-    log: FoundLog, rows: Any, own: Mapping[str, str], address: str, name: str | None
-) -> Entry:
-    """Return a log's rows with their keys, checked to fit the tables.
+def with_keys(log: FoundLog, rows: Any, spec: Spec) -> Entry:
+    """Return a log's rows with their keys, and the name of its aircraft where one was given.
 
-    ``rows`` are None where the worker found no such file.
+    Where several vehicles fly in one log, each has its id as well.
     """
-    if rows is None:
-        if Path(log.path).is_file():
-            raise SinkError(
-                f"a worker of {address} does not see {log.path}: all machines need the same "
-                "files below the same paths, or URLs"
-            )
-        rows = failed(FAILED, "it was removed before it was read")
-    entry = with_keys(log, rows, own, name)
-    text = misfit(entry)
-    return entry if text is None else with_keys(log, failed("crashed", text), own)
-
-
-def with_keys(log: FoundLog, rows: Any, own: Mapping[str, str], name: str | None = None) -> Entry:
-    """Return a log's rows with their keys; ``own`` are the keys that all logs of a run share.
-
-    ``name`` is that of the log's aircraft, None where none was given; where several vehicles fly
-    in one log, each has its id as well.
-    """
-    row = rows["logs"][0]
-    keys = {**own, "yawid_version": row["yawid_version"], "log_sha256": row.get("log_sha256")}
-    found = {"path": log.path, "size_bytes": log.size, "modified": log.modified}
+    row, name = rows["logs"][0], spec.name_of(log.path)
+    keys = _own(spec) | {n: row.get(n) for n in ("yawid_version", "log_sha256")}
+    path = log.path.encode("utf-8", "backslashreplace").decode()  # what a table can hold
+    found = {"path": path, "size_bytes": log.size, "modified": log.modified}
     entry = {table: [each | keys for each in below] for table, below in rows.items()}
     if name is not None:
         several = len({each["sysid"] for each in rows.get("flights", ())}) > 1

@@ -5,13 +5,13 @@ import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path, PurePath
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from yawid.config.run import RunConfig
 from yawid.errors import ConfigError
 
-FOLDER = "folder"
-"""The value of ``vehicle_from`` by which a log's folder names its aircraft."""
+if TYPE_CHECKING:
+    from yawid.sources.open_log import ReadOptions
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,7 +23,7 @@ class Spec:
     is the name of each log's folder.
 
     Raises:
-        ConfigError: the signing key cannot be read, or the aircraft is named in two ways or wrong.
+        ConfigError: the signing key cannot be read, or the aircraft's name cannot be printed.
     """
 
     settings: Mapping[str, Any] = field(default_factory=dict)
@@ -36,18 +36,28 @@ class Spec:
 
     def __post_init__(self) -> None:
         """Read the key's fingerprint; the readers are large, so only a key imports them."""
-        name, by = self.vehicle, self.vehicle_from
+        name = self.vehicle
         if name is not None and not (name.strip() and name.isprintable()):
             raise ConfigError(f"--vehicle must be a name that can be printed, got {name!r}")
-        if by not in (None, FOLDER):
-            raise ConfigError(f"--vehicle-from must be {FOLDER}, got {by!r}")
-        if name is not None and by is not None:
-            raise ConfigError("--vehicle and --vehicle-from both name the aircraft: give one")
         if self.key_file is not None:
-            from yawid.sources.open_log import ReadOptions
-
-            key = ReadOptions.asked(Path(self.key_file)).key
+            key = self.read_options().key
             object.__setattr__(self, "key_mark", key and key.mark)
+
+    def read_options(self) -> "ReadOptions":
+        """Return how a log's bytes are read: with the signing key, if any.
+
+        Raises:
+            ConfigError: the key cannot be read here, or is not that with which the fleet started.
+        """
+        from yawid.sources.open_log import ReadOptions
+
+        options = ReadOptions.asked(None if self.key_file is None else Path(self.key_file))
+        if options.key is not None and self.key_mark not in (None, options.key.mark):
+            raise ConfigError(
+                f"signing key file {self.key_file}: it holds another key than when the fleet was "
+                "started"
+            )
+        return options
 
     def name_of(self, path: str) -> str | None:
         """Return the name of the aircraft of the log with this path or URL, None where not asked.

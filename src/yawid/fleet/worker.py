@@ -7,10 +7,11 @@ import logging
 import subprocess
 import sys
 import threading
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache, partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from yawid.dataset.values import failed
 from yawid.system.child import DiedError, LateError, Worker
@@ -34,14 +35,18 @@ class Task:
     timeout_s: float
 
     def rows(self, copies: Path) -> Any:
-        """Return the log's rows by table, or None if this machine has no such file."""
+        """Return the log's rows by table."""
         from yawid.fleet.one_log import rows_here
 
         return rows_here(self.path, self.spec, copies)
 
 
-def replayed(task: Task, worker: Worker, copies: Path) -> Any:
-    """Return a log's rows by table, replayed by the process of ``worker``; None: no such file.
+OWN: Final = threading.local()
+"""``OWN.worker`` is the process of each thread that replays logs."""
+
+
+def replayed(task: Task, copies: Path) -> Any:
+    """Return a log's rows by table, replayed by this thread's process.
 
     A log of a store is copied below the folder ``copies``, where a killed process leaves it. A log
     that kills its process or takes longer than ``task.timeout_s`` gets the rows of a failure.
@@ -49,6 +54,7 @@ def replayed(task: Task, worker: Worker, copies: Path) -> Any:
     Raises:
         OSError: the process cannot be started.
     """
+    worker: Worker = OWN.__dict__.setdefault("worker", Worker(REPLAYS))
     how = "was ended"
     for _ in range(0 if worker.is_over else MOST_DEATHS):
         try:
@@ -62,23 +68,15 @@ def replayed(task: Task, worker: Worker, copies: Path) -> Any:
 
 
 def replayed_in_dask(task: Task) -> Any:
-    """Return :func:`replayed` by the process of this thread, which ends with it.
-
-    Dask removes what a worker has left in its folder.
-    """
+    """Return :func:`replayed`; what that leaves in the folder of Dask's worker, Dask removes."""
     from distributed import get_worker
 
-    worker: Worker | None = getattr(_own, "worker", None)
-    if worker is None:
-        worker = _own.worker = Worker(REPLAYS)
-    return replayed(task, worker, Path(get_worker().local_directory))
+    return replayed(task, Path(get_worker().local_directory))
 
 
-_own = threading.local()
-
-
-def version() -> str:
-    """Return the version of yawid on this machine."""
+def ready() -> str:
+    """Compile on this machine, where it has not been; return the version of yawid on it."""
+    warm()
     return __version__
 
 
@@ -89,13 +87,10 @@ def warm() -> None:
     If that fails, each process compiles for itself or runs slowly; a logged line gives the reason.
     """
     compiles = "from yawid.estimation.machine.runner import compile_behind; compile_behind()"
-    command = [sys.executable, "-c", compiles]
-    try:
+    with suppress(OSError):  # whoever starts the process that replays reports that
         done = subprocess.run(
-            command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, errors="replace",
-            check=False,
+            [sys.executable, "-c", compiles], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE,
+            text=True, errors="replace", check=False,
         )  # fmt: skip
-    except OSError:  # whoever starts the process that replays reports that
-        return
-    if done.returncode and (said := done.stderr.strip()):
-        logging.getLogger(__name__).warning("%s", said.splitlines()[-1])
+        if done.returncode and (said := done.stderr.strip()):
+            logging.getLogger(__name__).warning("%s", said.splitlines()[-1])

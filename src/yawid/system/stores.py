@@ -83,8 +83,10 @@ def place_of(text: str) -> Place:
 
 
 @contextmanager
-def brought(place: Place) -> Iterator[Path]:
+def brought(place: Place, folder: Path | None = None) -> Iterator[Path]:
     """Yield a path of this machine; a file of a store is copied, and its copy is removed at last.
+
+    Copies are below ``folder``, else where the system has its temporary files.
 
     Errors within the context name the file in the store.
 
@@ -94,8 +96,8 @@ def brought(place: Place) -> Iterator[Path]:
     if isinstance(place, Path):
         yield place
         return
-    with TemporaryDirectory(prefix="yawid-") as folder:
-        local = Path(folder) / place.local_name
+    with TemporaryDirectory(prefix="yawid-", dir=folder) as own:
+        local = Path(own) / place.local_name
         place.copy_to(local)
         try:
             yield local
