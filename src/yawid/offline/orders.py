@@ -85,8 +85,8 @@ def samples_of_manoeuvres(
     if samples is None:
         raise NotIdentifiable("no sample has both rudder and yaw rate")
     t = samples.boot_us / 1e6
-    inside = [(each.from_s <= t) & (t <= each.to_s) for each in flown]
-    y = np.where(np.any(inside, axis=0), samples.y, np.nan)
+    inside = np.any([(each.from_s <= t) & (t <= each.to_s) for each in flown], axis=0)
+    y = np.where(inside, samples.y, np.nan)
     if np.isfinite(y).sum() < LEAST_SAMPLES:
         return samples, 0
     return replace(samples, y=y), len(flown)
@@ -103,13 +103,14 @@ def _try(u: Floats, y: Floats, split: int, sample_time_s: float, run: RunConfig)
     settled = settled[np.isfinite(settled)]
     loss = float(np.mean(settled**2)) if len(settled) else math.nan
     misfit = len(settled) * math.log(loss) if loss > 0.0 else math.nan
-    simulated = simulate(block.theta[-1], orders, config.bias, u[split:], y[split:])
     scores = {
         "loss": loss,
         "aic": misfit + 2.0 * config.n_theta,
         "bic": misfit + config.n_theta * math.log(max(len(settled), 1)),
         "whiteness_p": armax.whiteness_p,
-        "simulation_pct": fit_percent(y[split:], simulated),
+        "simulation_pct": fit_percent(
+            y[split:], simulate(block.theta[-1], orders, config.bias, u[split:], y[split:])
+        ),
     }
-    roll = modes(block, orders, sample_time_s).dutch_roll[-1]
-    return OrdersTried(*run.orders, **finite(scores), dutch_roll=DutchRoll.of(tuple(roll.tolist())))
+    roll = tuple(modes(block, orders, sample_time_s).dutch_roll[-1].tolist())
+    return OrdersTried(*run.orders, **finite(scores), dutch_roll=DutchRoll.of(roll))

@@ -32,10 +32,9 @@ from yawid.answers.reports import StepReport, Told
 from yawid.blocks import Floats
 from yawid.errors import ConfigError, NotIdentifiable
 
-SETTLED = 0.05
-"""The steady state is reached where the fitted form is within this share of its final value."""
-MISFIT = 0.05
-"""A form is refused where its systematic misfit exceeds this share of the step."""
+BAND = 0.05
+"""The steady state is reached where the fitted form is within this share of its final value; a form
+is refused where its systematic misfit exceeds this share of the step."""
 FEWEST_SAMPLES = 10
 """The fewest samples after the step."""
 SMOOTHING = 0.01
@@ -108,8 +107,7 @@ def yaw_from_grid(t: Floats, y: Floats) -> tuple[float, float, float]:
         return float(np.linalg.norm(y - (offset, K, KT) @ terms)), (float(KT / K), xi, omega)
 
     omegas = np.geomspace(slowest, max(fastest, 2.0 * slowest), 40).tolist()
-    _, found = min(starmap(nearest, product((0.05, 0.15, 0.3, 0.5, 0.8), omegas)))
-    return found
+    return min(starmap(nearest, product((0.05, 0.15, 0.3, 0.5, 0.8), omegas)))[1]
 
 
 @dataclass(frozen=True, slots=True)
@@ -178,8 +176,8 @@ def fit_step(
     read = form.read(*_smoothed(t, y))
     bounds = np.array([[-np.inf, -np.inf, *form.low], [np.inf, np.inf, *form.high]])
     start = np.clip([0.0, 1.0, *read], *bounds)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", OptimizeWarning)  # the covariance is infinite then
+    # where it warns the covariance is infinite
+    with warnings.catch_warnings(action="ignore", category=OptimizeWarning):
         try:
             p, covariance, more, *_ = curve_fit(
                 lambda t, offset, *p: offset + form.response(t, *p), t, y, start, bounds=bounds,
@@ -213,10 +211,12 @@ def fit_step(
 
 def _checked(t: Floats, y: Floats, u0: float, step_time_s: float) -> tuple[Floats, Floats]:
     """Return t (n,) in s since the step and y (n,) without NaN; errors as :func:`fit_step`."""
-    if not np.isfinite(t).all() or np.isinf(y).any() or not (np.diff(t) > 0.0).all():
-        raise ConfigError("t must be finite and increasing and y finite (NaN where missing)")
-    if not math.isfinite(u0) or u0 == 0.0 or not math.isfinite(step_time_s):
-        raise ConfigError(f"u0 must be finite and not 0, got {u0!r} (step at {step_time_s!r} s)")
+    is_finite = np.isfinite([*t, u0, step_time_s]).all() and not np.isinf(y).any()
+    if not is_finite or u0 == 0.0 or not (np.diff(t) > 0.0).all():
+        raise ConfigError(
+            "t must be finite and increasing, y finite (NaN where missing), u0 finite and not 0, "
+            f"got u0 {u0!r} (step at {step_time_s!r} s)"
+        )
     t, y = t[np.isfinite(y)] - step_time_s, y[np.isfinite(y)]
     if (after := int(np.sum(t >= 0.0))) < FEWEST_SAMPLES:
         raise ConfigError(f"{after} samples after the step, at least {FEWEST_SAMPLES} are needed")
@@ -256,13 +256,14 @@ def _check(
     form: Form, t: Floats, residual: Floats, noise: float, p: Floats, covariance: Floats
 ) -> None:
     """Raise NotIdentifiable where the fitted form does not describe the scaled record."""
-    step, settling_s = abs(float(p[1])), settling(form, SETTLED, *p[2:])
+    step, settling_s = abs(float(p[1])), settling(form, BAND, *p[2:])
     # The mean product of neighbours is the systematic part; that of white noise is about 0.
     after = residual[t >= 0.0], residual[(t >= 0.0) & (t <= 1.5 * settling_s)]
     near = [part[1:] * part[:-1] for part in after if len(part) > FEWEST_SAMPLES]
-    by_chance = CLEAR * noise**2
-    power = max([0.0, *(float(x.mean()) - by_chance / math.sqrt(len(x)) for x in near)])
-    if power > (MISFIT * step) ** 2:
+    power = max(
+        [0.0, *(float(x.mean()) - CLEAR * noise**2 / math.sqrt(len(x)) for x in near)]
+    )  # less what noise makes by chance
+    if power > (BAND * step) ** 2:
         raise NotIdentifiable(
             f"the record does not have this form: the fit misses it by "
             f"{100.0 * math.sqrt(power) / step:.0f} % of the step over the transient"

@@ -24,7 +24,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from yawid.blocks import Floats, runs_of
+from yawid.blocks import Floats
 from yawid.config.estimator import ArmaxOrders
 from yawid.errors import ConfigError, NotIdentifiable
 from yawid.estimation.all_pole import all_pole
@@ -60,7 +60,7 @@ class TwoStage:
 def two_stage(u: ArrayLike, y: ArrayLike, orders: ArmaxOrders, bias: bool = False) -> TwoStage:
     """Fit A(q) y = B(q) u + C(q) e (+ bias) to a record: y (samples,), u (samples, n_inputs).
 
-    A sample with a NaN is left out, and so are those whose lags reach it.
+    A sample with a NaN is left out, and so are those whose lags reach it; eps dies away over it.
 
     Raises:
         ConfigError: a shape is wrong, a value is infinite, or there are too few samples.
@@ -88,8 +88,7 @@ def two_stage(u: ArrayLike, y: ArrayLike, orders: ArmaxOrders, bias: bool = Fals
         c = c_of(theta, orders)
         c[:] = reflected(c)
         eps = y - known @ np.delete(theta, range(c_at[0], c_at[0] + nc))
-        for start, stop in runs_of(rows):  # eq. 33, from eps = 0 before each run
-            eps[start:stop] = all_pole(c, eps[start:stop])
+        eps = np.where(rows, all_pole(c, np.nan_to_num(eps)), np.nan)  # eq. 33, from eps = 0
         if move <= STILL:
             return TwoStage(theta, std, arx, eps, converged=True)
     return TwoStage(theta, std, arx, eps, converged=False)
@@ -115,7 +114,6 @@ def paper_listing(u: Floats, y: Floats) -> tuple[Floats, Floats]:
     the fit that the paper prints are those of y_est1.
     """
     phi = np.stack([-y, u])
-    theta = np.linalg.lstsq(phi.T, y, rcond=None)[0]
-    phi1 = np.vstack([phi, y - phi.T @ theta])
+    phi1 = np.vstack([phi, y - phi.T @ np.linalg.lstsq(phi.T, y, rcond=None)[0]])  # error1
     theta1 = np.linalg.lstsq(phi1.T, y, rcond=None)[0]
     return theta1, phi1.T @ theta1
