@@ -187,6 +187,17 @@ def test_a_flight_without_turns_is_refused_as_feedback_alone() -> None:
     assert "only_feedback" in [reason.id for reason in found.verdict.reasons]
 
 
+def test_an_aileron_of_the_other_sign_is_refused_as_such_before_any_fit() -> None:
+    flight = flown(8)
+    flight[:, 4] *= -1.0
+
+    found = answer_of(streamed(flight))
+
+    assert [reason.id for reason in found.verdict.reasons] == ["aileron_reversed"]
+    assert "--aileron" in found.verdict.reasons[0].remedy
+    assert found.dutch_roll is None
+
+
 def test_a_short_flight_says_how_many_seconds_are_needed_and_there() -> None:
     found = answered(9, seconds=200.0)
 

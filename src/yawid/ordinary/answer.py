@@ -31,6 +31,7 @@ from yawid.lateral.model import NAMES as LATERAL
 from yawid.lateral.model import Law, airframe, modes
 from yawid.lateral.roll_law import dutch_roll_closed
 from yawid.ordinary.fit import DIFFERENCE, Fitted, fit
+from yawid.ordinary.law import law_of
 from yawid.ordinary.model import AT, FREE
 from yawid.ordinary.pieces import Ordinary
 from yawid.ordinary.search import LEAST_LAW, Search
@@ -84,6 +85,7 @@ def answer_of(
     Gates that are facts come before any fit.
     """
     sums, lost = flight.sums(recent=recent), dict(flight.lost_s)
+    law, explained = law_of(sums.law)
     cause = max(lost, key=lambda name: lost[name], default="")
     is_rudder = "rudder" in cause and 2.0 * lost[cause] > flight.seen_s
     why = f"; {lost[cause]:.0f} s are {cause}" if cause and lost[cause] > 0.0 else ""
@@ -99,6 +101,11 @@ def answer_of(
             (
                 sums.seconds >= LONG_S and not sums.turns, "only_feedback",
                 "no turn was flown: the aileron only answers", _TURN,
+            ),
+            (
+                explained >= LEAST_LAW and law.roll_gain < 0.0, "aileron_reversed",
+                "the aileron follows the roll, and rolls it further: no roll hold does that, so "
+                "its sign is wrong", "Check the channel of the aileron (--aileron).",
             ),
         ),
     )  # fmt: skip

@@ -47,12 +47,11 @@ def law_sums(aileron: Floats, roll: Floats, p: Floats, step_s: float) -> Floats:
 def law_of(sums: Floats) -> tuple[Law, float]:
     """Return the law of sums (4, 4), and the part of the aileron that it explains.
 
-    Without one, as of a pilot or of commands of other times, its gains are 0.
+    No roll hold flies with a gain of the roll below 0: then the aileron's sign is wrong, or the
+    part is small, as of a pilot or of commands of other times.
     """
     scale = np.sqrt(np.diag(sums)) + 1e-12
     products = sums / np.outer(scale, scale)
     gains = np.linalg.lstsq(products[1:, 1:], products[1:, 0], 1e-9)[0]
     roll, rate, integral = (-gains * scale[0] / scale[1:]).tolist()
-    if not roll > 0.0:
-        return Law(), 0.0
     return Law(roll, rate, integral_gain=integral), float(products[0, 1:] @ gains)

@@ -28,14 +28,16 @@ that explained .48 of a calm flight at 10 Hz made the aircraft unstable, and wn 
 class Search:
     """The fits of sums: ``limit`` is the highest frequency in rad/s.
 
-    ``found_law`` explains a part ``explained`` of the aileron; ``law`` is it, or none.
+    ``found_law`` explains a part ``explained`` of the aileron, both 0 where its gain is below 0;
+    ``law`` is it, or none.
     """
 
     def __init__(self, sums: Sums) -> None:
         seen = sums.n > 0.0
         self._sums, self.limit = sums, float((sums.w[seen] / sums.n[seen])[-1])
         self._pitch = sums.pitch / sums.seconds
-        self.found_law, self.explained = law_of(sums.law)
+        own = law_of(sums.law)
+        self.found_law, self.explained = own if own[0].roll_gain > 0.0 else (Law(), 0.0)
         self.law = self.found_law if self.explained >= LEAST_LAW else Law()
         wide = spectra(sums, WIDE[0], WIDE[1], JOINED)
         self._wide = Band(*wide, sums.speed / sums.seconds, self.law, (np.zeros(0), np.zeros(0)))
