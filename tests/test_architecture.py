@@ -64,6 +64,7 @@ ONLY_IN = {
     "mcap": {
         "sinks/mcap/chunks.py",
         "sinks/mcap/reader.py",
+        "sinks/mcap/records.py",
         "sinks/mcap/torn.py",
     },
     "rerun": {"sinks/rerun/recording.py", "sinks/rerun/blueprint.py"},

@@ -52,8 +52,8 @@ def contents(path: Path) -> dict[str, Any]:
             (channel.topic, m.log_time, m.publish_time, m.sequence, m.data)
             for _, channel, m in reader.iter_messages(log_time_order=False)
         ]
-        # A manoeuvre is written when its fit is ready: among which samples does not matter.
-        messages.sort(key=lambda message: message[0] == "/yawid/manoeuvre")
+        # Only the order on each topic is kept: a manoeuvre ends a chunk when its fit is ready.
+        messages.sort(key=lambda message: message[0])
         metadata = {record.name: dict(record.metadata) for record in reader.iter_metadata()}
         attachments = {record.name: record.data for record in reader.iter_attachments()}
         schemas = [(s.name, s.encoding, s.data) for s in reader.get_summary().schemas.values()]

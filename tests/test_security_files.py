@@ -121,7 +121,7 @@ def test_a_chunk_that_unpacks_to_gigabytes_is_not_unpacked(tmp_path: Path):
     run_limited(
         "from yawid.cli.main import main\n"
         "assert main(['replay', sys.argv[1], '--out', sys.argv[2]]) == 6\n"
-        "from yawid.sinks.mcap.torn import intact\n"
+        "from yawid.sinks.mcap.records import intact\n"
         "assert list(intact(open(sys.argv[1], 'rb'))) == []",
         900,
         tmp_path / "bomb.mcap",

@@ -38,7 +38,7 @@ def test_with_the_travel_in_degrees_no_place_speaks_of_half_travel(in_rad: Path)
     assert run.grid.rudder_unit == "rad"
     units = run.metadata["units"]
     named = {name for name, unit in units.items() if "half" in unit}
-    assert named == {"Sample.u", "Sample.aileron"}  # the aileron's stays
+    assert named == {"Sample.u", "Sample.aileron", "Commands.aileron"}  # the aileron's stays
     assert units["Modes.K"].startswith("rad/s per rad")
     text = Page(Report(run).html()).text
     assert "rad/s per rad" in text

@@ -152,6 +152,8 @@ def read_as_others_do(run: Path) -> dict[str, set[str]]:
 
 
 def fields_of(message: Any, prefix: str = "") -> set[str]:
+    if hasattr(message, "SHAPE"):
+        return set(message.SHAPE["properties"])
     found = set()
     for field in message.DESCRIPTOR.fields:
         found.add(prefix + field.name)

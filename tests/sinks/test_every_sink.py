@@ -59,9 +59,14 @@ def rows_of_recording(path: Path) -> dict[str, list[str]]:
     return found
 
 
+def by_topic(path: Path) -> list[Any]:
+    """What was written; the order is kept on each topic, a flush changes it among topics."""
+    return sorted(raw(path), key=lambda message: message[0])
+
+
 KINDS = {
-    "mcap": Kind(lambda path: McapSink(path, {}), lambda sink, path: raw(path)),
-    "guarded mcap": Kind(open_guarded, lambda sink, path: raw(path)),
+    "mcap": Kind(lambda path: McapSink(path, {}), lambda sink, path: by_topic(path)),
+    "guarded mcap": Kind(open_guarded, lambda sink, path: by_topic(path)),
     "rerun": Kind(
         lambda path: RerunSink("save", name="flight", warn=fail, path=path),
         lambda sink, path: rows_of_recording(path),

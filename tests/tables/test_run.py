@@ -145,10 +145,10 @@ def test_a_long_run_is_read_a_block_at_a_time(mcap: Path, monkeypatch: pytest.Mo
     monkeypatch.setattr(reader, "opened", lambda path: stream)
 
     blocks = found.blocks()
-    next(blocks)
+    first = next(blocks)
 
     assert 0 < stream.tell() < mcap.stat().st_size / 2
-    assert sum(len(block.samples) for block in blocks) == found.rows - 100
+    assert sum(len(block.samples) for block in blocks) == found.rows - len(first.samples)
 
 
 def test_an_unusable_run_says_so_before_any_number_and_nothing_in_it_is_markup(

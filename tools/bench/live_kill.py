@@ -19,7 +19,7 @@ from yawid.estimation.machine.runner import RUNNER
 from yawid.runs.outputs import Outputs
 from yawid.runs.replay import replay
 from yawid.runs.stop import StopFlag
-from yawid.sinks.mcap.torn import intact
+from yawid.sinks.mcap.records import intact
 
 Row = tuple[str, int, bytes]
 
@@ -89,10 +89,11 @@ def rows_left(path: Path) -> list[Row]:
     """Return what :func:`rows` does of a file that was cut off."""
     with path.open("rb") as stream:
         return [
-            (each[1].topic, each[2].publish_time, each[2].data)
-            for each in intact(stream)
-            if not isinstance(each, Metadata)
-            and each[1].topic not in ("/yawid/verdict", "/yawid/log")
+            (channel.topic, message.publish_time, message.data)
+            for part in intact(stream)
+            if not isinstance(part, Metadata)
+            for _, channel, message in part
+            if channel.topic not in ("/yawid/verdict", "/yawid/log")
         ]
 
 

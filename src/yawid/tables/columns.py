@@ -29,8 +29,8 @@ from yawid.quantities.airspeed import name_of
 from yawid.quantities.table import BY_GROUND, CHANNELS, OF_NOISE, RUDDER, YAW_CHANNEL, quantity
 from yawid.quantities.units import unit_of_derivative
 from yawid.sinks.base import Grid, RunRows
-from yawid.sinks.mcap.messages import manoeuvre_fields
-from yawid.sinks.mcap.schemas import MODE_VALUES, TABLE
+from yawid.sinks.mcap.answers import row_of, row_shapes
+from yawid.sinks.mcap.schemas import MODE_VALUES
 from yawid.tables.table import Column
 
 OUTPUTS: Final = {
@@ -40,8 +40,8 @@ OUTPUTS: Final = {
 """The name and the meaning of the model's output, by ``--output``; only the yaw rate is ``r``."""
 _GROUND: Final = -1.0
 """The code that stands for the ground speed among the kinds of airspeed."""
-_TYPES: Final[Mapping[str, type]] = {"double": float, "bool": bool, "fixed32": int}
-"""Python's types for protobuf's numbers; values of all other types become text."""
+_TYPES: Final[Mapping[str, type]] = {"number": float, "boolean": bool, "integer": int}
+"""Python's types for JSON's numbers; values of all other types become text."""
 
 
 class Units:
@@ -211,10 +211,10 @@ def record_columns(rows: RunRows, known: Units, motion: MotionBlock | None = Non
 def manoeuvre_columns(summary: RunSummary, known: Units) -> Iterator[Column]:
     """Yield columns with a row for each manoeuvre: its conditions and its answer."""
     found = summary.manoeuvres or []
-    fields = [manoeuvre_fields(each) for each in found]
-    types = {name: _TYPES.get(kind, object) for name, kind in TABLE["Manoeuvre"]}
+    fields = [row_of(each) for each in found]
+    types = {name: _TYPES.get(shape["type"], object) for name, shape in row_shapes().items()}
     for name in dict.fromkeys(("n", "usable", "reasons", *types)):
-        values = [_one(each[name]) for each in fields]
+        values = [_one(each.get(name)) for each in fields]
         column: Array = np.array(values, types[name])
         yield known.column(name, column) if name != "reasons" else Column(name, column)
         if name == "usable":
@@ -280,7 +280,7 @@ def _kind(code: float) -> str | None:
 
 
 def _one(value: Any) -> Any:
-    """Return a field's value for a cell: names of a list joined by spaces, None for "" or []."""
+    """Return a field's value for a cell: names of a list joined by spaces, None for []."""
     if isinstance(value, list):
         return " ".join(each["id"] if isinstance(each, dict) else each for each in value) or None
-    return None if value == "" else value
+    return value

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -51,9 +53,14 @@ def decoded(path: Path) -> dict[str, list[Any]]:
     with path.open("rb") as stream:
         for schema, channel, message in make_reader(stream, validate_crcs=True).iter_messages():
             assert schema is not None
-            if schema.id not in classes:
+            if schema.id not in classes and schema.encoding == "protobuf":
                 classes[schema.id] = foreign_class(schema)
-            payload = classes[schema.id].FromString(message.data)
+            if channel.message_encoding == "json":
+                assert schema.encoding == "jsonschema"
+                payload: Any = SimpleNamespace(**json.loads(message.data))
+                payload.SHAPE = json.loads(schema.data)
+            else:
+                payload = classes[schema.id].FromString(message.data)
             topics.setdefault(channel.topic, []).append((message, payload))
     return topics
 

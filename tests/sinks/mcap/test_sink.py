@@ -37,11 +37,13 @@ def test_the_way_a_stream_is_cut_into_blocks_does_not_show(
     assert parts.read_bytes() == whole.read_bytes()
 
 
-def test_for_each_sample_the_order_is_sample_estimates_modes(tmp_path: Path) -> None:
-    n = 4
-    topics = [topic for topic, *_ in raw(write_file(tmp_path / "a.mcap", make_blocks(n=n)))]
+def test_the_messages_of_a_topic_are_together_in_each_chunk_of_a_second(tmp_path: Path) -> None:
+    topics = [topic for topic, *_ in raw(write_file(tmp_path / "a.mcap", make_blocks(n=24)))]
     row = ["/yawid/sample", "/yawid/estimate", "/yawid/estimate/rml", "/yawid/modes"]
-    assert topics == ["/yawid/mode", *(row * n), "/yawid/verdict"]
+    first, second = ([topic for topic in row for _ in range(n)] for n in (20, 4))
+    assert topics == [*first, "/yawid/mode", "/yawid/verdict", *second]
+    numbers = [n for topic, *_, n, _ in raw(tmp_path / "a.mcap") if topic == "/yawid/modes"]
+    assert numbers == list(range(24))
 
 
 @pytest.mark.parametrize("edges", [[], list(range(60)), [2, 20, 41]])

@@ -29,9 +29,10 @@ from yawid.errors import SourceError
 from yawid.runs.finished_run import FinishedRun
 from yawid.sinks.base import Done, RunRows
 from yawid.sinks.mcap.reader import open_run
+from yawid.sinks.mcap.records import intact
 from yawid.sinks.mcap.schemas import TOPICS, schema_data
 from yawid.sinks.mcap.sink import McapSink
-from yawid.sinks.mcap.torn import intact, open_torn
+from yawid.sinks.mcap.torn import open_torn
 
 PER_SAMPLE = 4  # messages: sample, two estimates, modes
 WRITER = """
@@ -72,9 +73,10 @@ def left(path: Path) -> list[tuple[str, int, int, int, bytes]]:
     """The messages that are left, as ``raw`` has those of a whole file."""
     with path.open("rb") as stream:
         return [
-            (each[1].topic, each[2].log_time, each[2].publish_time, each[2].sequence, each[2].data)
+            (channel.topic, found.log_time, found.publish_time, found.sequence, found.data)
             for each in intact(stream)
             if not isinstance(each, Metadata)
+            for _, channel, found in each
         ]
 
 

@@ -1,24 +1,32 @@
 """Blocks as protobuf messages and back: which column of a block is which field."""
 
-import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from functools import lru_cache
 from typing import Any, Final
 
 import numpy as np
 
 from yawid.answers.reasons import Verdict
-from yawid.answers.run_summary import Bare, Manoeuvre, Value
-from yawid.blocks import Array, EstimateBlock, Held, Ints, ModesBlock, SampleBlock
+from yawid.blocks import (
+    Array,
+    EstimateBlock,
+    Held,
+    Ints,
+    ModesBlock,
+    MotionBlock,
+    SampleBlock,
+    StampedRows,
+)
 from yawid.quantities.airspeed import Kind
 from yawid.quantities.table import YAW_CHANNEL
 from yawid.sinks.base import LogLevel, RunRows
 from yawid.sinks.mcap.protobuf_rows import RowLayout
 from yawid.sinks.mcap.schemas import (
     ESTIMATE,
-    LATERAL_TABLE,
     MODE_VALUES,
+    MOTION,
     TABLE,
+    TOPICS,
     descriptor,
     message_class,
 )
@@ -40,6 +48,12 @@ def joined(parts: Sequence[RunRows]) -> RunRows:
 
 _SAMPLE: Final = {n: kind for n, kind in TABLE["Sample"] if n in SampleBlock.__slots__}
 """The fields of a sample that have the same name in its block, and their types."""
+_MOTION: Final = {
+    topic: [name for name, _ in TABLE[TOPICS[topic].partition(".")[2]][1:]] for topic in MOTION
+}
+"""The columns of the lateral motion's values, by topic, after ``boot_time``."""
+LARGEST: Final = 1e16
+"""The largest value in a row of motion: a time in us is 1e12 after twelve days."""
 _ESTIMATE: Final = (
     "theta", "theta_std", "y_hat", "innovation", "residual", "noise_std", "status",
 )  # fmt: skip
@@ -128,50 +142,6 @@ def verdict_message(verdict: Verdict) -> bytes:
     return _packed("yawid.Verdict", usable=verdict.usable, reasons=reasons)
 
 
-def manoeuvre_message(found: Manoeuvre) -> bytes:
-    """Return one ``yawid.Manoeuvre``, with the numbers of the answering method."""
-    return _packed("yawid.Manoeuvre", **manoeuvre_fields(found))
-
-
-def lateral_message(n: int, bare: Bare) -> bytes:
-    """Return one ``yawid.Lateral``."""
-    roll, constants = bare.dutch_roll, {"roll_mode_s": bare.roll_mode, "spiral_s": bare.spiral}
-    known: dict[str, Any] = {} if roll is None else dict(roll.to_json())
-    for name, mode in constants.items():
-        if mode is not None:
-            known |= {name: mode.time_constant_s, f"{name}_std": mode.std}
-    for name, value in ((bare.derivatives or {}) | {"servo_lag_s": bare.servo_lag_s}).items():
-        if value is not None:
-            known |= {name: value.value, f"{name}_std": value.std}
-    known |= {"n": n, "usable": bare.verdict.usable, "gust_std_rad": bare.gust_std_rad}
-    known |= {"whiteness_rho1": bare.whiteness_rho1, "airspeed_m_s": bare.airspeed_m_s}
-    known["reasons"] = "; ".join(reason.text for reason in bare.verdict.reasons)
-    names = [name for name, _ in LATERAL_TABLE["Lateral"]]
-    unknown = {name: math.nan for name in names if known.get(name) is None}
-    return _packed("yawid.Lateral", **{name: ({**known, **unknown})[name] for name in names})
-
-
-def manoeuvre_fields(found: Manoeuvre) -> dict[str, Any]:
-    """Return the fields of a ``yawid.Manoeuvre`` in order; unknown ones are NaN or empty."""
-    answer, roll, verdict = found.answer, found.dutch_roll, found.verdict
-    known = found.to_json()
-    if answer is not None:
-        gain = (answer.physics or {}).get("K", Value())
-        rate = answer.yaw_acceleration or Value()
-        known |= {"method": answer.method, "structure": answer.structure}
-        known |= {"K": gain.value, "K_std": gain.std} | answer.fit.to_json()
-        known |= {"yaw_acceleration": rate.value, "yaw_acceleration_std": rate.std}
-    if roll is not None:
-        known |= roll.to_json()
-    known |= {"usable": verdict.usable, "reasons": [each.to_json() for each in verdict.reasons]}
-    missing = {"double": math.nan, "string": ""}
-    fields = {}
-    for name, kind in TABLE["Manoeuvre"]:
-        value = known.get(name)
-        fields[name] = missing[kind] if value is None else value
-    return fields
-
-
 def _packed(full_name: str, **fields: object) -> bytes:
     return message_class(full_name)(**fields).SerializeToString(deterministic=True)
 
@@ -210,3 +180,28 @@ def modes_from(rows: Rows) -> ModesBlock:
         yaw_std=np.column_stack([rows[f"{name}_std"] for name in YAW_CHANNEL]),
         **{name: np.ascontiguousarray(rows[name]) for name in MODE_VALUES},
     )
+
+
+def motion_rows(block: MotionBlock) -> Iterator[tuple[str, Ints, Rows]]:
+    """Yield topic, log times in ns (n,) and messages (n,) of each kind of row in the block."""
+    parts = zip(MOTION, (block.attitude, block.commands, block.acceleration), strict=True)
+    for topic, part in parts:
+        if len(part):
+            rows = _layout(TOPICS[topic]).rows(len(part))
+            rows["boot_time"] = part.t_us / 1e6
+            for name, column in zip(_MOTION[topic], part.values.T, strict=True):
+                rows[name] = column
+            yield topic, part.unix_ns, _one_nan(rows)
+
+
+def motion_from(topic: str, rows: Rows, log_ns: Ints) -> StampedRows:
+    """Return the rows (n,) of a topic that :func:`motion_rows` wrote.
+
+    Raises:
+        ValueError: they hold a value that no run writes.
+    """
+    values = np.column_stack([rows[name] for name in _MOTION[topic]])
+    times = rows["boot_time"]
+    if not (np.abs(times) < LARGEST / 1e6).all() or (np.abs(values) >= LARGEST).any():
+        raise ValueError(f"a value in {topic} is impossible")
+    return StampedRows(np.rint(times * 1e6).astype(np.int64), log_ns, values)

@@ -8,7 +8,7 @@ Measured for ``yawid.Sample``: 0.3 us of CPU per message, instead of 1.2 us by p
 writes messages only one by one.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -73,3 +73,13 @@ class RowLayout:
         # The template is copied as plain bytes: field by field takes longer.
         plain = f"V{self.size}"
         return np.full(n, self.template.view(plain), plain).view(self.dtype)
+
+    def read(self, messages: Sequence[bytes]) -> Array:
+        """Return messages as rows (n,).
+
+        Raises:
+            ValueError: they have another size.
+        """
+        if any(len(message) != self.size for message in messages):
+            raise ValueError("messages of different sizes in a topic")
+        return np.frombuffer(b"".join(messages), self.dtype)

@@ -8,22 +8,18 @@ place.
 """
 
 import math
-import struct
 import tomllib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, BinaryIO, Final, TypeAlias, get_args
+from typing import Any, Final, TypeAlias, get_args
 
 import numpy as np
 from google.protobuf.message import DecodeError
-from google.protobuf.message_factory import GetMessageClass
-from zstandard import ZstdError, frame_content_size
 
-from mcap.exceptions import McapError
-from mcap.reader import McapReader, NonSeekingReader, make_reader
-from mcap.records import Channel, Chunk, Message, Schema
+from mcap.reader import McapReader, make_reader
+from mcap.records import Chunk, Metadata, Schema
 from mcap.stream_reader import StreamReader, get_chunk_data_stream
 from yawid.answers.run_summary import FORM, RunSummary
 from yawid.blocks import Ints, MotionBlock, SampleBlock, Status
@@ -33,39 +29,30 @@ from yawid.errors import SourceError
 from yawid.estimation.polynomials import parameter_names
 from yawid.sinks.base import Grid, LogLevel, LogLine, RunRows
 from yawid.sinks.mcap.chunks import MAGIC
-from yawid.sinks.mcap.messages import Rows, estimate_from, modes_from, samples_from
-from yawid.sinks.mcap.motion_rows import motion_from
+from yawid.sinks.mcap.messages import Rows, estimate_from, modes_from, motion_from, samples_from
 from yawid.sinks.mcap.protobuf_rows import RowLayout
+from yawid.sinks.mcap.records import DAMAGE, intact, is_bomb, opened, records
 from yawid.sinks.mcap.schemas import (
     LOG,
     MODES,
     MOTION,
     SAMPLE,
+    TOPICS,
     descriptor,
     estimate_topics,
-    is_ours,
     message_class,
     schema_data,
 )
 
 BLOCK_ROWS: Final = 8192
 _LOG_LEVELS: Final = dict(enumerate(get_args(LogLevel), start=1)) | {5: "error"}  # 5: fatal
-LARGEST_CHUNK: Final = 64 << 20
-"""The largest unpacked chunk in bytes; yawid writes a chunk for each second."""
-LARGEST_RATIO: Final = 200
-"""The largest ratio of unpacked to packed bytes above a megabyte: Zstandard packs gigabytes of
-zeros into almost nothing, and the library reads every nine of them as a record."""
 LARGEST_SAMPLE: Final = 9e9
 """The largest value in a sample; some are seconds of Unix time and become integers in ns."""
-DAMAGE: Final = (McapError, struct.error, ValueError, ZstdError, MemoryError, OverflowError)
-"""Errors that mcap raises on damaged bytes: its own, short structs, bad text, absurd sizes."""
 # The errors that all libraries in use raise on bytes of another kind than expected.
-_DAMAGE: Final = (*DAMAGE, DecodeError, KeyError, TypeError, OSError)  # OSError: bad offsets
-
-
+_DAMAGE: Final = (*DAMAGE, DecodeError, TypeError, OSError)  # OSError: bad offsets
 _REPLAY: Final = "replay its log again; yawid replay of this file reads what is left of it"
-Waiting: TypeAlias = dict[str, tuple[list[int], list[bytes]]]
-"""Log times and data of messages by topic."""
+Found: TypeAlias = dict[str, tuple[Rows, Ints]]
+"""The rows (n,) of each topic and their log times (n,)."""
 
 
 class DamagedError(SourceError):
@@ -89,6 +76,8 @@ class McapRun:
     rows: int = 0
     has_motion: bool = False
     """Whether the run kept the lateral motion."""
+    is_torn: bool = False
+    """Whether it was cut off or is damaged: only what is before the first bad record is read."""
 
     @property
     def is_of_this_form(self) -> bool:
@@ -114,8 +103,8 @@ class McapRun:
         Raises:
             SourceError: the file is damaged.
         """
-        for rows, unix_ns in self._rows((SAMPLE,)):
-            yield self._samples(rows[0], unix_ns)
+        for found in self._rows(SAMPLE):
+            yield self._samples(found)
 
     def samples_and_motion(self) -> Iterator[SampleBlock | MotionBlock]:
         """Yield the samples, and before them the lateral motion that they need.
@@ -125,14 +114,13 @@ class McapRun:
         Raises:
             SourceError: the file is damaged.
         """
-        waiting: Waiting = {topic: ([], []) for topic in MOTION}
         samples: SampleBlock | None = None
-        for rows, unix_ns in self._rows((SAMPLE,), waiting):
-            yield self._motion(waiting)
+        for found in self._rows(SAMPLE, *MOTION):
+            with _damage_reported(self.path):
+                yield MotionBlock(*(motion_from(topic, *found[topic]) for topic in MOTION))
             if samples is not None:
                 yield samples
-            samples = self._samples(rows[0], unix_ns)
-        yield self._motion(waiting)
+            samples = self._samples(found)
         if samples is not None:
             yield samples
 
@@ -147,12 +135,6 @@ class McapRun:
         found = [each for each in self.samples_and_motion() if isinstance(each, MotionBlock)]
         return MotionBlock.joined(found) if found else None
 
-    def _motion(self, waiting: Waiting) -> MotionBlock:
-        with _damage_reported(self.path):
-            motion = motion_from(waiting)
-        waiting.update({topic: ([], []) for topic in MOTION})
-        return motion
-
     def blocks(self) -> Iterator[RunRows]:
         """Yield samples with their estimates and modes.
 
@@ -160,56 +142,69 @@ class McapRun:
             SourceError: the file is damaged.
         """
         topics = estimate_topics(() if self.grid is None else self.grid.methods)
-        for rows, unix_ns in self._rows((SAMPLE, *topics.values(), MODES)):
-            estimates = {m: estimate_from(r) for m, r in zip(topics, rows[1:-1], strict=True)}
-            yield RunRows(self._samples(rows[0], unix_ns), estimates, modes_from(rows[-1]))
+        for found in self._rows(SAMPLE, *topics.values(), MODES):
+            estimates = {method: estimate_from(found[topic][0]) for method, topic in topics.items()}
+            yield RunRows(self._samples(found), estimates, modes_from(found[MODES][0]))
 
-    def _samples(self, rows: Rows, unix_ns: Ints) -> SampleBlock:
+    def _samples(self, found: Found) -> SampleBlock:
         assert self.grid is not None  # without a grid there are no rows
-        return samples_from(rows, unix_ns, self.grid.sample_time_s)
+        return samples_from(*found[SAMPLE], self.grid.sample_time_s)
 
-    def _messages(
-        self, stream: BinaryIO, topics: list[str]
-    ) -> Iterator[tuple[Schema | None, Channel, Message]]:
-        """Yield the messages of these topics in the order of the file."""
-        # The seeking reader would hold the whole file in memory in this order: a gigabyte for
-        # five hours.
-        reader = NonSeekingReader(stream, validate_crcs=True)
-        return reader.iter_messages(topics, log_time_order=False)
-
-    def _rows(
-        self, topics: tuple[str, ...], others: Waiting | None = None
-    ) -> Iterator[tuple[list[Rows], Ints]]:
-        """Yield equally many messages of each topic, and the log times (n,) of the first topic.
-
-        Messages of ``others`` are added there as they come.
-        """
-        others = {} if others is None else others
+    def _rows(self, *topics: str) -> Iterator[Found]:
+        """Yield the rows of these topics, some chunks at once, and at last all that are left."""
         if self.grid is None:
             return
         layouts: dict[str, RowLayout] = {}
-        waiting: dict[str, list[bytes]] = {topic: [] for topic in topics}
-        log_ns: list[int] = []
+        found: dict[str, list[tuple[int, bytes]]] = {topic: [] for topic in topics}
         with opened(self.path) as stream, _damage_reported(self.path):
-            for schema, channel, message in self._messages(stream, [*topics, *others]):
-                topic = channel.topic
-                if schema is None:
-                    raise ValueError(f"{topic} has no schema")
-                if topic in others:
-                    others[topic][0].append(message.log_time)
-                    others[topic][1].append(message.data)
+            for part in (intact if self.is_torn else records)(stream):
+                if isinstance(part, Metadata):
                     continue
-                if topic not in layouts:
-                    layouts[topic] = _layout(self.path, schema, self.grid.parameters, message.data)
-                if topic == topics[0]:
-                    if len(log_ns) == BLOCK_ROWS:
-                        found = checked(_joined(layouts, waiting), self.grid)
-                        yield found, np.array(log_ns, np.int64)
-                        log_ns = []
-                    log_ns.append(message.log_time)
-                waiting[topic].append(message.data)
-            if log_ns:
-                yield checked(_joined(layouts, waiting), self.grid), np.array(log_ns, np.int64)
+                for schema, channel, message in part:
+                    if (topic := channel.topic) in found:
+                        if topic not in layouts:
+                            layouts[topic] = self._layout(schema, message.data)
+                        found[topic].append((message.log_time, message.data))
+                counts = {len(each) for topic, each in found.items() if topic not in MOTION}
+                if min(counts) >= BLOCK_ROWS and len(counts) == 1:
+                    yield self._taken(layouts, found)
+            yield self._taken(layouts, found)
+
+    def _taken(
+        self, layouts: Mapping[str, RowLayout], messages: dict[str, list[tuple[int, bytes]]]
+    ) -> Found:
+        """Return the rows of the messages, which are no longer kept.
+
+        Raises:
+            ValueError: they are not as a run writes them.
+        """
+        assert self.grid is not None
+        found = {}
+        for topic, each in messages.items():
+            layout = layouts.get(topic) or RowLayout(descriptor(TOPICS[topic]), {"u": 1})
+            times = np.array([time for time, _ in each], np.int64)
+            found[topic] = layout.read([data for _, data in each]), times
+            each.clear()
+        check(found, self.grid)
+        return found
+
+    def _layout(self, schema: Schema, first: bytes) -> RowLayout:
+        """Return the layout of a topic's rows; ``first`` is its first message.
+
+        Repeated fields have the length that they have in the first message.
+
+        Raises:
+            SourceError: the file's schema is not that of this version.
+        """
+        parameters = () if self.grid is None else self.grid.parameters
+        if schema.data != schema_data(schema.name, parameters):
+            raise SourceError(
+                f"{self.path}: {schema.name} is of another version of yawid: replay the log itself"
+            )
+        message: Any = message_class(schema.name, parameters).FromString(first)
+        repeated = [each.name for each in message.DESCRIPTOR.fields if each.is_repeated]
+        lengths = {name: len(getattr(message, name)) for name in repeated}
+        return RowLayout(message.DESCRIPTOR, lengths)
 
 
 def open_run(path: Path) -> McapRun:
@@ -288,57 +283,6 @@ def _damage_reported(path: Path) -> Iterator[None]:
         ) from error
 
 
-def opened(path: Path) -> BinaryIO:
-    """Open a file for reading.
-
-    Raises:
-        SourceError: it cannot be read.
-    """
-    try:
-        return path.open("rb")
-    except OSError as error:
-        raise SourceError(f"cannot read {path}: {error.strerror}") from error
-
-
-def _layout(path: Path, schema: Schema, parameters: tuple[str, ...], first: bytes) -> RowLayout:
-    """Return the layout of a topic's rows; ``first`` is its first message.
-
-    Repeated fields have the length that they have in the first message.
-
-    Raises:
-        SourceError: the file's schema is not that of this version.
-    """
-    if schema.data != schema_data(schema.name, parameters):
-        raise SourceError(
-            f"{path}: {schema.name} is of another version of yawid: replay the log itself"
-        )
-    known = descriptor(schema.name, parameters)
-    message: Any = GetMessageClass(known)().FromString(first)
-    lengths = {
-        each.name: len(getattr(message, each.name)) for each in known.fields if each.is_repeated
-    }
-    return RowLayout(known, lengths)
-
-
-def _joined(layouts: Mapping[str, RowLayout], waiting: dict[str, list[bytes]]) -> list[Rows]:
-    """Return the rows (n,) of each topic and empty the lists of messages.
-
-    Raises:
-        ValueError: the topics differ in their number of messages, or those of one in size.
-    """
-    counts = {len(messages) for messages in waiting.values()}
-    if len(counts) != 1:
-        raise ValueError("some of its samples lack their estimates")
-    rows = []
-    for topic, messages in waiting.items():
-        layout = layouts[topic]
-        if any(len(message) != layout.size for message in messages):
-            raise ValueError(f"messages of different sizes in {topic}")
-        rows.append(np.frombuffer(b"".join(messages), layout.dtype))
-        messages.clear()
-    return rows
-
-
 def _log_lines(reader: McapReader) -> Iterator[LogLine]:
     for _, _, message in reader.iter_messages([LOG]):
         line: Any = message_class("foxglove.Log").FromString(message.data)
@@ -349,23 +293,13 @@ def _log_lines(reader: McapReader) -> Iterator[LogLine]:
 
 
 def _contents(reader: McapReader) -> tuple[int, bool]:
-    """Return the number of samples, and whether motion is there.
-
-    Motion is attitudes and commands as this version writes them.
-    """
+    """Return the number of samples, and whether motion, attitudes and commands, is there."""
     summary = reader.get_summary()
     if summary is None:
         return 0, False
     counts = {} if summary.statistics is None else summary.statistics.channel_message_counts
     rows = sum(counts.get(i, 0) for i, c in summary.channels.items() if c.topic == SAMPLE)
-    found = set()
-    for channel in summary.channels.values():
-        schema = summary.schemas.get(channel.schema_id)
-        if channel.topic in MOTION and schema is not None:
-            found.add(channel.topic)
-            if not is_ours(schema.name, schema.data):
-                raise ValueError(f"{channel.topic} was written by another version of yawid")
-    return rows, set(MOTION[:2]) <= found
+    return rows, set(MOTION[:2]) <= {channel.topic for channel in summary.channels.values()}
 
 
 def read_config(data: bytes | None) -> RunConfig:
@@ -408,36 +342,26 @@ def read_grid(record: Mapping[str, str] | None, config: RunConfig) -> Grid | Non
     return grid
 
 
-def checked(found: list[Rows], grid: Grid) -> list[Rows]:
-    """Check the rows (n,) of several topics, the samples first, and return them.
+def check(found: Found, grid: Grid) -> None:
+    """Check the rows of samples, and of estimates and modes if they are there.
 
     Raises:
         ValueError: their columns are not those of the grid, or they hold values no run writes.
     """
-    p = len(grid.parameters)
+    p, samples = len(grid.parameters), found[SAMPLE][0]
     widths = {"u": len(grid.inputs), "theta": p, "theta_std": p}
-    for rows in found:
+    for rows in (
+        rows for topic, (rows, _) in found.items() if topic not in MOTION and len(samples)
+    ):
         names = set(rows.dtype.names or ())
+        if len(rows) != len(samples):
+            raise ValueError("some of its samples lack their estimates")
         if any(rows[name].shape[1] != widths[name] for name in widths.keys() & names):
             raise ValueError("a message has other columns than the grid says")
         if "status" in names and rows["status"].max() > max(Status):
             raise ValueError("an estimator has an unknown status")
-    samples = found[0]
     for name in samples.dtype.names or ():
         if samples[name].dtype.kind == "f":
             sound = np.abs(samples[name]) < LARGEST_SAMPLE
             if not np.all(sound if name.endswith("_time") else sound | np.isnan(samples[name])):
                 raise ValueError(f"{name} of a sample is impossible")
-    return found
-
-
-def is_bomb(chunk: Chunk) -> bool:
-    """Return whether a chunk unpacks to far more than its size, as one made to attack a reader.
-
-    Raises:
-        ZstdError: its content is not a Zstandard frame.
-    """
-    unpacked = chunk.uncompressed_size
-    if chunk.compression == "zstd":
-        unpacked = max(unpacked, frame_content_size(chunk.data))
-    return unpacked > min(LARGEST_CHUNK, max(1 << 20, LARGEST_RATIO * len(chunk.data)))

@@ -1,12 +1,13 @@
-"""The MCAP sink: samples, estimates and modes as protobuf, in chunks of a second at most."""
+"""The MCAP sink: samples and estimates as protobuf, answers as JSON, in chunks of a second."""
 
 import contextlib
 import json
+import math
+from collections import defaultdict
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict
-from itertools import pairwise
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -26,32 +27,34 @@ from yawid.sinks.base import (
     RunRows,
     Sink,
 )
+from yawid.sinks.mcap.answers import (
+    FLIGHT,
+    LATERAL,
+    MANOEUVRE,
+    NAMES,
+    ORDINARY,
+    row_of,
+    schema_of,
+)
 from yawid.sinks.mcap.chunks import ChunkWriter, Topic
 from yawid.sinks.mcap.messages import (
     estimate_rows,
     joined,
-    lateral_message,
     log_message,
-    manoeuvre_message,
     mode_message,
     modes_rows,
+    motion_rows,
     sample_rows,
     verdict_message,
 )
-from yawid.sinks.mcap.motion_rows import motion_messages
 from yawid.sinks.mcap.schemas import (
-    FLIGHT,
-    LATERAL,
     LOG,
-    MANOEUVRE,
+    MODE,
     MODES,
-    MOTION_TABLE,
-    ORDINARY_TOPIC,
     SAMPLE,
     TOPICS,
     VERDICT,
     estimate_topics,
-    ordinary_schema,
     schema_data,
     units,
 )
@@ -65,7 +68,7 @@ FLUSH_S: Final = 0.5
 at most 1 s."""
 _MOST_WAITING: Final = 64
 _MOST_MOTION: Final = 100_000
-"""The most rows of lateral motion that wait for samples."""
+"""The most rows of a kind of lateral motion that wait for samples."""
 _END_NS: Final = 2**63 - 1
 _MEDIA_TYPES: Final = {
     ".json": "application/json",
@@ -94,10 +97,9 @@ class McapSink(Sink):
 
     ``path`` may be changed before the end. ``metadata`` becomes one record per name; a text gets
     the key ``text``. ``log_time`` is the vehicle's time mapped to Unix time and never decreases on
-    a topic; ``publish_time`` is the receive stamp. The order in the file is, for each sample:
-    flight mode where it has changed, sample, estimates, modes; lateral motion comes before the
-    samples of the same second. A manoeuvre comes where it was
-    reported, after samples that are newer. ``disk`` brings flushed data to the disk.
+    a topic; ``publish_time`` is the receive stamp. Within a chunk the messages of a topic are
+    together; lateral motion is not after the chunk of the samples of its time. An answer comes
+    where it was reported, after samples that are newer. ``disk`` brings flushed data to the disk.
 
     Raises:
         SinkError: the file exists and ``force`` is not set, or it cannot be written.
@@ -118,16 +120,13 @@ class McapSink(Sink):
         self._pace = Pace(FLUSH_S)
         self._schemas: dict[str, int] = {}
         self._records: set[str] = set()
-        self._mode: float | None = None
+        self._mode = math.nan
         self._parameters: tuple[str, ...] = ()
-        self._estimate_channels: dict[str, int] = {}
-        self._answers: dict[str, tuple[int, int]] = {}  # by topic: its channel, its newest time
-        self._sample_ns = self._log_ns = self._rows = 0
+        self._channels: dict[str, int] = {}
+        self._newest_ns: dict[str, int] = defaultdict(int)  # by topic
         self._waiting: list[RunRows] = []
-        self._motion: dict[str, tuple[Ints, Array]] = {}
-        self._motion_channels: dict[str, int] = {}
-        self._motion_rows: dict[str, int] = {}
-        self._writer = ChunkWriter(self._stream, path.parent, CHUNK_NS)
+        self._motion: dict[str, list[tuple[Ints, Array]]] = {}
+        self._writer = ChunkWriter(self._stream, CHUNK_NS)
         try:
             self._open(metadata)
         except SinkError:
@@ -148,11 +147,9 @@ class McapSink(Sink):
             case LogLine():
                 self._log(event)
             case Found():
-                message = manoeuvre_message(event.manoeuvre)
-                self._add_answer(MANOEUVRE, event.span_ns[1], message)
+                self._add_answer(MANOEUVRE, event.span_ns[1], row_of(event.manoeuvre))
             case FoundBare():
-                message = lateral_message(event.n, event.bare)
-                self._add_answer(LATERAL, event.span_ns[1], message)
+                self._add_answer(LATERAL, event.span_ns[1], event.bare.to_json())
             case Done():
                 self._finish(event.summary, event.attachments)
             case Abort():
@@ -171,131 +168,80 @@ class McapSink(Sink):
         with os_errors_as_sink_error(self._part):
             self._add_record("units", units(grid.rudder_unit))
             self._add_record("grid", record)
-            self._sample_channel = self._channel(SAMPLE, names)
+            self._channel(SAMPLE, names)
             for method, topic in estimate_topics(grid.methods).items():
-                self._estimate_channels[method] = self._channel(
-                    topic, {"method": method} | parameters
-                )
-            self._modes_channel = self._channel(MODES, {"method": grid.methods[0]})
-            self._mode_channel = self._channel("/yawid/mode")
+                self._channel(topic, {"method": method} | parameters)
+            self._channel(MODES, {"method": grid.methods[0]})
             self._stream.flush()
 
     def _write(self, rows: RunRows) -> None:
-        """Add rows, which wait until they fill a chunk."""
+        """Add rows, which wait for a second or for each other: many take the time of one."""
         self._waiting.append(rows)
-        span_ns = self._waiting[0].samples.unix_ns[0], rows.samples.unix_ns[-1]
-        if self._writer.would_end(*span_ns) or len(self._waiting) == _MOST_WAITING:
+        span_ns = rows.samples.unix_ns[-1] - self._waiting[0].samples.unix_ns[0]
+        if span_ns >= CHUNK_NS or len(self._waiting) == _MOST_WAITING:
             self._write_waiting()
 
-    def _write_waiting(self) -> None:
-        """Write the rows that wait: a hundred rows take the same time as one."""
-        if not self._waiting:
-            return
-        samples, estimates, modes = joined(self._waiting)
-        self._waiting = []
-        topics = [
-            Topic(self._sample_channel, sample_rows(samples, self._grid.inputs)),
-            *(
-                Topic(
-                    self._estimate_channels[method],
-                    estimate_rows(samples, estimate, self._parameters),
-                )
-                for method, estimate in estimates.items()
-            ),
-            Topic(self._modes_channel, modes_rows(samples, modes)),
-        ]
-        log_ns = np.maximum.accumulate(np.maximum(samples.unix_ns, self._sample_ns))
-        publish_ns = np.maximum(samples.received_us, 0) * 1000
-        with os_errors_as_sink_error(self._part):
-            for rows in self._parted(samples, log_ns):
-                part = [Topic(topic.channel, topic.rows[rows]) for topic in topics]
-                first = self._rows + rows.start
-                self._writer.add_rows(part, log_ns[rows], publish_ns[rows], first)
-        self._rows += len(samples)
-        self._sample_ns = int(log_ns[-1])
-
     def _move(self, block: MotionBlock) -> None:
-        """Add motion, which is written before the samples it is for.
+        """Add motion, which waits for the samples of its time."""
+        for topic, *new in motion_rows(block):
+            self._motion.setdefault(topic, []).append((new[0], new[1]))
+        if any(sum(len(n) for n, _ in parts) > _MOST_MOTION for parts in self._motion.values()):
+            self._write_waiting(_END_NS)
 
-        The first motion adds the channels: a file without motion does not have them.
-        """
+    def _write_waiting(self, until_ns: int = 0) -> None:
+        """Write the rows that wait, and the motion up to them or to ``until_ns``."""
+        topics: list[Topic] = []
         with os_errors_as_sink_error(self._part):
-            self._add_record("motion_units", units(self._grid.rudder_unit, MOTION_TABLE))
-            for topic, *new in motion_messages(block):
-                if topic not in self._motion_channels:
-                    self._motion_channels[topic] = self._channel(topic)
-                before = self._motion.get(topic)
-                if before is not None:
-                    new = [np.concatenate(each) for each in zip(before, new, strict=True)]
-                self._motion[topic] = new[0], new[1]
-            if any(len(rows) > _MOST_MOTION for _, rows in self._motion.values()):
-                self._write_motion()
+            if self._waiting:
+                samples, estimates, modes = joined(self._waiting)
+                self._waiting = []
+                log_ns = np.maximum.accumulate(np.maximum(samples.unix_ns, self._newest_ns[SAMPLE]))
+                until_ns = max(until_ns, int(log_ns[-1]))
+                self._newest_ns[SAMPLE] = int(log_ns[-1])
+                rows = {SAMPLE: sample_rows(samples, self._grid.inputs)}
+                for method, topic in estimate_topics(self._grid.methods).items():
+                    rows[topic] = estimate_rows(samples, estimates[method], self._parameters)
+                rows[MODES] = modes_rows(samples, modes)
+                stamp_ns = np.maximum(samples.received_us, 0) * 1000
+                for topic, found in rows.items():
+                    topics.append(Topic(self._channel(topic), log_ns, stamp_ns, found))
+                topics += self._mode_changes(samples, log_ns)
+            motion, self._motion = self._motion, {}
+            for topic, parts in motion.items():
+                log_ns, rows_ = (np.concatenate(each) for each in zip(*parts, strict=True))
+                count = int(log_ns.searchsorted(until_ns, "right"))
+                topics.append(Topic(self._channel(topic), log_ns, log_ns, rows_).part(slice(count)))
+                self._motion[topic] = [(log_ns[count:], rows_[count:])]
+            self._writer.add_rows(topics)
 
-    def _write_motion(self, until_ns: int = _END_NS) -> None:
-        """Write the motion that waits, up to a log time."""
-        waiting, self._motion = self._motion, {}
-        for topic, (log_ns, rows) in waiting.items():
-            first = self._motion_rows.get(topic, 0)
-            count = int(log_ns.searchsorted(until_ns, "right"))
-            if count:
-                now = Topic(self._motion_channels[topic], rows[:count])
-                self._writer.add_rows([now], log_ns[:count], log_ns[:count], first)
-                self._motion_rows[topic] = first + count
-            if count < len(rows):
-                self._motion[topic] = log_ns[count:], rows[count:]
-
-    def _parted(self, samples: SampleBlock, log_ns: Ints) -> Iterator[slice]:
-        """Write what comes before samples; yield the rows up to the next such place."""
-        for rows in self._named_modes(samples, log_ns):
-            first = rows.start
-            while self._motion and first < rows.stop:
-                stop = int(log_ns.searchsorted(log_ns[first] + CHUNK_NS))
-                stop = min(max(stop, first + 1), rows.stop)
-                self._write_motion(int(log_ns[stop - 1]))
-                yield slice(first, stop)
-                first = stop
-            if first < rows.stop:
-                yield slice(first, rows.stop)
-
-    def _named_modes(self, samples: SampleBlock, log_ns: Ints) -> Iterator[slice]:
-        """Write each change of flight mode; yield the rows from each change to the next."""
+    def _mode_changes(self, samples: SampleBlock, log_ns: Ints) -> Iterator[Topic]:
+        """Yield a message for each change of flight mode."""
         known = np.nan_to_num(samples.mode, nan=-1.0)  # NaN would be a change at every row
-        before = np.concatenate([[known[0] if self._mode is None else self._mode], known[:-1]])
-        changed = known != before
-        changed[0] |= self._mode is None
-        starts = np.flatnonzero(changed).tolist()
-        if not changed[0]:
-            yield slice(0, starts[0] if starts else len(known))
-        for row, stop in pairwise([*starts, len(known)]):
-            boot_s, mode = samples.boot_us[row] / 1e6, float(samples.mode[row])
-            message = mode_message(boot_s, mode, self._grid.mode_name(mode))
-            now_ns = int(log_ns[row])
-            if self._writer.would_end(now_ns, now_ns):
-                self._writer.end_chunk()
-            self._writer.add_message(self._mode_channel, now_ns, message)
-            yield slice(row, stop)
+        changed = known != np.concatenate([[self._mode], known[:-1]])
         self._mode = float(known[-1])
+        for row in np.flatnonzero(changed).tolist():
+            boot_s, mode = samples.boot_us[row] / 1e6, float(samples.mode[row])
+            data = mode_message(boot_s, mode, self._grid.mode_name(mode))
+            times = log_ns[row : row + 1]
+            yield Topic(self._channel(MODE), times, times, np.frombuffer(data, f"V{len(data)}"))
 
-    def _add_answer(self, topic: str, last_ns: int, message: bytes) -> None:
-        """Add an answer; ``log_time`` is that of its last sample.
-
-        The first one adds the channel: a file without manoeuvres does not have it.
-        """
+    def _add_answer(self, topic: str, last_ns: int, answer: dict[str, Any]) -> None:
+        """Add an answer; ``log_time`` is that of its last sample."""
+        self._newest_ns[topic] = max(last_ns, self._newest_ns[topic])
         self._write_waiting()
         with os_errors_as_sink_error(self._part):
-            channel, newest_ns = self._answers.get(topic) or (self._channel(topic), 0)
-            self._answers[topic] = channel, max(last_ns, newest_ns)
             # It has its own chunk: one shared with samples would reach back by seconds.
             self._writer.end_chunk()
-            self._writer.add_message(channel, self._answers[topic][1], message)
+            data = json.dumps(answer).encode()
+            self._writer.add_message(self._channel(topic), self._newest_ns[topic], data)
             self._writer.end_chunk()
 
     def _log(self, line: LogLine) -> None:
-        self._log_ns = max(line.unix_ns, self._log_ns)
+        self._newest_ns[LOG] = max(line.unix_ns, self._newest_ns[LOG])
         self._write_waiting()
         with os_errors_as_sink_error(self._part):
             message = log_message(line.unix_ns, line.level, line.text)
-            self._writer.add_message(self._log_channel, self._log_ns, message)
+            self._writer.add_message(self._channel(LOG), self._newest_ns[LOG], message)
 
     def _flush(self) -> None:
         if self._pace.due():
@@ -306,22 +252,16 @@ class McapSink(Sink):
 
     def _finish(self, summary: RunSummary, attachments: Mapping[str, bytes]) -> None:
         """Write verdict, origin and attachments, then rename."""
-        self._write_waiting()
-        last_ns = max(self._sample_ns, self._log_ns)
+        self._write_waiting(_END_NS)
+        last_ns = max(self._newest_ns[SAMPLE], self._newest_ns[LOG])
         with os_errors_as_sink_error(self._part):
-            self._write_motion()
             if summary.verdict is not None:
                 verdict = verdict_message(summary.verdict)
-                self._writer.add_message(self._verdict_channel, last_ns, verdict)
+                self._writer.add_message(self._channel(VERDICT), last_ns, verdict)
             if summary.flight is not None:
-                verdict = verdict_message(summary.flight.verdict)
-                self._writer.add_message(self._channel(FLIGHT), last_ns, verdict)
+                self._add_answer(FLIGHT, last_ns, row_of(summary.flight))
             if summary.ordinary is not None:
-                schema = "yawid.Ordinary", "jsonschema", ordinary_schema()
-                number = self._writer.register_schema(*schema)
-                channel = self._writer.register_channel(ORDINARY_TOPIC, "json", number, {})
-                data = json.dumps(summary.ordinary.to_json()).encode()
-                self._writer.add_message(channel, last_ns, data)
+                self._add_answer(ORDINARY, last_ns, summary.ordinary.to_json())
             self._add_record("source", summary.own_source.to_json())
             objects = summary.to_json()
             for name in ("vehicle", "channels", "link"):
@@ -330,7 +270,6 @@ class McapSink(Sink):
                 media_type = _MEDIA_TYPES.get(Path(name).suffix, "application/octet-stream")
                 self._writer.add_attachment(last_ns, name, media_type, data)
             self._writer.finish()
-            self._writer.close()
             self._disk.sync_now(self._stream)
         self._file.take_name(self.path)
 
@@ -338,12 +277,9 @@ class McapSink(Sink):
         # The error that led to this call has been reported already.
         if not self._stream.closed:
             with contextlib.suppress(OSError, SinkError):
-                self._write_waiting()
-                self._write_motion()
+                self._write_waiting(_END_NS)
             with contextlib.suppress(OSError):
                 self._writer.finish()
-        with contextlib.suppress(OSError):
-            self._writer.close()
 
     def _open(self, metadata: Mapping[str, str | Mapping[str, object]]) -> None:
         with os_errors_as_sink_error(self._part):
@@ -351,19 +287,26 @@ class McapSink(Sink):
             self._add_record("answers", {"form": FORM})
             for name, value in metadata.items():
                 self._add_record(name, value)
-            self._log_channel = self._channel(LOG)
-            self._verdict_channel = self._channel(VERDICT)
+            for topic in (LOG, VERDICT):
+                self._channel(topic)
             self._stream.flush()
 
     def _channel(self, topic: str, metadata: Mapping[str, str] | None = None) -> int:
-        schema = TOPICS[topic]
-        if schema not in self._schemas:
-            self._schemas[schema] = self._writer.register_schema(
-                schema, "protobuf", schema_data(schema, self._parameters)
+        """Return the number of a topic's channel, which is written before its first message."""
+        if topic not in self._channels:
+            if topic in NAMES:
+                name, kind = NAMES[topic], "json"
+                schema = name, "jsonschema", schema_of(topic)
+            else:
+                name, kind = TOPICS[topic], "protobuf"
+                schema = name, kind, schema_data(name, self._parameters)
+            if name not in self._schemas:
+                self._schemas[name] = self._writer.register_schema(*schema)
+            number = self._schemas[name]
+            self._channels[topic] = self._writer.register_channel(
+                topic, kind, number, metadata or {}
             )
-        return self._writer.register_channel(
-            topic, "protobuf", self._schemas[schema], metadata or {}
-        )
+        return self._channels[topic]
 
     def _add_record(self, name: str, value: str | Mapping[str, object]) -> None:
         """Write a metadata record, unless it is empty or its name has been written already."""
