@@ -114,7 +114,7 @@ def test_the_summary_has_the_boots_only_where_there_are_several(log: Path, tmp_p
         (["--from", "100", "--to", "200"], "--from 100 --to 200 is outside"),
         (["--from", "200", "--boot", "3"], "--from 200 is outside"),
         (["--boot", "4"], "--boot 4 is not in the log, which holds 3 boots: boot 1 from 300.0 to"),
-        (["--boot", "0"], "--boot must be at least 1"),
+        (["--boot", "0"], "--boot must be a whole number from 1"),
     ],
 )
 @pytest.mark.parametrize("command", ["replay", "inspect", "orders"])

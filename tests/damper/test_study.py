@@ -286,8 +286,8 @@ def test_the_command_prints_a_table_json_and_a_page(tmp_path: Path, capsys) -> N
 @pytest.mark.parametrize(
     ("given", "says"),
     [
-        ("--param=SCALING_SPED=15", "no damper reads a parameter 'SCALING_SPED'"),
-        ("--param=SCALING_SPEED", "must be NAME=VALUE, got 'SCALING_SPEED'"),
+        ("--param=SCALING_SPED=15", "there is no 'SCALING_SPED'; did you mean SCALING_SPEED?"),
+        ("--param=SCALING_SPEED", "SCALING_SPEED must be a number, got ''"),
         ("--airspeed=15", "must be LO,HI in m/s, got '15'"),
     ],
 )

@@ -97,7 +97,7 @@ def test_each_option_is_a_keyword_with_a_type() -> None:
     ("left_out", "given", "said", "but_not"),
     [
         ("", {"rudder_is": "held"}, "rudder_is must be one of", "--"),
-        ("", {"from_s": 5, "to_s": 3}, "from_s 5 must lie before to_s 3", "--from"),
+        ("", {"from_s": 5, "to_s": 3}, "from_s 5.0 must lie before to_s 3.0", "--from"),
         ("", {"columns": {"p": "P"}}, "columns p=P: no column is called P in the dict", "/tmp"),
         ("r [rad/s]", {}, 'the dict: no column is r .*: name it by columns="r=COLUMN"', "--"),
     ],

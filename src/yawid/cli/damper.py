@@ -1,16 +1,22 @@
 """The command ``yawid damper``: which gain of the yaw damper gives which damping."""
 
 import argparse
+from collections import ChainMap
+from functools import partial
 from pathlib import Path
+from typing import Annotated
 
-from yawid.cli.options import Command, choice
+from yawid.cli.options import Command, choice, numbers
 from yawid.cli.standard_streams import hush
-from yawid.errors import ConfigError
 from yawid.sinks.door import print_answer, say
 
 
 def add_damper(command: Command) -> None:
     """Give the command its arguments and options."""
+    from msgspec import Meta
+
+    from yawid.damper.autopilots import READ
+
     command.shape(
         "RUN|LOG",
         "yawid damper flight.mcap\nyawid damper flight.tlog --airspeed 15,25 -o page.html",
@@ -21,11 +27,12 @@ def add_damper(command: Command) -> None:
     text = "the damping ratio aimed at (default: 0.3 to 0.4)"
     command.option("--aim", type=float, metavar="ZETA", help=text)
     text = "airspeeds in m/s (default: those flown)"
-    command.option("--airspeed", type=_pair, metavar="LO,HI", help=text)
+    airspeeds = Annotated[tuple[float, float], Meta(description="be LO,HI in m/s")]
+    command.option("--airspeed", type=airspeeds, metavar="LO,HI", help=text)
     text = "whose damper (default: the log's)"
     command.option("--autopilot", **choice("ardupilot", "px4"), help=text)
     command.option(
-        "--param", type=_parameter, action="append", default=[], metavar="NAME=VALUE",
+        "--param", type=partial(numbers, READ), action="append", default=[], metavar="NAME=VALUE",
         help="a parameter of the autopilot that is not in the log; may be repeated",
     )  # fmt: skip
     command.flag("--json", "print one JSON object")
@@ -33,38 +40,13 @@ def add_damper(command: Command) -> None:
     command.flag("--force", "overwrite a page that exists")
 
 
-def _pair(text: str) -> tuple[float, float]:
-    try:
-        low, high = (float(part) for part in text.split(","))
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"must be LO,HI in m/s, got {text!r}") from None
-    return low, high
-
-
-def _parameter(text: str) -> tuple[str, float]:
-    from yawid.damper.autopilots import READ
-
-    name, _, value = text.partition("=")
-    if (name := name.strip()) not in READ:
-        raise argparse.ArgumentTypeError(
-            f"no damper reads a parameter {name!r}; these are read: {', '.join(READ)}"
-        )
-    try:
-        return name, float(value)
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"must be NAME=VALUE, got {text!r}") from None
-
-
 def _damper(arguments: argparse.Namespace) -> int:
     from yawid.damper.study import Asked, study
     from yawid.sinks.damper_table import print_damper
     from yawid.tables.replay import run_of
 
-    if arguments.out is not None and arguments.out.suffix != ".html":
-        raise ConfigError(f"--out {arguments.out}: the name must end in .html")
-    asked = Asked(
-        arguments.aim, arguments.autopilot, arguments.airspeed, dict(arguments.param)
-    )  # fmt: skip
+    given = dict(ChainMap(*reversed(arguments.param)))  # of a parameter the last one counts
+    asked = Asked(arguments.aim, arguments.autopilot, arguments.airspeed, given)
     found = study(run_of(arguments.log).facts, asked)
     print_answer(found.report, print_damper, as_json=arguments.json)
     if arguments.out is not None and found.predicted is None:

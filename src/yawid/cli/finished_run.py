@@ -2,12 +2,13 @@
 
 import argparse
 import sys
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from yawid.cli.options import Command, choice
+from yawid.cli.options import Command, choice, numbers
 from yawid.cli.standard_streams import hush
-from yawid.errors import ConfigError, did_you_mean
+from yawid.errors import ConfigError
 from yawid.sinks.door import print_line, say
 
 WHAT = ("samples", "manoeuvres", "modes", "model")
@@ -22,11 +23,14 @@ def add_view(command: Command) -> None:
     examples = (
         "yawid view yawid-out/flight.mcap\nyawid view yawid-out/flight.mcap --save flight.rrd"
     )
+    from yawid.config.fields import like
+
     command.shape("RUN.mcap", examples, _view)
     command.option("mcap", metavar="RUN.mcap", type=Path, help="the file of a finished run")
     command.option("--save", type=Path, metavar="X.rrd", help="write a recording instead")
     text = "send it to a viewer: rerun+http://HOST:PORT/proxy"
-    command.option("--to", metavar="URL", help=text)
+    viewer = like(r"rerun\+http.*", "be rerun+http://HOST:PORT/proxy")
+    command.option("--to", type=viewer, metavar="URL", help=text)
     command.flag("--force", "overwrite a recording that exists")
 
 
@@ -42,6 +46,8 @@ def add_report(command: Command) -> None:
 
 def add_export(command: Command) -> None:
     """Give the command its arguments and options."""
+    from yawid.config.fields import like
+
     command.shape(
         "RUN|LOG",
         "yawid export yawid-out/flight.mcap\nyawid export flight.mcap -o flight.csv --force\n"
@@ -53,46 +59,26 @@ def add_export(command: Command) -> None:
     text = "what is written (default: samples)"
     command.option("--what", **choice(*WHAT), default="samples", help=text)
     text = "whose model: the flight's, the bare airframe's, or manoeuvre N's (default: flight)"
-    command.option("--of", default="flight", metavar="flight|bare|N", help=text)
+    which = like(r"flight|bare|\d+", "be flight, bare or the number of a manoeuvre")
+    command.option("--of", type=which, default="flight", metavar="flight|bare|N", help=text)
     command.option(
         "-o", "--out", type=Path, metavar="OUT.parquet|.csv|.npz|.json|.mat|.xml",
         help="(default: next to RUN or LOG, Parquet or JSON); a model: .json, .mat, .xml (JSBSim)",
     )  # fmt: skip
     command.option(
-        "--aircraft", type=_aircraft, metavar="NAME=VALUE,...", rare=True,
-        default=dict.fromkeys(OF_AIRCRAFT),
+        "--aircraft", type=partial(numbers, OF_AIRCRAFT), metavar="NAME=VALUE,...", rare=True,
+        default={},
         help=f"for .xml: {', '.join(OF_AIRCRAFT)} in kg, m and deg; ixz is the integral of x z "
         "(density: the standard atmosphere's at the altitude flown)",
     )  # fmt: skip
     command.flag("--force", "overwrite a file that exists")
 
 
-def _aircraft(text: str) -> dict[str, float | None]:
-    given: dict[str, float | None] = dict.fromkeys(OF_AIRCRAFT)
-    for each in text.split(","):
-        name, _, value = each.partition("=")
-        if name not in given:
-            near = did_you_mean(name, OF_AIRCRAFT) or f"; known are {', '.join(OF_AIRCRAFT)}"
-            raise argparse.ArgumentTypeError(f"there is no {name!r}{near}")
-        try:
-            given[name] = float(value)
-        except ValueError:
-            raise argparse.ArgumentTypeError(f"{name} must be a number, got {value!r}") from None
-    return given
-
-
 def _view(arguments: argparse.Namespace) -> int:
     from yawid.runs.view import view
 
-    if arguments.save is not None and arguments.save.suffix.lower() != ".rrd":
-        raise ConfigError(
-            f"--save writes a Rerun recording, whose name ends with .rrd, got {arguments.save}; a "
-            "table is written by yawid export, a page by yawid report"
-        )
     if arguments.save is not None and arguments.to is not None:
         raise ConfigError("give --save or --to, not both")
-    if arguments.to is not None and not arguments.to.startswith("rerun+http"):
-        raise ConfigError(f"--to must be rerun+http://HOST:PORT/proxy, got {arguments.to!r}")
     view(arguments.mcap, arguments.save, arguments.to or "spawn", force=arguments.force)
     if arguments.save is not None:
         print_line(str(arguments.save.absolute()))
@@ -100,11 +86,6 @@ def _view(arguments: argparse.Namespace) -> int:
 
 
 def _report(arguments: argparse.Namespace) -> int:
-    if arguments.out is not None and arguments.out.suffix.lower() not in (".html", ".htm"):
-        raise ConfigError(
-            f"a report is one HTML file: --out must end with .html, got {arguments.out}; a browser "
-            "prints it as PDF"
-        )
     hush("matplotlib")  # it makes a folder for its cache where there is none, and logs that
     from yawid.report.write import write_report
     from yawid.sinks.terminal.progress import progress
@@ -138,15 +119,14 @@ def _model(arguments: argparse.Namespace) -> Path:
     from yawid.tables.replay import run_of
 
     which, log = arguments.of, arguments.log
-    if which not in ("flight", "bare") and not which.isdigit():
-        raise ConfigError(f"--of must be flight, bare or the number of a manoeuvre, got {which!r}")
     out = log.with_suffix(".json") if arguments.out is None else arguments.out
     if out.suffix not in MODEL_FORMATS:
         raise ConfigError(
             f"--out {out}: the name of a model must end in {', '.join(MODEL_FORMATS)}"
         )
     run = run_of(log, **({"lateral": "auto"} if which == "bare" else {}))
-    given = {name.replace("-", "_"): value for name, value in arguments.aircraft.items()}
+    given = dict.fromkeys(name.replace("-", "_") for name in OF_AIRCRAFT)
+    given |= {name.replace("-", "_"): value for name, value in arguments.aircraft.items()}
     of = int(which) if which.isdigit() else which
     path, model = write_model(run, of, out, given, force=arguments.force)
     for reason in model.reasons:

@@ -1,11 +1,10 @@
 """The command ``yawid fleet``, which makes one data set from thousands of logs."""
 
 import argparse
-import re
 import sys
 from collections import Counter
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 from yawid.cli.options import Command, add_run_options, choice, read_options_of, settings_of
 from yawid.errors import ConfigError, SinkError
@@ -18,6 +17,10 @@ if TYPE_CHECKING:
 
 def add_fleet(command: Command) -> None:
     """Give the command its arguments and options."""
+    from msgspec import Meta
+
+    from yawid.config.fields import Positive, like
+
     command.shape(
         "PATH... --out DATASET",
         "yawid fleet logs/ --out data\nyawid fleet 's3://bucket/**/*.BIN' --out data --workers 16",
@@ -27,13 +30,15 @@ def add_fleet(command: Command) -> None:
     command.option("paths", nargs="+", metavar="PATH", help=text)
     text = "folder of the data set, on this machine"
     command.option("--out", type=Path, required=True, metavar="DATASET", help=text)
-    command.option("--workers", type=int, metavar="N", help="processes (default: one a core)")
+    workers = Annotated[int, Meta(ge=1, description="be a whole number from 1")]
+    command.option("--workers", type=workers, metavar="N", help="processes (default: one a core)")
     text = "a Dask scheduler in place of them: tcp://HOST:8786"
-    command.option("--scheduler", metavar="ADDRESS", help=text)
+    address = like(r"(\w+://)?[^/]+:\d+/?", "be an address, tcp://HOST:8786")
+    command.option("--scheduler", type=address, metavar="ADDRESS", help=text)
     command.flag("--retry", "run crashed and timed-out logs again")
     command.flag("--dry-run", "only count what would be done")
     text = "most seconds for a log (default: 600)"
-    command.option("--timeout", type=float, default=600.0, metavar="S", help=text, rare=True)
+    command.option("--timeout", type=Positive, default=600.0, metavar="S", help=text, rare=True)
     command.flag("--modes", "also keep the modes of every second", rare=True)
     text = "the aircraft of all logs (default: its serial number, or sysid:N)"
     command.option("--vehicle", metavar="NAME", help=text)
@@ -101,13 +106,6 @@ def _asked(arguments: argparse.Namespace) -> "FleetRun":
     for one, other in (("workers", "scheduler"), ("vehicle", "vehicle_from")):
         if getattr(arguments, one) is not None and getattr(arguments, other) is not None:
             raise ConfigError(f"give --{one} or --{other.replace('_', '-')}, not both")
-    if arguments.workers is not None and arguments.workers < 1:
-        raise ConfigError(f"--workers must be at least 1, got {arguments.workers}")
-    if not arguments.timeout > 0.0:
-        raise ConfigError(f"--timeout must be > 0, got {arguments.timeout:g}")
-    address: str | None = arguments.scheduler
-    if address is not None and not re.fullmatch(r"(\w+://)?[^/]+:\d+/?", address):
-        raise ConfigError(f"--scheduler must be an address, tcp://HOST:8786, got {address!r}")
     key_file = None if options.key_file is None else str(options.key_file.absolute())
     return FleetRun(
         paths=arguments.paths,
@@ -120,7 +118,7 @@ def _asked(arguments: argparse.Namespace) -> "FleetRun":
             arguments.vehicle_from,
         ),
         workers=arguments.workers,
-        scheduler=address,
+        scheduler=arguments.scheduler,
         retry=arguments.retry,
         timeout_s=arguments.timeout,
     )

@@ -15,7 +15,6 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, TextIO, TypeVar
 
-from yawid.cli.config_file import read_words
 from yawid.cli.damper import add_damper
 from yawid.cli.explain import add_explain
 from yawid.cli.finished_run import add_export, add_report, add_view
@@ -27,6 +26,7 @@ from yawid.cli.options import (
     add_run_options,
     outputs_of,
     read_options_of,
+    read_words,
     settings_of,
 )
 from yawid.cli.paper import add_simulate, add_step

@@ -5,10 +5,12 @@ its group and its bounds. Here it becomes an option of the command line.
 """
 
 import argparse
+import re
 import textwrap
-from collections.abc import Callable, Container
+from collections.abc import Callable, Container, Mapping, Sequence
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn, get_args
 
 from yawid.errors import ConfigError, did_you_mean
 from yawid.sinks.door import plain, print_text
@@ -18,6 +20,10 @@ if TYPE_CHECKING:
     from yawid.sources.open_log import ReadOptions
 
 DEFAULT_OUT = "yawid-out"
+NEVER = {"--help", "--help-all", "--config"}
+"""What no settings file has."""
+ALL = "all"
+"""The value of sysid that only ``yawid live`` reads, and not the configuration of a run."""
 
 
 class _Help(argparse.Action):
@@ -46,8 +52,8 @@ class Command(argparse.ArgumentParser):
         """The options and the arguments without a name."""
         self._groups: dict[str, Any] = {}
         self._rare: list[argparse.Action] = []
-        for kind, read in ((Path, _path), (float, _number), (int, _whole)):
-            self.register("type", kind, read)
+        self.place = ""
+        """Where the words stand that are read, if not on the command line."""
         self.option("-h", "--help", action=_Help, help="show the usual options")
         self.option("--help-all", action=_Help, help="show every option", rare=True)
 
@@ -60,7 +66,16 @@ class Command(argparse.ArgumentParser):
     def option(
         self, *names: str, group: str = "", rare: bool = False, **settings: Any
     ) -> argparse.Action:
-        """Add an option, or an argument, as ``add_argument`` does, to the group of this title."""
+        """Add an option, or an argument, as ``add_argument`` does, to the group of this title.
+
+        Its type may be an annotation with bounds and words, as those of the options of a run. The
+        name of a file to be written must end as one that the metavar has.
+        """
+        if (kind := settings.get("type")) in (int, float) or get_args(kind):
+            settings["type"] = partial(_typed, kind)
+        elif kind is Path:
+            ends = re.findall(r"\.\w+", str(settings.get("metavar")))
+            settings["type"] = partial(path_of, ends=ends * names[0].startswith("-"))
         if group and group not in self._groups:
             self._groups[group] = self.add_argument_group(group)
         to = self._groups.get(group, self)
@@ -90,54 +105,67 @@ class Command(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         """Write the line to stderr and exit with 2."""
         end = "" if message.endswith("?") else ";"
-        self.exit(2, f"yawid: {plain(message)}{end} {self.prog} --help lists the options\n")
+        self.exit(
+            2, f"yawid: {plain(self.place + message)}{end} {self.prog} --help lists the options\n"
+        )
 
 
 def _page(prog: str) -> argparse.HelpFormatter:
     return argparse.RawDescriptionHelpFormatter(prog, max_help_position=32)
 
 
-def _path(text: str) -> Path:
+def path_of(text: str, ends: Sequence[str] = ()) -> Path:
     """Return a text as a path; a URL is refused: Path would make ``s3://x`` a folder ``s3:``."""
     if "://" in text:
         raise argparse.ArgumentTypeError(
             f"{text!r} is a URL, but a path on this machine is needed: copy the file to or from "
             "the store with the store's own tool (replay, fleet, trend and diff take URLs)"
         )
+    if ends and Path(text).suffix.lower() not in ends:
+        raise argparse.ArgumentTypeError(f"must end with {' or '.join(ends)}, got {text!r}")
     return Path(text)
 
 
-def _number(text: str) -> float:
-    try:
-        return float(text)
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"must be a number, got {text!r}") from None
+def _typed(kind: Any, text: str) -> Any:
+    from yawid.config.fields import typed
 
-
-def _whole(text: str) -> int:
     try:
-        return int(text)
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"must be a whole number, got {text!r}") from None
+        return typed(text, kind, "it", is_text=True)
+    except ConfigError as error:
+        raise argparse.ArgumentTypeError(str(error).removeprefix("it ")) from None
 
 
 def choice(*names: str) -> dict[str, Any]:
-    """Return what makes an argument take one of these names, and name the nearest to another."""
+    """Return what makes an argument take one of these names."""
+    from yawid.config.fields import like
 
-    def chosen(text: str) -> str:
-        if text not in names:
-            near = did_you_mean(text, names)
-            raise argparse.ArgumentTypeError(
-                f"must be one of {', '.join(names)}, got {text!r}{near}"
-            )
-        return text
+    return {
+        "type": like("|".join(names), f"be one of {', '.join(names)}"),
+        "metavar": "|".join(names),
+    }
 
-    return {"type": chosen, "metavar": "|".join(names)}
+
+def numbers(known: Sequence[str], text: str) -> dict[str, float]:
+    """Return numbers by name, of a text NAME=VALUE,... with these names."""
+    found = {}
+    for each in text.split(","):
+        name, _, value = each.partition("=")
+        if (name := name.strip()) not in known:
+            near = did_you_mean(name, known) or f"; known are {', '.join(known)}"
+            raise argparse.ArgumentTypeError(f"there is no {name!r}{near}")
+        try:
+            found[name] = float(value)
+        except ValueError:
+            raise argparse.ArgumentTypeError(f"{name} must be a number, got {value!r}") from None
+    return found
 
 
 def add_outputs(command: Command) -> None:
     """Add the options of what a command writes."""
+    from yawid.config.fields import like
+
     group = "what is written"
+    viewer = like(r"off|save|spawn|rerun\+http.*", "be off, save, spawn or rerun+http://...")
     command.option(
         "--out", type=Path, default=Path(DEFAULT_OUT), metavar="DIR", group=group,
         help=f"folder of the files (default: {DEFAULT_OUT})",
@@ -145,7 +173,7 @@ def add_outputs(command: Command) -> None:
     command.flag("--force", "overwrite files that exist", group=group)
     command.flag("--json", "print one JSON object per log", group=group)
     command.option(
-        "--rerun", default="off", metavar="off|save|spawn|URL", group=group,
+        "--rerun", type=viewer, default="off", metavar="off|save|spawn|URL", group=group,
         help="a Rerun recording, or a viewer: rerun+http://HOST:PORT/proxy (default: off)",
     )  # fmt: skip
 
@@ -170,7 +198,7 @@ def add_run_options(command: Command, without: Container[str] = ()) -> None:
 def settings_of(arguments: argparse.Namespace) -> dict[str, Any]:
     """Return the checked settings from the TOML file and the options, which overrule the file.
 
-    The file's settings are in ``arguments.settings``: :mod:`yawid.cli.config_file` puts them there.
+    The file's settings are in ``arguments.settings``: :func:`read_words` puts them there.
 
     Raises:
         ConfigError: a setting is unknown or outside its limits, or some do not fit together.
@@ -198,18 +226,11 @@ def given_options(arguments: argparse.Namespace) -> dict[str, Any]:
 
 
 def outputs_of(arguments: argparse.Namespace, name: str) -> "Outputs":
-    """Return where the results are written, in files of this name.
-
-    Raises:
-        ConfigError: ``--rerun`` has a value that is not allowed.
-    """
+    """Return where the results are written, in files of this name."""
     from yawid.runs.outputs import Outputs
 
-    rerun = arguments.rerun
-    if rerun not in ("off", "save", "spawn") and not rerun.startswith("rerun+http"):
-        raise ConfigError(f"--rerun must be off, save, spawn or rerun+http://..., got {rerun!r}")
     record = not getattr(arguments, "no_record", False)
-    return Outputs(arguments.out, name, rerun, arguments.force, record)
+    return Outputs(arguments.out, name, arguments.rerun, arguments.force, record)
 
 
 def read_options_of(arguments: argparse.Namespace) -> "ReadOptions":
@@ -217,3 +238,66 @@ def read_options_of(arguments: argparse.Namespace) -> "ReadOptions":
     from yawid.sources.open_log import ReadOptions
 
     return ReadOptions.asked(arguments.signing_key_file)
+
+
+def read_words(
+    command: Command, words: Sequence[str], every: Callable[[], Mapping[str, Command]]
+) -> argparse.Namespace:
+    """Return the arguments, including those from the TOML file that ``--config`` names.
+
+    ``settings`` of the result holds the file's settings of the run, by the configuration's fields.
+    One file may serve several commands: of ``every`` command's options it may have those that this
+    one does not have. What is said on the command line overrules the file.
+
+    Raises:
+        ConfigError: the file cannot be read, is not TOML, or a setting is unknown or not allowed.
+    """
+    arguments, unknown = command.parse_known_args(words)
+    if unknown and hasattr(arguments, "word"):  # yawid explain --band: it has options for words
+        arguments.word += unknown
+    elif unknown:
+        command.error(_not_known(unknown, command, every()))
+    file: Path | None = getattr(arguments, "config", None)
+    if file is None:
+        return arguments
+    from yawid.config.run import option_name, settings_declared
+    from yawid.config.settings import check_settings, read_toml
+
+    of_run = {option_name(field.name) for field, _ in settings_declared()}
+    settings, of_file = {}, list[str]()
+    for raw, value in read_toml(file).items():
+        name = raw.replace("_", "-")
+        action = command.options.get(f"--{name}")
+        if name in of_run and (name, value) != ("sysid", ALL):
+            settings[raw] = value
+        elif f"--{name}" in NEVER or not any(f"--{name}" in e.options for e in every().values()):
+            settings[raw] = value  # which is refused below
+        elif action and not (isinstance(action.default, list) and getattr(arguments, action.dest)):
+            of_file += _as_written(name, value)
+    settings = check_settings(settings, str(file))
+    command.place = f"{file}: "  # the command line's own words are right
+    # An option ends the file's words: true is no value of an option that needs one.
+    arguments = command.parse_args([*of_file, f"--config={file}", *words])
+    arguments.settings = settings
+    return arguments
+
+
+def _not_known(unknown: Sequence[str], command: Command, every: Mapping[str, Command]) -> str:
+    """Return in words which arguments a command does not have, and what they may have meant."""
+    options = [each.partition("=")[0] for each in unknown if each.startswith("-")]
+    if not options:
+        return f"{' '.join(unknown)}: too many arguments, {command.format_usage().strip()}"
+    said = []
+    for option in options:
+        others = ", ".join(name for name, each in every.items() if option in each.options)
+        near = did_you_mean(option, [each for each in command.options if each[2:]])
+        of = f": it belongs to {others}" if others else near
+        said.append(f"{command.prog} has no option {option}{of}")
+    return "; ".join(said)
+
+
+def _as_written(name: str, value: Any) -> list[str]:
+    """Return a setting of a file as words of the command line."""
+    if isinstance(value, bool):
+        return [f"--{name}"] * value
+    return [f"--{name}={each}" for each in (value if isinstance(value, list) else [value])]

@@ -7,10 +7,9 @@ metavar: ``a|b`` are values, ``OUT.csv`` is the name of a file with that suffix.
 import argparse
 import json
 import re
-from pathlib import Path
 from typing import Any, Final
 
-from yawid.cli.options import Command, choice
+from yawid.cli.options import Command, choice, path_of
 from yawid.config.names import RECURSIVE
 from yawid.sinks.door import print_text
 from yawid.sources.formats import FORMATS
@@ -103,7 +102,7 @@ def _values(metavar: str) -> list[str]:
 def _files(action: argparse.Action, any_file: Any, folder: Any) -> Any:
     """Return what offers an argument's files by shell, as shtab has it; None: it takes no file."""
     metavar = str(action.metavar)
-    if action.type not in (Path, place_of) and metavar != "PATH":
+    if getattr(action.type, "func", action.type) not in (path_of, place_of) and metavar != "PATH":
         return None
     if metavar in _FOLDERS:
         return folder

@@ -13,7 +13,7 @@ from yawid.config.fields import Count, NotNegative, Positive, Share, check_field
 from yawid.config.names import ELS, RECURSIVE
 from yawid.errors import ConfigError
 
-Engine = Literal["numba", "filterpy"]
+Engine = Annotated[Literal["numba", "filterpy"], Meta(description="be one of numba, filterpy")]
 Order = Annotated[int, Meta(ge=0, le=50, description="be an int from 0 to 50")]
 
 

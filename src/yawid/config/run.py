@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import tomli_w
 from msgspec import Meta
 
-from yawid.config.estimator import ArmaxOrders, Engine, EstimatorConfig, forgetting_factor
+from yawid.config.estimator import ArmaxOrders, Engine, EstimatorConfig, Order, forgetting_factor
 from yawid.config.fields import (
     Finite,
     NotNegative,
@@ -25,6 +25,10 @@ from yawid.quantities.units import HALF_TRAVEL
 
 BOTH = ("rudder", "aileron")
 INPUTS = (("rudder",), BOTH)
+INPUT = "be rudder or rudder,aileron"
+BAND = "be LO,HI in Hz with 0 < LO < HI"
+Sysid = Annotated[int, Meta(ge=1, le=255, description="be a whole number from 1 to 255")]
+DeadTime = Annotated[int, Meta(ge=1, le=50)]
 _SERVO = r"([1-9]|[12]\d|3[0-2])"
 _CHANNELS = rf"auto|servo:{_SERVO}|control:[0-7]|rc:([1-9]|1[0-8])"
 _SAID = "auto, servo:N (1-32), control:K (0-7) or rc:N (1-18)"
@@ -64,7 +68,12 @@ class RunConfig:
         ConfigError: a value outside its limits.
     """
 
-    orders: tuple[int, int, int, int] = field(
+    orders: Annotated[
+        tuple[Order, Order, Order, DeadTime],
+        Meta(
+            description="be na,nb,nc,nk, whole numbers, nk at least 1 (yawid orders compares them)"
+        ),
+    ] = field(
         default=(3, 3, 2, 1),
         metadata=option(
             STREAM, "NA,NB,NC,NK", "orders, nb and nk for every input (default: 3,3,2,1)"
@@ -84,7 +93,7 @@ class RunConfig:
         default="numba",
         metadata=option(STREAM, "numba|filterpy", "what computes the recursion (default: numba)"),
     )
-    memory: Annotated[float, Meta(gt=0.0, description="be > 0")] = field(
+    memory: Annotated[float, Meta(gt=0.0, description="be a number > 0")] = field(
         default=DEFAULT_MEMORY_S,
         metadata=option(
             STREAM, "SECONDS", "forget with this memory; inf forgets nothing (default: 60)"
@@ -109,13 +118,13 @@ class RunConfig:
             ),
         )
     )
-    band: tuple[float, float] | None = field(
+    band: Annotated[tuple[Positive, Positive], Meta(description=BAND)] | None = field(
         default=None,
         metadata=option(
             ANSWER, "LO,HI", "band-pass rudder and yaw rate alike, in Hz (default: off)"
         ),
     )
-    inputs: tuple[str, ...] = field(
+    inputs: Annotated[tuple[str, ...], Meta(description=INPUT)] = field(
         default=("rudder",),
         metadata=option(ANSWER, "rudder[,aileron]", "inputs of the model (default: rudder)"),
     )
@@ -203,7 +212,9 @@ class RunConfig:
             SAMPLES, "S", "last second since boot (default: the log's last)", usual=True
         ),
     )
-    sysid: Annotated[int, Meta(ge=1, le=255, description="be 1 to 255")] | None = field(
+    sysid: (
+        Annotated[int, Meta(ge=1, le=255, description="be a whole number from 1 to 255")] | None
+    ) = field(
         default=None,
         metadata=option(
             AIRCRAFT,
@@ -219,13 +230,13 @@ class RunConfig:
             "all: use samples on the ground as well; auto: hold those (default: auto)",
         ),
     )
-    boot: Annotated[int, Meta(ge=1, description="be at least 1: boots count from 1")] | None = (
-        field(
-            default=None,
-            metadata=option(
-                SAMPLES, "N", "only the vehicle's Nth boot in the log, from 1 (default: all)"
-            ),
-        )
+    boot: (
+        Annotated[int, Meta(ge=1, description="be a whole number from 1, as boots count")] | None
+    ) = field(
+        default=None,
+        metadata=option(
+            SAMPLES, "N", "only the vehicle's Nth boot in the log, from 1 (default: all)"
+        ),
     )
     manoeuvres: Annotated[str, one_of("auto", "off")] = field(
         default="auto",
@@ -289,8 +300,8 @@ class RunConfig:
         for name in ("orders", "inputs", "given", "columns", "band"):
             if not isinstance(each := getattr(self, name), str | None):
                 object.__setattr__(self, name, tuple(each))
-        self._check_lists()
         check_fields(self, lambda name: f"--{option_name(name)}")
+        self._check_lists()
         if self.from_s is not None and self.to_s is not None and not self.from_s < self.to_s:
             raise ConfigError(f"--from {self.from_s!r} must lie before --to {self.to_s!r}")
         if self.forgetting is not None and self.memory != DEFAULT_MEMORY_S:
@@ -301,23 +312,9 @@ class RunConfig:
             raise ConfigError(f"given must name some of {', '.join(GIVEN)}, got {min(unknown)!r}")
         if self.inputs not in INPUTS:
             given = ",".join(self.inputs)
-            raise ConfigError(f"--inputs must be rudder or rudder,aileron, got {given}")
-        self._check_orders(self.orders)
-        self.armax_orders()
-        if self.band is not None and (
-            len(self.band) != 2 or not 0.0 < self.band[0] < self.band[1] < math.inf
-        ):
-            given = ",".join(f"{edge:g}" for edge in self.band)
-            raise ConfigError(f"--band must be LO,HI in Hz with 0 < LO < HI, got {given}")
-
-    @staticmethod
-    def _check_orders(orders: tuple[int, ...]) -> None:
-        if len(orders) != 4:
-            given = ",".join(map(str, orders))
-            raise ConfigError(f"--orders must be na,nb,nc,nk, got {given}")
-        if orders[3] == 0:
-            text = "nk = 0 is acausal, since u(k) is the mean after y(k); use nk >= 1"
-            raise ConfigError(f"--orders: {text}")
+            raise ConfigError(f"--inputs must {INPUT}, got {given}")
+        if self.band is not None and not self.band[0] < self.band[1]:
+            raise ConfigError(f"--band must {BAND}, got {self.band[0]:g},{self.band[1]:g}")
 
     @property
     def half_travel(self) -> float:

@@ -5,33 +5,17 @@ Bounds, and what does not fit together, are checked where :class:`RunConfig` is 
 
 import tomllib
 from collections.abc import Mapping
-from contextlib import suppress
 from dataclasses import fields
 from pathlib import Path
-from typing import Annotated, Any, get_args, get_type_hints
+from typing import Any
 
-from msgspec import Meta, ValidationError, convert
-
-from yawid.config.fields import fits
+from yawid.config.fields import kinds_of, typed
 from yawid.config.run import GIVEN, RunConfig, option_name, settings_declared
 from yawid.errors import ConfigError, did_you_mean
 
+FORGETTING = frozenset({"memory", "forgetting"})
 COMMAND_LINE = "the command line"
 """Where settings stand that were given as options."""
-_SOME = Meta(min_length=1)
-_LISTS: dict[str, tuple[Any, str]] = {
-    "orders": (
-        Annotated[tuple[int, ...], _SOME],
-        "na,nb,nc,nk, four whole numbers (yawid orders compares them)",
-    ),
-    "inputs": (Annotated[tuple[str, ...], _SOME], "rudder or rudder,aileron"),
-    "given": (tuple[str, ...], "names of settings"),
-    "columns": (tuple[str, ...], "NAME=COLUMN,..."),
-    "band": (Annotated[tuple[float, ...], _SOME], "LO,HI in Hz"),
-}
-"""The settings that are lists, or a text with commas: their kind, and what errors ask for."""
-_KINDS = {float: "a number", int: "a whole number", str: "a text"}
-FORGETTING = frozenset({"memory", "forgetting"})
 
 
 def read_toml(path: Path) -> dict[str, Any]:
@@ -74,29 +58,9 @@ def check_settings(loaded: dict[str, Any], where: str) -> dict[str, Any]:
             options = sorted(option_name(each.name) for each, _ in settings_declared())
             near = did_you_mean(raw, options) or f"; known are {', '.join(options)}"
             raise ConfigError(f"{where}: unknown setting {raw!r}{near}")
-        settings[name] = _typed(name, value, where)
+        is_text = where == COMMAND_LINE
+        called = f"--{option_name(name)}" if is_text else f"{where}: {name}"
+        settings[name] = typed(value, kinds_of(RunConfig)[name], called, is_text=is_text)
     given = (name for name in GIVEN if settings.get(name, "auto") != "auto")
     settings.setdefault("given", tuple(given))
     return settings
-
-
-def _typed(name: str, value: Any, where: str) -> Any:
-    named = f"--{option_name(name)}" if where == COMMAND_LINE else f"{where}: {name}"
-    if name in _LISTS:
-        kind, wanted = _LISTS[name]
-        is_text = isinstance(value, str)
-        parts = value.split(",") if is_text else value
-        if is_text and name in ("orders", "band"):
-            parts = [part.strip() for part in parts]
-        try:
-            return convert(parts, kind, strict=not is_text)  # 3.5 is no order
-        except ValidationError:
-            raise ConfigError(f"{named} must be {wanted}, got {value!r}") from None
-    hint = get_type_hints(RunConfig)[name]
-    plain = next((each for each in (float, int) if each in (hint, *get_args(hint))), str)
-    if where == COMMAND_LINE:
-        with suppress(ValidationError):
-            return convert(value, plain, strict=False)
-    if not fits(value, plain):
-        raise ConfigError(f"{named} must be {_KINDS[plain]}, got {value!r}")
-    return value
