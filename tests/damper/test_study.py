@@ -334,5 +334,5 @@ def test_a_slow_servo_is_named_from_a_real_autopilots_flight(log: Path) -> None:
         assert rows[gain].wn_rad_s == pytest.approx(wn, rel=0.03)
         assert rows[gain].zeta == pytest.approx(zeta, abs=0.04)
     assert found.report.recommended is None
-    assert "takes damping" in " ".join(found.report.says)
+    assert "less damped" in " ".join(found.report.says)
     assert "slow servo" in " ".join(found.report.says)

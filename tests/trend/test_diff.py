@@ -18,7 +18,9 @@ from places import C172P
 from printed import printed
 
 from yawid.cli.main import main
+from yawid.sinks.mcap.reader import open_answered
 from yawid.trend.days import DAY_US
+from yawid.trend.diff import _facts
 
 Made = Callable[..., Path]
 
@@ -82,6 +84,16 @@ def test_a_run_beside_itself_is_no_change(flown: Path, capsys: pytest.CaptureFix
     assert said["facts"] == []
     assert {each["difference"] for each in said["numbers"]} == {0.0}
     assert set(numbers(said)) >= {"wn_rad_s", "zeta"}
+
+
+def test_the_samples_of_a_file_are_there_as_often_as_they_are_asked_for(flown: Path) -> None:
+    """Once for the models of its manoeuvres, and again for their decays"""
+    facts = _facts(open_answered(flown))
+
+    assert facts is not None
+    models, decays = (facts.flown(facts.used) for _ in range(2))
+    assert len(models) == len(facts.used) > 0
+    assert [len(each.t) for each in decays] == [len(each.t) for each in models]
 
 
 def test_runs_that_were_not_judged_are_not_compared(

@@ -198,7 +198,7 @@ def _facts(run: McapRun) -> Facts | None:
     if run.grid is None or not run.rows:
         return None
     known = parameters_in(run.attachments.get(PARAMETERS, b""))
-    return Facts(run.summary, run.config, run.grid.sample_time_s, run.samples(), known)
+    return Facts(run.summary, run.config, run.grid.sample_time_s, list(run.samples()), known)
 
 
 def _of_dampers(result: Diff, found: BeforeAfter) -> DamperDiff:
