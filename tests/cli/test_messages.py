@@ -12,7 +12,6 @@ import pytest
 from finished_runs import replayed
 from places import REPLAY_LOGS
 
-import yawid
 from yawid.answers.reports import OrdersReport
 from yawid.cli.main import COMMANDS, command_of, every, main, overview, parsed
 from yawid.cli.options import given_options
@@ -231,11 +230,9 @@ def test_a_name_that_is_not_there_is_answered_with_those_that_are(arguments, sai
     assert told.count("\n") == 1
 
 
-def test_a_setting_of_toml_or_python_is_answered_with_the_nearest_one():
+def test_a_setting_of_toml_is_answered_with_the_nearest_one():
     with pytest.raises(ConfigError, match="unknown setting 'memry'; did you mean memory\\?"):
         check_settings({"memry": 3}, "x.toml")
-    with pytest.raises(TypeError, match=r"argument 'rudder_maxdeg'; did you mean rudder_max_deg\?"):
-        yawid.replay(C172P, rudder_maxdeg=3)  # type: ignore[call-arg]  # the mistake
 
 
 def test_the_american_spelling_is_the_same_option():

@@ -2,22 +2,17 @@
 
 from __future__ import annotations
 
-import ctypes
 import math
 import os
 import shutil
 import subprocess
 import sys
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any
 
 import pytest
 from finished_runs import replayed
 from hostile import FLIGHT
 from places import REPLAY_LOGS
-
-from yawid.system.consoles import show_escapes
 
 FULL = pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a device that is full")
 
@@ -164,31 +159,3 @@ def test_a_name_that_is_no_text_is_printed_as_its_bytes(folder: Path, tmp_path: 
     assert code == 5, error  # this rudder moves nothing
     assert b"caf\xe9.tlog\n" in out
     assert b"caf\xe9.mcap\n" in out
-
-
-@pytest.mark.parametrize(("takes", "term"), [(1, "xterm"), (0, "dumb")])
-def test_a_console_of_windows_is_set_to_show_escape_sequences(
-    monkeypatch: pytest.MonkeyPatch, takes: int, term: str
-) -> None:
-    """A stand-in for the calls of Windows: stdout is a console, stderr a file."""
-    modes = {-11: 3}
-
-    class Kernel:
-        def GetStdHandle(self, number: int) -> int:
-            return number
-
-        def GetConsoleMode(self, handle: int, mode: Any) -> int:
-            mode._obj.value = modes.get(handle, 0)
-            return handle in modes
-
-        def SetConsoleMode(self, handle: int, mode: int) -> int:
-            modes[handle] = mode
-            return takes
-
-    monkeypatch.setenv("TERM", "xterm")
-    monkeypatch.setattr(sys, "platform", "win32")
-    monkeypatch.setattr(ctypes, "windll", SimpleNamespace(kernel32=Kernel()), raising=False)
-    show_escapes()
-
-    assert modes == {-11: 7}
-    assert os.environ["TERM"] == term

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import io
 import re
-from pathlib import Path
 
 import msgspec
 import numpy as np
@@ -16,9 +16,10 @@ from yawid.answers.run_summary import Bare, DutchRoll, RunSummary, TimeConstant,
 from yawid.blocks import StampedRows
 from yawid.report.bare import bare_section
 from yawid.report.lateral_picture import acceleration
+from yawid.sinks.pages import to_terminal
 from yawid.sinks.rerun.recording import verdict_markdown
+from yawid.sinks.run_page import summary_page
 from yawid.sinks.words import bare_rows
-from yawid.tables.page import as_text
 
 USABLE = Verdict(usable=True, reasons=[])
 KNOWN = Bare(
@@ -114,4 +115,6 @@ def test_the_acceleration_is_that_of_the_side_force_at_the_sensor_s_place(
 def test_the_viewers_text_and_python_have_it_next_to_the_answer():
     assert "**bare** wn 2.410 ± 0.030 rad/s" in verdict_markdown(summary(KNOWN), "half-travel")
     assert "bare" not in verdict_markdown(summary(None), "half-travel")
-    assert "\n    bare  wn 2.410" in as_text(Path("log"), summary(KNOWN), [])
+    page = io.StringIO()
+    to_terminal(summary_page(summary(KNOWN)), page)
+    assert "\n    bare  wn 2.410" in page.getvalue()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+import re
 import sys
 from collections.abc import Iterator
 from html.parser import HTMLParser
@@ -114,7 +115,7 @@ def test_rows_are_chosen_and_a_name_that_is_not_there_is_told(run: Run) -> None:
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        ({"rate": "10"}, "yawid.replay: rate must be a number"),
+        ({"rate": "10"}, "yawid.replay: rate must lie in 0.1 to 1000 Hz, got '10'"),
     ],
 )
 def test_an_option_that_is_not_one_is_refused(options: dict[str, Any], said: str) -> None:
@@ -171,7 +172,7 @@ def test_an_unusable_run_says_so_before_any_number_and_nothing_in_it_is_markup(
 
 
 TAGS = (
-    "div", "p", "b", "ul", "li", "table", "thead", "tbody", "tr", "th", "td", "br", "small",
+    "div", "p", "b", "ul", "li", "table", "thead", "tbody", "tr", "th", "td", "small",
 )  # fmt: skip
 
 
@@ -186,7 +187,7 @@ class Tags(HTMLParser):
 
     def handle_starttag(self, tag: str, attrs: Any) -> None:
         self.tags.add(tag)
-        self.balance += tag != "br"
+        self.balance += 1
 
     def handle_endtag(self, tag: str) -> None:
         self.balance -= 1
@@ -227,12 +228,12 @@ def test_a_library_that_is_not_installed_is_named(
 ) -> None:
     monkeypatch.setitem(sys.modules, "polars", None)
     with pytest.raises(ConfigError, match="needs polars: pip install polars"):
-        run.to_polars()
+        run.record.to_polars()
 
 
 def test_pandas_has_the_numbers_and_their_units(run: Run) -> None:
     pandas = pytest.importorskip("pandas")
-    frame = run.to_pandas()
+    frame = run.record.to_pandas()
 
     assert isinstance(frame, pandas.DataFrame)
     np.testing.assert_array_equal(frame["wn"], run.modes.wn)
@@ -242,7 +243,7 @@ def test_pandas_has_the_numbers_and_their_units(run: Run) -> None:
 
 def test_polars_has_null_where_nothing_is_known(run: Run) -> None:
     pytest.importorskip("polars")
-    frame = run.to_polars()
+    frame = run.record.to_polars()
 
     unknown = np.count_nonzero(np.isnan(run.modes.wn))
     assert 0 < frame["wn"].null_count() == unknown < len(frame)
@@ -251,7 +252,7 @@ def test_polars_has_null_where_nothing_is_known(run: Run) -> None:
 
 def test_xarray_has_units_at_each_variable_and_time_along(run: Run) -> None:
     pytest.importorskip("xarray")
-    found = run.to_xarray()
+    found = run.record.to_xarray()
 
     assert found["wn"].attrs["units"] == "rad/s"
     np.testing.assert_array_equal(found["t"], run.samples.t)
@@ -265,5 +266,5 @@ def test_a_table_shows_its_first_and_last_rows() -> None:
     page = table._repr_html_()
 
     assert page.count("<tr>") == 1 + 10 + 1
-    assert "<td>39</td><td></td>" in page
+    assert re.search("<td[^>]*>39</td><td[^>]*></td>", page)
     assert repr(table) == "rows, 40 rows: n, x [m]"

@@ -7,7 +7,7 @@ import sys
 
 from yawid.errors import SinkError
 from yawid.sinks.door import mute
-from yawid.system.consoles import show_escapes
+from yawid.system.processes import show_escapes
 
 PLAIN = {"±": "+-", "ω": "w", "ζ": "zeta", "σ": "sigma", "²": "2", "–": "-", "…": "..."}
 """What is printed for these characters on a terminal that cannot show them."""

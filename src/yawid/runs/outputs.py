@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, replace
 from itertools import count
-from pathlib import Path
+from pathlib import Path, PurePath
 from typing import TYPE_CHECKING
 
 import msgspec
@@ -73,7 +73,11 @@ def output_names(logs: Sequence[Place]) -> list[str]:
     stems = [Path(log.name.removesuffix(".part")).stem for log in logs]
     names: list[str] = []
     for log, stem in zip(logs, stems, strict=True):
-        name = stem if stems.count(stem) == 1 else f"{log.absolute().parent.name}-{stem}"
+        name = (
+            stem
+            if stems.count(stem) == 1
+            else f"{PurePath(str(log.absolute())).parent.name}-{stem}"
+        )
         count = names.count(name)
         names.append(f"{name}-{count + 1}" if count else name)
     return names

@@ -8,7 +8,6 @@ this one survives, knows which call it was, and starts another.
 import gc
 import os
 import pickle
-import queue
 import signal
 import subprocess
 import sys
@@ -150,23 +149,10 @@ def _serve() -> None:
         signal.signal(number, signal.SIG_IGN)
     gc.freeze()  # imported modules never become garbage
     gc.set_threshold(GARBAGE_AFTER)
-    waiting: queue.SimpleQueue[Any] = queue.SimpleQueue()
-    threading.Thread(target=_take, args=(calls, waiting), daemon=True).start()
-    try:
+    with suppress(EOFError):  # the parent has closed its end
         while True:
-            pickle.dump(waiting.get()(), results)
+            pickle.dump(pickle.load(calls)(), results)
             results.flush()
-    finally:
-        os._exit(1)  # at once: the other thread would hold up an orderly end
-
-
-def _take(calls: Any, waiting: "queue.SimpleQueue[Any]") -> None:
-    """Take calls until stdin ends; then the parent has ended, and this process ends at once."""
-    try:
-        while True:
-            waiting.put(pickle.load(calls))
-    finally:
-        os._exit(0)
 
 
 if __name__ == "__main__":

@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import BinaryIO
 
@@ -125,20 +125,12 @@ def write_whole(files: Mapping[Path, bytes], *, force: bool = False) -> None:
     Raises:
         SinkError: one exists and ``force`` is not set, or one cannot be written.
     """
-    parts: list[Part] = []
-    try:
+    with ExitStack() as stack:
         for path, data in files.items():
-            parts.append(part := Part(path, force=force))
+            stream = stack.enter_context(written_whole(path, force=force))
             with os_errors_as_sink_error(path):
-                part.stream.write(data)
-                sync(part.stream)
-        for path in files:
-            check_free(path, force=force)
-        for path, part in zip(files, parts, strict=True):
-            part.take_name(path)
-    finally:
-        for part in parts:
-            part.remove()
+                stream.write(data)
+                sync(stream)
 
 
 @contextmanager

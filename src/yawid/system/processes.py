@@ -58,3 +58,9 @@ def steady_ns() -> int:
     if sys.platform == "win32":
         return time.perf_counter_ns()  # there monotonic_ns goes in steps of 16 ms
     return time.clock_gettime_ns(_STEADY)
+
+
+def show_escapes() -> None:
+    """Have a console of Windows show escape sequences: any command of its shell sets it so."""
+    if sys.platform == "win32":
+        os.system("")

@@ -41,11 +41,6 @@ class StoredPath:
         """The last part of the name without its suffix."""
         return Path(self.name).stem
 
-    @property
-    def parent(self) -> "StoredPath":
-        """The place that it lies in."""
-        return StoredPath(self._url.rpartition("/")[0])
-
     def absolute(self) -> "StoredPath":
         """Return itself."""
         return self

@@ -12,8 +12,7 @@ import numpy as np
 from yawid.config.names import RecursiveName
 from yawid.errors import ConfigError, YawidError
 from yawid.system.stores import Place, place_of
-from yawid.tables.keywords import with_keywords
-from yawid.tables.run import Run, load
+from yawid.tables.run import Run, load, with_keywords
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -1,12 +1,14 @@
 """A run in Python: tables, answers, models; ``yawid.load`` reads it from its file."""
 
+import io
 import math
-from collections.abc import Iterable, Mapping, Sequence
-from functools import cached_property
+import re
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from functools import cached_property, wraps
 from os import PathLike, fspath
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any, Literal, Self
+from typing import TYPE_CHECKING, Any, Final, Literal, ParamSpec, Self, TypeVar
 
 import msgspec
 import numpy as np
@@ -16,10 +18,14 @@ from yawid.answers.ordinary import ORDINARY, OrdinaryAnswer
 from yawid.answers.reasons import Reason, Verdict
 from yawid.answers.run_summary import Bare, Flight
 from yawid.blocks import ModesBlock, SampleBlock
+from yawid.errors import YawidError
 from yawid.quantities.airspeed import SEA_LEVEL_DENSITY, density_ratio
 from yawid.sinks.base import Grid, RunRows
+from yawid.sinks.door import plain
 from yawid.sinks.mcap.messages import joined
 from yawid.sinks.mcap.reader import open_answered
+from yawid.sinks.pages import Note, Part, Said, to_html, to_terminal
+from yawid.sinks.run_page import summary_page
 from yawid.system.part_file import os_errors_as_sink_error, write_whole
 from yawid.system.stores import Place, brought, place_of
 from yawid.tables.columns import (
@@ -32,13 +38,38 @@ from yawid.tables.columns import (
     record_columns,
     sample_columns,
 )
-from yawid.tables.keywords import with_keywords
 from yawid.tables.table import Column, Table
 
 if TYPE_CHECKING:
     from yawid.damper.identified import Facts
     from yawid.damper.study import Study
     from yawid.models.linear import LinearModel
+
+
+P = ParamSpec("P")
+T = TypeVar("T")
+_OTHERS: Final = {"from": "from_s", "to": "to_s", "param": "parameters"}
+"""The keywords that are not the option's name with underscores."""
+_OPTION: Final = re.compile(r"(?<![\w-])--([a-z]+(?:-[a-z]+)*)")
+
+
+def in_keywords(text: str) -> str:
+    """Return a text with the keyword of Python instead of each option of the command line."""
+    return _OPTION.sub(lambda found: _OTHERS.get(found[1], found[1].replace("-", "_")), text)
+
+
+def with_keywords(function: Callable[P, T]) -> Callable[P, T]:
+    """Return a function whose errors name keywords, where the library's texts name options."""
+
+    @wraps(function)
+    def called(*args: P.args, **kwargs: P.kwargs) -> T:
+        try:
+            return function(*args, **kwargs)
+        except YawidError as error:
+            error.args = tuple(in_keywords(str(each)) for each in error.args)
+            raise
+
+    return called
 
 
 class Run:
@@ -158,18 +189,6 @@ class Run:
         mark = " (of a run that is NOT USABLE)" if self.summary.deciding.fatal else ""
         return Table.of(title + mark, [*columns])
 
-    def to_pandas(self) -> Any:
-        """Return ``record`` as a pandas.DataFrame; see :meth:`Table.to_pandas`."""
-        return self.record.to_pandas()
-
-    def to_polars(self) -> Any:
-        """Return ``record`` as a polars.DataFrame; see :meth:`Table.to_polars`."""
-        return self.record.to_polars()
-
-    def to_xarray(self) -> Any:
-        """Return ``record`` as an xarray.Dataset; see :meth:`Table.to_xarray`."""
-        return self.record.to_xarray()
-
     @with_keywords
     def model(self, which: int | Literal["flight", "bare"] = "flight") -> "LinearModel":
         """Return the identified model of manoeuvre n, of the flight, or of the bare airframe.
@@ -254,18 +273,25 @@ class Run:
             self.path.copy_to(copy)
         return copy
 
-    def _tables(self) -> list[Table]:
-        return [self.samples, *self.estimates.values(), self.modes, self.manoeuvres]
+    def _page(self) -> Iterator[Part]:
+        """Yield the page of the terminal, whether it is usable first, with Python's words."""
+        verdict, whether = self.summary.deciding, self.summary.deciding.word
+        if verdict.fatal:
+            only = ", the numbers are for study only" if self.summary.estimates else ""
+            whether = f"NOT USABLE{only}"
+        yield Note(f"{plain(str(self.path))}: {whether}", "bold", wraps=False)
+        for part in summary_page(self.summary):
+            yield part._replace(text=in_keywords(part.text)) if isinstance(part, Said) else part
+        tables = [self.samples, *self.estimates.values(), self.modes, self.manoeuvres]
+        yield Note(f"    rows  {', '.join(f'{each.title} ({len(each)})' for each in tables)}")
 
     def __repr__(self) -> str:
-        from yawid.tables.page import as_text
-
-        return as_text(self.path, self.summary, self._tables())
+        out = io.StringIO()
+        to_terminal(self._page(), out)
+        return out.getvalue().rstrip()
 
     def _repr_html_(self) -> str:
-        from yawid.tables.page import page
-
-        return page(self.path, self.summary, self._tables())
+        return f"<div>{to_html(self._page())}</div>"
 
 
 def load(path: str | PathLike[str]) -> Run:

@@ -1,7 +1,6 @@
 """Tables of columns with units, in Arrow, and their conversion to pandas, polars and xarray."""
 
 from collections.abc import Iterator, Sequence
-from html import escape
 from textwrap import fill
 from typing import Any, Final, NamedTuple, overload
 
@@ -153,23 +152,16 @@ class Table:
         return fill(text, 100, subsequent_indent="    ", break_on_hyphens=False)
 
     def _repr_html_(self) -> str:
-        rows, half = [*range(len(self))], SHOWN // 2
-        cut = [rows[:half], rows[-half:]] if len(rows) > SHOWN else [rows]
-        heads = "".join(f"<th>{escape(n)}<br><small>{escape(u)}</small></th>" for n, u in
-                        self.units.items())  # fmt: skip
+        from yawid.sinks.pages import Grid, Note, to_html
+
+        rows: list[int | None] = [*range(len(self))]
+        if len(rows) > SHOWN:
+            rows[SHOWN // 2 : -SHOWN // 2] = [None]
         values = [self[name] for name in self]
-        body = [
-            "".join(
-                f"<tr>{''.join(f'<td>{escape(cell(each[row]))}</td>' for each in values)}</tr>"
-                for row in part
-            )
-            for part in cut
-        ]
-        return (
-            f'<div style="overflow-x:auto;white-space:nowrap"><p>{escape(self.counted)}</p>'
-            f"<table><thead><tr>{heads}</tr></thead><tbody>{'<tr><td>…</td></tr>'.join(body)}"
-            "</tbody></table></div>"
-        )
+        cells = [["…" if row is None else cell(each[row]) for each in values] for row in rows]
+        heads = [f"{name} {unit}".strip() for name, unit in self.units.items()]
+        page = to_html([Note(self.counted), Grid(heads, cells)])
+        return f'<div style="overflow-x:auto;white-space:nowrap">{page}</div>'
 
 
 def arrow_table(columns: Sequence[Column], facts: dict[str, str]) -> pa.Table:
