@@ -36,7 +36,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "sinks/mcap": {"config", "estimation", "sinks"},
     "sinks/rerun": {"physics", "sinks"},
     "sinks/terminal": {"results", "sinks"},
-    "report": {"damper", "manoeuvre", "models", "physics", "sinks", "sinks/mcap"},
+    "report": {"damper", "lateral", "manoeuvre", "models", "physics", "sinks", "sinks/mcap"},
     "pipeline": {"config", "channels", "estimation", "physics", "manoeuvre", "ordinary", "results"}
     | {"sinks"},
     "runs": {"config", "channels", "offline", "pipeline", "plant", "results"}

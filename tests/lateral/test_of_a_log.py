@@ -33,7 +33,7 @@ from yawid.lateral.motion import Motion
 from yawid.manoeuvre.laterals import Laterals
 from yawid.pipeline import Pipeline
 from yawid.report.lateral_picture import free_states, lateral_picture
-from yawid.report.write import Report
+from yawid.report.write import report
 from yawid.runs.job import feed_all
 from yawid.runs.outputs import Outputs
 from yawid.runs.replay import StopFlag, replay
@@ -443,4 +443,4 @@ def test_the_report_draws_the_airframe_next_to_the_motion_measured(mcap: Path):
     left = (measured - states[:, 1:]).std(axis=0) / measured.std(axis=0)
     assert np.all(left < 0.15), left
     assert lateral_picture(run) is not None
-    assert "of the bare airframe" in Report(run).html()
+    assert "of the bare airframe" in report(run)

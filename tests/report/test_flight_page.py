@@ -41,7 +41,7 @@ from yawid.report.airspeed_picture import airspeed_picture
 from yawid.report.data import gather, to_draw
 from yawid.report.manoeuvres import flight_section
 from yawid.report.picture import mark_events, traced
-from yawid.report.write import Report
+from yawid.report.write import report
 from yawid.sinks.mcap.reader import McapRun, open_run
 
 LOG = REPLAY_LOGS / "sitl_fbwa_50hz" / "log.tlog"
@@ -72,7 +72,7 @@ def drawn(paged: Paged) -> Callable[[RunSummary], str]:
     def of(hand: RunSummary) -> str:
         key = json.dumps(hand.to_json())
         if key not in pages:
-            pages[key] = Report(paged(hand)).html()
+            pages[key] = report(paged(hand))
         return pages[key]
 
     return of
@@ -103,7 +103,7 @@ def test_a_refused_flight_is_refused(drawn: Drawn) -> None:
 def test_the_numbers_of_a_fitted_flight_have_their_names_and_their_source(
     tmp_path: Path,
 ) -> None:
-    html = Report(open_run(replayed(C172P, tmp_path))).html()
+    html = report(open_run(replayed(C172P, tmp_path)))
 
     page = Page(html)
     assert len(page.ids) == len(set(page.ids))
@@ -189,7 +189,7 @@ def test_a_run_in_which_none_was_found_says_so_on_the_page(drawn: Drawn) -> None
 def test_the_picture_over_airspeed_stands_where_there_are_airspeeds(
     name: str, paged: Paged
 ) -> None:
-    keys = re.findall(r'<figure id="([^"]+)">', Report(paged(EVERY[name]())).html())
+    keys = re.findall(r'<figure id="([^"]+)">', report(paged(EVERY[name]())))
 
     assert len(keys) == len(set(keys)) > 0
     # Of none_usable one alone has a Dutch roll.

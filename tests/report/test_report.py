@@ -18,7 +18,7 @@ from report_page import Page, first_screen
 
 from yawid.blocks import Noted
 from yawid.cli.main import main
-from yawid.report.write import Report
+from yawid.report.write import report
 from yawid.sinks.mcap.reader import open_run
 
 PICTURES = ("whole", "modes")
@@ -34,7 +34,7 @@ def good(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def html(good: Path) -> str:
-    return Report(open_run(good)).html()
+    return report(open_run(good))
 
 
 @pytest.fixture(scope="module")
@@ -53,7 +53,7 @@ def still(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def still_html(still: Path) -> str:
-    return Report(open_run(still)).html()
+    return report(open_run(still))
 
 
 def test_the_first_screen_answers_the_four_questions(good: Path, html: str) -> None:
@@ -121,7 +121,7 @@ def test_a_run_without_a_rudder_has_a_first_screen_and_no_pictures(tmp_path: Pat
     log.heartbeat(1.0, kind=2)
     path = tmp_path / "copter.tlog"
     path.write_bytes(log.data)
-    html = Report(open_run(replayed(path, tmp_path))).html()
+    html = report(open_run(replayed(path, tmp_path)))
     assert "Can I use it? No" in first_screen(html)
     assert "svg" not in Page(html).tags
 
@@ -191,6 +191,6 @@ def test_the_browser_would_notice_a_script_error_and_a_request(tmp_path: Path) -
 
 def test_the_two_other_flights_make_reports_too(tmp_path: Path) -> None:
     log = REPLAY_LOGS / "c172p_gcs_rates" / "log.tlog"
-    html = Report(open_run(replayed(log, tmp_path, "--memory", 10, *STREAM))).html()
+    html = report(open_run(replayed(log, tmp_path, "--memory", 10, *STREAM)))
     assert "Can I use it? Not judged" in first_screen(html)
     assert Page(html).tags.count("svg") == len(PICTURES)

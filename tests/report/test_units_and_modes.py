@@ -15,7 +15,7 @@ from sinks.mcap.mcap_reading import decoded
 from sinks.rerun.rerun_reading import recorded, statics
 
 from yawid.cli.main import main
-from yawid.report.write import Report
+from yawid.report.write import report
 from yawid.sinks.mcap.reader import open_run
 
 LOG = REPLAY_LOGS / "sitl_fbwa_50hz" / "log.tlog"
@@ -40,7 +40,7 @@ def test_with_the_travel_in_degrees_no_place_speaks_of_half_travel(in_rad: Path)
     named = {name for name, unit in units.items() if "half" in unit}
     assert named == {"Sample.u", "Sample.aileron", "Commands.aileron"}  # the aileron's stays
     assert units["Modes.K"].startswith("rad/s per rad")
-    text = Page(Report(run).html()).text
+    text = Page(report(run)).text
     assert "rad/s per rad" in text
     assert "1/s² per rad" in text
     assert "steps by 1 rad" in text
@@ -50,7 +50,7 @@ def test_with_the_travel_in_degrees_no_place_speaks_of_half_travel(in_rad: Path)
 def test_without_it_every_place_does(in_half_travel: Path) -> None:
     run = open_run(in_half_travel)
     assert run.metadata["units"]["Modes.K"].startswith("rad/s per half-travel")
-    text = Page(Report(run).html()).text
+    text = Page(report(run)).text
     assert "rad/s per half-travel" in text
     assert "per rad" not in text
 

@@ -25,7 +25,7 @@ from report_page import Page, first_screen
 from yawid.answers.model_parts import Fit
 from yawid.answers.reasons import Reason, Verdict
 from yawid.answers.run_summary import DutchRoll, MethodSummary, RunSummary
-from yawid.report.write import Report
+from yawid.report.write import report
 from yawid.sinks.answers import cards, headline, use
 from yawid.sinks.mcap.reader import open_run
 from yawid.sinks.rerun.recording import verdict_markdown
@@ -41,7 +41,7 @@ LONG = (
 def test_a_run_whose_manoeuvres_were_not_looked_for_is_shown_as_not_judged(tmp_path: Path) -> None:
     run = open_run(replayed(C172P, tmp_path, "--manoeuvres", "off"))
     roll = run.summary.estimates["els"].dutch_roll
-    text = first_screen(Report(run).html())
+    text = first_screen(report(run))
     assert "It was not judged." in text
     assert f"ωn {roll.wn_rad_s:.3f} rad/s ± {roll.wn_std:.3f}" in text
     assert "RML next to it" in text
@@ -130,7 +130,7 @@ def test_a_run_that_explodes_is_reported_without_a_warning_or_an_absurd_number(
     options = (*options, "--manoeuvres", "off", "--to", 60)
     run = open_run(replayed(C172P, tmp_path, *options))
     assert run.summary.estimates["rml"].fit.simulation_pct == -1000.0
-    text = Page(Report(run).html()).text
+    text = Page(report(run)).text
     assert "< -1000" in text
     assert not re.findall(r"[1-9]e\+\d\d", text)
 
@@ -138,7 +138,7 @@ def test_a_run_that_explodes_is_reported_without_a_warning_or_an_absurd_number(
 def test_what_was_held_is_said_once(tmp_path: Path) -> None:
     """Samples without enough before them teach nothing either, but nothing holds them."""
     run = open_run(replayed(C172P, tmp_path, "--rate", 10))
-    text = Page(Report(run).html()).text
+    text = Page(report(run)).text
     counts = [run.summary.estimates[method].held for method in ("els", "rml")]
     assert min(counts) > 0
     assert f"not used: held, or too few before them {counts[0]} {counts[1]}" in text

@@ -2,22 +2,12 @@
 
 from collections.abc import Container, Sequence
 from dataclasses import dataclass
-from enum import IntFlag
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
 from yawid.answers.run_summary import Manoeuvre
-from yawid.blocks import (
-    Floats,
-    Held,
-    Ints,
-    ModesBlock,
-    Noted,
-    SampleBlock,
-    runs_of,
-    words,
-)
+from yawid.blocks import Floats, Noted, SampleBlock, runs_of
 from yawid.models.answered import Answered
 from yawid.models.flown import Flown
 from yawid.models.identify import Recorded, model_of_answer
@@ -31,37 +21,12 @@ MOST_DRAWN: Final = 4
 
 
 @dataclass(frozen=True, slots=True)
-class Track:
-    """The first method's estimates over time, thinned to 600 rows at most.
-
-    t (n,) in s since boot, dutch_roll (n, 4): wn in rad/s, its sigma, zeta, its sigma.
-    """
-
-    t: Floats
-    dutch_roll: Floats
-
-
-@dataclass(frozen=True, slots=True)
 class Events:
-    """Events in the samples: spans ``held`` (n, 2) and instants (n,), in s since boot.
-
-    ``counts`` is the number of samples held for each reason, ``notes`` of those with each note.
-    """
+    """Events in the samples: spans ``held`` (n, 2) and instants (n,), in s since boot."""
 
     held: Floats
     mode_changes: Floats
-    counts: dict[str, int]
-    notes: dict[str, int]
     manoeuvres: Sequence[Manoeuvre]
-
-
-@dataclass(frozen=True, slots=True)
-class Whole:
-    """Every sample of the run: t (n,) in s since boot, rudder and output (n,), NaN where held."""
-
-    t: Floats
-    rudder: Floats
-    y: Floats
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,11 +55,16 @@ class Drawn:
 
 @dataclass(frozen=True, slots=True)
 class ReportData:
-    """The data drawn of one run; ``drawn`` has the best manoeuvre first."""
+    """The data drawn of one run; ``drawn`` has the best manoeuvre first.
 
-    track: Track
+    ``track`` (n, 5) has the first method's estimates, thinned to 600 rows at most: s since boot, wn
+    in rad/s, its sigma, zeta, its sigma. They are NaN where time goes back, after a reboot.
+    """
+
+    grid: Grid
+    samples: SampleBlock
+    track: Floats
     events: Events
-    whole: Whole
     drawn: tuple[Drawn, ...]
 
 
@@ -106,69 +76,25 @@ def gather(run: McapRun) -> ReportData | None:
     """
     if run.grid is None or not run.rows:
         return None
-    gatherer = _Gatherer(run, run.grid)
-    for block in run.blocks():
-        gatherer.add(block.samples, block.modes)
-    return gatherer.result()
+    kept = [(rows.samples, rows.modes.dutch_roll) for rows in run.blocks()]
+    samples, found = SampleBlock.joined([each for each, _ in kept]), run.summary.manoeuvres or ()
+    modes = np.concatenate([each for _, each in kept])
+    track = np.column_stack([samples.boot_us / 1e6, modes])[:: -(-run.rows // TRACK_POINTS)]
+    track[1:][np.diff(track[:, 0]) < 0.0, 1:] = np.nan
+    recorded = Recorded(run.summary, run.config, run.grid.sample_time_s, [samples], {})
+    drawn = []
+    for flown in recorded.flown(to_draw(found, run.summary.used)):
+        answered = Answered.of(flown.found)
+        drawn.append(Drawn(answered, model_of_answer(recorded, answered, flown)))
+    return ReportData(run.grid, samples, track, _events(samples, found), tuple(drawn))
 
 
-class _Gatherer:
-    def __init__(self, run: McapRun, grid: Grid) -> None:
-        self._run, self._grid = run, grid
-        self._stride = -(-run.rows // TRACK_POINTS)
-        self._rows = 0
-        self._thin: list[tuple[Floats, ...]] = []
-        self._blocks: list[SampleBlock] = []
-        self._found = run.summary.manoeuvres or ()
-
-    def add(self, samples: SampleBlock, modes: ModesBlock) -> None:
-        thin = slice(-self._rows % self._stride, None, self._stride)
-        self._thin.append((samples.boot_us[thin] / 1e6, modes.dutch_roll[thin].copy()))
-        self._blocks.append(samples)
-        self._rows += len(samples)
-
-    def result(self) -> ReportData:
-        run, samples = self._run, SampleBlock.joined(self._blocks)
-        boot_s = samples.boot_us / 1e6
-        recorded = Recorded(run.summary, run.config, self._grid.sample_time_s, [samples], {})
-        drawn = []
-        for flown in recorded.flown(to_draw(self._found, run.summary.used)):
-            answered = Answered.of(flown.found)
-            drawn.append(Drawn(answered, model_of_answer(recorded, answered, flown)))
-        return ReportData(
-            _track(*_joined(self._thin)),
-            self._events(boot_s, samples.held, samples.noted),
-            Whole(boot_s, samples.u[:, 0], samples.y),
-            tuple(drawn),
-        )
-
-    def _events(self, t: Floats, held: Ints, noted: Ints) -> Events:
-        spans, step_s = runs_of(held != 0), self._grid.sample_time_s
-        changed = noted & Noted.MODE_CHANGED.value != 0
-        changes = t[changed & ~np.concatenate([[False], changed[:-1]])]
-        return Events(
-            np.column_stack([t[spans[:, 0]], t[spans[:, 1] - 1] + step_s]),
-            changes,
-            _counts(held, Held),
-            _counts(noted, Noted),
-            self._found,
-        )
-
-
-def _track(t: Floats, dutch_roll: Floats) -> Track:
-    """Return a track whose lines have a gap where time goes back, after a reboot."""
-    back = np.diff(t, prepend=t[:1]) < 0.0
-    return Track(t, np.where(back[:, None], np.nan, dutch_roll))
-
-
-def _joined(parts: list[tuple[Any, ...]]) -> list[Any]:
-    return [np.concatenate(column) for column in zip(*parts, strict=True)]
-
-
-def _counts(codes: Ints, flags: type[IntFlag]) -> dict[str, int]:
-    """Return the number of samples with each flag, by its words; flags without any are left out."""
-    counts = {words(flag): int(np.sum(codes & flag.value != 0)) for flag in flags}
-    return {name: count for name, count in counts.items() if count}
+def _events(samples: SampleBlock, found: Sequence[Manoeuvre]) -> Events:
+    t, spans = samples.boot_us / 1e6, runs_of(samples.held != 0)
+    changed = samples.noted & Noted.MODE_CHANGED.value != 0
+    changes = t[changed & ~np.concatenate([[False], changed[:-1]])]
+    ends = t[spans[:, 1] - 1] + samples.sample_time_s
+    return Events(np.column_stack([t[spans[:, 0]], ends]), changes, found)
 
 
 def to_draw(manoeuvres: Sequence[Manoeuvre], used: Container[int]) -> list[Manoeuvre]:

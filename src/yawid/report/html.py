@@ -103,12 +103,11 @@ def listed(items: Iterable[tuple[str, str, str, str]]) -> str:
     return f'<ul class="reasons">\n{"".join(lines)}</ul>\n' if lines else ""
 
 
-def pictures(title: str, shown: Sequence[Picture], against: Sequence[Reason] = ()) -> str:
+def pictures(title: str, shown: Iterable[Picture | None], against: Sequence[Reason] = ()) -> str:
     """Return a section of pictures, pale where there are reasons ``against``; "" without any."""
-    if not shown:
-        return ""
-    figures = "".join(f"{figure(picture)}\n" for picture in shown)
-    return _void(f'{_heading(title)}<div class="pictures">\n{figures}</div>', against)
+    figures = "".join(f"{figure(picture)}\n" for picture in shown if picture is not None)
+    section = f'{_heading(title)}<div class="pictures">\n{figures}</div>' if figures else ""
+    return _void(section, against)
 
 
 def figure(shown: Picture) -> str:
@@ -119,20 +118,21 @@ def figure(shown: Picture) -> str:
     )
 
 
-def tables(title: str, shown: Iterable[str], *, facts: bool = False) -> str:
-    """Return a section of tables side by side, in narrower columns where they are ``facts``."""
+def tables(
+    title: str, shown: Iterable[str], against: Sequence[Reason] = (), *, facts: bool = False
+) -> str:
+    """Return a section of tables side by side, in narrower columns where they are ``facts``.
+
+    It is grey and has the reasons ``against`` its numbers, where there are any.
+    """
     cells = "".join(f"<div>{table}</div>\n" for table in shown if table)
-    return f'{_heading(title)}<div class="tables{" facts" if facts else ""}">\n{cells}</div>'
-
-
-def numbers(title: str, shown: Iterable[str], against: Sequence[Reason]) -> str:
-    """Return a section of tables, grey and with the reasons where its numbers are not usable."""
-    return _void(tables(title, shown), against)
+    kind = " facts" if facts else ""
+    return _void(f'{_heading(title)}<div class="tables{kind}">\n{cells}</div>', against)
 
 
 def _void(section: str, against: Sequence[Reason]) -> str:
     """Return a section, marked as not usable where there are reasons against it."""
-    if not against:
+    if not against or not section:
         return section
     ids = ", ".join(reason.name for reason in against)
     head, _, rest = section.partition("\n")
@@ -143,11 +143,6 @@ def _void(section: str, against: Sequence[Reason]) -> str:
 def note(title: str, text: str) -> str:
     """Return a paragraph with its own heading, or without one where the title is empty."""
     return f'{_heading(title)}<p class="remark">{safe(text)}</p>'
-
-
-def _number(value: object) -> str:
-    """Return a number with its sigmas as HTML; a line break may not follow ±."""
-    return safe(value).replace("± ", "±\u00a0")
 
 
 class Label(str):
@@ -196,24 +191,30 @@ def table(
     """
     if not rows:
         return ""
-    lines = "".join(
-        f'<tr><th>{safe(name)}</th><td class="text">{safe(value)}</td></tr>\n'
-        for name, value in rows.items()
-    )
-    body = f"<table>\n{lines}</table>"
+    body = grid("", (), rows.items(), "text")
     if folded:
         kind = ' class="printed"' if printed else ""
         return f"<details{kind}><summary>{safe(title)} ({len(rows)})</summary>{body}</details>"
     return f"<h3>{safe(title)}</h3>{body}"
 
 
-def grid(title: str, heading: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
-    """Return a table of several columns: the first has names, the others numbers."""
-    head = "".join(f"<th>{safe(text)}</th>" for text in heading)
-    lines = "".join(
-        f"<tr><th>{row[0] if isinstance(row[0], Label) else safe(row[0])}</th>"
-        + "".join(f'<td class="number">{_number(value)}</td>' for value in row[1:])
-        + "</tr>\n"
-        for row in rows
+def grid(
+    title: str, heading: Sequence[str], rows: Iterable[Sequence[object]], kind: str = "number"
+) -> str:
+    """Return a table of several columns: the first has names, the others numbers or texts."""
+    head, td = (
+        "".join(f"<th>{safe(text)}</th>" for text in heading),
+        f'<td class="{kind}">{{}}</td>',
     )
-    return f"<h3>{safe(title)}</h3><table><tr>{head}</tr>\n{lines}</table>"
+    lines = "".join(
+        f"<tr><th>{name if isinstance(name, Label) else safe(name)}</th>"
+        f"{''.join(td.format(_unbroken(value)) for value in values)}</tr>\n"
+        for name, *values in rows
+    )
+    shown = f"<table>{f'<tr>{head}</tr>' if head else ''}\n{lines}</table>"
+    return f"<h3>{safe(title)}</h3>{shown}" if title else shown
+
+
+def _unbroken(text: object) -> str:
+    """Return a text as HTML; no line break may follow the sign of a sigma."""
+    return safe(text).replace("± ", "±\u00a0")

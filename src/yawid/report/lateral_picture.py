@@ -15,7 +15,8 @@ from matplotlib.figure import Figure
 
 from yawid.answers.run_summary import Bare, Manoeuvre, RunSummary
 from yawid.blocks import Floats, Ints, StampedRows
-from yawid.quantities.airspeed import GRAVITY
+from yawid.lateral import model
+from yawid.lateral.record import lagged_lines
 from yawid.report.picture import Picture
 from yawid.report.time_pictures import TIME_LABEL
 from yawid.sinks.mcap.reader import McapRun
@@ -26,6 +27,10 @@ _AT: Final = (2, 4, 0)  # their columns in an attitude
 _PITCH: Final = 1
 _AWAY_S: Final = 5.0
 _LEAST_ROWS: Final = 20
+STEP_S: Final = 0.005
+"""The step in s of the simulation, within which the commands are lines."""
+LEAST_Y_BETA: Final = 1e-9
+"""The least size of Y_beta in 1/s: of a file that somebody has changed it may be 0."""
 
 
 def lateral_picture(run: McapRun) -> Picture | None:
@@ -102,32 +107,28 @@ def _own(rows: StampedRows, found: Manoeuvre, lead_s: float = 0.0) -> StampedRow
 
 def free_states(bare: Bare, attitude: StampedRows, commands: StampedRows) -> tuple[Floats, Floats]:
     """Return sideslip, p, r, roll (n, 4) and rudder, aileron (n, 2) at the attitudes' times."""
-    A, B = airframe(bare, float(attitude.values[:, _PITCH].mean()))
-    t = (attitude.t_us - attitude.t_us[0]) / 1e6
-    step_s = float(np.median(np.diff(t)))
-    grid = np.arange(math.ceil(t[-1] / step_s) + 1) * step_s
-    u = _lagged(bare, (commands.t_us - attitude.t_us[0]) / 1e6, commands.values[:, :2], grid)
-    # The states run with the inputs, from each unit start, and with each unit trim.
-    whole = np.zeros((10, 10))
-    whole[:4, :4], whole[:4, 4:6], whole[:4, 6:] = A, B, np.eye(4)
-    from scipy.linalg import expm  # it takes long to load, and few runs need it
+    from scipy.signal import lsim  # it takes long to load, and few runs need it
 
-    move = expm(whole * step_s)[:4]
-    states = np.zeros((len(grid), 4, 9))
-    states[0, :, 1:5] = np.eye(4)
-    for k in range(len(grid) - 1):
-        states[k + 1] = move[:, :4] @ states[k]
-        states[k + 1, :, 0] += move[:, 4:6] @ (0.5 * (u[k] + u[k + 1]))
-        states[k + 1, :, 5:] += move[:, 6:]
-    every = np.column_stack([states.reshape(len(grid), 36), u])
-    at_times = np.column_stack([np.interp(t, grid, x) for x in every.T])
-    runs = at_times[:, :36].reshape(len(t), 4, 9)
+    A, B = _airframe(bare, float(attitude.values[:, _PITCH].mean()))
+    lag_s = 0.0 if bare.servo_lag_s is None else bare.servo_lag_s.value or 0.0
+    t, times = ((rows.t_us - attitude.t_us[0]) / 1e6 for rows in (attitude, commands))
+    before, after = np.arange(min(times[0], 0.0), 0.0, STEP_S), np.arange(0.0, t[-1], STEP_S)
+    at = np.concatenate([before, after, after[-1:] + STEP_S])
+    lines = np.stack([np.interp(at, times, x) for x in commands.values[:, :2].T])
+    u, at = lagged_lines(lines, lag_s, STEP_S)[:, len(before) :], at[len(before) :]
+    # The states run with the inputs, from each unit start, and with each unit trim.
+    forced, start = np.zeros((9, 4, 3)), np.zeros((9, 4))
+    forced[0, :, :2], forced[5:, :, 2], start[1:5] = B, np.eye(4), np.eye(4)
+    whole = np.kron(np.eye(9), A), forced.reshape(36, 3), np.eye(36), np.zeros((36, 3))
+    _, _, x = lsim(whole, np.stack([*u, np.ones(len(at))], axis=1), at, start.ravel())
+    runs = np.stack([np.interp(t, at, each) for each in x.T], axis=1).reshape(len(t), 9, 4)
     measured = attitude.values[:, _AT]
     weights = 1.0 / np.maximum(measured.std(axis=0), 1e-6)
-    rest = ((measured - runs[:, 1:, 0]) * weights).ravel()
-    parts = (runs[:, 1:, 1:] * weights[None, :, None]).reshape(-1, 8)
-    start, *_ = np.linalg.lstsq(parts, rest, rcond=None)
-    return runs[:, :, 0] + runs[:, :, 1:] @ start, at_times[:, 36:]
+    rest = ((measured - runs[:, 0, 1:]) * weights).ravel()
+    parts = (runs[:, 1:, 1:] * weights).swapaxes(1, 2).reshape(-1, 8)
+    found, *_ = np.linalg.lstsq(parts, rest, rcond=None)
+    surfaces = np.stack([np.interp(t, at, each) for each in u], axis=1)
+    return runs[:, 0] + np.einsum("nks,k->ns", runs[:, 1:], found), surfaces
 
 
 def acceleration(
@@ -149,32 +150,11 @@ def acceleration(
     return np.asarray(own + placed @ left, np.float64)
 
 
-def airframe(bare: Bare, pitch: float) -> tuple[Floats, Floats]:
+def _airframe(bare: Bare, pitch: float) -> tuple[Floats, Floats]:
     """Return A (4, 4) of sideslip, p, r, roll, and B (4, 2) of rudder and aileron (eq. 21)."""
-    alpha = pitch if bare.alpha_rad is None else bare.alpha_rad.value or 0.0
-    of = dict.fromkeys(Bare.NAMES, 0.0)
-    of |= {name: each.value or 0.0 for name, each in (bare.derivatives or {}).items()}
-    turn = GRAVITY / (bare.airspeed_m_s or math.inf) * math.cos(pitch)
-    A = np.array([
-        [of["Y_beta"], alpha, -1.0, turn],
-        [of["L_beta"], of["L_p"], of["L_r"], 0.0],
-        [of["N_beta"], of["N_p"], of["N_r"], 0.0],
-        [0.0, 1.0, math.tan(pitch), 0.0],
-    ])  # fmt: skip
-    B = np.array([
-        [of["Y_delta_r"], 0.0], [of["L_delta_r"], of["L_delta_a"]],
-        [of["N_delta_r"], of["N_delta_a"]], [0.0, 0.0],
-    ])  # fmt: skip
-    return A, B
-
-
-def _lagged(bare: Bare, t: Floats, commands: Floats, grid: Floats) -> Floats:
-    """Return the surfaces (n, 2) on the grid: the commands on lines, after a lag of first order."""
-    lag_s = 0.0 if bare.servo_lag_s is None else max(bare.servo_lag_s.value or 0.0, 0.0)
-    fine = np.arange(min(t[0], 0.0), grid[-1] + 0.005, 0.005)
-    u = np.column_stack([np.interp(fine, t, x) for x in commands.T])
-    if lag_s > 0.0:
-        stays = math.exp(-0.005 / lag_s)
-        for k in range(1, len(u)):
-            u[k] = stays * u[k - 1] + (1.0 - stays) * u[k]
-    return np.column_stack([np.interp(grid, fine, x) for x in u.T])
+    of = {name: each.value or 0.0 for name, each in (bare.derivatives or {}).items()}
+    of["log_Y_beta"] = math.log(max(-of.get("Y_beta", 0.0), LEAST_Y_BETA))
+    of["alpha"] = pitch if bare.alpha_rad is None else bare.alpha_rad.value or 0.0
+    theta = np.array([[of.get(name, 0.0) for name in model.NAMES]])
+    found = model.system(theta, bare.airspeed_m_s or math.inf, pitch)
+    return found.A[0, :4, :4], found.B[0, :4][:, [model.RUDDER, model.AILERON]]

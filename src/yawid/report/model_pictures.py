@@ -24,7 +24,6 @@ from yawid.physics.continuous import pole_of
 from yawid.physics.frequency_response import FrequencyResponse, frequency_response
 from yawid.report.data import Drawn
 from yawid.report.picture import Picture, band, log_axis
-from yawid.sinks.base import Grid
 from yawid.sinks.palette import BARE, DATA, MODEL, NEUTRAL
 
 APART = 1.04
@@ -99,7 +98,7 @@ def ellipse(ax: Axes, at: complex, covariance: Floats, least: float = 0.0) -> No
     ax.add_patch(Ellipse((at.real, at.imag), width, height, angle=angle, color=MODEL, alpha=0.25))
 
 
-def bode_picture(drawn: Drawn, grid: Grid) -> Picture:
+def bode_picture(drawn: Drawn, rudder_unit: str) -> Picture:
     """Return the frequency response from rudder to yaw rate, with its band, and spectral points."""
     spectral = _spectral(drawn)
     nyquist_hz = 0.5 / drawn.model.sample_time_s
@@ -124,7 +123,7 @@ def bode_picture(drawn: Drawn, grid: Grid) -> Picture:
         for ax in (upper, lower):
             ax.axvline(drawn.wn_rad_s / (2.0 * np.pi), color=NEUTRAL, linewidth=0.9, ls="--")
         log_axis(upper)
-        upper.set_ylabel(f"gain [dB, rad/s per {grid.rudder_unit}]")
+        upper.set_ylabel(f"gain [dB, rad/s per {rudder_unit}]")
         lower.set(xlabel="frequency [Hz]", ylabel="phase [deg]")
         upper.set_xlim(low, HIGHEST * nyquist_hz)
         _room(upper, np.maximum(gain_db, gain_db.max() - MOST_DB))
@@ -140,7 +139,7 @@ def bode_picture(drawn: Drawn, grid: Grid) -> Picture:
             " The points come straight from the data, without a model, where rudder and yaw rate "
             "are coherent; bars: 2 sigma."
         )
-    if len(grid.inputs) > 1:
+    if len(drawn.model.inputs) > 1:
         look += " The points ignore the aileron."
     return Picture("bode", "Frequency response, rudder to yaw rate", look, draw)
 
@@ -203,7 +202,7 @@ def _room(ax: Axes, line: Floats) -> None:
     ax.set_ylim(low - room, high + room)
 
 
-def step_picture(drawn: Drawn, grid: Grid) -> Picture:
+def step_picture(drawn: Drawn, rudder_unit: str) -> Picture:
     """Return the picture of the yaw rate after a unit step of the rudder, with its band."""
     period_s = 2.0 * np.pi / drawn.wn_rad_s
     t = np.linspace(0.0, STEP_PERIODS * period_s, 200)
@@ -218,7 +217,7 @@ def step_picture(drawn: Drawn, grid: Grid) -> Picture:
         ax.set(xlabel="time after the step [s]", ylabel="yaw rate [rad/s]", xlim=(0.0, t[-1]))
 
     look = (
-        f"After the rudder steps by 1 {grid.rudder_unit}, nose right. Band: 2 sigma, over the "
+        f"After the rudder steps by 1 {rudder_unit}, nose right. Band: 2 sigma, over the "
         "first period; later values lean on the spiral mode, which no short record shows."
     )
     return Picture("step", "Step response", look, draw)

@@ -4,8 +4,11 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Final
 
+import numpy as np
+
 from yawid.answers.model_parts import Fit
 from yawid.answers.run_summary import MethodSummary, RunSummary, Value
+from yawid.blocks import Held, Noted, words
 from yawid.physics.derivatives import LARGEST_ERROR
 from yawid.quantities.table import QUANTITIES, REDUCTION_ERROR, YAW_CHANNEL
 from yawid.report.data import ReportData
@@ -94,12 +97,14 @@ def channel_tables(summary: RunSummary, data: ReportData | None) -> Iterator[str
     """Yield the tables of the channels' sources, the link, and the held and noted samples."""
     for name, channel in summary.channels.items():
         yield table(name, {key: _text(value) for key, value in channel.to_json().items()})
-    counts = summary.link.to_json().items()
-    yield table("link", {key.replace("_", " "): _text(count) for key, count in counts})
+    link = summary.link.to_json().items()
+    yield table("link", {key.replace("_", " "): _text(count) for key, count in link})
     if data is not None:
-        for title, held in (("held", data.events.counts), ("noted", data.events.notes)):
-            said = {name: f"{count} samples" for name, count in held.items()}
-            yield table(f"samples {title}, by reason", said or {"any": "no sample"})
+        for flags, codes in ((Held, data.samples.held), (Noted, data.samples.noted)):
+            counts = {words(flag): np.sum(codes & flag.value != 0) for flag in flags}
+            said = {name: f"{count} samples" for name, count in counts.items() if count}
+            title = f"samples {flags.__name__.lower()}, by reason"
+            yield table(title, said or {"any": "no sample"})
 
 
 def provenance(run: McapRun) -> Iterator[str]:

@@ -18,7 +18,6 @@ from yawid.report.picture import (
     sensible_limits,
     traced,
 )
-from yawid.sinks.base import Grid
 from yawid.sinks.palette import DATA, METHODS, MODEL, NEUTRAL, RUDDER
 from yawid.sinks.words import percent
 
@@ -30,22 +29,19 @@ OUTSIDE = 10.0
 TIME_LABEL = "time since boot [s]"
 
 
-def whole_picture(data: ReportData, grid: Grid) -> Picture:
+def whole_picture(data: ReportData) -> Picture:
     """Return the picture of rudder and yaw rate over the whole flight, with the manoeuvres."""
-    whole = data.whole
-    used = whole.t[np.isfinite(whole.y)]
-    ends = (used.min(), used.max()) if len(used) > 1 else (whole.t[0], whole.t[-1])
-    margin = 0.02 * (ends[1] - ends[0])
-    ends = (ends[0] - margin, ends[1] + margin)
+    t, rudder, y = data.samples.boot_us / 1e6, data.samples.u[:, 0], data.samples.y
+    used = t[np.isfinite(y)] if np.isfinite(y).sum() > 1 else t
+    margin = 0.02 * np.ptp(used)
 
     def draw(figure: Figure) -> None:
-        upper, lower = figure.subplots(2, 1, sharex=True)
-        traced(upper, whole.t, whole.rudder, RUDDER)
-        traced(lower, whole.t, whole.y, DATA)
-        upper.set_ylabel(f"rudder\n[{grid.rudder_unit}]")
-        lower.set(xlabel=TIME_LABEL, ylabel="yaw rate\n[rad/s]")
-        for ax, line in ((upper, whole.rudder), (lower, whole.y)):
-            ax.set_xlim(*ends)
+        axes = figure.subplots(2, 1, sharex=True)
+        axes[0].set_ylabel(f"rudder\n[{data.grid.rudder_unit}]")
+        axes[1].set(xlabel=TIME_LABEL, ylabel="yaw rate\n[rad/s]")
+        for ax, line, shade in zip(axes, (rudder, y), (RUDDER, DATA), strict=True):
+            traced(ax, t, line, shade)
+            ax.set_xlim(used.min() - margin, used.max() + margin)
             sensible_limits(ax, line, settled=0.0)
             mark_events(ax, data.events)
 
@@ -53,7 +49,7 @@ def whole_picture(data: ReportData, grid: Grid) -> Picture:
     return Picture("whole", "The whole flight", look + manoeuvres_note(data.events), draw)
 
 
-def manoeuvre_picture(drawn: Drawn, grid: Grid) -> Picture:
+def manoeuvre_picture(drawn: Drawn, rudder_unit: str) -> Picture:
     """Return a manoeuvre as measured, and as simulated by its answer's model."""
     found, judged = drawn.found, drawn.measured
     refused = "" if found.verdict.usable else ", not usable"
@@ -74,7 +70,7 @@ def manoeuvre_picture(drawn: Drawn, grid: Grid) -> Picture:
         rudder, yaw, left = axes[-3:]
         t = judged.t[rows]
         rudder.plot(t, judged.u[rows, 0], color=RUDDER, drawstyle="steps-post")
-        rudder.set_ylabel(f"rudder\n[{grid.rudder_unit}]")
+        rudder.set_ylabel(f"rudder\n[{rudder_unit}]")
         yaw.plot(t, judged.y[rows], color=DATA, linewidth=2.4, label="measured")
         yaw.plot(t, simulated[rows], color=MODEL, linewidth=1.1, label="model, from the rudder")
         yaw.set(ylabel="yaw rate\n[rad/s]", ylim=(low, high))
@@ -136,26 +132,20 @@ def _limits(y: Floats) -> tuple[float, float]:
     return low - room, high + room
 
 
-def _settled(data: ReportData) -> float:
-    """Return the part of a track that may be a transient: up to the first manoeuvre, 0.25-0.8."""
-    begins = [each.from_s for each in data.events.manoeuvres]
-    before = np.mean(data.track.t < min(begins)) if begins else 0.0
-    return float(np.clip(before, 0.25, 0.8))
-
-
-def modes_picture(data: ReportData, method: str) -> Picture:
+def modes_picture(data: ReportData) -> Picture:
     """Return the picture of the running estimate's wn and zeta over time."""
-    track, shade = data.track, METHODS.get(method, MODEL)
+    (t, *columns), method = data.track.T, data.grid.methods[0]
+    shade = METHODS.get(method, MODEL)
 
     def draw(figure: Figure) -> None:
         axes = figure.subplots(2, 1, sharex=True)
-        for i, (ax, label) in enumerate(zip(axes, ("ωn [rad/s]", "ζ"), strict=True)):
-            value, spread = track.dutch_roll[:, 2 * i], 2.0 * track.dutch_roll[:, 2 * i + 1]
-            spread = np.where(spread < np.maximum(np.abs(value), 0.5), spread, np.nan)
-            ax.plot(track.t, value, color=shade)
-            band(ax, track.t, value - spread, value + spread, shade)
-            lines = value, value - spread, value + spread
-            sensible_limits(ax, *lines, settled=_settled(data), least=0.5)
+        for ax, label, value, std in zip(
+            axes, ("ωn [rad/s]", "ζ"), columns[::2], columns[1::2], strict=True
+        ):
+            spread = np.where(2.0 * std < np.maximum(np.abs(value), 0.5), 2.0 * std, np.nan)
+            ax.plot(t, value, color=shade)
+            band(ax, t, value - spread, value + spread, shade)
+            sensible_limits(ax, value, value - spread, value + spread, least=0.5)
             ax.set_ylabel(label)
             mark_events(ax, data.events)
         axes[-1].set_xlabel(TIME_LABEL)
