@@ -134,7 +134,7 @@ def test_a_run_with_such_a_chunk_is_neither_reported_nor_shown(good_mcap: bytes,
     run_limited(
         "from yawid.cli.main import main\n"
         "assert main(['report', sys.argv[1], '-o', sys.argv[2]]) == 6\n"
-        "assert main(['view', sys.argv[1], '--save', sys.argv[3]]) == 6",
+        "assert main(['view', sys.argv[1], '--out', sys.argv[3]]) == 6",
         900,
         tmp_path / "bomb.mcap",
         tmp_path / "r.html",

@@ -9,7 +9,7 @@ import pytest
 from places import C172P, REPLAY_LOGS
 from printed import WHOLE, why_invalid
 
-from yawid.cli.json_schema import of_command
+from yawid.cli.json_schema import document
 from yawid.cli.main import main
 from yawid.cli.program import PRINTING
 
@@ -48,7 +48,7 @@ def test_every_command_whose_output_has_a_schema_prints_it():
 def test_the_schema_of_a_command_is_a_json_schema(command: str):
     import jsonschema
 
-    jsonschema.Draft202012Validator.check_schema(of_command(WHOLE, command))
+    jsonschema.Draft202012Validator.check_schema(document(command))
 
 
 @pytest.mark.parametrize("case", CASES, ids=lambda p: p.parent.name)

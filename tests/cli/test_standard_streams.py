@@ -37,7 +37,7 @@ COMMANDS = {
     "orders": ["orders", "a.tlog"],
     "step": ["step", "step.csv"],
     "simulate": ["simulate", "yaw", "--seconds", "5", "--out", "OUT/s.csv"],
-    "view": ["view", "a.mcap", "--save", "OUT/v.rrd"],
+    "view": ["view", "a.mcap", "--out", "OUT/v.rrd"],
 }
 IN_THE_GATE = ("help", "replay")
 """The other commands, which print through the same door, are in the long list: each is a child."""

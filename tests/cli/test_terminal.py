@@ -137,7 +137,7 @@ COMMANDS: dict[str, list[str]] = {
     "inspect as JSON": ["inspect", "a.parquet", *NAMED, "--json"],
     "a card": ["inspect", f"{NAME}.tlog", "--card"],
     "orders": ["orders", "a.parquet", *NAMED],
-    "view": ["view", f"{NAME}.mcap", "--save", f"OUT/{BAD}.rrd"],
+    "view": ["view", f"{NAME}.mcap", "--out", f"OUT/{BAD}.rrd"],
     "report": ["report", f"{NAME}.mcap", "-o", f"OUT/{BAD}.html"],
     "report of a forged run": ["report", "forged.mcap", "-o", "OUT/r.html"],
     "export": ["export", "forged.mcap", "-o", f"OUT/{BAD}.csv"],

@@ -17,7 +17,7 @@ REFUSED = (
     "inspect URL",
     "orders URL",
     "view URL",
-    "view RUN --save URL",
+    "view RUN --out URL",
     "report URL",
     "report RUN -o URL",
     "export RUN --out URL",

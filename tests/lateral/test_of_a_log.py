@@ -419,7 +419,7 @@ def test_a_channel_that_is_constant_or_reversed_is_the_reason(
 
 def test_the_view_of_a_run_has_its_airframes(mcap: Path, tmp_path: Path):
     """It had the manoeuvres alone, and the recording of a replay both."""
-    assert main(["view", str(mcap), "--save", str(tmp_path / "view.rrd")]) == 0
+    assert main(["view", str(mcap), "--out", str(tmp_path / "view.rrd")]) == 0
 
     found = recorded(tmp_path / "view.rrd")["/dutch_roll/wn/bare"]["Scalars:scalars"]
 

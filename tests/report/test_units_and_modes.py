@@ -66,7 +66,7 @@ def test_a_run_estimated_again_and_one_viewed_keep_unit_and_names(
     assert (second.rudder_unit, second.autopilot, second.vehicle_type) == ("rad", 3, 1)
     for path in (in_rad, again):
         assert [mode.name for _, mode in decoded(path)["/yawid/mode"]] == ["FBWA"]
-    assert main(["view", str(again), "--save", str(tmp_path / "a.rrd")]) == 0
+    assert main(["view", str(again), "--out", str(tmp_path / "a.rrd")]) == 0
     assert statics(tmp_path / "a.rrd", "/input", "SeriesLines:names") == [["rudder [rad]"]]
     lane = recorded(tmp_path / "a.rrd")["/state/flight_mode"]
     assert lane["StateChange:state"] == [["FBWA"]]

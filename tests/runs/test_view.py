@@ -32,7 +32,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_the_view_of_a_run_is_the_recording_the_run_would_have_saved(
     run: Path, tmp_path: Path
 ) -> None:
-    assert main(["view", str(run), "--save", str(tmp_path / "view.rrd")]) == 0
+    assert main(["view", str(run), "--out", str(tmp_path / "view.rrd")]) == 0
 
     saved, viewed = recorded(run.with_suffix(".rrd")), recorded(tmp_path / "view.rrd")
     assert saved.keys() == viewed.keys()
@@ -64,7 +64,7 @@ def test_manoeuvres_are_shown_at_the_very_samples_though_their_dates_are_rounded
     run: Path, tmp_path: Path
 ) -> None:
     flown = with_manoeuvres(run, tmp_path / "flown.mcap")
-    assert main(["view", str(flown), "--save", str(tmp_path / "view.rrd")]) == 0
+    assert main(["view", str(flown), "--out", str(tmp_path / "view.rrd")]) == 0
 
     samples = next(open_run(run).samples())
     lane = recorded(tmp_path / "view.rrd")["/state/manoeuvre"]
@@ -79,7 +79,7 @@ def test_a_manoeuvre_whose_samples_are_lost_is_shown_where_its_date_says(
     run: Path, tmp_path: Path
 ) -> None:
     lost = with_manoeuvres(run, tmp_path / "lost.mcap", date="2001-09-09T01:46:40Z")
-    assert main(["view", str(lost), "--save", str(tmp_path / "view.rrd")]) == 0
+    assert main(["view", str(lost), "--out", str(tmp_path / "view.rrd")]) == 0
     lane = recorded(tmp_path / "view.rrd")["/state/manoeuvre"]
     assert lane["unix_time"][:2] == [10**18, 10**18 + 5 * 10**9]
 
@@ -88,7 +88,7 @@ def test_a_manoeuvre_with_a_date_that_is_none_is_one_line(
     run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     bad = with_manoeuvres(run, tmp_path / "bad.mcap", date="yesterday")
-    assert main(["view", str(bad), "--save", str(tmp_path / "view.rrd")]) == 6
+    assert main(["view", str(bad), "--out", str(tmp_path / "view.rrd")]) == 6
     error = capsys.readouterr().err
     assert error.count("\n") == 1
     assert "is not a file as yawid writes it: the times of manoeuvre 1" in error
@@ -104,7 +104,7 @@ def test_without_a_screen_it_is_one_line_and_exit_code_6(
     error = capsys.readouterr().err
     assert error.count("\n") == 1
     assert "no screen" in error
-    assert "--save" in error
+    assert "--out" in error
 
 
 def test_a_viewer_that_does_not_listen_is_one_line_and_exit_code_6(
@@ -117,9 +117,9 @@ def test_a_viewer_that_does_not_listen_is_one_line_and_exit_code_6(
 def test_a_recording_that_exists_is_refused_without_force(run: Path, tmp_path: Path) -> None:
     path = tmp_path / "view.rrd"
     path.write_bytes(b"precious")
-    assert main(["view", str(run), "--save", str(path)]) == 6
+    assert main(["view", str(run), "--out", str(path)]) == 6
     assert path.read_bytes() == b"precious"
-    assert main(["view", str(run), "--save", str(path), "--force"]) == 0
+    assert main(["view", str(run), "--out", str(path), "--force"]) == 0
     assert [p.name for p in tmp_path.iterdir()] == ["view.rrd"]
 
 
@@ -138,7 +138,7 @@ def test_a_file_that_is_no_finished_run_is_one_line(
         writer = Writer(str(path))
         writer.start()
         writer.finish()
-    for command in (["view", str(path), "--save", str(tmp_path / "x.rrd")], ["report", str(path)]):
+    for command in (["view", str(path), "--out", str(tmp_path / "x.rrd")], ["report", str(path)]):
         assert main(command) == 6
         error = capsys.readouterr().err
         assert error.count("\n") == 1

@@ -6,7 +6,7 @@ import json
 from functools import cache
 from typing import Any
 
-from yawid.cli.json_schema import document, of_command
+from yawid.cli.json_schema import document
 
 WHOLE: dict[str, Any] = document()
 
@@ -15,7 +15,7 @@ WHOLE: dict[str, Any] = document()
 def validator(command: str) -> Any:
     import jsonschema
 
-    return jsonschema.Draft202012Validator(of_command(WHOLE, command))
+    return jsonschema.Draft202012Validator(document(command))
 
 
 def why_invalid(command: str, told: Any) -> str:

@@ -51,8 +51,8 @@ def test_a_view_of_a_damaged_run_removes_its_own_part_and_no_others(tmp_path: Pa
     other = tmp_path / "theirs.rrd.part"
     other.write_bytes(b"being written")
 
-    assert main(["view", str(tmp_path / "bad.mcap"), "--save", str(tmp_path / "mine.rrd")]) == 6
-    assert main(["view", str(run), "--save", str(tmp_path / "theirs.rrd")]) == 6
+    assert main(["view", str(tmp_path / "bad.mcap"), "--out", str(tmp_path / "mine.rrd")]) == 6
+    assert main(["view", str(run), "--out", str(tmp_path / "theirs.rrd")]) == 6
     assert other.read_bytes() == b"being written"
     assert sorted(path.name for path in tmp_path.iterdir()) == ["bad.mcap", "run", other.name]
 

@@ -36,8 +36,7 @@ def add_damper(command: Command) -> None:
         help="a parameter of the autopilot that is not in the log; may be repeated",
     )  # fmt: skip
     command.flag("--json", "print one JSON object")
-    command.option("-o", "--out", type=Path, metavar="PAGE.html", help="write a page as well")
-    command.flag("--force", "overwrite a page that exists")
+    command.page("PAGE.html", "write a page as well")
 
 
 def _damper(arguments: argparse.Namespace) -> int:

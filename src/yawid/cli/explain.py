@@ -12,7 +12,6 @@ import textwrap
 from collections import defaultdict
 from collections.abc import Iterator, Mapping
 from difflib import get_close_matches
-from itertools import chain
 from pathlib import Path
 from typing import Final
 
@@ -144,15 +143,15 @@ def _commands(every: Mapping[str, Command]) -> Iterator[tuple[str, str, str]]:
 
 
 def _options(every: Mapping[str, Command]) -> Iterator[tuple[str, str, str]]:
-    of: dict[str, dict[str, list[str]]] = defaultdict(lambda: defaultdict(list))
+    of = defaultdict[str, dict[str, list[str]]](dict)
     for name, command in every.items():
         for action in command.arguments:
-            if long := [each for each in action.option_strings if each.startswith("--")]:
-                form = " ".join([", ".join(action.option_strings), str(action.metavar or "")])
-                of[long[0]][f"{form.strip()}: {action.help}"].append(name)
+            for option in [each for each in action.option_strings if each[2:]][:1]:
+                said = f"{option} {action.metavar or ''}".strip()
+                of[option].setdefault(f"{said}: {action.help}", []).append(name)
     for option, found in sorted(of.items()):
-        lines = [(_filled(form), f"  of yawid {', '.join(names)}") for form, names in found.items()]
-        yield option, "\n".join(chain.from_iterable(lines)), ""
+        lines = (f"{_filled(form)}\n  of yawid {', '.join(names)}" for form, names in found.items())
+        yield option, "\n".join(lines), ""
 
 
 def _keys(*, quantities: bool) -> Iterator[tuple[str, str, str]]:

@@ -20,18 +20,15 @@ OF_AIRCRAFT = (
 
 def add_view(command: Command) -> None:
     """Give the command its arguments and options."""
-    examples = (
-        "yawid view yawid-out/flight.mcap\nyawid view yawid-out/flight.mcap --save flight.rrd"
-    )
+    examples = "yawid view yawid-out/flight.mcap\nyawid view yawid-out/flight.mcap -o flight.rrd"
     from yawid.config.fields import like
 
     command.shape("RUN.mcap", examples, _view)
     command.option("mcap", metavar="RUN.mcap", type=Path, help="the file of a finished run")
-    command.option("--save", type=Path, metavar="X.rrd", help="write a recording instead")
+    command.page("X.rrd", "write a recording instead")
     text = "send it to a viewer: rerun+http://HOST:PORT/proxy"
     viewer = like(r"rerun\+http.*", "be rerun+http://HOST:PORT/proxy")
     command.option("--to", type=viewer, metavar="URL", help=text)
-    command.flag("--force", "overwrite a recording that exists")
 
 
 def add_report(command: Command) -> None:
@@ -39,9 +36,7 @@ def add_report(command: Command) -> None:
     examples = "yawid report yawid-out/flight.mcap\nyawid report flight.mcap -o flight.html --force"
     command.shape("RUN.mcap", examples, _report)
     command.option("mcap", metavar="RUN.mcap", type=Path, help="the file of a finished run")
-    text = "(default: next to the MCAP, with its name)"
-    command.option("-o", "--out", type=Path, metavar="R.html", help=text)
-    command.flag("--force", "overwrite files that exist")
+    command.page("R.html", "(default: next to the MCAP, with its name)")
 
 
 def add_export(command: Command) -> None:
@@ -61,27 +56,26 @@ def add_export(command: Command) -> None:
     text = "whose model: the flight's, the bare airframe's, or manoeuvre N's (default: flight)"
     which = like(r"flight|bare|\d+", "be flight, bare or the number of a manoeuvre")
     command.option("--of", type=which, default="flight", metavar="flight|bare|N", help=text)
-    command.option(
-        "-o", "--out", type=Path, metavar="OUT.parquet|.csv|.npz|.json|.mat|.xml",
-        help="(default: next to RUN or LOG, Parquet or JSON); a model: .json, .mat, .xml (JSBSim)",
-    )  # fmt: skip
+    command.page(
+        "OUT.parquet|.csv|.npz|.json|.mat|.xml",
+        "(default: next to RUN or LOG, Parquet or JSON); a model: .json, .mat, .xml (JSBSim)",
+    )
     command.option(
         "--aircraft", type=partial(numbers, OF_AIRCRAFT), metavar="NAME=VALUE,...", rare=True,
         default={},
         help=f"for .xml: {', '.join(OF_AIRCRAFT)} in kg, m and deg; ixz is the integral of x z "
         "(density: the standard atmosphere's at the altitude flown)",
     )  # fmt: skip
-    command.flag("--force", "overwrite a file that exists")
 
 
 def _view(arguments: argparse.Namespace) -> int:
     from yawid.runs.view import view
 
-    if arguments.save is not None and arguments.to is not None:
-        raise ConfigError("give --save or --to, not both")
-    view(arguments.mcap, arguments.save, arguments.to or "spawn", force=arguments.force)
-    if arguments.save is not None:
-        print_line(str(arguments.save.absolute()))
+    if arguments.out is not None and arguments.to is not None:
+        raise ConfigError("give --out or --to, not both")
+    view(arguments.mcap, arguments.out, arguments.to or "spawn", force=arguments.force)
+    if arguments.out is not None:
+        print_line(str(arguments.out.absolute()))
     return 0
 
 
@@ -101,16 +95,14 @@ def _export(arguments: argparse.Namespace) -> int:
     from yawid.tables.export import check_name, export
     from yawid.tables.replay import run_of
 
-    log, what, force = arguments.log, arguments.what, arguments.force
+    log, what = arguments.log, arguments.what
     if what == "model":
         print_line(str(_model(arguments)))
-    elif format_of(log) is RUN:
-        print_line(str(export(log, arguments.out, what, force=force)))
-    else:
-        out = log.with_suffix(".parquet") if arguments.out is None else arguments.out
-        check_name(out)  # before a replay that takes long
-        with TemporaryDirectory() as folder:
-            print_line(str(export(run_of(log).mcap(Path(folder)), out, what, force=force)))
+        return 0
+    check_name(out := arguments.out or log.with_suffix(".parquet"))  # a replay takes long
+    with TemporaryDirectory() as folder:
+        mcap = log if format_of(log) is RUN else run_of(log).mcap(Path(folder))
+        print_line(str(export(mcap, out, what, force=arguments.force)))
     return 0
 
 

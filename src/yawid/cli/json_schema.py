@@ -4,8 +4,6 @@ The words and the unit of a key stand on its field (:func:`yawid.answers.part.sa
 not, they are those of the quantity of its name.
 """
 
-import json
-import re
 from collections import defaultdict
 from collections.abc import Iterator
 from typing import Any, Final
@@ -65,8 +63,8 @@ _LATER: Final[dict[str, Schema]] = {
 """What keys may hold by tables that the types themselves do not know."""
 
 
-def document() -> Schema:
-    """Return the whole schema.
+def document(only: str | None = None) -> Schema:
+    """Return the whole schema, or that of the output of one command, with the types it needs.
 
     Raises:
         KeyError: a key has no words.
@@ -76,26 +74,37 @@ def document() -> Schema:
     from yawid.trend.trend import Trend
 
     printed = {**_PRINTED, "trend": (Trend, _CHANGED), "diff": (Diff, _CHANGED)}
-    _, defs = msgspec.json.schema_components([kind for kind, _ in printed.values()])
-    found = {name: _object(schema) for name, schema in defs.items()}
-    tables = {f"{name}_row": table for name, table in json_schema()["$defs"].items()}
+    asked = [each for each in (*printed, "fleet") if only in (None, each)]
+    _, defs = msgspec.json.schema_components(
+        [printed[each][0] for each in asked if each in printed]
+    )
+    defs = {name: _object(schema) for name, schema in defs.items()}
     commands: Schema = {
         name: {"description": says, "$ref": f"#/$defs/{kind.__name__}"}
         for name, (kind, says) in printed.items()
+        if name in asked
     }
-    rows = [{"$ref": f"#/$defs/{name}"} for name in tables]
-    commands["fleet"] = {"description": _FLEET, "anyOf": rows}
+    if "fleet" in asked:
+        tables = {f"{name}_row": table for name, table in json_schema()["$defs"].items()}
+        rows = [{"$ref": f"#/$defs/{name}"} for name in tables]
+        commands["fleet"] = {"description": _FLEET, "anyOf": rows}
+        defs |= tables
+    said = {"title": "yawid --json", "description": ALL}
+    shown: Schema = {"anyOf": [{"$ref": f"#/$defs/{name}"} for name in commands]}
+    if only is not None:
+        shown, commands = commands[only], {}
+        how = "-o MODEL.json" if only == "export" else "--json"
+        shown |= {"title": f"yawid {only} {how}", "description": f"{shown['description']}. {ALL}"}
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
-        "title": "yawid --json",
-        "description": ALL,
+        **said,
         "x-exit-codes": {str(code): each for code, each in EXIT_CODES.items()},
         "x-reasons": {
             kind.id: {"weight": kind.weight, "exit_code": kind.exit_code, "what_to_do": kind.now}
             for kind in KINDS.values()
         },
-        "anyOf": [{"$ref": f"#/$defs/{name}"} for name in commands],
-        "$defs": commands | found | tables,
+        **shown,
+        "$defs": commands | defs,
     }
 
 
@@ -145,26 +154,3 @@ def _key(key: str, schema: Schema) -> Schema:
         unit = row.unit.replace(RUDDER, "unit of rudder")
         schema = {"description": row.words} | ({"x-unit": unit} if unit else {}) | schema
     return schema | _LATER.get(key, {})
-
-
-def of_command(schema: Schema, command: str) -> Schema:
-    """Return the schema of the output of one command, with the definitions that it needs."""
-    needed: set[str] = set()
-    _collect(schema["$defs"], command, needed)
-    defs = {name: each for name, each in schema["$defs"].items() if name in needed - {command}}
-    kept = {name: each for name, each in schema.items() if name not in ("anyOf", "$defs")}
-    return {
-        **kept,
-        "title": f"yawid {command} {'-o MODEL.json' if command == 'export' else '--json'}",
-        "description": f"{schema['$defs'][command]['description']}. {schema['description']}",
-        **{k: v for k, v in schema["$defs"][command].items() if k != "description"},
-        "$defs": defs,
-    }
-
-
-def _collect(defs: Schema, name: str, needed: set[str]) -> None:
-    """Add the names of a definition and of all definitions it refers to."""
-    if name not in needed:
-        needed.add(name)
-        for other in re.findall(r'"#/\$defs/(.+?)"', json.dumps(defs[name])):
-            _collect(defs, other, needed)

@@ -155,10 +155,10 @@ REPLACED_BY: Final = {
 """What does the work of a command that is gone, where no other has a name like it."""
 
 
-def command_of(name: str) -> Command:
+def command_of(name: str, *, is_short: bool = False) -> Command:
     """Return the parser of a command; the others' options are not made."""
     what, add = COMMANDS[name]
-    command = Command(name, what)
+    command = Command(name, what, is_short=is_short)
     command.set_defaults(every=every)
     add(command)
     return command
@@ -174,9 +174,12 @@ def parsed(words: Sequence[str]) -> argparse.Namespace:
 
     Raises:
         ConfigError: there is no such command, or a settings file is wrong.
-        SystemExit: help was asked for, or a word of the command is wrong.
+        SystemExit: a word of the command is wrong.
     """
     name = words[0] if words else ""
+    if name in COMMANDS and (asked := {"-h", "--help", "--help-all"} & {*words}):
+        page = command_of(name, is_short="--help-all" not in asked).help()
+        return argparse.Namespace(run=partial(_print, page))
     if name in COMMANDS:
         return read_words(command_of(name), words[1:], every)
     if name in ("-h", "--help", "--help-all"):
@@ -294,21 +297,31 @@ def _run_and_print(
     then: Callable[[_Page], None] | None = None,
 ) -> int:
     """Do one run, print its result, and do what comes ``then``; return the run's exit code."""
+
+    def act() -> int:
+        try:
+            summary = run()
+        except UnwrittenError as error:
+            print_answer(error.summary, page, as_json=as_json)
+            raise
+        print_answer(summary, page, as_json=as_json)
+        if then is not None:
+            then(summary)
+        return summary.exit_code
+
+    return _code_of(act)
+
+
+def _code_of(act: Callable[[], int]) -> int:
+    """Return the exit code of a command, or of one of its runs: errors are a line each."""
     try:
-        summary = run()
-    except UnwrittenError as error:
-        print_answer(error.summary, page, as_json=as_json)
-        return _explained(error)
+        return act()
     except YawidError as error:
         return _explained(error)
     except (Interrupted, OSError):
         raise
-    except Exception as error:  # the logs that follow are still run
+    except Exception as error:  # a fault of yawid: further logs are still run
         return _unforeseen(error)
-    print_answer(summary, page, as_json=as_json)
-    if then is not None:
-        then(summary)
-    return summary.exit_code
 
 
 def _explained(error: YawidError) -> int:
@@ -330,11 +343,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; return the exit code."""
     gc.set_threshold(GARBAGE_AFTER)
     try:
-        make_ready()
         with StopFlag(raises=True).installed():
-            return _run(argv)
-    except YawidError as error:
-        return _explained(error)
+            return _code_of(partial(_run, argv))
     except Interrupted as stopped:
         say("interrupted: there was nothing to save")
         return stopped.exit_code
@@ -348,11 +358,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         # Code that opens a file reports its own errors; this one is of stdout, or unforeseen.
         mute(sys.stdout)
         return _explained(SinkError(f"{error.filename or 'stdout'}: {error.strerror or error}"))
-    except Exception as error:  # all other errors are faults of yawid
-        return _unforeseen(error)
 
 
 def _run(argv: Sequence[str] | None) -> int:
+    make_ready()
     try:
         arguments = parsed(sys.argv[1:] if argv is None else argv)
         code: int = arguments.run(arguments)

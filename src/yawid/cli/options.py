@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn, get_args
 
 from yawid.errors import ConfigError, did_you_mean
-from yawid.sinks.door import plain, print_text
+from yawid.sinks.door import plain
 
 if TYPE_CHECKING:
     from yawid.runs.outputs import Outputs
@@ -26,20 +26,11 @@ ALL = "all"
 """The value of sysid that only ``yawid live`` reads, and not the configuration of a run."""
 
 
-class _Help(argparse.Action):
-    """``--help`` and ``--help-all``: the second shows the rarely used options, too."""
-
-    def __init__(self, option_strings: list[str], dest: str, **others: Any) -> None:
-        super().__init__(option_strings, dest, nargs=0, default=argparse.SUPPRESS, **others)
-
-    def __call__(self, parser: Any, _: Any, __: Any, option_string: str | None = None) -> None:
-        parser.show(with_rare=option_string == "--help-all")
-
-
 class Command(argparse.ArgumentParser):
     """The parser of one command; an error is one line, with the command that lists the options."""
 
-    def __init__(self, name: str, what: str) -> None:
+    def __init__(self, name: str, what: str, *, is_short: bool = False) -> None:
+        """Make the parser of a command; of one that ``is_short`` help has the usual options."""
         super().__init__(
             prog=f"yawid {name}",
             description=what[0].upper() + what[1:] + ".",
@@ -51,11 +42,13 @@ class Command(argparse.ArgumentParser):
         self.arguments: list[argparse.Action] = []
         """The options and the arguments without a name."""
         self._groups: dict[str, Any] = {}
-        self._rare: list[argparse.Action] = []
+        self._is_short, self._rare = is_short, 0
         self.place = ""
         """Where the words stand that are read, if not on the command line."""
-        self.option("-h", "--help", action=_Help, help="show the usual options")
-        self.option("--help-all", action=_Help, help="show every option", rare=True)
+        for names in (("-h", "--help"), ("--help-all",)):
+            self.option(
+                *names, action="store_true", default=argparse.SUPPRESS, help=argparse.SUPPRESS
+            )
 
     def shape(self, arguments: str, examples: str, run: Callable[..., int]) -> None:
         """Say which ``arguments`` it takes, with examples (a line each), and what runs it."""
@@ -78,29 +71,27 @@ class Command(argparse.ArgumentParser):
             settings["type"] = partial(path_of, ends=ends * names[0].startswith("-"))
         if group and group not in self._groups:
             self._groups[group] = self.add_argument_group(group)
+        if rare and self._is_short:
+            self._rare, settings["help"] = self._rare + 1, argparse.SUPPRESS
         to = self._groups.get(group, self)
         action: argparse.Action = to.add_argument(*names, **settings)
         self.arguments.append(action)
         self.options |= dict.fromkeys(action.option_strings, action)
-        self._rare += [action] * rare
         return action
 
     def flag(self, name: str, text: str, **where: Any) -> None:
         """Add an option without a value."""
         self.option(name, action="store_true", help=text, **where)
 
-    def show(self, *, with_rare: bool) -> NoReturn:
-        """Print the page of help and exit."""
-        hidden = [self.options["--help"], self.options["--help-all"]]
-        if not with_rare:
-            hidden += self._rare
-            more = len(self._rare) - 1
-            note = f"\n\n{self.prog} --help-all shows {more} more options." if more else ""
-            self.epilog = f"{self.epilog}{note}"
-        for action in hidden:
-            action.help = argparse.SUPPRESS
-        print_text(self.format_help())
-        self.exit()
+    def page(self, metavar: str, text: str) -> None:
+        """Add the options of a file that is written."""
+        self.option("-o", "--out", type=Path, metavar=metavar, help=text)
+        self.flag("--force", "overwrite a file that exists")
+
+    def help(self) -> str:
+        """Return the page of help."""
+        more = f"\n\n{self.prog} --help-all shows {self._rare} more options.\n"
+        return self.format_help().rstrip() + (more if self._rare else "\n")
 
     def error(self, message: str) -> NoReturn:
         """Write the line to stderr and exit with 2."""

@@ -21,8 +21,7 @@ def add_step(command: Command) -> None:
     """Give the command its arguments and options."""
     command.shape(
         "FILE.csv",
-        "yawid step response.csv --u0 0.1 --step-time 5\n"
-        "yawid simulate yaw --input step --out - | yawid step -",
+        "yawid step response.csv --u0 0.1\nyawid simulate yaw --input step --out - | yawid step -",
         _step,
     )
     text = "columns t and y, and u if known; or t, r, rudder; - reads what simulate prints"
@@ -31,8 +30,6 @@ def add_step(command: Command) -> None:
     command.option("--model", **choice("first", "second", "yaw"), help=text)
     text = "height of the step (default: by column u, else 1)"
     command.option("--u0", type=float, metavar="A", help=text)
-    text = "its time in s (default: by column u, else 0)"
-    command.option("--step-time", type=float, metavar="S", help=text)
     command.flag("--json", "print one JSON object")
 
 
@@ -58,8 +55,7 @@ def add_simulate(command: Command) -> None:
 def _step(arguments: argparse.Namespace) -> int:
     from yawid.runs.step import step_report
 
-    asked = arguments.model, arguments.u0, arguments.step_time
-    words, report = step_report(arguments.file, *asked)
+    words, report = step_report(arguments.file, arguments.model, arguments.u0)
     if arguments.json:
         print_json(report.to_json())
         return 0

@@ -10,7 +10,6 @@ import re
 from typing import Any, Final
 
 from yawid.cli.options import Command, choice, path_of
-from yawid.config.names import RECURSIVE
 from yawid.sinks.door import print_text
 from yawid.sources.formats import FORMATS
 from yawid.system.stores import place_of
@@ -23,7 +22,7 @@ PRINTING = (
 SHELLS: Final = ("bash", "zsh")
 _LOGS: Final = ("LOG", "RUN|LOG", "PATH", "A", "B")
 _FOLDERS: Final = ("DIR", "DATASET")
-_VALUES: Final = {"METHOD": RECURSIVE, "rudder[,aileron]": ("rudder", "rudder,aileron")}
+_VALUES: Final = {"rudder[,aileron]": ("rudder", "rudder,aileron")}
 """Values that stand in a metavar under another name."""
 _EQUALS: Final = """
 _yawid_equals() {  # bash has --method=els as three words; shtab's function knows two
@@ -46,11 +45,9 @@ def add_schema(command: Command) -> None:
 
 
 def _schema(arguments: argparse.Namespace) -> int:
-    from yawid.cli.json_schema import document, of_command
+    from yawid.cli.json_schema import document
 
-    schema = document()
-    if arguments.command is not None:
-        schema = of_command(schema, arguments.command)
+    schema = document(arguments.command)
     print_text(json.dumps(schema, indent=1, ensure_ascii=False) + "\n")
     return 0
 

@@ -2,11 +2,16 @@
 
 import argparse
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from yawid.cli.options import Command
 from yawid.cli.standard_streams import hush
 from yawid.sinks.door import print_answer
 from yawid.system.stores import place_of
+
+if TYPE_CHECKING:
+    from yawid.trend.diff import Diff
+    from yawid.trend.trend import Trend
 
 CHANGED = 7
 NOTHING_COMPARED = 5
@@ -19,8 +24,7 @@ def add_trend(command: Command) -> None:
     command.option("dataset", metavar="DATASET", type=Path, help="folder made by yawid fleet")
     command.option("--vehicle", metavar="ID", help="only this vehicle, judged among all")
     command.flag("--json", "print one JSON object")
-    command.option("-o", "--out", type=Path, metavar="R.html", help="write a page as well")
-    command.flag("--force", "overwrite a page that exists")
+    command.page("R.html", "write a page as well")
 
 
 def add_diff(command: Command) -> None:
@@ -44,9 +48,7 @@ def _trend(arguments: argparse.Namespace) -> int:
 
         write_page(report, studied, arguments.out, force=arguments.force)
     print_answer(report, print_trend, as_json=arguments.json)
-    if report.changed:
-        return CHANGED
-    return 0 if report.judged else NOTHING_COMPARED
+    return _code(report)
 
 
 def _diff(arguments: argparse.Namespace) -> int:
@@ -55,6 +57,10 @@ def _diff(arguments: argparse.Namespace) -> int:
 
     report = diff(arguments.a, arguments.b)
     print_answer(report, print_diff, as_json=arguments.json)
+    return _code(report)
+
+
+def _code(report: "Trend | Diff") -> int:
     if report.changed:
         return CHANGED
     return 0 if report.judged else NOTHING_COMPARED

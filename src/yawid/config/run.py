@@ -398,11 +398,8 @@ class RunConfig:
 
     def to_toml(self) -> str:
         """Return the configuration as TOML, from which the same configuration can be read."""
-        return "".join(
-            f"{name} = {_toml(value)}\n"
-            for name, value in asdict(self).items()
-            if value is not None
-        )
+        given = {name: value for name, value in asdict(self).items() if value is not None}
+        return tomli_w.dumps(given, indent=1)
 
 
 def option_name(field: str) -> str:
@@ -421,9 +418,3 @@ KEPT_ONLY = frozenset(each.name for each in fields(RunConfig) if not each.metada
 """Settings that are in a run's file only: there is no option for them."""
 OF_RECORDS = tuple(each.name for each, said in settings_declared() if said.group == COLUMNS)
 """Settings that say what the columns of CSV and Parquet hold; a log takes none of them."""
-
-
-def _toml(value: Any) -> str:
-    if isinstance(value, tuple):  # tomli_w gives each entry a line of its own
-        return "[" + ", ".join(_toml(entry) for entry in value) + "]"
-    return tomli_w.dumps({"_": value}).removeprefix("_ = ").removesuffix("\n")

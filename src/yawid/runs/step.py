@@ -12,15 +12,13 @@ from yawid.errors import ConfigError, NotIdentifiable, SourceError
 from yawid.sources.records.tables import CsvTable
 
 
-def step_report(
-    file: Path, model: str | None, u0: float | None, step_time: float | None
-) -> tuple[str, StepReport]:
+def step_report(file: Path, model: str | None, u0: float | None) -> tuple[str, StepReport]:
     """Return the model of the step response in a file: ``model``, or the one that fits best.
 
     The first of both is its name in words.
 
-    ``u0`` is the height of the step and ``step_time`` its time in s. Where one is None it is read
-    from the column u, and without such a column is 1 or 0 s.
+    ``u0`` is the height of the step. Where it is None it is read from the column u, as is the
+    time of the step; without such a column they are 1 and 0 s.
 
     Raises:
         NotIdentifiable: no model fits.
@@ -28,7 +26,7 @@ def step_report(
     """
     from yawid.offline.step_response import FORMS, fit_step
 
-    t, y, u0, step_time = read_step(file, u0, step_time)
+    t, y, u0, step_time = read_step(file, u0)
     found, refusals = list[StepReport](), []
     for name, form in FORMS.items():
         # Eq. 23 contains both other forms as special cases: it is used where neither fits.
@@ -44,14 +42,12 @@ def step_report(
     return FORMS[best.model].words, best
 
 
-def read_step(
-    path: Path, u0: float | None = None, step_time_s: float | None = None
-) -> tuple[Floats, Floats, float, float]:
+def read_step(path: Path, u0: float | None = None) -> tuple[Floats, Floats, float, float]:
     """Return t (n,) in s, y (n,), and the step's height and time in s, of a CSV file (-: stdin).
 
-    It has the columns t and y, and u where it was recorded. A height or time that is not given is
-    taken from u; without u they are 1 and 0 s. The columns r and rudder of a flight record count as
-    y and u. An empty y is NaN.
+    It has the columns t and y, and u where it was recorded. Its time, and its height if that is not
+    given, are taken from u; without u they are 0 s and 1. The columns r and rudder of a flight
+    record count as y and u. An empty y is NaN.
 
     Raises:
         SourceError: the file cannot be read or is not text.
@@ -64,15 +60,15 @@ def read_step(
             raise
         raise ConfigError(str(error)) from error
     height, time_s = 1.0, 0.0
-    if more and (u0 is None or step_time_s is None):
+    if more:
         changes = np.flatnonzero(np.diff(more[0], prepend=0.0))
         if len(changes) != 1:
             raise ConfigError(
                 f"{path}: column u changes {len(changes)} times, and a step is one change from 0: "
-                "give --u0 and --step-time to pass over it"
+                "cut the record before the next one, or leave u out and give --u0"
             )
         height, time_s = float(more[0][changes[0]]), float(t[changes[0]])
-    return t, y, height if u0 is None else u0, time_s if step_time_s is None else step_time_s
+    return t, y, height if u0 is None else u0, time_s
 
 
 def _columns(path: Path) -> list[Floats]:

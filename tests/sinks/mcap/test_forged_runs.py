@@ -20,7 +20,7 @@ from yawid.sinks.mcap.schemas import descriptor
 
 COMMANDS = (
     ("replay", "--out", "OUT"),
-    ("view", "--save", "OUT.rrd"),
+    ("view", "--out", "OUT.rrd"),
     ("report", "--out", "OUT.html"),
 )
 
@@ -248,4 +248,4 @@ def test_a_reason_that_this_version_does_not_know_is_shown_and_not_judged_again(
     forged = forge(run, tmp_path / "f.mcap", summary=with_("verdict.reasons.0.id", "too_hot"))
     assert main(["replay", str(forged), "--out", str(tmp_path / "out")]) == 6
     assert "that this version does not know: too_hot" in capsys.readouterr().err
-    assert main(["view", str(forged), "--save", str(tmp_path / "v.rrd")]) == 0
+    assert main(["view", str(forged), "--out", str(tmp_path / "v.rrd")]) == 0

@@ -227,7 +227,7 @@ def test_a_run_damaged_in_its_middle_is_read_up_to_there(
 def test_other_commands_send_to_a_replay(
     torn: Path, command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    to = {"view": ["--save", str(tmp_path / "v.rrd")], "damper": []}
+    to = {"view": ["--out", str(tmp_path / "v.rrd")], "damper": []}
     assert main([command, str(torn), *to.get(command, ["-o", str(tmp_path / "r.html")])]) in (2, 6)
     [line] = capsys.readouterr().err.splitlines()
     assert command == "export" or "yawid replay of this file reads what is left of it" in line

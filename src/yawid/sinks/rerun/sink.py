@@ -95,7 +95,7 @@ class RerunSink(Sink):
         if self._needed and needed is not None:
             raise SinkError(needed) from error
         if self._needed:
-            advice = "write a recording with --save X.rrd and open it elsewhere"
+            advice = "write a recording with --out X.rrd and open it elsewhere"
             raise SinkError(f"no Rerun viewer: {reason}; {advice}") from error
         self._warn(f"no Rerun viewer: {reason}; the run goes on without it")
 
