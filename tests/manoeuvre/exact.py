@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import expm
 
-from yawid.physics.responses import Record
+from yawid.manoeuvre.responses import Record
 
 Floats = NDArray[np.float64]
 

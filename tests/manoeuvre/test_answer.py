@@ -12,7 +12,7 @@ from places import REPLAY_LOGS
 import yawid
 from yawid.manoeuvre.answer import HIDDEN_ZETA, Answer, answer_of, weights_of
 from yawid.manoeuvre.fit import Fit, fits_of
-from yawid.physics.responses import Record
+from yawid.manoeuvre.responses import Record
 
 WN, ZETA, K, T_S = 2.0, 0.1, 0.3, 0.8
 

@@ -10,7 +10,7 @@ from manoeuvre.exact import Floats, doublets, lateral, record, states, yaw_chann
 
 from yawid.manoeuvre.answer import answer_of
 from yawid.manoeuvre.fit import Fit, fits_of
-from yawid.physics.responses import Record
+from yawid.manoeuvre.responses import Record
 
 
 def named(fits: list[Fit], name: str) -> Fit:

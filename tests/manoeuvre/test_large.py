@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from yawid.manoeuvre.answer import Answer, answer_of
 from yawid.manoeuvre.fit import WORTH_BIC, best_alone, fits_of
-from yawid.manoeuvre.large import simulated, small_motion
-from yawid.physics.responses import Record
+from yawid.manoeuvre.large import small_motion
+from yawid.manoeuvre.responses import Record
 
 Floats = NDArray[np.float64]
 
@@ -103,7 +103,7 @@ def test_large_motion_has_none_of_the_gusts() -> None:
     for each in (quiet, rough):
         best = best_alone(fits_of(each))
         assert best is not None
-        r, swing = simulated(best)
+        r, swing = best.simulated()
         assert np.std(r - quiet.y[:, 0]) < 0.05 * np.std(quiet.y)
         assert np.std(swing + beta) < 0.15 * np.std(beta)
 

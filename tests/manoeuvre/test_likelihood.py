@@ -11,7 +11,7 @@ from scipy.optimize import minimize_scalar
 
 from yawid.manoeuvre.fit import Fit, best_alone, fits_of
 from yawid.manoeuvre.likelihood import free_decay, freed, shifted, simulated, surface
-from yawid.physics.responses import Blocks, Record
+from yawid.manoeuvre.responses import Blocks, Record
 
 
 def least_squares(fit: Fit, blocks: Blocks, theta: np.ndarray) -> float:

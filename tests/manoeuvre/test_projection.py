@@ -18,7 +18,7 @@ from yawid.manoeuvre.projection import (
     ar_of,
     whitened,
 )
-from yawid.physics.responses import Blocks, Record
+from yawid.manoeuvre.responses import Blocks, Record
 
 TS_S = 0.05
 AT = {

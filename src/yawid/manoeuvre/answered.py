@@ -32,9 +32,9 @@ from yawid.manoeuvre.answer import Answer, Known, answer_of
 from yawid.manoeuvre.conditions import conditions
 from yawid.manoeuvre.fit import Fit, fits_of
 from yawid.manoeuvre.judge import Evidence, ManoeuvreSetting, reasons
+from yawid.manoeuvre.responses import Record, averaged
 from yawid.manoeuvre.signals import fitted, is_turning
 from yawid.physics.modes import modes
-from yawid.physics.responses import Record, averaged
 from yawid.quantities.vehicles import AIRFRAME, WITH_ROLL_LOOP
 
 

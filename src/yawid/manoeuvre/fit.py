@@ -32,8 +32,8 @@ from yawid.manoeuvre.projection import (
     ar_of,
     orthogonal,
 )
+from yawid.manoeuvre.responses import LEAST_BLOCKS, Blocks, Record, block_size
 from yawid.physics.modes import Complexes
-from yawid.physics.responses import Blocks, Record, block_size
 
 PER_PERIOD: Final = 16
 """Blocks in a period of w. With the raw samples of a fine grid BIC prefers a resonance of the noise
@@ -124,6 +124,25 @@ class Fit:
         theta, problem = self.theta.copy(), self.of_yaw()
         theta[2 * self.pair : 2 * self.pair + 2] = math.log(wn_rad_s), math.log(zeta)
         return finished(problem, problem.at(theta), self.inputs)
+
+    def simulated(self) -> tuple[Floats, Floats]:
+        """Return the yaw rate r (n,) by a fit of yaw rate alone, and its pair's angle b (n,).
+
+        They are 0 where it has no blocks.
+        """
+        beta, poles = self.of_yaw().at(self.theta).beta[0], self.structure.poles(self.theta)
+        fine = Blocks(self.blocks.record, 1, LEAST_BLOCKS * self.blocks.q)
+        responses = fine.responses(poles)
+        swung = [
+            each._replace(forced=k * each.forced, free=k * each.free)
+            for k, each in zip((1.0 / poles[0], *np.zeros(len(poles) - 1)), responses, strict=True)
+        ]
+        of = self.of_yaw(fine)
+        r, b = np.zeros((2, len(fine.record.u)))
+        r[fine.rows] = of.columns(responses) @ beta
+        swing = of.columns(swung) @ beta
+        b[fine.rows] = swing - swing.mean()
+        return r, b
 
     def response(self, w: Floats) -> tuple[Complexes, Complexes]:
         """Return G(jw) (inputs, n) at w (n,) in rad/s, and the slopes (parameters, inputs, n).

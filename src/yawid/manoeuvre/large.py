@@ -25,7 +25,7 @@ import numpy as np
 
 from yawid.blocks import Floats
 from yawid.manoeuvre.fit import Fit, best_alone, refitted
-from yawid.physics.responses import LEAST_BLOCKS, Blocks
+from yawid.manoeuvre.responses import Blocks
 
 LIMITS: Final = (0.4, 0.05, 0.1, 0.2, 0.3, 0.55, 0.7, 0.85)
 """The parts of the largest yaw rate up to which motion may be small; whether there is large motion
@@ -50,7 +50,7 @@ def small_motion(fits: Sequence[Fit]) -> list[Fit]:
         u = np.column_stack([record.u, c])
         return refitted(best, Blocks(replace(record, u=u), best.blocks.q))
 
-    r, swing = simulated(best)
+    r, swing = best.simulated()
     tried = [fitted(swing**3), fitted(_beyond(r, LIMITS[0]))]
     if min(fit.bic for fit in tried) >= best.bic:
         return []
@@ -63,20 +63,3 @@ def _beyond(r: Floats, limit: float) -> Floats:
     """Return what r (n,) has beyond a part of its largest size."""
     most = limit * float(np.abs(r).max())
     return r - np.clip(r, -most, most)
-
-
-def simulated(fit: Fit) -> tuple[Floats, Floats]:
-    """Return r (n,), simulated by a fit of yaw rate alone, and b (n,); 0 where it has no blocks."""
-    beta, poles = fit.of_yaw().at(fit.theta).beta[0], fit.structure.poles(fit.theta)
-    fine = Blocks(fit.blocks.record, 1, LEAST_BLOCKS * fit.blocks.q)
-    responses = fine.responses(poles)
-    swung = [
-        each._replace(forced=k * each.forced, free=k * each.free)
-        for k, each in zip((1.0 / poles[0], *np.zeros(len(poles) - 1)), responses, strict=True)
-    ]
-    of = fit.of_yaw(fine)
-    r, b = np.zeros((2, len(fine.record.u)))
-    r[fine.rows] = of.columns(responses) @ beta
-    swing = of.columns(swung) @ beta
-    b[fine.rows] = swing - swing.mean()
-    return r, b

@@ -21,7 +21,7 @@ import numpy as np
 from yawid.blocks import Floats, Ints
 from yawid.manoeuvre.fit import Fit, descended
 from yawid.manoeuvre.projection import Problem, ar_of, whitened
-from yawid.physics.responses import Blocks
+from yawid.manoeuvre.responses import Blocks
 
 _STEPS = 3
 CONTOUR_SIGMAS, SURFACE_POINTS = 4.0, 11

@@ -27,8 +27,8 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from yawid.blocks import Floats
+from yawid.manoeuvre.responses import Blocks, Response
 from yawid.physics.modes import Complexes
-from yawid.physics.responses import Blocks, Response
 
 MOST_AR, ROWS_PER_LAG = 6, 20
 """The most lags of the AR, in blocks, and the fewest rows for each: BIC often takes fewer. On 84

@@ -19,7 +19,7 @@ from yawid.blocks import SampleBlock
 from yawid.config.run import BOTH
 from yawid.manoeuvre.fit import WORTH_BIC, Fit, best_alone, first_of, fits_of
 from yawid.manoeuvre.large import small_motion
-from yawid.physics.responses import Record, inputs_and_rate
+from yawid.manoeuvre.responses import Record, inputs_and_rate
 from yawid.results.excitation import LEAST_STROKE
 
 MOST_STILL: Final = 0.95
@@ -54,11 +54,10 @@ def fitted(
     fault = roll_fault(samples)
     how = {"with_roll": not fault, "measured": measured, "turn_removed": turn_removed}
     may_have = aileron_moves(samples) if inputs is None else inputs == BOTH
-    both = fits_of(record_of(samples, BOTH, **how)) if may_have else []
-    alone = []
-    if inputs != BOTH:
-        q = both[0].blocks.q if both else None
-        alone = fits_of(record_of(samples, ("rudder",), **how), q)
+    with_it, without = (record_of(samples, each, **how) for each in (BOTH, ("rudder",)))
+    both = fits_of(with_it) if may_have else []
+    q = both[0].blocks.q if both else None
+    alone = [] if inputs == BOTH else fits_of(without, q)
     best, with_aileron = (
         math.inf if (fit := best_alone(fits)) is None else fit.bic for fits in (alone, both)
     )

@@ -1,6 +1,6 @@
 """A manoeuvre's samples out of a run's rows, and what a model with known poles makes of them.
 
-They are those of the fit, and so are the responses (:mod:`yawid.physics.responses`). Initial
+They are those of the fit, and so are the responses (:mod:`yawid.manoeuvre.responses`). Initial
 states, one for each pole and each run without a gap, and the bias are solved by least squares.
 """
 
@@ -14,9 +14,9 @@ from scipy import signal
 from yawid.answers.run_summary import Manoeuvre
 from yawid.blocks import Bools, Floats, SampleBlock, runs_of
 from yawid.config.run import RunConfig
+from yawid.manoeuvre.responses import Blocks, Record, averaged, inputs_and_rate
 from yawid.models.answered import Answered
 from yawid.physics.modes import Complexes
-from yawid.physics.responses import Blocks, Record, averaged, inputs_and_rate
 
 _AWAY_NS: Final = 2_000_000_000
 SEGMENTS: Final = 4

@@ -7,7 +7,7 @@ from scipy.interpolate import RectBivariateSpline
 
 from yawid.manoeuvre.fit import best_alone, fits_of
 from yawid.manoeuvre.likelihood import surface
-from yawid.physics.responses import Record
+from yawid.manoeuvre.responses import Record
 from yawid.report.data import Drawn
 from yawid.report.model_pictures import ellipse
 from yawid.report.picture import Picture

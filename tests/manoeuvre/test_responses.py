@@ -10,8 +10,7 @@ from manoeuvre.exact import Floats, doublets, states
 from manoeuvre.streams import stream
 
 from yawid.manoeuvre.answer import answer_of
-from yawid.manoeuvre.signals import fitted
-from yawid.physics.responses import (
+from yawid.manoeuvre.responses import (
     LEAST_BLOCKS,
     Blocks,
     Record,
@@ -19,6 +18,7 @@ from yawid.physics.responses import (
     block_size,
     inputs_and_rate,
 )
+from yawid.manoeuvre.signals import fitted
 
 TS_S = 0.05
 POLES = np.array([-0.3 + 2.0j, -1.5 + 0.0j])
