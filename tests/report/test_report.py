@@ -62,7 +62,6 @@ def test_the_first_screen_answers_the_four_questions(good: Path, html: str) -> N
     text = first_screen(html)
     assert f"Natural frequency ωn {mode.wn_rad_s:.3f} rad/s ± {mode.wn_std:.3f}" in text
     assert f"Damping ratio ζ {mode.zeta:.3f} ± {mode.zeta_std:.3f}" in text
-    assert "How sure? Not known σ of the stream is of noise alone" in text
     assert "Can I use it? Not judged no manoeuvres were looked for" in text
     assert "± is one sigma of noise alone." in text
 

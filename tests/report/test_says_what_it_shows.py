@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import json
 import re
-import shutil
 from pathlib import Path
 
 import pytest
 from PIL import Image
-from places import C172P, REPLAY_LOGS, ROOT, SRC
+from places import REPLAY_LOGS, ROOT, SRC
 from report_page import Page, first_screen
-from sinks.rerun.rerun_reading import statics
 
 import yawid
 from yawid.cli.main import main
@@ -109,17 +107,3 @@ def test_a_picture_of_the_readmes_shows_the_answer_that_is_given_today(name: str
     shown, mode = source["dutch_roll"], run.flight.dutch_roll
     for key in ("wn_rad_s", "wn_std", "zeta", "zeta_std"):
         assert shown[key] == pytest.approx(getattr(mode, key), rel=2e-3)
-
-
-def test_the_derivatives_in_reruns_verdict_keep_their_values_within_the_panel(
-    tmp_path: Path,
-) -> None:
-    """The panel has room for some 70 characters; the table is as wide as its head."""
-    shutil.copy(C172P, tmp_path / "flight.tlog")
-    out = ["--out", str(tmp_path), "--rerun", "save", "--json"]
-    assert main(["replay", str(tmp_path / "flight.tlog"), *out]) == 0
-    verdict = statics(tmp_path / "flight.rrd", "/verdict", "TextDocument:text")[-1][0]
-
-    table = [line.split("|")[1] for line in verdict.splitlines() if line.startswith("| ")]
-    assert any("N_β" in first for first in table)
-    assert max(map(len, table)) <= 50

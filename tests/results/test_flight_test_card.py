@@ -21,7 +21,7 @@ from yawid.answers.reasons import Reason
 from yawid.answers.run_summary import ChannelFound, Origin, RunSummary
 from yawid.cli.main import main
 from yawid.results.make_card import Flown, make_card
-from yawid.sinks.terminal.card import print_card
+from yawid.sinks.terminal.inspection import print_card
 
 LIVE = "yawid live udpin:127.0.0.1:14560"
 RUDDER = ChannelFound("servo4", min_us=1000.0, trim_us=1500.0, max_us=1900.0)
@@ -138,7 +138,6 @@ def test_where_every_manoeuvre_had_a_roll_loop_it_asks_for_an_aileron_doublet():
     assert card.aileron.expected.zeta_std == pytest.approx(0.03 * 0.624)
     assert "right 0.2 s, left 0.2 s, neutral; 15 % = 1440 / 1560 us" in page
     assert "With --lateral auto expect of the bare airframe wn ± 0.12, zeta ± 0.019" in page
-    assert "DOUBLET_MAGNITUDE = 7, DOUBLET_TIME = 394 (in the rudder's 788)" in page
     assert "or one with the aileron's doublet of part 3" in page
 
 

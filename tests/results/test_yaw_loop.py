@@ -14,8 +14,8 @@ from yawid.answers.run_summary import (
 )
 from yawid.results.yaw_loop import with_yaw_loop
 from yawid.sinks.answers import cards, headline
-from yawid.sinks.flight_table import table_notes
-from yawid.sinks.words import flight_rows
+from yawid.sinks.run_page import table_notes
+from yawid.sinks.words import answer_rows
 
 OF_A_SERVO = "without its yaw damper (YAW2SRV_DAMP 0.2): the servo output holds its part"
 
@@ -35,7 +35,7 @@ def test_every_place_says_that_the_answer_is_without_the_yaw_damper() -> None:
 
     assert whole in headline(run)
     assert cards(run)[0].notes[-1] == whole
-    assert f"this is {whole}" in [row.text for row in flight_rows(run)]
+    assert f"this is {whole}" in [row.text for row in answer_rows(run)]
     assert whole in table_notes(run.manoeuvres or (), [run.flight])
     assert run.manoeuvres is not None
     assert run.manoeuvres[0].yaw_loop == run.flight.yaw_loop == OF_A_SERVO

@@ -24,9 +24,8 @@ from rich.console import Console
 
 from yawid.answers.run_summary import MethodSummary, RunSummary
 from yawid.sinks.door import WIDTH
-from yawid.sinks.flight_table import manoeuvre_grid
 from yawid.sinks.pages import rich_table
-from yawid.sinks.run_page import print_summary
+from yawid.sinks.run_page import manoeuvre_grid, print_summary
 
 
 def printed(run: RunSummary) -> list[str]:

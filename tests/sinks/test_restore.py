@@ -12,16 +12,15 @@ from shell import Shell
 WORK = """
 import sys, time
 from yawid.runs.stop import StopFlag
-from yawid.sinks.terminal.live_facts import LiveFacts
-from yawid.sinks.terminal.live_screen import LiveScreen
-from yawid.sinks.terminal.progress import progress
+from yawid.sinks.terminal.console import LiveFacts
+from yawid.sinks.terminal.console import Console
+from yawid.sinks.terminal import progress as bars
 
 facts = LiveFacts("udpin:127.0.0.1:1", 1.0, None, "0", ())
-with StopFlag().installed(), progress(sys.stderr, "a log", 10.0) as bar:
-    if sys.argv[1] == "bar":
-        bar.show()
-    else:
-        LiveScreen(sys.stderr).draw(facts, 0.0)
+bars.SOON_S = 0.0 if sys.argv[1] == "bar" else 600.0
+with StopFlag().installed(), bars.progress(sys.stderr, "a log", 10.0) as bar:
+    if sys.argv[1] != "bar":
+        Console(sys.stderr, draws=True).draw(facts, 0.0)
     for _ in range(600):  # busy: it never looks whether it is to stop
         time.sleep(0.1)
 """

@@ -73,14 +73,13 @@ def test_a_view_told_to_stop_while_it_opens_leaves_no_part(
 ) -> None:
     from yawid.runs.stop import Interrupted
     from yawid.runs.view import view
-    from yawid.sinks.rerun import sink as rerun_sink
 
     run = replayed(C172P, tmp_path / "run", "--rate", 10)
 
     def stopped(target: object, name: str) -> None:
         raise Interrupted(130)
 
-    monkeypatch.setattr(rerun_sink, "_open_view", stopped)
+    monkeypatch.setattr("yawid.sinks.rerun.recording.RerunView", stopped)
     with pytest.raises(Interrupted):
         view(run, tmp_path / "mine.rrd")
     assert not list(tmp_path.glob("*.rrd*"))

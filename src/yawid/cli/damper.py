@@ -41,7 +41,7 @@ def add_damper(command: Command) -> None:
 
 def _damper(arguments: argparse.Namespace) -> int:
     from yawid.damper.study import Asked, study
-    from yawid.sinks.damper_table import print_damper
+    from yawid.sinks.run_page import print_damper
     from yawid.tables.replay import run_of
 
     given = dict(ChainMap(*reversed(arguments.param)))  # of a parameter the last one counts

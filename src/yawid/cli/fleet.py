@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 from yawid.cli.options import Command, add_run_options, choice, read_options_of, settings_of
 from yawid.errors import ConfigError, SinkError
 from yawid.runs.stop import StopFlag
-from yawid.sinks.door import print_line
+from yawid.sinks.door import print_line, say
 
 if TYPE_CHECKING:
     from yawid.fleet.run_fleet import FleetRun, Progress
@@ -52,7 +52,7 @@ def _fleet(arguments: argparse.Namespace) -> int:
     from yawid.dataset.schema import TABLES
     from yawid.dataset.values import FAILED, USAGE
     from yawid.fleet.run_fleet import dry_run, run_fleet
-    from yawid.sinks.terminal.progress import Console
+    from yawid.sinks.terminal.console import Console
 
     run = _asked(arguments)
     if arguments.dry_run:
@@ -77,20 +77,18 @@ def _fleet(arguments: argparse.Namespace) -> int:
             console.close()
     if stop.is_set:
         left = len(progress.todo) - progress.done
-        console.say(
-            f"{stop.name}: {progress.done} logs are finished and saved, {left} were not reached"
-        )
+        say(f"{stop.name}: {progress.done} logs are finished and saved, {left} were not reached")
     rows = ", ".join(f"{name} {len(read_table(run.out, name, ()))}" for name in TABLES)
     outcomes = Counter(read_table(run.out, "logs", ["outcome"])["outcome"].to_pylist())
     print_line(f"{run.out.absolute()}: {rows}")
     print_line(f"outcomes: {', '.join(f'{name} {n}' for name, n in sorted(outcomes.items()))}")
     if failed := progress.outcomes[FAILED]:
-        console.say(
+        say(
             f"{failed} logs failed for a reason that may pass: repeat the command to try them "
             f"again; {progress.first[FAILED]}"
         )
     if usage := progress.outcomes[USAGE]:
-        console.say(f"{usage} logs were not run with these options; {progress.first[USAGE]}")
+        say(f"{usage} logs were not run with these options; {progress.first[USAGE]}")
     if stop.is_set:
         return stop.exit_code
     if failed or {*(progress.outcomes or outcomes)} == {"unreadable"}:

@@ -57,7 +57,7 @@ def _live(arguments: argparse.Namespace) -> int:
     from yawid.runs.live import LiveOptions, live, session_name
     from yawid.runs.stop import StopFlag
     from yawid.sinks.run_page import print_summary
-    from yawid.sinks.terminal.live_screen import console_for
+    from yawid.sinks.terminal.console import console_for
 
     if Path(arguments.endpoint).is_file():
         raise ConfigError(

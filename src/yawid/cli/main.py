@@ -282,8 +282,7 @@ def _orders(arguments: argparse.Namespace) -> int:
 
 def _inspect(arguments: argparse.Namespace) -> int:
     from yawid.runs.inspect_log import inspect
-    from yawid.sinks.terminal.card import print_card
-    from yawid.sinks.terminal.inspection import print_inspection
+    from yawid.sinks.terminal.inspection import print_card, print_inspection
 
     with_card, settings = arguments.card, settings_of(arguments)
     run = partial(inspect, arguments.log, settings, read_options_of(arguments), with_card=with_card)

@@ -16,8 +16,8 @@ from yawid.physics.continuous import Transfer
 from yawid.physics.modes import Complexes
 from yawid.report.html import head, listed, note, page, pictures, sheet
 from yawid.report.picture import Picture, band, log_axis
-from yawid.sinks.damper_table import MEANS, gains_grid
 from yawid.sinks.palette import BAD, DATA, MODEL, NEUTRAL, RUDDER
+from yawid.sinks.run_page import MEANS, gains_grid
 from yawid.system.part_file import check_free, write_whole
 
 PERIODS_SHOWN: Final = 16.0

@@ -49,7 +49,7 @@ class FinishedRun:
         try:
             self._run = run = open_run(path)
         except DamagedError as error:
-            from yawid.sinks.mcap.torn import open_torn  # seldom needed
+            from yawid.sinks.mcap.reader import open_torn  # seldom needed
 
             self._run = run = open_torn(path, error)
         self.path: Place = path  # or where the file was brought from

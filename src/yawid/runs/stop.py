@@ -6,7 +6,7 @@ from contextlib import contextmanager
 from types import FrameType
 from typing import Any
 
-from yawid.sinks.terminal import restore
+from yawid.sinks.terminal import progress as restore
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from yawid.answers.run_summary import Manoeuvre
 from yawid.blocks import Ints
-from yawid.errors import SinkError, SourceError
+from yawid.errors import SourceError
 from yawid.sinks.base import Abort, Done, Found, FoundBare
 from yawid.sinks.mcap.reader import McapRun, open_run
 from yawid.sinks.rerun.sink import RerunSink
@@ -33,10 +33,9 @@ def view(
     sink = RerunSink(
         "save" if save is not None else target,
         name=mcap.stem,
-        warn=_never,
+        warn=None,
         path=save,
         force=force,
-        needed=True,
     )
     try:
         _show(run, sink)
@@ -91,7 +90,3 @@ def _span_ns(found: Manoeuvre, boot_us: Ints, unix_ns: Ints) -> tuple[int, int]:
         else:
             span_ns.append(round(unix_s * 1e9))
     return span_ns[0], span_ns[1]
-
-
-def _never(text: str) -> None:
-    raise SinkError(text)  # not reached: the sink itself raises where a viewer is needed

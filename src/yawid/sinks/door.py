@@ -7,14 +7,13 @@ with a backslash and have no effect. Yawid's own styles are added by rich, after
 """
 
 import contextlib
-import dataclasses
 import io
 import json
 import os
 import re
 import sys
 import traceback
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, Final, TextIO, TypeVar
 
 if TYPE_CHECKING:
@@ -51,26 +50,18 @@ def _code(found: re.Match[str]) -> str:
 
 
 def cleaned(content: _T) -> _T:
-    """Return a structure with every text in it made :func:`plain`."""
-    found: Any = content
-    if isinstance(found, str):
-        found = plain(found)
-    elif isinstance(found, Mapping):
-        found = {cleaned(key): cleaned(value) for key, value in found.items()}
-    elif isinstance(found, tuple) and hasattr(found, "_fields"):
-        found = type(found)(*map(cleaned, found))
-    elif isinstance(found, list | tuple):
-        found = type(found)(map(cleaned, found))
-    elif hasattr(found, "__struct_fields__"):
-        from msgspec.structs import replace
+    """Return a struct or dataclass with every text in it made :func:`plain`."""
+    import msgspec  # not for commands that print no page
 
-        found = replace(found, **{k: cleaned(getattr(found, k)) for k in found.__struct_fields__})
-    elif dataclasses.is_dataclass(found):
-        texts = {
-            each.name: cleaned(getattr(found, each.name)) for each in dataclasses.fields(found)
-        }
-        found = dataclasses.replace(found, **texts)  # type: ignore[type-var] # an instance, not a class
-    return found  # type: ignore[no-any-return] # it has the type of the argument
+    return msgspec.convert(_plain(msgspec.to_builtins(content)), type(content))
+
+
+def _plain(found: Any) -> Any:
+    if isinstance(found, str):
+        return plain(found)
+    if isinstance(found, dict):
+        return {_plain(key): _plain(value) for key, value in found.items()}
+    return [_plain(each) for each in found] if isinstance(found, list | tuple) else found
 
 
 def show_traceback(error: Exception) -> None:

@@ -1,7 +1,7 @@
-"""A page as data, and its three renderers: for a terminal, as Markdown, and as HTML.
+"""A page as data, and its renderers: for a terminal, as text, and as HTML.
 
 A page is a sequence of parts, which say what is shown; only a renderer knows how. Each makes every
-text harmless for its medium: :func:`plain` for a terminal, a bar in a table of Markdown, HTML.
+text harmless for its medium: :func:`plain` for a terminal, HTML.
 """
 
 import io
@@ -20,7 +20,7 @@ from yawid.sinks.words import NEXT, Row, next_step
 
 NAME_WIDTH: Final = 9
 """The width of the column of names."""
-MOST_APART: Final = 8
+MOST_APART: Final = 7
 """The most columns of a table of 80 columns that are two blanks apart."""
 
 
@@ -108,52 +108,33 @@ def rich_table(grid: Grid) -> Table:
     return table
 
 
-def to_markdown(page: Page) -> str:
-    """Return a page as Markdown."""
-    lines: list[str] = []
-    for part in page:
-        match part:
-            case Row("verdict", text, _):
-                lines.append(f"# {text[0].upper()}{text[1:].lower()}")
-            case Row(name, text, _):
-                lines.append(f"\n**{name}** {text}" if name else text)
-            case Said(word, text, _):
-                lines.append(f"- **{word}** {text}" if word else f"- {text}")
-            case Note(text, _, _):
-                lines.append(f"\n{text}")
-            case Grid(heads, rows, _, texts):
-                ruler = ["-" if i in texts else "-:" for i in range(len(heads))]
-                cells = ([each.replace("|", "\\|") for each in row] for row in (heads, *rows))
-                head, *body = [f"| {' | '.join(row)} |" for row in cells]
-                lines += ["", head, f"|{'|'.join(ruler)}|", *body]
-    return "\n".join(lines).strip("\n") + "\n"
+def to_text(page: Page) -> str:
+    """Return a page as a terminal of 80 columns shows it, without colours."""
+    out = io.StringIO()
+    to_terminal(page, out)
+    return out.getvalue()
 
 
 def to_html(page: Page) -> str:
     """Return a page as HTML without script, styles or other sources from outside."""
-    out = io.StringIO()
+    out = []
     for part in page:
         match part:
-            case Row("verdict", text, _):
-                out.write(f"<p><b>{_safe(text)}</b></p>")
-            case Row(name, text, _):
-                out.write(f"<p><b>{_safe(name)}</b> {_safe(text)}</p>")
-            case Said(word, text, _):
-                out.write(f"<ul><li><b>{_safe(word)}</b> {_safe(text)}</li></ul>")
-            case Note(text, _, _):
-                out.write(f"<p><small>{_safe(text)}</small></p>")
             case Grid(heads, rows, _, texts):
-                sides = [f' style="text-align:{"left" if i in texts else "right"}"' for i in
-                         range(len(heads))]  # fmt: skip
-                out.write("<table><thead>" + _row("th", heads, sides) + "</thead><tbody>")
-                out.writelines(_row("td", row, sides) for row in rows)
-                out.write("</tbody></table>")
-    return out.getvalue()
+                sides = ["left" if i in texts else "right" for i in range(len(heads))]
+                lines = [_row("th", heads, sides), *(_row("td", row, sides) for row in rows)]
+                out.append(f"<table>{''.join(lines)}</table>")
+            case Note(text):
+                out.append(f"<p><small>{_safe(text)}</small></p>")
+            case Row(name, text) | Said(name, text):
+                out.append(f"<p><b>{_safe(name)}</b> {_safe(text)}</p>")
+    return "".join(out)
 
 
 def _row(tag: str, cells: Sequence[str], sides: Sequence[str]) -> str:
     each = zip(cells, sides, strict=True)
-    return f"<tr>{''.join(f'<{tag}{side}>{_safe(text)}</{tag}>' for text, side in each)}</tr>"
+    told = [f'<{tag} style="text-align:{side}">{_safe(text)}</{tag}>' for text, side in each]
+    return f"<tr>{''.join(told)}</tr>"
 
 
 def _safe(text: str) -> str:

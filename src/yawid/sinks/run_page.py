@@ -1,31 +1,134 @@
-"""The summary of a run as a page, and the page of ``yawid orders``."""
+"""The pages of a run, of its manoeuvres as a table, of ``yawid orders`` and of ``yawid damper``.
+
+In a terminal a table is at most 80 columns wide; of many manoeuvres it has the first and the last.
+"""
 
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
+from datetime import datetime, timedelta
 from typing import Final, TextIO
 
 from msgspec.structs import replace
 
+from yawid.answers.damper_report import DamperAt, DamperReport
 from yawid.answers.heard import VehicleSeen
 from yawid.answers.reports import OrdersReport
-from yawid.answers.run_summary import DutchRoll, MethodSummary, Origin, RunSummary, Value
-from yawid.quantities.table import YAW_CHANNEL
-from yawid.sinks.flight_table import manoeuvre_parts
-from yawid.sinks.pages import Grid, Note, Part, to_terminal, verdict_parts
+from yawid.answers.run_summary import (
+    DutchRoll,
+    Flight,
+    Manoeuvre,
+    MethodSummary,
+    Origin,
+    RunSummary,
+)
+from yawid.quantities.airspeed import GROUND_SPEED
+from yawid.sinks.pages import Grid, Note, Part, Said, to_terminal, verdict_parts
 from yawid.sinks.words import (
-    NEXT,
     answer_rows,
-    conditions,
-    next_step,
+    loop_of,
     numbers,
+    outcome,
     percent,
-    plus_minus,
+    sigma_means,
+    utc,
     whose,
 )
 
+HEADS: Final = (
+    "n", "from-to s", "mode", "loop", "V m/s", "alt m", "wn rad/s", "zeta", "result",
+)  # fmt: skip
+MOST_ROWS: Final = 20
+"""The largest number of rows; manoeuvres between the first and the last ten are in --json."""
+SAME_BOOT: Final = timedelta(seconds=10)
+"""Two manoeuvres whose boots, from date and seconds, differ by no more have the same boot."""
+_FINE: Final = 0.05
+"""A sigma of wn in rad/s below which wn has a third decimal."""
+_MODE_WIDTH: Final = 10
+_LARGEST: Final = 1000.0
+"""Numbers as large as this, from estimates that diverged, have three digits."""
+
+
+def manoeuvre_parts(manoeuvres: Sequence[Manoeuvre], flights: Sequence[Flight]) -> Iterator[Part]:
+    """Yield a table with a row for each manoeuvre, dim if not usable, and the notes below it."""
+    yield manoeuvre_grid(manoeuvres, flights)
+    yield Note(table_notes(manoeuvres, flights), "dim")
+
+
+def manoeuvre_grid(manoeuvres: Sequence[Manoeuvre], flights: Sequence[Flight]) -> Grid:
+    """Return that table."""
+    half, left_out = MOST_ROWS // 2, len(manoeuvres) - MOST_ROWS
+    shown = list(manoeuvres) if left_out <= 0 else [*manoeuvres[:half], *manoeuvres[-half:]]
+    rows = [[*_cells(each), *in_columns(each.dutch_roll), outcome(each, flights)] for each in shown]
+    styles = ["" if each.verdict.usable else "dim" for each in shown]
+    if left_out > 0:
+        rows.insert(half, ["..", *[""] * (len(HEADS) - 1)])
+        styles.insert(half, "dim")
+    return Grid(HEADS, rows, styles, texts=(2, 3, 8))
+
+
+def _cells(each: Manoeuvre) -> Iterator[str]:
+    yield str(each.n)
+    yield f"{each.from_s:.0f}-{each.to_s:.0f}"
+    mode = each.mode or "-"
+    yield mode if len(mode) <= _MODE_WIDTH else f"{mode[: _MODE_WIDTH - 1]}…"
+    yield loop_of(each.loop).short
+    mark = "*" if each.airspeed_source == GROUND_SPEED else ""
+    yield "-" if each.airspeed_m_s is None else f"{each.airspeed_m_s:.1f}{mark}"
+    yield "-" if each.altitude_m is None else f"{each.altitude_m:.0f}"
+
+
+def in_columns(mode: DutchRoll | None) -> tuple[str, str]:
+    """Return wn in rad/s and zeta with their sigmas, short enough for 80 columns in all."""
+    if mode is None:
+        return "none", "none"
+    fine = mode.wn_rad_s < 10.0 and (mode.wn_std or 1.0) < _FINE
+    return _short(mode.wn_rad_s, mode.wn_std, 3 if fine else 2), _short(mode.zeta, mode.zeta_std, 3)
+
+
+def _short(value: float, sigma: float | None, digits: int) -> str:
+    if abs(value) >= _LARGEST:
+        return f"{value:.2e}"
+    said = f"{value:.{digits}f}"
+    if sigma is None:
+        return said
+    # So large a sigma needs no decimals, and there is no room for them.
+    return f"{said}±{sigma:.{digits}f}" if sigma < 10.0 else f"{said}±{min(sigma, _LARGEST):.0f}"
+
+
+def table_notes(manoeuvres: Sequence[Manoeuvre], flights: Sequence[Flight]) -> str:
+    """Return the meaning of the table's signs, how many rows it leaves out, and the boot's date."""
+    notes = [f"± is one sigma{sigma_means(each.dutch_roll for each in manoeuvres)}"]
+    sources = dict.fromkeys(each.airspeed_source for each in manoeuvres)
+    if GROUND_SPEED in sources:
+        notes.append("* V is the ground speed")
+    elif any(source is not None for source in sources):
+        notes.append("V is the airspeed")
+    else:
+        notes.append("no airspeed is known")
+    loops = {loop_of(each.loop): whose(each) for each in manoeuvres}
+    notes.append(f"loop: {', '.join(f'{loop.short} is {of}' for loop, of in loops.items())}")
+    notes += _since(manoeuvres)
+    if len(manoeuvres) > MOST_ROWS:
+        notes.append(f"{len(manoeuvres) - MOST_ROWS} more are in --json")
+    return "; ".join(notes)
+
+
+def _since(manoeuvres: Sequence[Manoeuvre]) -> Iterator[str]:
+    """Yield the dates from which the manoeuvres' seconds are counted, one for each boot."""
+    boots: dict[datetime, list[str]] = {}
+    for each in manoeuvres:
+        # Without a date there is no boot, and the vehicle's clock may have any value.
+        with suppress(ValueError, OverflowError, TypeError):
+            begun = datetime.fromisoformat(each.date or "") - timedelta(seconds=each.from_s)
+            boot = next((one for one in boots if abs(one - begun) <= SAME_BOOT), begun)
+            boots.setdefault(boot, []).append(str(each.n))
+    for boot, of in list(boots.items())[:MOST_BOOTS]:
+        which = "" if len(boots) == 1 else f" of {' to '.join(dict.fromkeys((of[0], of[-1])))}"
+        yield f"seconds{which} since boot at {utc(boot.isoformat())}"
+
+
 MOST_BOOTS: Final = 4
 """The largest number of boots that are printed; --json has all."""
-_DERIVATIVES: Final = ("a_my_beta", "a_my_omega_y", "a_my_delta_h", "a_z_beta", "K", "T_theta_s")
-"""The yaw channel's numbers that are shown next to wn and zeta."""
 
 
 def print_summary(summary: RunSummary, stream: TextIO) -> None:
@@ -66,26 +169,6 @@ def stream_grid(estimates: Mapping[str, MethodSummary]) -> Grid:
     ]
     heads = ("± is one sigma of noise", *(method.upper() for method in estimates))
     return Grid(heads, list(zip(names, *columns, strict=True)))
-
-
-def yaw_channel_parts(summary: RunSummary, rudder_unit: str) -> Iterator[Part]:
-    """Yield the numbers of eq. 22-23 of the flight, for each loop, or of the stream's answer."""
-    answer, found = summary.answer, []
-    for each in summary.by_loop:
-        said = filter(None, (whose(each), conditions(each)))
-        found.append((f"the flight, {' '.join(said)}", each.physics))
-    if summary.flight is None and answer is not None:
-        found.append((f"stream, {answer.method.upper()}", answer.physics))
-    for name, physics in found:
-        values = [(YAW_CHANNEL[key], (physics or {}).get(key, Value())) for key in _DERIVATIVES]
-        rows = [
-            (f"{row.words} {row.symbol}",
-             f"{plus_minus(each.value, each.std)} {row.unit_for(rudder_unit)}")
-            for row, each in values if each.value is not None
-        ]  # fmt: skip
-        if rows:
-            yield Note(f"Yaw channel, {name}:")
-            yield Grid(("", ""), rows)
 
 
 def _number(value: float | None, spec: str) -> str:
@@ -172,7 +255,73 @@ def orders_page(report: OrdersReport, most: int) -> Iterator[Part]:
         yield Note(f"recommended  --orders {report.recommended}", "bold")
         return
     yield Note("no orders are recommended: no replay of this log can be used", "bold red")
-    yield from (Note(f"  {reason}") for reason in report.verdict.fatal)
-    if (step := next_step(report.verdict)) is not None:
-        yield Note(f"  {NEXT} {step}")
+    yield from verdict_parts(report.verdict)
     yield Note("yawid inspect says what to record next time")
+
+
+MEANS: Final = (
+    "± is one sigma; GM, PM: margins of the open loop at the 95 % bound, - where nothing crosses "
+    "or the model is not known"
+)
+
+
+def print_damper(report: DamperReport, stream: TextIO) -> None:
+    """Print the report of a damper: the gains, the band, what to look for; or why there is none."""
+    to_terminal(damper_parts(report), stream)
+
+
+def damper_parts(report: DamperReport) -> Iterator[Part]:
+    """Yield the parts of that page."""
+    yield Note(report.log, "bold")
+    mix = [] if report.mix is None else [Note(f"mix  {report.mix.text}")]
+    if not report.verdict.usable:
+        yield Note("no gain can be given", "bold red")
+        yield from (*verdict_parts(report.verdict), *mix)
+        return
+    found = report.recommended
+    text = "none is recommended" if found is None else (
+        f"aim at {found.low:g} to {found.high:g}, fly {found.next:g} next"
+    )  # fmt: skip
+    name = f"{report.parameter}  " if report.parameter else ""
+    yield Note(f"{name}{text}", "bold")
+    yield from (Said("", said) for said in report.says)
+    yield from (Said("", str(reason)) for reason in report.verdict.reasons)
+    if report.gains:
+        yield gains_grid(report)
+    yield from mix
+    if report.gains:
+        yield Note(MEANS)
+
+
+def gains_grid(report: DamperReport) -> Grid:
+    """Return the table of every gain at every airspeed."""
+    heads = (report.parameter or "", "V m/s", "wn rad/s", "zeta", "GM dB", "PM deg", "")
+    return Grid(heads, list(_gains(report)), texts=(6,))
+
+
+def _gains(report: DamperReport) -> Iterator[list[str]]:
+    for gain in report.gains or ():
+        marks = ", ".join(name for name, value in _named(report) if value == gain.value)
+        for at in gain.at:
+            yield [f"{gain.value:g}", f"{at.airspeed_m_s:.1f}", *_at_airspeed(at), marks]
+
+
+def _named(report: DamperReport) -> list[tuple[str, float | None]]:
+    found = report.recommended
+    named: list[tuple[str, float | None]] = [("flown", report.flown)]
+    if found is not None:
+        named += [("low", found.low), ("high", found.high), ("next", found.next)]
+    return named
+
+
+def _at_airspeed(at: DamperAt) -> list[str]:
+    margins = (at.gain_margin_db, at.phase_margin_deg)
+    return [
+        _with_sigma(at.wn_rad_s, at.wn_std, ".2f"),
+        _with_sigma(at.zeta, at.zeta_std, ".3f"),
+        *("-" if each is None else f"{each:.0f}" for each in margins),
+    ]
+
+
+def _with_sigma(value: float | None, std: float | None, form: str) -> str:
+    return "-" if value is None else f"{value:{form}} ± {std or 0.0:{form}}"

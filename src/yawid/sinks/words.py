@@ -118,17 +118,11 @@ def dutch_roll(mode: DutchRoll, names: tuple[str, str] = LATIN) -> str:
     return f"{names[0]} {wn} rad/s, {names[1]} {zeta}"
 
 
-def noise_spreads(mode: DutchRoll | None) -> tuple[str, str] | None:
-    """Return the sigmas of wn and zeta from noise alone; None where they are unknown."""
-    if mode is None or mode.wn_std_noise is None or mode.zeta_std_noise is None:
-        return None
-    return f"± {mode.wn_std_noise:.2g}", f"± {mode.zeta_std_noise:.2g}"
-
-
-def of_noise(mode: DutchRoll | None, names: tuple[str, str] = LATIN) -> str:
+def of_noise(mode: DutchRoll) -> str:
     """Return the sigmas of noise alone as a phrase, "" where they are unknown."""
-    noise = noise_spreads(mode)
-    return f"noise alone: {names[0]} {noise[0]}, {names[1]} {noise[1]}" if noise else ""
+    if mode.wn_std_noise is None or mode.zeta_std_noise is None:
+        return ""
+    return f"noise alone: wn ± {mode.wn_std_noise:.2g}, zeta ± {mode.zeta_std_noise:.2g}"
 
 
 def sigma_means(modes: Iterable[DutchRoll | None]) -> str:
@@ -234,14 +228,11 @@ def no_manoeuvre(summary: RunSummary) -> str:
     )
 
 
-def flight_rows(summary: RunSummary) -> Iterator[Row]:
-    """Yield the rows of the flight's answers; without a flight, one row why there is none."""
-    flight = summary.flight
-    if flight is None:
-        if summary.manoeuvres is not None:
-            yield Row("flight", no_manoeuvre(summary))
-        return
-    manoeuvres = summary.manoeuvres or []
+def flight_rows(
+    flights: Sequence[Flight], manoeuvres: Sequence[Manoeuvre], vehicle: VehicleSeen | None
+) -> Iterator[Row]:
+    """Yield the rows of a flight's answers, one for each loop, the headline first."""
+    flight, *others = flights
     mode, count = flight.dutch_roll, counted(flight, manoeuvres)
     if mode is None:
         yield Row("flight", f"no answer, {count}")
@@ -254,9 +245,9 @@ def flight_rows(summary: RunSummary) -> Iterator[Row]:
     if slope := kappa(flight):
         kind = flight.airspeed_kind if flight.airspeed_kind in _AS_GIVEN else "equivalent"
         yield Row("", f"wn = {slope}, where V is the {kind} airspeed")
-    for other in summary.by_loop[1:]:
+    for other in others:
         yield Row("also", of_loop(other, manoeuvres))
-    yield Row("flown", ", ".join(_flown(flight, manoeuvres, summary.vehicle)))
+    yield Row("flown", ", ".join(_flown(flight, manoeuvres, vehicle)))
 
 
 def bare_rows(summary: RunSummary) -> Iterator[Row]:
@@ -316,7 +307,11 @@ def ordinary_rows(summary: RunSummary) -> Iterator[Row]:
 
 def answer_rows(summary: RunSummary) -> Iterator[Row]:
     """Yield the rows of all answers: of manoeuvres, of the bare airframe, of ordinary flight."""
-    yield from (*flight_rows(summary), *bare_rows(summary), *ordinary_rows(summary))
+    if summary.by_loop:
+        yield from flight_rows(summary.by_loop, summary.manoeuvres or [], summary.vehicle)
+    elif summary.manoeuvres is not None:
+        yield Row("flight", no_manoeuvre(summary))
+    yield from (*bare_rows(summary), *ordinary_rows(summary))
 
 
 def bare_warnings(bare: Bare | OrdinaryAnswer) -> Iterator[str]:

@@ -1,6 +1,5 @@
 """A run in Python: tables, answers, models; ``yawid.load`` reads it from its file."""
 
-import io
 import math
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -24,7 +23,7 @@ from yawid.sinks.base import Grid, RunRows
 from yawid.sinks.door import plain
 from yawid.sinks.mcap.messages import joined
 from yawid.sinks.mcap.reader import open_answered
-from yawid.sinks.pages import Note, Part, Said, to_html, to_terminal
+from yawid.sinks.pages import Note, Part, Said, to_html, to_text
 from yawid.sinks.run_page import summary_page
 from yawid.system.part_file import os_errors_as_sink_error, write_whole
 from yawid.system.stores import Place, brought, place_of
@@ -286,9 +285,7 @@ class Run:
         yield Note(f"    rows  {', '.join(f'{each.title} ({len(each)})' for each in tables)}")
 
     def __repr__(self) -> str:
-        out = io.StringIO()
-        to_terminal(self._page(), out)
-        return out.getvalue().rstrip()
+        return to_text(self._page()).rstrip()
 
     def _repr_html_(self) -> str:
         return f"<div>{to_html(self._page())}</div>"

@@ -24,7 +24,7 @@ from yawid.runs.live.bulkhead import Bulkhead
 from yawid.runs.outputs import Outputs
 from yawid.runs.replay import StopFlag, replay
 from yawid.sinks.mcap.reader import open_run
-from yawid.sinks.terminal.live_screen import LiveScreen
+from yawid.sinks.terminal.console import Console
 
 SENT = {sysid: frames(20.0, sysid=sysid, doublet_s=6.0) for sysid in (1, 2)}
 FIRST = list(chain.from_iterable(zip(*(sent[:1000] for sent in SENT.values()), strict=True)))
@@ -174,7 +174,7 @@ def test_where_outputs_fail_each_is_said_once_the_rest_goes_on_and_the_exit_code
 def test_a_screen_that_fails_is_left_for_lines(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     fail(monkeypatch, "yawid.sinks.terminal.live_page.Page.__rich_console__")
     stream, stop, ended = io.StringIO(), StopFlag(), []
-    console = LiveScreen(stream)
+    console = Console(stream, draws=True)
     options = LiveOptions(f"udpin:127.0.0.1:{free_udp_port()}", seconds=600.0)
 
     def listen() -> None:

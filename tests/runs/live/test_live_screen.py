@@ -25,7 +25,7 @@ from yawid.config.run import RunConfig
 from yawid.runs.live import LiveOptions, live
 from yawid.runs.outputs import Outputs
 from yawid.runs.replay import StopFlag
-from yawid.sinks.terminal.live_screen import LiveScreen, console_for
+from yawid.sinks.terminal.console import console_for
 
 
 class Terminal:
@@ -103,7 +103,7 @@ def test_before_the_first_manoeuvre_the_screen_has_no_verdict_and_no_advice_for_
         terminal.wait_for("listening on", 600.0)
         send(frames(20.0, doublet_s=99.0), port)
         terminal.wait_for("RECORDING", 600.0)
-        terminal.wait_for(" 28 s ", 600.0)  # the run's time: the stream was judged meanwhile
+        terminal.wait_for(" 2 min ", 600.0)  # the run's time: the stream was judged meanwhile
         shown = terminal.all.decode()
     finally:
         stop.is_set = True
@@ -151,10 +151,10 @@ def test_a_manoeuvre_has_one_answer_on_the_screen(tmp_path: Path, terminal: Term
 def test_there_are_lines_where_no_screen_can_be_drawn(
     why: str, terminal: Terminal, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    assert isinstance(console_for(terminal.stream), LiveScreen)
+    assert console_for(terminal.stream).draws
     if why == "dumb":
         monkeypatch.setenv("TERM", "dumb")
     if why == "small":
         terminal.resize(10)
     stream = io.StringIO() if why == "no terminal" else terminal.stream
-    assert not isinstance(console_for(stream), LiveScreen)
+    assert not console_for(stream).draws

@@ -15,7 +15,7 @@ from hostile import FLIGHT
 from mcap.writer import CompressionType, Writer
 
 from yawid.cli.main import main
-from yawid.sinks.mcap.protobuf_rows import RowLayout
+from yawid.sinks.mcap.messages import RowLayout
 from yawid.sinks.mcap.schemas import descriptor
 
 COMMANDS = (

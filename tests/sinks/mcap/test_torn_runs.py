@@ -28,11 +28,10 @@ from yawid.cli.main import main
 from yawid.errors import SourceError
 from yawid.runs.finished_run import FinishedRun
 from yawid.sinks.base import Done, RunRows
-from yawid.sinks.mcap.reader import open_run
+from yawid.sinks.mcap.reader import open_run, open_torn
 from yawid.sinks.mcap.records import intact
 from yawid.sinks.mcap.schemas import TOPICS, schema_data
 from yawid.sinks.mcap.sink import McapSink
-from yawid.sinks.mcap.torn import open_torn
 
 PER_SAMPLE = 4  # messages: sample, two estimates, modes
 WRITER = """
@@ -227,10 +226,11 @@ def test_a_run_damaged_in_its_middle_is_read_up_to_there(
 def test_other_commands_send_to_a_replay(
     torn: Path, command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    to = {"view": ["--out", str(tmp_path / "v.rrd")], "damper": []}
-    assert main([command, str(torn), *to.get(command, ["-o", str(tmp_path / "r.html")])]) in (2, 6)
+    to = {"view": ["--out", str(tmp_path / "v.rrd")], "damper": [],
+          "export": ["-o", str(tmp_path / "r.csv")]}  # fmt: skip
+    assert main([command, str(torn), *to.get(command, ["-o", str(tmp_path / "r.html")])]) == 6
     [line] = capsys.readouterr().err.splitlines()
-    assert command == "export" or "yawid replay of this file reads what is left of it" in line
+    assert "yawid replay of this file reads what is left of it" in line
     assert not list(tmp_path.iterdir())
 
 

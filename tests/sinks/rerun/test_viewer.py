@@ -60,7 +60,7 @@ def wait_for_rows(path: Path, n: int) -> dict[str, dict[str, Any]]:
 @pytest.mark.filterwarnings("ignore:RRD file has no footer")  # a receiver that still runs
 def test_a_viewer_that_runs_already_gets_everything(tmp_path: Path) -> None:
     blocks = make_blocks(n=300)
-    with viewer("--out", str(tmp_path / "got.rrd")) as (address, _):
+    with viewer("--save", str(tmp_path / "got.rrd")) as (address, _):
         run(RerunSink(address, name="flight", warn=fail), blocks, [100, 101])
         entities = wait_for_rows(tmp_path / "got.rrd", 300)
     np.testing.assert_array_equal(values(entities, "/input"), blocks[0].u)
@@ -131,7 +131,7 @@ def test_rerun_and_mcap_are_loaded_only_by_those_who_use_them() -> None:
     script = (
         "import sys, yawid.sinks.base, yawid.sinks.rerun.sink\n"
         "assert not {'rerun', 'mcap', 'google.protobuf'} & sys.modules.keys()\n"
-        "import yawid.sinks.mcap.sink, yawid.sinks.mcap.torn\n"
+        "import yawid.sinks.mcap.sink, yawid.sinks.mcap.reader\n"
         "assert 'rerun' not in sys.modules"
     )
     run_script(script)

@@ -2,6 +2,6 @@
 
 from yawid.runs.live.loop import LiveOptions, live, session_name
 from yawid.runs.live.vehicle_session import Ended
-from yawid.sinks.terminal.progress import Console
+from yawid.sinks.terminal.console import Console
 
 __all__ = ["Console", "Ended", "LiveOptions", "live", "session_name"]

@@ -20,8 +20,8 @@ from yawid.runs.live.vehicles import Fleet, Single
 from yawid.runs.live.worker import FitWorker, SharedDisk, Worker
 from yawid.runs.outputs import Outputs
 from yawid.runs.stop import StopFlag
-from yawid.sinks.terminal.live_facts import LiveFacts as ScreenFacts
-from yawid.sinks.terminal.progress import Console
+from yawid.sinks.terminal.console import Console
+from yawid.sinks.terminal.console import LiveFacts as ScreenFacts
 from yawid.sources.link.endpoints import Endpoint, parse_endpoint
 from yawid.sources.link.inbox import Stamps
 from yawid.sources.link.publisher import COMPID, open_publisher, parse_all

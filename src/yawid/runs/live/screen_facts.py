@@ -11,7 +11,7 @@ from yawid.quantities.vehicles import type_name
 from yawid.results.advice import with_remedies
 from yawid.runs.live.running_answer import Answer, said
 from yawid.runs.live.standing import state
-from yawid.sinks.terminal.live_facts import SILENT, VehicleFacts
+from yawid.sinks.terminal.console import SILENT, VehicleFacts
 
 WINDOW_S = 2.0
 """Rates are counted over this time; where no sample is used for this long, the reason is shown."""

@@ -27,7 +27,7 @@ from yawid.runs.live.worker import FitWorker, SharedDisk, Worker
 from yawid.runs.outputs import Outputs, finish, open_mcap, open_rerun, parameters_of, refused
 from yawid.sinks.base import Abort, Flush, Sink
 from yawid.sinks.rerun.sink import RerunSink
-from yawid.sinks.terminal.live_facts import VehicleFacts
+from yawid.sinks.terminal.console import VehicleFacts
 from yawid.sinks.words import flown, lateral_says, says
 from yawid.sources.open_log import ReadOptions
 

@@ -10,7 +10,7 @@ from yawid.answers.session import LiveFacts
 from yawid.errors import ConfigError
 from yawid.quantities.vehicles import AUTOPILOT_INVALID, NOT_A_VEHICLE
 from yawid.runs.live.vehicle_session import Ended, LiveSession, Setting, for_vehicle
-from yawid.sinks.terminal.live_facts import VehicleFacts
+from yawid.sinks.terminal.console import VehicleFacts
 from yawid.sources.link.tap import sysid_of
 from yawid.sources.mavlink.framing import MAGIC_V1, STAMP_SIZE, frame_size
 

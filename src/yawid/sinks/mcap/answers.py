@@ -20,16 +20,12 @@ ROW: Final = (
     "usable", "reasons", "wn_std_noise", "zeta_std_noise", "airspeed_kind", "structure",
 )  # fmt: skip
 """The names of a row, of which those that are not known are left out."""
-MANOEUVRE: Final = "/yawid/manoeuvre"
-FLIGHT: Final = "/yawid/flight"
-"""The topic of the flight's answer, whose verdict decides where there was a manoeuvre."""
-LATERAL: Final = "/yawid/lateral"
-ORDINARY: Final = "/yawid/ordinary"
 NAMES: Final = {
-    MANOEUVRE: "yawid.Manoeuvre", FLIGHT: "yawid.Flight", LATERAL: "yawid.Lateral",
-    ORDINARY: "yawid.Ordinary",
+    "/yawid/manoeuvre": "yawid.Manoeuvre", "/yawid/flight": "yawid.Flight",
+    "/yawid/lateral": "yawid.Lateral", "/yawid/ordinary": "yawid.Ordinary",
 }  # fmt: skip
 """The names of the schemas, by topic."""
+MANOEUVRE, FLIGHT, LATERAL, ORDINARY = NAMES
 WHOLE: Final[dict[str, type[Part]]] = {LATERAL: Bare, ORDINARY: OrdinaryAnswer}
 """The answers that are written as they are, and not as a row."""
 

@@ -28,7 +28,6 @@ from mcap.records import (
     MetadataIndex,
     Schema,
     Statistics,
-    SummaryOffset,
 )
 from yawid.blocks import Array, Ints
 
@@ -168,21 +167,24 @@ class ChunkWriter:
     def finish(self) -> None:
         """Write the last chunk, the summary and the end."""
         self.end_chunk()
-        self._summary[Opcode.STATISTICS] = [_bytes_of(self._statistics())]
+        statistics = Statistics(
+            message_count=sum(self._counts.values()),
+            schema_count=len(self._summary[Opcode.SCHEMA]),
+            channel_count=len(self._summary[Opcode.CHANNEL]),
+            attachment_count=len(self._summary[Opcode.ATTACHMENT_INDEX]),
+            metadata_count=len(self._summary[Opcode.METADATA_INDEX]),
+            chunk_count=len(self._summary[Opcode.CHUNK_INDEX]),
+            message_start_time=self._first_ns or 0,
+            message_end_time=self._last_ns,
+            channel_message_counts=dict(self._counts),
+        )
+        self._summary[Opcode.STATISTICS] = [_bytes_of(statistics)]
         self._write(_bytes_of(DataEnd(data_section_crc=0)))
-        start, crc, offsets = self._offset, 0, b""
-        for opcode in _SUMMARY:
-            group_start, group = self._offset, b"".join(self._summary[opcode])
-            crc = zlib.crc32(group, crc)
-            self._write(group)
-            if group:
-                offsets += _bytes_of(SummaryOffset(opcode, group_start, len(group)))
-        offset_start = self._offset
+        summary = b"".join(part for opcode in _SUMMARY for part in self._summary[opcode])
         # The checksum covers the footer up to itself.
-        head = _FOOTER.pack(Opcode.FOOTER, 20, start, offset_start)
-        crc = zlib.crc32(offsets + head, crc)
-        footer = Footer(summary_start=start, summary_offset_start=offset_start, summary_crc=crc)
-        self._write(offsets + _bytes_of(footer) + MAGIC)
+        crc = zlib.crc32(summary + _FOOTER.pack(Opcode.FOOTER, 20, self._offset, 0))
+        footer = Footer(summary_start=self._offset, summary_offset_start=0, summary_crc=crc)
+        self._write(summary + _bytes_of(footer) + MAGIC)
 
     def _keep(self, opcode: Opcode, record: McapRecord) -> None:
         self.end_chunk()
@@ -212,19 +214,6 @@ class ChunkWriter:
         head = _CHUNK_INDEX.pack(Opcode.CHUNK_INDEX, content, low, high, start, length, len(places))
         tail = _CHUNK_SIZES.pack(len(indexes), _COMPRESSION, len(packed), len(data))
         self._summary[Opcode.CHUNK_INDEX].append(bytes(head + places + tail))
-
-    def _statistics(self) -> Statistics:
-        return Statistics(
-            message_count=sum(self._counts.values()),
-            schema_count=len(self._summary[Opcode.SCHEMA]),
-            channel_count=len(self._summary[Opcode.CHANNEL]),
-            attachment_count=len(self._summary[Opcode.ATTACHMENT_INDEX]),
-            metadata_count=len(self._summary[Opcode.METADATA_INDEX]),
-            chunk_count=len(self._summary[Opcode.CHUNK_INDEX]),
-            message_start_time=self._first_ns or 0,
-            message_end_time=self._last_ns,
-            channel_message_counts=dict(self._counts),
-        )
 
 
 def _records(topic: Topic, first: int) -> Array:

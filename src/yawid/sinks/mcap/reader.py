@@ -1,12 +1,13 @@
-"""A finished run read from its MCAP file: its summary and settings, and its rows in blocks.
+"""A run read from its MCAP file: its summary and settings, and its rows in blocks.
 
 Rows are read where their schema is this version's, to the byte: any other is another format, which
 is refused instead of being misread. Answers are read where their form is this version's: of a file
-of another one there is only what came from its log, for a replay. Anybody may have written the
-file: a wrong type or size is reported here in one line, and does not become an error in another
-place.
+of another one there is only what came from its log, for a replay. Of a file that was cut off there
+are the seconds before its first bad record. Anybody may have written the file: a wrong type or size
+is reported here in one line, and does not become an error in another place.
 """
 
+import json
 import math
 import tomllib
 from collections.abc import Iterator, Mapping
@@ -21,6 +22,8 @@ from google.protobuf.message import DecodeError
 from mcap.reader import McapReader, make_reader
 from mcap.records import Chunk, Metadata, Schema
 from mcap.stream_reader import StreamReader, get_chunk_data_stream
+from yawid.answers.heard import LinkCounts
+from yawid.answers.reasons import Reason, Verdict
 from yawid.answers.run_summary import FORM, RunSummary
 from yawid.blocks import Ints, MotionBlock, SampleBlock, Status
 from yawid.config.run import RunConfig
@@ -29,8 +32,14 @@ from yawid.errors import SourceError
 from yawid.estimation.polynomials import parameter_names
 from yawid.sinks.base import Grid, LogLevel, LogLine, RunRows
 from yawid.sinks.mcap.chunks import MAGIC
-from yawid.sinks.mcap.messages import Rows, estimate_from, modes_from, motion_from, samples_from
-from yawid.sinks.mcap.protobuf_rows import RowLayout
+from yawid.sinks.mcap.messages import (
+    RowLayout,
+    Rows,
+    estimate_from,
+    modes_from,
+    motion_from,
+    samples_from,
+)
 from yawid.sinks.mcap.records import DAMAGE, intact, is_bomb, opened, records
 from yawid.sinks.mcap.schemas import (
     LOG,
@@ -82,7 +91,7 @@ class McapRun:
     @property
     def is_of_this_form(self) -> bool:
         """Whether the summary has the run's answers; else only what came from the log."""
-        return _is_of_this_form(self.metadata)
+        return self.metadata.get("answers", {}).get("form") == FORM
 
     def rates_hz(self, rudder: str) -> tuple[float, float] | None:
         """Return the rates in Hz of the messages of yaw and of ``rudder``, the input's name.
@@ -236,7 +245,7 @@ def open_run(path: Path) -> McapRun:
     if "summary.json" not in attachments:
         raise DamagedError(f"{path} holds no summary, as its run was cut off: {_REPLAY}")
     try:
-        is_whole = _is_of_this_form(metadata)
+        is_whole = metadata.get("answers", {}).get("form") == FORM
         summary = RunSummary.from_json(attachments["summary.json"], is_whole=is_whole)
         config = read_config(attachments.get("configuration.toml"))
         grid = read_grid(metadata.get("grid"), config)
@@ -255,10 +264,6 @@ def open_answered(path: Path) -> McapRun:
     if not run.is_of_this_form:
         raise SourceError(f"{path} is of another version of yawid: replay it first")
     return run
-
-
-def _is_of_this_form(metadata: Mapping[str, Mapping[str, str]]) -> bool:
-    return metadata.get("answers", {}).get("form") == FORM
 
 
 def log_sha256_of(run: McapRun) -> str | None:
@@ -325,18 +330,17 @@ def read_grid(record: Mapping[str, str] | None, config: RunConfig) -> Grid | Non
     """
     if record is None:
         return None
+    names = parameter_names(config.armax_orders(), config.inputs, bias=True)
+    methods = config.bank_methods()
+    said = {"parameters": names, "inputs": config.inputs, "methods": methods}
     try:
-        parameters, inputs, methods = (
-            tuple(record[name].split()) for name in ("parameters", "inputs", "methods")
-        )
+        if any(record[name].split() != list(each) for name, each in said.items()):
+            raise ValueError("its grid is not that of its configuration")
         autopilot, kind = (int(record[name]) for name in ("autopilot", "vehicle_type"))
         unit, sample_time_s = config.unit_of_rudder, float(record["sample_time_s"])
-        grid = Grid(parameters, inputs, methods, sample_time_s, unit, autopilot, kind)
-    except (KeyError, ValueError) as error:
-        raise ValueError(f"its grid cannot be read: {error!r}") from error
-    names = parameter_names(config.armax_orders(), config.inputs, bias=True)
-    if (parameters, inputs, methods) != (names, config.inputs, config.bank_methods()):
-        raise ValueError("its grid is not that of its configuration")
+        grid = Grid(names, config.inputs, methods, sample_time_s, unit, autopilot, kind)
+    except KeyError as error:
+        raise ValueError(f"its grid lacks {error}") from error
     if not 1e-6 < grid.sample_time_s < math.inf:
         raise ValueError(f"its sample time of {grid.sample_time_s!r} s is impossible")
     return grid
@@ -365,3 +369,52 @@ def check(found: Found, grid: Grid) -> None:
             sound = np.abs(samples[name]) < LARGEST_SAMPLE
             if not np.all(sound if name.endswith("_time") else sound | np.isnan(samples[name])):
                 raise ValueError(f"{name} of a sample is impossible")
+
+
+def open_torn(path: Path, why: SourceError) -> McapRun:
+    """Return what a file that cannot be read as a whole has, without a judgement of its link.
+
+    Raises:
+        SourceError: ``why`` it cannot be read, where no sample comes before the first bad record.
+    """
+    metadata: dict[str, dict[str, str]] = {}
+    topics: set[str] = set()
+    times_ns: list[int] = []
+    with opened(path) as stream:
+        for found in intact(stream):
+            if isinstance(found, Metadata):
+                metadata.setdefault(found.name, found.metadata)
+                continue
+            topics |= {channel.topic for _, channel, _ in found}
+            times_ns += [m.log_time for _, channel, m in found if channel.topic == SAMPLE]
+    try:
+        texts = {name: _value(text) for name, text in metadata["configuration"].items()}
+        given = {name: value for name, value in texts.items() if value is not None}
+        config = RunConfig(**check_settings(given, "configuration"))
+        grid = read_grid(metadata.get("grid"), config)
+    except (ValueError, OverflowError, RecursionError, KeyError, TypeError):
+        raise why from None
+    if not times_ns:
+        raise why
+    rows, seconds = len(times_ns), (times_ns[-1] - times_ns[0]) / 1e9
+    said = (
+        f"{path.name} was cut off or is damaged: it has {rows} samples, {seconds:.1f} s, and its "
+        "link was not judged: replay the log itself for an answer"
+    )
+    summary = RunSummary(
+        log=str(path.absolute()),
+        duration_s=seconds,
+        link=LinkCounts(),
+        channels={},
+        verdict=Verdict(usable=False, reasons=[Reason("interrupted", said, weight="fatal")]),
+    )
+    motion = {*MOTION[:2]} <= topics
+    return McapRun(path, summary, metadata, {}, config, grid, [], rows, motion, is_torn=True)
+
+
+def _value(text: str) -> Any:
+    """Return a setting from its text in the metadata, which is JSON or the setting itself."""
+    try:
+        return json.loads(text)
+    except ValueError:
+        return text

@@ -6,12 +6,13 @@ before are refused. The numbers of ``foxglove.Log`` are those of its publisher. 
 so the descriptors are made for each run.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from functools import lru_cache
 from typing import Final, TypeAlias
 
 from google.protobuf import descriptor_pb2, descriptor_pool, message_factory, timestamp_pb2
 from google.protobuf.descriptor import Descriptor
+from google.protobuf.json_format import ParseDict
 from google.protobuf.message import Message
 
 from yawid.blocks import Held, Noted, Status, words
@@ -20,7 +21,6 @@ from yawid.quantities.airspeed import Kind
 from yawid.quantities.table import OF_NOISE, RUDDER, YAW_CHANNEL, quantity
 from yawid.quantities.units import HALF_TRAVEL
 
-_FieldProto = descriptor_pb2.FieldDescriptorProto
 _KINDS = ", ".join(f"{kind.value} {words(kind)}" for kind in Kind)
 _NOTED = ", ".join(f"{flag.value} {words(flag)}" for flag in Noted)
 
@@ -109,8 +109,8 @@ TOPICS: Final[Mapping[str, str]] = {
     "/yawid/acceleration": "yawid.Acceleration",
 }
 """Every topic in protobuf of a run's file, and the type of its messages."""
-SAMPLE, MODES, MODE, LOG = "/yawid/sample", "/yawid/modes", "/yawid/mode", "/yawid/log"
-VERDICT: Final = "/yawid/verdict"
+SAMPLE, MODES, MODE = "/yawid/sample", "/yawid/modes", "/yawid/mode"
+LOG, VERDICT = "/yawid/log", "/yawid/verdict"
 MOTION: Final = ("/yawid/attitude", "/yawid/commands", "/yawid/acceleration")
 """The topics of the lateral motion, in the order of :class:`yawid.blocks.MotionBlock`."""
 
@@ -144,32 +144,29 @@ def described(field: str, message: str = "") -> str:
     return ", ".join(filter(None, (row.unit, words)))
 
 
-def _add_field(message: descriptor_pb2.DescriptorProto, name: str, kind: str) -> None:
-    label = _FieldProto.LABEL_REPEATED if kind.endswith("[]") else _FieldProto.LABEL_OPTIONAL
-    kind = kind.removesuffix("[]")
-    field = message.field.add(name=name, number=len(message.field) + 1, label=label)
-    if kind.startswith("."):
-        field.type, field.type_name = _FieldProto.TYPE_MESSAGE, kind
-    elif "." in kind:
-        field.type, field.type_name = _FieldProto.TYPE_ENUM, f".{kind}"
-    else:
-        field.type = _FieldProto.Type.Value(f"TYPE_{kind.upper()}")
+def _field(number: int, name: str, kind: str) -> dict[str, object]:
+    """Return a field of a descriptor, as protobuf has it in JSON."""
+    label = "LABEL_REPEATED" if kind.endswith("[]") else "LABEL_OPTIONAL"
+    field = {"name": name, "number": number, "label": label}
+    plain = kind.removesuffix("[]")
+    if "." not in plain:
+        return field | {"type": f"TYPE_{plain.upper()}"}
+    type_name = f".{plain.removeprefix('.')}"
+    return field | {"type": "TYPE_MESSAGE" if plain == type_name else "TYPE_ENUM",
+                    "typeName": type_name}  # fmt: skip
 
 
 def _file(
-    package: str, messages: Mapping[str, Fields], enum: str, values: Mapping[str, int]
+    package: str, messages: Mapping[str, Fields], enum: str, values: Iterable[tuple[str, int]]
 ) -> descriptor_pb2.FileDescriptorProto:
-    file = descriptor_pb2.FileDescriptorProto(
-        name=f"{package}.proto", package=package, syntax="proto3"
-    )
-    members = file.enum_type.add(name=enum)
-    for name, number in values.items():
-        members.value.add(name=name, number=number)
-    for name, fields in messages.items():
-        message = file.message_type.add(name=name)
-        for field, kind in fields:
-            _add_field(message, field, kind)
-    return file
+    members = [{"name": name, "number": number} for name, number in values]
+    kinds = [
+        {"name": name, "field": [_field(i, *each) for i, each in enumerate(fields, start=1)]}
+        for name, fields in messages.items()
+    ]
+    file = {"name": f"{package}.proto", "package": package, "syntax": "proto3",
+            "enumType": [{"name": enum, "value": members}], "messageType": kinds}  # fmt: skip
+    return ParseDict(file, descriptor_pb2.FileDescriptorProto())
 
 
 @lru_cache
@@ -178,8 +175,8 @@ def _pool(parameters: tuple[str, ...]) -> descriptor_pool.DescriptorPool:
     pool = descriptor_pool.DescriptorPool()
     pool.AddSerializedFile(timestamp_pb2.DESCRIPTOR.serialized_pb)
     theta = tuple((name, "double") for name in parameters)
-    status = {member.name: member.value for member in Status}
-    levels = {name: number for number, name in enumerate(_LEVELS)}
+    status = [(member.name, member.value) for member in Status]
+    levels = [(name, i) for i, name in enumerate(_LEVELS)]
     log = _file("foxglove", {"Log": _LOG}, "Level", levels)
     log.dependency.append("google/protobuf/timestamp.proto")
     for file in (_file("yawid", {"Parameters": theta, **TABLE}, "Status", status), log):

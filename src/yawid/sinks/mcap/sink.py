@@ -61,7 +61,6 @@ from yawid.sinks.mcap.schemas import (
 from yawid.system.part_file import Disk, Part, os_errors_as_sink_error
 from yawid.version import __version__
 
-LIBRARY: Final = f"yawid {__version__}"
 CHUNK_NS: Final = 1_000_000_000
 FLUSH_S: Final = 0.5
 """The least time between two flushes, in wall time: with a call every half second, a crash loses
@@ -283,7 +282,7 @@ class McapSink(Sink):
 
     def _open(self, metadata: Mapping[str, str | Mapping[str, object]]) -> None:
         with os_errors_as_sink_error(self._part):
-            self._writer.start(LIBRARY)
+            self._writer.start(f"yawid {__version__}")
             self._add_record("answers", {"form": FORM})
             for name, value in metadata.items():
                 self._add_record(name, value)

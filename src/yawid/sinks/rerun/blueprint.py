@@ -65,12 +65,7 @@ def _worth() -> rrb.Vertical:
             origin="/z_plane",
             visual_bounds=rrb.VisualBounds2D(x_range=[-1.35, 1.35], y_range=[-1.15, 1.15]),
         ),
-        rrb.BarChartView(
-            name="Residuals: autocorrelation by lag, last minute, 2 sigma",
-            origin="/whiteness",
-            plot_legend=rrb.PlotLegend(visible=False),
-        ),
-        row_shares=[5, 4, 3],
+        row_shares=[5, 4],
     )
 
 

@@ -1,28 +1,28 @@
 """One Rerun recording: its target, and the data that are sent to it.
 
-Errors are raised here as rerun raises them; :mod:`yawid.sinks.rerun.sink` decides what they mean
-for the run.
+Rerun writes a file through a pipe, so that a failed write is noticed: its own writer stops there,
+and whoever then closes the recording may wait forever. Errors are raised here as rerun raises them;
+:mod:`yawid.sinks.rerun.sink` decides what they mean for the run.
 """
 
 import os
 import shutil
 import socket
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
+from threading import Thread
 from typing import Final
 from urllib.parse import urlsplit
 
 import msgspec
 import numpy as np
-import pyarrow as pa
 
 import rerun as rr
-from rerun.encodings import TensorDataBatch
 from yawid.answers.run_summary import Bare, DutchRoll, Flight, Manoeuvre, RunSummary
 from yawid.blocks import Floats, Ints, SampleBlock
 from yawid.physics.modes import pair_poles
-from yawid.quantities.units import HALF_TRAVEL
 from yawid.sinks.base import (
     Abort,
     Done,
@@ -35,26 +35,83 @@ from yawid.sinks.base import (
     RunRows,
     Sink,
 )
-from yawid.sinks.flight_table import manoeuvre_parts
-from yawid.sinks.pages import Note, Part, to_markdown, verdict_parts
-from yawid.sinks.palette import BAD, BARE, MODEL, NEUTRAL, RUDDER, rgba
-from yawid.sinks.rerun.blueprint import TIMELINE, blueprint, log_furniture, points
-from yawid.sinks.rerun.derived_panels import LAGS, Change, Marks, Plane, Rolls, Whiteness
-from yawid.sinks.rerun.file_pipe import FilePipe
-from yawid.sinks.rerun.series import (
+from yawid.sinks.pages import Note, Page, to_text
+from yawid.sinks.palette import BAD, BARE, MODEL, RUDDER, rgba
+from yawid.sinks.rerun.blueprint import TIMELINE, blueprint, log_furniture
+from yawid.sinks.rerun.panels import (
     OF_BARE,
     REFUSED,
     USABLE,
+    Marks,
     Style,
-    bare_styles,
+    bar_style,
+    crosses_at,
     group_rows,
-    is_known,
     manoeuvre_rows,
-    manoeuvre_styles,
     series_styles,
 )
-from yawid.sinks.run_page import stream_grid, yaw_channel_parts
-from yawid.sinks.words import answer_rows, lateral_says, numbers
+from yawid.sinks.run_page import manoeuvre_parts, summary_page
+from yawid.sinks.words import lateral_says
+from yawid.system.files import HAS_DESCRIPTOR_NAMES
+
+_PIECE: Final = 1 << 16  # bytes; a pipe of Linux holds no more
+
+
+class FilePipe:
+    """Writes all that comes through a pipe to a file; ``name`` opens the pipe like a file.
+
+    After a failed write the pipe is still read to its end, so that its writer never waits. Where a
+    pipe has no name (Windows), ``name`` is the file itself, and a failed write is not noticed.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._failed = ""
+        self._thread = Thread(target=self._pass_on, name="rrd", daemon=True)
+        if not HAS_DESCRIPTOR_NAMES:
+            self.name, self._own = str(path), -1
+            return
+        self._file = path.open("wb", buffering=0)
+        self._end, self._own = os.pipe()
+        self.name = f"/dev/fd/{self._own}"
+        self._thread.start()
+
+    def release(self) -> None:
+        """Close the own end: the pipe then ends as soon as whoever opened ``name`` closes it."""
+        if self._own >= 0:
+            os.close(self._own)
+
+    def check(self) -> None:
+        """Check that no write has failed until now.
+
+        Raises:
+            RuntimeError: one has, with the system's reason.
+        """
+        if self._failed:
+            raise RuntimeError(self._failed)
+
+    def finish(self, timeout_s: float) -> None:
+        """Wait until the file has everything that came.
+
+        Raises:
+            RuntimeError: a write has failed, or the disk needs more than ``timeout_s``.
+        """
+        if self._own >= 0:
+            self._thread.join(timeout_s)
+        self.check()
+        if self._thread.is_alive():
+            raise RuntimeError(f"the disk took more than {timeout_s:g} s")
+
+    def _pass_on(self) -> None:
+        while piece := os.read(self._end, _PIECE):
+            try:
+                while piece and not self._failed:
+                    piece = piece[self._file.write(piece) :]
+            except OSError as error:
+                self._failed = error.strerror or str(error)
+        os.close(self._end)
+        with suppress(OSError):
+            self._file.close()
+
 
 APPLICATION: Final = "yawid"
 DEFAULT_PORT: Final = 9876  # rerun's default
@@ -63,9 +120,6 @@ FINISH_S: Final = 30.0
 BATCH_ROWS: Final = 1000  # a call takes the same time for one row as for some hundred
 _LEVELS: Final = {"debug": "DEBUG", "info": "INFO", "warning": "WARN", "error": "ERROR"}
 
-# The cross is one line: along one arm, back to the middle, and along the other arm.
-_CROSS: Final = 0.035 * np.array([[-1.0, -1.0], [1.0, 1.0], [0.0, 0.0], [-1.0, 1.0], [1.0, -1.0]])
-SHADE: Final = rgba(NEUTRAL, 70)
 Batch = tuple[Ints, Ints, dict[str, Floats]]  # boot_us (n,), unix_ns (n,), lines by entity (n, m)
 
 
@@ -76,11 +130,9 @@ class RerunView(Sink):
         self._file: FilePipe | None = None
         self._batch: list[Batch] = []
         self._waiting = 0
-        self._bound = 0.0
         self._boot_offset_us: int | None = None  # boot time minus Unix time
         self._manoeuvres: list[Manoeuvre] = []
         self._bars: set[str] = set()
-        self._rudder_unit = HALF_TRAVEL
         self._colours: dict[str, dict[str, str]] = {}
         # It comes first: it also loads code for which a live run's first rows would wait 0.2 s.
         first = blueprint()
@@ -99,7 +151,7 @@ class RerunView(Sink):
             self._recording.connect_grpc(address, default_blueprint=first)
         self._recording.send_recording_name(name)
         log_furniture(self._recording)
-        self._show("verdict", "There is no verdict yet: the run goes on.\n")
+        self._show("verdict", [Note("There is no verdict yet: the run goes on.")])
         self._show_manoeuvres([])
 
     def take(self, event: Event) -> None:
@@ -124,15 +176,14 @@ class RerunView(Sink):
 
     def _start(self, grid: Grid) -> None:
         """Set the names and colours of the lines."""
-        self._marks, self._grid, self._rudder_unit = Marks(grid), grid, grid.rudder_unit
+        self._marks, self._grid = Marks(grid), grid
         for entity, style in series_styles(grid).items():
             self._style(entity, style)
-        poles = rr.LineStrips2D.from_fields(colors=rgba(MODEL), radii=rr.Radius.ui_points(1.2))
+        for name, colour in (("poles", MODEL), ("bare", BARE)):
+            lines = rr.LineStrips2D.from_fields(colors=rgba(colour), radii=rr.Radius.ui_points(1.2))
+            self._recording.log(f"z_plane/{name}", lines, static=True)
         zeros = rr.Points2D.from_fields(colors=rgba(MODEL), radii=rr.Radius.ui_points(4.0))
-        self._recording.log("z_plane/poles", poles, static=True)
         self._recording.log("z_plane/zeros", zeros, static=True)
-        bare = rr.LineStrips2D.from_fields(colors=rgba(BARE), radii=rr.Radius.ui_points(1.2))
-        self._recording.log("z_plane/bare", bare, static=True)
 
     def _write(self, block: RunRows) -> None:
         """Take a block; its rows are sent by the thousand, or by a flush."""
@@ -142,13 +193,12 @@ class RerunView(Sink):
         rows = group_rows(self._grid.parameters, samples, primary, modes)
         self._batch.append((samples.boot_us, samples.unix_ns, rows))
         self._waiting += len(samples)
-        for change in self._marks.changes(samples, primary):
-            self._send_change(samples, change)
-        self._send_plane(samples, self._marks.plane(samples, primary))
-        self._send_whiteness(samples, self._marks.whiteness(samples, primary))
-        for method in self._grid.methods[1:]:
-            rolls = self._marks.rolls(samples, estimates[method], is_known(modes))
-            self._send_rolls(samples, method, rolls)
+        for lane, row, state, colour in self._marks.changes(samples, primary):
+            self._colour(lane, state, colour)
+            columns = rr.StateChange.columns(state=[state])
+            self._recording.send_columns(f"state/{lane}", _times(samples, np.array([row])), columns)
+        for entity, places, columns in self._marks.panels(block):
+            self._recording.send_columns(entity, _times(samples, places), columns)
         if self._waiting >= BATCH_ROWS:
             self._send()
 
@@ -163,9 +213,8 @@ class RerunView(Sink):
         lane = rr.StateChange.columns(state=[state, ""])  # an empty state leaves a gap
         times = [_boot_times(boot_us), _unix_times(unix_ns)]
         self._recording.send_columns("state/manoeuvre", times, lane)
-        if found.dutch_roll is None or found.answer is None:
+        if found.dutch_roll is None:
             return
-        self._styles_once("manoeuvre", manoeuvre_styles(found.answer.method))
         self._send_bars_of(found.dutch_roll, USABLE if usable else REFUSED, boot_us, unix_ns)
 
     def _find_bare(self, n: int, bare: Bare, span_ns: tuple[int, int]) -> None:
@@ -176,10 +225,9 @@ class RerunView(Sink):
         if (roll := bare.dutch_roll) is None:
             return
         boot_us, unix_ns = _span(self._manoeuvres[at], span_ns)
-        self._styles_once("bare", bare_styles())
         self._send_bars_of(roll, OF_BARE, boot_us, unix_ns)
-        z = points(pair_poles(roll.wn_rad_s, roll.zeta, self._grid.sample_time_s))
-        columns = rr.LineStrips2D.columns(strips=list(z[:, None, :] + _CROSS)).partition([len(z)])
+        z = pair_poles(roll.wn_rad_s, roll.zeta, self._grid.sample_time_s)
+        columns = rr.LineStrips2D.columns(strips=crosses_at(z)).partition([len(z)])
         end = [_boot_times(boot_us[1:]), _unix_times(unix_ns[1:])]
         self._recording.send_columns("z_plane/bare", end, columns)
 
@@ -207,9 +255,8 @@ class RerunView(Sink):
         Raises:
             RuntimeError: not everything could be written.
         """
-        self._show("verdict", verdict_markdown(summary, self._rudder_unit))
-        found = self._manoeuvres if summary.manoeuvres is None else summary.manoeuvres
-        self._show_manoeuvres(found, summary.by_loop)
+        self._show("verdict", summary_page(summary))
+        self._show_manoeuvres(summary.manoeuvres or self._manoeuvres, summary.by_loop)
         self._close()
 
     def _close(self) -> None:
@@ -233,14 +280,12 @@ class RerunView(Sink):
         )
         self._recording.log(entity, lines, static=True)
 
-    def _styles_once(self, kind: str, styles: Mapping[str, Style]) -> None:
-        if kind not in self._bars:
-            self._bars.add(kind)
-            for entity, style in styles.items():
-                self._style(entity, style)
-
     def _send_bars_of(self, roll: DutchRoll, kind: str, boot_us: Ints, unix_ns: Ints) -> None:
         """Send the bars of a manoeuvre, which end with it."""
+        if kind not in self._bars:
+            self._bars.add(kind)
+            for name in ("wn", "zeta"):
+                self._style(f"dutch_roll/{name}/{kind}", bar_style(name, kind))
         after = [_boot_times(np.append(boot_us, boot_us[1] + 1))]
         after.append(_unix_times(np.append(unix_ns, unix_ns[1] + 1000)))
         for entity, rows in manoeuvre_rows(roll, kind).items():
@@ -253,11 +298,13 @@ class RerunView(Sink):
             for each in found
             if each.lateral is not None
         ]
-        table = manoeuvre_parts(found, flights, numbers) if found else [Note("No manoeuvre.")]
-        self._show("manoeuvres", to_markdown([*table, *bare]))
+        table = manoeuvre_parts(found, flights) if found else [Note("No manoeuvre.")]
+        self._show("manoeuvres", [*table, *bare])
 
-    def _show(self, entity: str, markdown: str) -> None:
-        document = rr.TextDocument(markdown, media_type=rr.MediaType.MARKDOWN)
+    def _show(self, entity: str, page: Page) -> None:
+        """Show a page as the terminal does, in letters of one width."""
+        text = f"```\n{to_text(page)}```\n"
+        document = rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN)
         self._recording.log(entity, document, static=True)
 
     def _colour(self, lane: str, state: str, colour: str) -> None:
@@ -268,64 +315,6 @@ class RerunView(Sink):
             colours = [rgba(each) for each in known.values()]
             style = rr.StateConfiguration(values=list(known), colors=colours)
             self._recording.log(f"state/{lane}", style, static=True)
-
-    def _send_change(self, samples: SampleBlock, change: Change) -> None:
-        self._colour(change.lane, change.state, change.colour)
-        state = rr.StateChange.columns(state=[change.state])
-        self._recording.send_columns(
-            f"state/{change.lane}", _times(samples, np.array([change.row])), state
-        )
-
-    def _send_plane(self, samples: SampleBlock, plane: Plane) -> None:
-        if not len(plane.rows):
-            return
-        times = _times(samples, plane.rows)
-        for entity, found in (("poles", plane.poles), ("zeros", plane.zeros)):
-            there = np.isfinite(found)
-            at = points(found[there])
-            if entity == "poles":
-                columns = rr.LineStrips2D.columns(strips=list(at[:, None, :] + _CROSS))
-                rows = columns.partition(there.sum(axis=1))
-            else:
-                rows = rr.Points2D.columns(positions=at).partition(there.sum(axis=1))
-            self._recording.send_columns(f"z_plane/{entity}", times, rows)
-
-    def _send_rolls(self, samples: SampleBlock, method: str, rolls: Rolls) -> None:
-        if not len(rolls.rows):
-            return
-        times = _times(samples, rolls.rows)
-        for column, name in enumerate(("wn", "zeta")):
-            line = rr.Scalars.columns(scalars=rolls.dutch_roll[:, column])
-            self._recording.send_columns(f"dutch_roll/{name}/{method}", times, line)
-
-    def _send_whiteness(self, samples: SampleBlock, whites: list[Whiteness]) -> None:
-        if not whites:
-            return
-        # The position of a bar is its lag.
-        self._send_bars(samples, "correlation", [(w.row, w.correlation) for w in whites])
-        before = [self._bound, *(w.bound for w in whites[:-1])]
-        levels = [
-            (w.row, np.full(LAGS, w.bound))
-            for w, old in zip(whites, before, strict=True)
-            if w.bound != old
-        ]
-        self._send_bars(samples, "upper_bound", levels)
-        self._send_bars(samples, "lower_bound", [(row, -level) for row, level in levels])
-        self._bound = whites[-1].bound
-
-    def _send_bars(self, samples: SampleBlock, name: str, bars: list[tuple[int, Floats]]) -> None:
-        if not bars:
-            return
-        # Rerun makes arrays of one tensor only; joined, they are sent as one chunk.
-        tensors = [
-            TensorDataBatch(np.concatenate([[0.0], bar])).as_arrow_array() for _, bar in bars
-        ]
-        colour = rgba(MODEL) if name == "correlation" else SHADE
-        columns = rr.BarChart.columns(
-            values=pa.concat_arrays(tensors), color=[colour] * len(tensors)
-        )
-        times = _times(samples, np.array([row for row, _ in bars]))
-        self._recording.send_columns(f"whiteness/{name}", times, columns)
 
     def _send(self) -> None:
         if not self._batch:
@@ -340,16 +329,6 @@ class RerunView(Sink):
             # Rerun writes in its own thread; without this, waiting rows would fill the memory.
             self._recording.flush(timeout_sec=FINISH_S)
             self._file.check()
-
-
-def verdict_markdown(summary: RunSummary, rudder_unit: str) -> str:
-    """Return the text of the panel of the verdict: the answers, then the stream and eq. 22-23."""
-    parts: list[Part] = [*verdict_parts(summary.deciding), *answer_rows(summary)]
-    if summary.estimates:
-        mark = [Note("Do not use the numbers: they are shown only to find out why.")]
-        parts += mark if summary.deciding.fatal else []
-        parts += [Note("Running estimates at the end:"), stream_grid(summary.estimates)]
-    return to_markdown([*parts, *yaw_channel_parts(summary, rudder_unit)])
 
 
 def _span(found: Manoeuvre, span_ns: tuple[int, int]) -> tuple[Ints, Ints]:

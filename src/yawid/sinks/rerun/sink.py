@@ -21,7 +21,7 @@ class RerunSink(Sink):
 
     Of methods other than the primary one only the Dutch roll is drawn. ``path`` is the .rrd that
     ``save`` writes, named ``<path>.part`` until it is finished. A viewer that is missing or goes
-    away causes one call of ``warn`` and nothing else, unless it is ``needed``.
+    away causes one call of ``warn`` and nothing else; without ``warn`` it is needed.
 
     Raises:
         SinkError: the file exists and ``force`` is not set, it cannot be written, or there is no
@@ -33,23 +33,23 @@ class RerunSink(Sink):
         target: str,
         *,
         name: str,
-        warn: Callable[[str], None],
+        warn: Callable[[str], None] | None,
         path: Path | None = None,
         force: bool = False,
-        needed: bool = False,
     ) -> None:
         self._warn = warn
-        self._needed = needed
         self._pace = Pace(FLUSH_S)
         self._view: RerunView | None = None
         self.path = path if target == "save" else None
         self._file: Part | None = None
-        if target == "save":
-            if path is None:
-                raise SinkError("a recording that is saved needs a file name")
-            self._file = Part(path, force=force)  # rerun opens it again
+        if self.path is not None:
+            self._file = Part(self.path, force=force)  # rerun opens it again
+        # Rerun's native part would also write to stderr the errors that it raises.
+        os.environ.setdefault("RUST_LOG", "off")
         try:
-            self._view = _open_view(self._file.place if self._file else target, name)
+            from yawid.sinks.rerun import recording  # half a second: only when needed
+
+            self._view = recording.RerunView(self._file.place if self._file else target, name)
         except BaseException as error:  # also a signal
             if self._file is not None:
                 self._file.remove()  # it is empty and would block the next run
@@ -92,17 +92,7 @@ class RerunSink(Sink):
         reason = needed or str(error).partition("\n")[0]
         if self._file is not None:
             raise SinkError(f"cannot write {self._file.place}: {reason}") from error
-        if self._needed and needed is not None:
-            raise SinkError(needed) from error
-        if self._needed:
+        if self._warn is None:
             advice = "write a recording with --out X.rrd and open it elsewhere"
-            raise SinkError(f"no Rerun viewer: {reason}; {advice}") from error
+            raise SinkError(needed or f"no Rerun viewer: {reason}; {advice}") from error
         self._warn(f"no Rerun viewer: {reason}; the run goes on without it")
-
-
-def _open_view(target: str | Path, name: str) -> "RerunView":
-    # Rerun's native part would also write to stderr the errors that it raises.
-    os.environ.setdefault("RUST_LOG", "off")
-    from yawid.sinks.rerun.recording import RerunView  # takes half a second: only when needed
-
-    return RerunView(target, name)
