@@ -10,10 +10,8 @@ SAFE_OPEN: Final = sum(
     getattr(os, name, 0) for name in ("O_NOFOLLOW", "O_CLOEXEC", "O_NONBLOCK", "O_BINARY")
 )
 """Flags that open a regular file, unchanged, without following a link or waiting for a pipe."""
-RENAMES_OPEN: Final = sys.platform != "win32"
-"""Whether a file that is open can be renamed and removed."""
-HAS_DESCRIPTOR_NAMES: Final = sys.platform != "win32"
-"""Whether ``/dev/fd/N`` opens the descriptor N."""
+IS_POSIX: Final = sys.platform != "win32"
+"""Whether an open file can be renamed and removed, and ``/dev/fd/N`` opens the descriptor N."""
 _FAR: Final = 0x7FFFFFFE
 """The byte that Windows locks: nobody can read or write it meanwhile, so it is far behind the end.
 """

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 from yawid.errors import SinkError
-from yawid.system.files import RENAMES_OPEN, lock
+from yawid.system.files import IS_POSIX, lock
 from yawid.system.stores import Place
 
 
@@ -85,7 +85,7 @@ class Part:
         """
         check_free(path, force=self._force)
         with os_errors_as_sink_error(path):
-            if not RENAMES_OPEN:
+            if not IS_POSIX:
                 self.stream.close()
             self.place.replace(path)
             self._has_name = True
@@ -95,7 +95,7 @@ class Part:
         """Remove the file, unless it has its name."""
         if self._has_name:
             return
-        if not RENAMES_OPEN:
+        if not IS_POSIX:
             self.leave()
         with suppress(OSError):
             self.place.unlink(missing_ok=True)

@@ -16,30 +16,22 @@ CHUNK: Final = 1 << 20
 
 
 class StoredPath:
-    """A file in a store, with the names that a Path has."""
+    """A file in a store, with the names that a Path has.
+
+    ``local_name`` is one for a copy in a folder of this machine, out of which no system reads a
+    way.
+    """
 
     def __init__(self, url: str) -> None:
         self._url = url.rstrip("/")
+        self.name = self._url.rpartition("/")[2]
+        self.stem = Path(self.name).stem
+        self.local_name = re.sub(r"[^\w.-]", "_", self.name) or "log"
 
     def __str__(self) -> str:
         return self._url
 
     __repr__ = __str__
-
-    @property
-    def name(self) -> str:
-        """The last part of the name."""
-        return self._url.rpartition("/")[2]
-
-    @property
-    def local_name(self) -> str:
-        """A name for a copy in a folder of this machine, out of which no system reads a way."""
-        return re.sub(r"[^\w.-]", "_", self.name) or "log"
-
-    @property
-    def stem(self) -> str:
-        """The last part of the name without its suffix."""
-        return Path(self.name).stem
 
     def absolute(self) -> "StoredPath":
         """Return itself."""

@@ -108,9 +108,7 @@ def _of_file(
     from yawid.sources.open_log import ReadOptions
 
     loaded = {} if toml is None else read_toml(Path(toml))
-    loaded = {name.replace("-", "_"): loaded[name] for name in loaded}
-    for name in OF_FILES:
-        loaded.pop(name, None)
+    loaded = {n.replace("-", "_"): value for n, value in loaded.items() if n not in OF_FILES}
     key = key_file or loaded.pop("signing_key_file", None)
     read_options = ReadOptions.asked(None if key is None else Path(key))
     settings = check_settings(loaded, str(toml))

@@ -52,7 +52,7 @@ from yawid.sinks.rerun.panels import (
 )
 from yawid.sinks.run_page import manoeuvre_parts, summary_page
 from yawid.sinks.words import lateral_says
-from yawid.system.files import HAS_DESCRIPTOR_NAMES
+from yawid.system.files import IS_POSIX
 
 _PIECE: Final = 1 << 16  # bytes; a pipe of Linux holds no more
 
@@ -67,7 +67,7 @@ class FilePipe:
     def __init__(self, path: Path) -> None:
         self._failed = ""
         self._thread = Thread(target=self._pass_on, name="rrd", daemon=True)
-        if not HAS_DESCRIPTOR_NAMES:
+        if not IS_POSIX:
             self.name, self._own = str(path), -1
             return
         self._file = path.open("wb", buffering=0)
