@@ -55,7 +55,6 @@ def cards(summary: RunSummary) -> list[Card]:
         if flight is not None:
             slope = kappa(flight) and f"ωn = {kappa(flight)}"
             swings += filter(None, (conditions(flight), slope, whose(flight)))
-            damps += _evidence(flight, summary.manoeuvres or [])
     unit = "" if mode is None else " rad/s"
     sigmas = [sigma or ("" if mode is None else "σ not known") for _, sigma in (wn, zeta)]
     return [
@@ -69,15 +68,16 @@ def use(summary: RunSummary) -> Card:
     """Return the card that says whether the answer can be used."""
     question, mode, verdict = "Can I use it?", _dutch_roll(summary), summary.deciding
     names = [reason.name for reason in verdict.reasons]
+    rests = [] if summary.flight is None else _evidence(summary.flight, summary.manoeuvres or [])
     if summary.verdict is None:
         return Card(question, "Not judged", "no manoeuvres were looked for", names)
     if not verdict.usable:
         spread = "there is no answer" if mode is None else "the numbers are shown for study only"
         return Card(question, "No", spread, [reason.name for reason in verdict.fatal])
     if not names:
-        return Card(question, "Yes", "there is no reason against it", ())
+        return Card(question, "Yes", "there is no reason against it", [*rests])
     count = f"{len(names)} warning{'s' if len(names) > 1 else ''}, see below"
-    return Card(question, "Yes, with care", count, names)
+    return Card(question, "Yes, with care", count, [*names, *rests])
 
 
 def headline(summary: RunSummary, stretch: Stretch = (None, None)) -> str:
