@@ -88,7 +88,7 @@ def test_the_terminal_tells_what_changed_first_and_at_which_rate_it_errs(
 
     lines = capsys.readouterr().out.splitlines()
     assert lines[1] == "verdict  1 CHANGED"
-    assert lines[2].startswith(f"{FALLS} (airframe) zeta fell by ")
+    assert lines[2].startswith(f"  {FALLS} (airframe) zeta fell by ")
     assert all(len(line) <= 80 for line in lines[1:])
     assert "false alarms: 1 % of data" in " ".join(lines)
 

@@ -104,18 +104,18 @@ def listed(items: Iterable[tuple[str, str, str, str]]) -> str:
 
 
 def pictures(title: str, shown: Iterable[Picture | None], against: Sequence[Reason] = ()) -> str:
-    """Return a section of pictures, pale where there are reasons ``against``; "" without any."""
-    figures = "".join(f"{figure(picture)}\n" for picture in shown if picture is not None)
+    """Return a section of pictures with what to look for in each; "" without any.
+
+    They are pale where there are reasons ``against`` them.
+    """
+    figures = "".join(
+        f'<figure id="{each.key}"><h3>{safe(each.title)}</h3>\n{each.svg}\n'
+        f"<figcaption>{safe(each.look)}</figcaption></figure>\n"
+        for each in shown
+        if each is not None
+    )
     section = f'{_heading(title)}<div class="pictures">\n{figures}</div>' if figures else ""
     return _void(section, against)
-
-
-def figure(shown: Picture) -> str:
-    """Return one picture with what to look for."""
-    return (
-        f'<figure id="{shown.key}"><h3>{safe(shown.title)}</h3>\n{shown.svg}\n'
-        f"<figcaption>{safe(shown.look)}</figcaption></figure>"
-    )
 
 
 def tables(

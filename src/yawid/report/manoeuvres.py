@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 from typing import Final
 
-from yawid.answers.run_summary import Flight, Manoeuvre, RunSummary, Value
+from yawid.answers.run_summary import BetweenStd, Flight, Manoeuvre, RunSummary, Value
 from yawid.report.data import Drawn
 from yawid.report.html import Cell, note, sheet, table
 from yawid.report.run_tables import NO_YAW_CHANNEL, yaw_channel
@@ -60,33 +60,29 @@ def _begun(text: str) -> str:
     return text[:1].upper() + text[1:]
 
 
-def _row(each: Manoeuvre, flights: Sequence[Flight]) -> Iterator[Cell]:
+def _row(each: Manoeuvre, flights: Sequence[Flight]) -> list[Cell]:
     answer, mode = each.answer, each.dutch_roll
-    yield str(each.n), ""
-    if mode is None:
-        yield "none", ""
-        yield "none", ""
-    else:
-        yield plus_minus(mode.wn_rad_s, mode.wn_std), in_brackets(mode.wn_std_noise)
-        yield plus_minus(mode.zeta, mode.zeta_std), in_brackets(mode.zeta_std_noise)
-    yield f"{each.from_s:.1f}–{each.to_s:.1f}", utc(each.date)
-    yield each.mode or NONE, loop_of(each.loop).name
-    yield _speed(each), each.airspeed_source or ""
-    yield NONE if each.altitude_m is None else f"{each.altitude_m:.0f}", ""
-    yield ", ".join(each.inputs), "turn removed" if each.turn_removed else ""
-    gain = ((answer and answer.physics) or {}).get("K", Value())
-    yield plus_minus(gain.value, gain.std), in_brackets(gain.std_noise)
-    share = None if answer is None else answer.fit.simulation_pct
-    yield NONE if share is None else percent(share, ".0f"), ""
-    ids = [reason.name for reason in each.verdict.reasons]
-    yield outcome(each, flights).replace("_", " "), ", ".join(ids) if each.verdict.usable else ""
-
-
-def _speed(each: Manoeuvre) -> str:
-    if each.airspeed_m_s is None:
-        return NONE
+    numbers = [("none", ""), ("none", "")] if mode is None else [
+        (plus_minus(mode.wn_rad_s, mode.wn_std), in_brackets(mode.wn_std_noise)),
+        (plus_minus(mode.zeta, mode.zeta_std), in_brackets(mode.zeta_std_noise)),
+    ]  # fmt: skip
     spread = "" if each.airspeed_std_m_s is None else f" ± {each.airspeed_std_m_s:.2f}"
-    return f"{each.airspeed_m_s:.2f}{spread}"
+    speed = NONE if each.airspeed_m_s is None else f"{each.airspeed_m_s:.2f}{spread}"
+    gain = ((answer and answer.physics) or {}).get("K", Value())
+    share = None if answer is None else answer.fit.simulation_pct
+    ids = [reason.name for reason in each.verdict.reasons] if each.verdict.usable else []
+    return [
+        (str(each.n), ""),
+        *numbers,
+        (f"{each.from_s:.1f}–{each.to_s:.1f}", utc(each.date)),
+        (each.mode or NONE, loop_of(each.loop).name),
+        (speed, each.airspeed_source or ""),
+        (NONE if each.altitude_m is None else f"{each.altitude_m:.0f}", ""),
+        (", ".join(each.inputs), "turn removed" if each.turn_removed else ""),
+        (plus_minus(gain.value, gain.std), in_brackets(gain.std_noise)),
+        (NONE if share is None else percent(share, ".0f"), ""),
+        (outcome(each, flights).replace("_", " "), ", ".join(ids)),
+    ]
 
 
 def flight_numbers(summary: RunSummary, drawn: Sequence[Drawn], rudder_unit: str) -> Iterator[str]:
@@ -97,7 +93,7 @@ def flight_numbers(summary: RunSummary, drawn: Sequence[Drawn], rudder_unit: str
     flights = summary.by_loop
     for flight in flights:
         of = f", {whose(flight)}" if len(flights) > 1 else ""
-        yield table(f"The flight{of}, ± one σ", dict(_facts(flight, rudder_unit)))
+        yield table(f"The flight{of}, ± one σ", _facts(flight, rudder_unit))
     physics = {_column(each, len(flights)): each.physics for each in flights if each.physics}
     physics = physics or {
         f"manoeuvre {each.found.n}": each.found.answer.physics
@@ -124,32 +120,30 @@ def _no_physics(flight: Flight) -> str:
     return f"derivatives of {whose(flight)} are absent: in each manoeuvre used {NO_YAW_CHANNEL}"
 
 
-def _facts(flight: Flight, rudder_unit: str) -> Iterator[tuple[str, str]]:
-    mode, between = flight.dutch_roll, flight.between_std
-    if mode is not None:
-        yield "ωn, rad/s", plus_minus(mode.wn_rad_s, mode.wn_std, mode.wn_std_noise)
-        yield "ζ", plus_minus(mode.zeta, mode.zeta_std, mode.zeta_std_noise)
-        yield "of", whose(flight)
-    if flight.airspeed_m_s is not None:
-        source = flight.airspeed_source or "the ground speed of some"
-        yield "at", f"{flight.airspeed_m_s:.1f} m/s ({source}), the median of those used"
-    if flight.altitude_m is not None:
-        yield "altitude, m", f"{flight.altitude_m:.0f}"
-    for name, each in (
-        ("κ = ωn / V, rad/m", flight.kappa_rad_m),
-        (f"K / V, rad/m per {rudder_unit}", flight.K_per_V),
-    ):
-        if each is not None:
-            yield name, of_value(each)
-    if between is not None and between.wn_rad_s is not None:
-        yield "scatter of ωn beyond σ, rad/s", f"{between.wn_rad_s:.2g}"
-    if between is not None and between.zeta is not None:
-        yield "scatter of ζ beyond σ", f"{between.zeta:.2g}"
-    if flight.used:
-        yield "manoeuvres used", ", ".join(map(str, flight.used))
-    if flight.disagree:
-        yield "left out, as they disagree", ", ".join(map(str, flight.disagree))
-    if flight.method is not None:
-        yield "answered by", method_words(flight.method)
-    if flight.date is not None:
-        yield "date", utc(flight.date)
+def _facts(flight: Flight, rudder_unit: str) -> dict[str, str]:
+    """Return what is known of a flight's answer, by its name."""
+    mode, between = flight.dutch_roll, flight.between_std or BetweenStd()
+    source = flight.airspeed_source or "the ground speed of some"
+    numbers = {
+        "κ = ωn / V, rad/m": flight.kappa_rad_m,
+        f"K / V, rad/m per {rudder_unit}": flight.K_per_V,
+    }
+    rows = {
+        **({} if mode is None else {
+            "ωn, rad/s": plus_minus(mode.wn_rad_s, mode.wn_std, mode.wn_std_noise),
+            "ζ": plus_minus(mode.zeta, mode.zeta_std, mode.zeta_std_noise),
+            "of": whose(flight),
+        }),
+        "at": None if flight.airspeed_m_s is None
+        else f"{flight.airspeed_m_s:.1f} m/s ({source}), the median of those used",
+        "altitude, m": None if flight.altitude_m is None else f"{flight.altitude_m:.0f}",
+        **{name: of_value(each) for name, each in numbers.items() if each is not None},
+        "scatter of ωn beyond σ, rad/s": None if between.wn_rad_s is None
+        else f"{between.wn_rad_s:.2g}",
+        "scatter of ζ beyond σ": None if between.zeta is None else f"{between.zeta:.2g}",
+        "manoeuvres used": ", ".join(map(str, flight.used)),
+        "left out, as they disagree": ", ".join(map(str, flight.disagree)),
+        "answered by": flight.method and method_words(flight.method),
+        "date": flight.date and utc(flight.date),
+    }  # fmt: skip
+    return {name: str(text) for name, text in rows.items() if text}

@@ -159,11 +159,6 @@ def _mark_manoeuvres(ax: Axes, events: Events, low: float, high: float, *, numbe
             last_number = middle
 
 
-def manoeuvres_note(events: Events) -> str:
-    """Return the meaning of the shading as a sentence, "" where there is none."""
-    return " Green: manoeuvres, by number; hatched: not usable." if events.manoeuvres else ""
-
-
 def sensible_limits(ax: Axes, *lines: Floats, settled: float = 0.25, least: float = 0.0) -> None:
     """Limit the y axis to the range in which the lines settle, since transients may be large.
 

@@ -13,7 +13,6 @@ from yawid.report.data import Drawn, ReportData
 from yawid.report.picture import (
     Picture,
     band,
-    manoeuvres_note,
     mark_events,
     sensible_limits,
     traced,
@@ -46,7 +45,8 @@ def whole_picture(data: ReportData) -> Picture:
             mark_events(ax, data.events)
 
     look = "Where does the rudder move on its own? Grey: samples held. Dotted: change of mode."
-    return Picture("whole", "The whole flight", look + manoeuvres_note(data.events), draw)
+    look += " Green: manoeuvres, by number; hatched: not usable." if data.events.manoeuvres else ""
+    return Picture("whole", "The whole flight", look, draw)
 
 
 def manoeuvre_picture(drawn: Drawn, rudder_unit: str) -> Picture:
@@ -153,6 +153,6 @@ def modes_picture(data: ReportData) -> Picture:
     look = (
         f"The estimates of {method.upper()} sample by sample. Has each line settled before the "
         "end? Band: 2 sigma of noise alone; a line that leaves its earlier band is moved by more "
-        "than noise. What lies far outside is cut off." + manoeuvres_note(data.events)
+        "than noise. What lies far outside is cut off."
     )
     return Picture("modes", "Dutch roll over time", look, draw)
