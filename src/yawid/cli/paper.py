@@ -43,7 +43,7 @@ def add_simulate(command: Command) -> None:
     )
     text = "yaw (eq. 22-23), lateral (eq. 21) or rigid-body (eq. 17-18)"
     command.option("plant", **choice(*PLANTS) | {"metavar": "PLANT"}, help=text)
-    text = "csv, parquet, tlog, mcap; -: csv to stdout"
+    text = "csv, tlog, mcap; -: csv to stdout"
     command.option("--out", type=Path, required=True, metavar="FILE", help=text)
     text = "step, impulse, doublet, 3211, prbs, sweep or multisine (default: 3211)"
     command.option("--input", default="3211", metavar="KIND", help=text)

@@ -57,7 +57,7 @@ def simulate_to_file(
     noise_std: float,
     force: bool,
 ) -> None:
-    """Simulate and write to ``out``, whose suffix is the format: csv, parquet, tlog or mcap.
+    """Simulate and write to ``out``, whose suffix is the format: csv, tlog or mcap.
 
     ``-`` is a CSV on stdout. ``kind`` and ``amplitude`` (rad) describe the input.
 
@@ -73,9 +73,9 @@ def simulate_to_file(
         raise ConfigError(f"--seconds must lie {text}")
     start_s = 5.0 if seconds > 20.0 else 0.0
     excitation = Excitation(kind=kind, amplitude=amplitude, start_s=start_s, unit_s=UNIT_S)
-    writers = {".csv": _csv, ".parquet": _parquet, ".tlog": _tlog}
+    writers = {".csv": _csv, ".tlog": _tlog}
     if out.suffix not in (*writers, ".mcap") and out != STDOUT:
-        raise ConfigError(f"--out must end in .csv, .parquet, .tlog or .mcap, or be -, got {out}")
+        raise ConfigError(f"--out must end in .csv, .tlog or .mcap, or be -, got {out}")
     simulation = simulate_plant(
         plant,
         excitation,
@@ -112,19 +112,6 @@ def _csv(simulation: Simulation) -> bytes:
     rows = zip(*(values.tolist() for values, _ in columns.values()), strict=True)
     writer.writerows([f"{value:.12g}" for value in row] for row in rows)
     return text.getvalue().encode()
-
-
-def _parquet(simulation: Simulation) -> bytes:
-    import pyarrow as pa  # seldom needed
-    import pyarrow.parquet as pq
-
-    columns = _columns(simulation)
-    units = {name: {"unit": unit} for name, (_, unit) in columns.items()}
-    fields = [pa.field(name, pa.float64(), metadata=unit) for name, unit in units.items()]
-    arrays = [pa.array(values) for values, _ in columns.values()]
-    out = io.BytesIO()
-    pq.write_table(pa.Table.from_arrays(arrays, schema=pa.schema(fields)), out)
-    return out.getvalue()
 
 
 def _tlog(simulation: Simulation) -> bytes:
