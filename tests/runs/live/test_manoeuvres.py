@@ -154,8 +154,8 @@ def test_a_second_signal_ends_a_session_that_waits_for_a_fit(
 def test_a_process_does_not_wait_for_the_worker_when_it_exits():
     begun_s = time.monotonic()
     script = (
-        "import time; from yawid.runs.live.worker import Worker; "
-        "print(Worker('fits').submit(time.sleep, 300).done())"
+        "import time; from yawid.runs.live.worker import WorkThread; "
+        "print(WorkThread('fits').submit(time.sleep, 300).done())"
     )
     ended = subprocess.run(
         [sys.executable, "-c", script], capture_output=True, timeout=100, check=True

@@ -9,7 +9,7 @@ import pytest
 from live_link import SENT, attend, interrupt, left, tlog_size
 
 from yawid.runs.live.viewer_thread import Viewer
-from yawid.runs.live.worker import Worker
+from yawid.runs.live.worker import WorkThread
 from yawid.sinks.base import Abort, Event, LogLine, Sink
 
 
@@ -44,7 +44,7 @@ class Stuck(Sink):
 
 def test_ending_at_once_waits_for_no_viewer(monkeypatch: pytest.MonkeyPatch):
     stuck = Stuck()
-    viewer = Viewer(lambda _: stuck, print, Worker("viewers"))
+    viewer = Viewer(lambda _: stuck, print, WorkThread("viewers"))
     viewer.take(LogLine(0, "info", "hello"))
     assert stuck.asked.wait(60.0)
     ender = threading.Thread(target=lambda: viewer.take(Abort()), daemon=True)

@@ -17,7 +17,7 @@ from yawid.runs.live.overload import Overload
 from yawid.runs.live.publish import Publish
 from yawid.runs.live.vehicle_session import MOST_EVENTS, Ended, Setting
 from yawid.runs.live.vehicles import Fleet, Single
-from yawid.runs.live.worker import FitWorker, SharedDisk, Worker
+from yawid.runs.live.worker import FitWorker, SharedDisk, WorkThread
 from yawid.runs.outputs import Outputs
 from yawid.runs.stop import StopFlag
 from yawid.sinks.terminal.console import Console
@@ -117,9 +117,9 @@ def live(
     with os_errors_as_sink_error(outputs.folder):
         outputs.folder.mkdir(parents=True, exist_ok=True)
     read_options = read_options or ReadOptions()
-    fits, disk = FitWorker("yawid-manoeuvres", console.say), Worker("yawid-disk")
-    lateral = Worker("yawid-lateral") if config.keeps_motion else None
-    viewers = Worker("yawid-viewers") if outputs.has_viewer else None
+    fits, disk = FitWorker("yawid-manoeuvres", console.say), WorkThread("yawid-disk")
+    lateral = WorkThread("yawid-lateral") if config.keeps_motion else None
+    viewers = WorkThread("yawid-viewers") if outputs.has_viewer else None
     switch_s = sys.getswitchinterval()
     sys.setswitchinterval(SWITCH_S)
     try:

@@ -23,7 +23,7 @@ from yawid.runs.live.running_answer import RunningAnswer
 from yawid.runs.live.screen_facts import Gatherer
 from yawid.runs.live.standing import Latency, Standing
 from yawid.runs.live.viewer_thread import Viewer
-from yawid.runs.live.worker import FitWorker, SharedDisk, Worker
+from yawid.runs.live.worker import FitWorker, SharedDisk, WorkThread
 from yawid.runs.outputs import Outputs, finish, open_mcap, open_rerun, parameters_of, refused
 from yawid.sinks.base import Abort, Flush, Sink
 from yawid.sinks.rerun.sink import RerunSink
@@ -61,8 +61,8 @@ class Setting(NamedTuple):
     reached_us: Callable[[], int]
     fits: FitWorker
     disk: SharedDisk
-    viewers: Worker | None
-    lateral: Worker | None
+    viewers: WorkThread | None
+    lateral: WorkThread | None
 
     def end_fits(self) -> None:
         """Drop the fits that are not made yet, and end the processes that make them."""

@@ -13,8 +13,7 @@ from functools import partial
 from typing import Any, BinaryIO, ParamSpec, TypeAlias, TypeVar
 
 from yawid.runs.stop import SIGNALS
-from yawid.system.child import DiedError
-from yawid.system.child import Worker as Child
+from yawid.system.child import DiedError, Worker
 from yawid.system.part_file import Disk, sync
 from yawid.system.processes import block, cores
 
@@ -28,7 +27,7 @@ _T = TypeVar("_T")
 _Calls: TypeAlias = "queue.SimpleQueue[tuple[Future[Any], Callable[[], Any]] | None]"
 
 
-class Worker(Executor):
+class WorkThread(Executor):
     """One thread that makes the calls it is given one after the other; futures hold their errors.
 
     The thread is a daemon, unlike those of ``ThreadPoolExecutor``: Python does not wait for it at
@@ -65,7 +64,7 @@ class Worker(Executor):
         threading.Thread(target=run, args=(self._calls,), name=self._name, daemon=True).start()
 
 
-class FitWorker(Worker):
+class FitWorker(WorkThread):
     """A worker whose calls are made by child processes once :meth:`spread` was called.
 
     A fit holds Python's lock nearly all the time, so that threads would share one core. Children
@@ -80,7 +79,7 @@ class FitWorker(Worker):
         self._children: list[_ByChild] = []
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """See :class:`Worker`; with ``cancel_futures`` the children are killed, also hung ones."""
+        """See :class:`WorkThread`; with ``cancel_futures`` hung children are killed, too."""
         super().shutdown(wait, cancel_futures=cancel_futures)
         for each in self._children if cancel_futures else ():
             each.end()
@@ -102,7 +101,7 @@ class _ByChild:
 
     def __init__(self, say: Callable[[str], None]) -> None:
         self._say = say
-        self._child = Child("yawid.pipeline")
+        self._child = Worker("yawid.pipeline")
         self._is_lost = False
 
     def end(self) -> None:
