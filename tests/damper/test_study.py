@@ -269,7 +269,7 @@ def test_the_command_prints_a_table_json_and_a_page(tmp_path: Path, capsys) -> N
     said = capsys.readouterr().out
     assert "aim at" in said
     assert "This is a prediction" in said
-    sentences = said[said.index("The answer is") - 2 : said.index("YAW2SRV_DAMP  V m/s")]
+    sentences = said[said.index("The answer is") - 2 : said.index("YAW2SRV_DAMP V m/s")]
     assert all(line.startswith("  ") for line in sentences.splitlines())
     html = page.read_text(encoding="utf-8")
     assert html.count("<svg") == 4

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import errno
+import sys
 from hashlib import sha256
 from pathlib import Path
 
@@ -117,6 +118,14 @@ def test_what_a_machine_or_a_store_lacks_is_failed_and_says_nothing_of_the_log(
     assert not [path for path in tmp_path.iterdir() if path.is_dir()]
     outcome, said = told(rows_here(f"file://{logs}/absent.tlog", Spec(), tmp_path))
     assert (outcome, said.partition(" be ")[2]) == ("failed", "read: No such file or directory")
+    outcome, said = told(rows_here(f"{logs}/absent.tlog", Spec(), tmp_path))
+    assert (outcome, "No such file or directory" in said) == ("failed", True)
+    ulog = tmp_path / "a.ulg"
+    ulog.write_bytes(b"ULog\x01\x12\x35\x01" + bytes(8))
+    with monkeypatch.context() as patched:
+        patched.setitem(sys.modules, "pyulog", None)
+        outcome, said = told(rows_of(ulog, Spec()))
+    assert (outcome, "needs pyulog (pip install 'yawid[ulog]')" in said) == ("failed", True)
     key.write_text("other\n", encoding="utf-8")
     assert told(rows_of(log_of("no_rudder"), spec)) == (
         "failed",

@@ -20,7 +20,7 @@ from yawid.sinks.words import NEXT, Row, next_step
 
 NAME_WIDTH: Final = 9
 """The width of the column of names."""
-MOST_APART: Final = 6
+MOST_APART: Final = 5
 """The most columns of a table of 80 columns that are two blanks apart."""
 
 

@@ -169,7 +169,7 @@ def _damper_parts(report: DamperDiff) -> Iterator[Part]:
     ]
     if rows:
         heads = ("", report.parameter, "pair predicted", "decay predicted", "decay flown", "")
-        yield Grid(heads, rows)
+        yield Grid(heads, rows, texts=(0, len(heads) - 1))
         yield Note(
             "wn in rad/s / zeta. Pair: the Dutch roll with that gain, predicted from the other "
             "flight. Decay: a damped sine fitted to the free decays, which near a servo's lag is "
