@@ -133,3 +133,10 @@ def test_where_nothing_was_heard_the_sender_s_line_is_there() -> None:
     text = " ".join(" ".join(drawn(silent)).split())
     assert "SENDER in MAVProxy: output add ADDRESS-OF-THIS-MACHINE:14560; mavlink-router" in text
     assert "SENDER" not in " ".join(drawn(replace(silent, age_s=0.1)))
+
+
+def test_a_text_from_the_link_is_shown_and_is_no_command() -> None:
+    lines = drawn(with_vehicles(replace(FLYING, name="\x1b[2J", stream="wn \x9b1m\u202e")))
+    assert r"\x1b[2J" in lines[0]
+    assert r"wn \x9b1m\u202e" in " ".join(lines)
+    assert not set("\x1b\x9b\u202e") & set("".join(lines))

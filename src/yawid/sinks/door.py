@@ -14,14 +14,13 @@ import re
 import sys
 import traceback
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, Final, TextIO, TypeVar
+from typing import TYPE_CHECKING, Final, TextIO, TypeVar
 
 if TYPE_CHECKING:
     from rich.console import Console
 
     from yawid.answers.part import Part
 
-_T = TypeVar("_T")
 _Answer = TypeVar("_Answer", bound="Part")
 WIDTH: Final = 80
 """The width in columns of pages that are not printed to a terminal."""
@@ -47,21 +46,6 @@ def _code(found: re.Match[str]) -> str:
     return {9: r"\t", 10: r"\n", 13: r"\r"}.get(code) or (
         f"\\x{code:02x}" if code < 256 else f"\\u{code:04x}"
     )
-
-
-def cleaned(content: _T) -> _T:
-    """Return a struct or dataclass with every text in it made :func:`plain`."""
-    import msgspec  # not for commands that print no page
-
-    return msgspec.convert(_plain(msgspec.to_builtins(content)), type(content))
-
-
-def _plain(found: Any) -> Any:
-    if isinstance(found, str):
-        return plain(found)
-    if isinstance(found, dict):
-        return {_plain(key): _plain(value) for key, value in found.items()}
-    return [_plain(each) for each in found] if isinstance(found, list | tuple) else found
 
 
 def show_traceback(error: Exception) -> None:
@@ -98,29 +82,20 @@ def print_json(answer: object) -> None:
     print_text(json.dumps(answer).replace("\x7f", "\\u007f") + "\n")
 
 
-def print_page(page: Callable[[_T, TextIO], None], content: _T) -> None:
-    """Print a page to stdout as one piece, with every text in ``content`` made :func:`plain`.
-
-    Raises:
-        OSError: stdout takes no more.
-    """
-    text = _Page()
-    page(cleaned(content), text)
-    print_text(text.getvalue())
-
-
 def print_answer(
     answer: _Answer, page: Callable[[_Answer, TextIO], None], *, as_json: bool
 ) -> None:
-    """Print an answer to stdout, as one line of JSON or as a page.
+    """Print an answer to stdout, as one line of JSON or as a page, which makes its texts plain.
 
     Raises:
         OSError: stdout takes no more.
     """
     if as_json:
         print_json(answer.to_json())
-    else:
-        print_page(page, answer)
+        return
+    text = _Page()
+    page(answer, text)
+    print_text(text.getvalue())
 
 
 def page_console(stream: TextIO) -> "Console":

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from typing import IO, TYPE_CHECKING, Any, Final, TextIO, cast
 
 from yawid.answers.run_summary import Flight, Manoeuvre
-from yawid.sinks.door import cleaned, plain
+from yawid.sinks.door import plain
 from yawid.sinks.terminal.progress import CLEAR_LINE, OWN_SCREEN, SHOWN, updates_in_place
 
 if TYPE_CHECKING:
@@ -213,7 +213,7 @@ class Console:
     def draw(self, facts: LiveFacts, took_s: float) -> bool:
         """Show the facts on the screen; return True."""
         self._rest(took_s)
-        self._facts = cleaned(facts)
+        self._facts = facts
         if self._todo.empty():  # else what waits is followed by a drawing of these facts
             self._todo.put((self._draw, None))
         return True

@@ -14,7 +14,7 @@ from yawid.answers.inspection import FlightPhase, Inspection, MessageRate, Span
 from yawid.quantities.airspeed import GROUND_SPEED
 from yawid.quantities.vehicles import AIRFRAME, ARDUPILOT, PX4
 from yawid.results.make_card import why_no_card
-from yawid.sinks.door import WIDTH
+from yawid.sinks.door import WIDTH, plain
 from yawid.sinks.pages import NAME_WIDTH, Note, to_terminal, verdict_parts
 from yawid.sinks.run_page import manoeuvre_parts, origin
 from yawid.sinks.words import Row, count, dutch_roll, flight_rows
@@ -120,7 +120,7 @@ def print_card(report: Inspection, stream: TextIO) -> None:
     """Print the card, or a line with the reason why there is none."""
     card = report.card
     if card is None:
-        stream.write(f"{why_no_card(report.vehicle, report.deciding)}: {report.log}\n")
+        stream.write(plain(f"{why_no_card(report.vehicle, report.deciding)}: {report.log}") + "\n")
         return
     head, date = "TEST CARD: rudder to yaw", f"date {BLANK}  pilot {BLANK}"
     lines = [f"{head}{date:>{WIDTH - len(head)}}", *_lines(_known(report, card))]
@@ -135,7 +135,7 @@ def print_card(report: Inspection, stream: TextIO) -> None:
     wanted = card.manoeuvre.manoeuvres * max(len(card.conditions.airspeeds_m_s), 2)
     flown = max(min(wanted, PAGE - len(lines) - 2), 0)
     lines += ["", _table(COLUMNS), *[_table("_" * n for n in COLUMNS.values())] * flown]
-    stream.write("\n".join(line.rstrip() for line in lines) + "\n")
+    stream.write("\n".join(plain(line.rstrip()) for line in lines) + "\n")
 
 
 def _table(cells: Iterable[str]) -> str:

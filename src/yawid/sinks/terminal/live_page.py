@@ -12,6 +12,7 @@ from rich.text import Text
 
 from yawid.blocks import WINDOW_S
 from yawid.results.excitation import LEAST_STROKE
+from yawid.sinks.door import plain
 from yawid.sinks.pages import Grid, rich_table
 from yawid.sinks.run_page import in_columns, manoeuvre_grid
 from yawid.sinks.terminal.console import LiveFacts, VehicleFacts
@@ -54,14 +55,14 @@ class Page:
         """Yield the page's lines, as rich's protocol asks for."""
         width, height = options.max_width, console.height
         if not self.is_last and (width < LEAST_WIDTH or height < LEAST_HEIGHT):
-            yield Text(f"yawid: {self.facts.line}")
+            yield Text(plain(f"yawid: {self.facts.line}"))
             return
         room = MOST_LINES if self.is_last else height - LEAST_EVENTS - 1
         page = _one if len(self.facts.vehicles) == 1 else _several
         options = options.update(height=None)
         lines = console.render_lines(page(self.facts, width, room), options, pad=False)
         for line in lines:
-            yield from line
+            yield from (Segment(plain(each.text), each.style) for each in line)
             yield Segment.line()
         if not self.is_last:
             yield Group(*_events(self.said, width, height - len(lines) - 1))
