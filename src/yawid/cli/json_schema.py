@@ -5,7 +5,8 @@ not, they are those of the quantity of its name.
 """
 
 from collections import defaultdict
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from typing import Any, Final
 
 import msgspec
@@ -75,10 +76,7 @@ def document(only: str | None = None) -> Schema:
 
     printed = {**_PRINTED, "trend": (Trend, _CHANGED), "diff": (Diff, _CHANGED)}
     asked = [each for each in (*printed, "fleet") if only in (None, each)]
-    _, defs = msgspec.json.schema_components(
-        [printed[each][0] for each in asked if each in printed]
-    )
-    defs = {name: _object(schema) for name, schema in defs.items()}
+    defs = _objects([printed[each][0] for each in asked if each in printed])
     commands: Schema = {
         name: {"description": says, "$ref": f"#/$defs/{kind.__name__}"}
         for name, (kind, says) in printed.items()
@@ -117,9 +115,15 @@ def key_words() -> Iterator[tuple[str, list[str]]]:
         ]
         for row in QUANTITIES.values()
     }
+    kinds: list[Any] = [kind for kind, _ in _PRINTED.values()]
+    with suppress(ModuleNotFoundError):  # what reads a data set needs pyarrow
+        from yawid.trend.diff import Diff
+        from yawid.trend.trend import Trend
+
+        kinds += [Trend, Diff]
     owners = defaultdict[tuple[str, str], list[str]](list)
-    for name, each in document()["$defs"].items():
-        for key, schema in each.get("properties", {}).items() if name[0].isupper() else ():
+    for name, each in _objects(kinds).items():
+        for key, schema in each.get("properties", {}).items():
             if schema["description"] != getattr(QUANTITIES.get(key), "words", None):
                 said = _said(schema["description"], schema.get("x-unit"))
                 owners[key, said].append(name)
@@ -131,6 +135,12 @@ def key_words() -> Iterator[tuple[str, list[str]]]:
 def _said(words: str, unit: str | None) -> str:
     unit = "none, a ratio" if unit == "1" else unit
     return words[0].upper() + words[1:] + (f"; unit: {unit}." if unit else ".")
+
+
+def _objects(kinds: Sequence[Any]) -> dict[str, Schema]:
+    """Return the schemas of types and of those they hold, by name."""
+    _, defs = msgspec.json.schema_components(kinds)
+    return {name: _object(schema) for name, schema in defs.items()}
 
 
 def _object(schema: Schema) -> Schema:

@@ -16,7 +16,7 @@ from yawid.quantities.vehicles import AIRFRAME, ARDUPILOT, PX4
 from yawid.results.make_card import why_no_card
 from yawid.sinks.door import WIDTH, plain
 from yawid.sinks.pages import NAME_WIDTH, Note, to_terminal, verdict_parts
-from yawid.sinks.run_page import manoeuvre_parts, origin
+from yawid.sinks.run_page import manoeuvre_grid, origin
 from yawid.sinks.words import Row, count, dutch_roll, flight_rows
 
 MOST_PHASES = 6
@@ -31,7 +31,9 @@ def print_inspection(report: Inspection, stream: TextIO) -> None:
     page = [head, *verdict_parts(report.deciding), *origin(report), *rows]
     if report.flight is not None:
         flights, found = report.flights or [report.flight], report.manoeuvres or []
-        page += [*flight_rows(flights, found, report.vehicle), *manoeuvre_parts(found, flights)]
+        *answers, _ = flight_rows(flights, found, report.vehicle)  # how it was flown stands above
+        is_known = flights[0].dutch_roll is not None
+        page += [*answers, *([manoeuvre_grid(found, flights)] * is_known)]
     to_terminal(page, stream)
     if report.command is not None:
         # The command that was tried is for copying: it must not be wrapped.
