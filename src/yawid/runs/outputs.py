@@ -124,7 +124,7 @@ def _made(mcap: Path) -> tuple[str | None, Mapping[str, str], RunConfig] | None:
     from yawid.sinks.mcap.reader import log_sha256_of, open_run, reading_of  # seldom needed
 
     try:
-        run = open_run(mcap)
+        run = open_run(mcap, head=True)
     except YawidError:
         return None
     return log_sha256_of(run), reading_of(run), run.config

@@ -216,8 +216,10 @@ class McapRun:
         return RowLayout(message.DESCRIPTOR, lengths)
 
 
-def open_run(path: Path) -> McapRun:
+def open_run(path: Path, *, head: bool = False) -> McapRun:
     """Open the file of a finished run and return all of it but its rows, which are read later.
+
+    With ``head`` it is for its options and summary alone: its chunks are neither checked nor read.
 
     Raises:
         SourceError: it cannot be read, is not an MCAP file, was never finished, or is not yawid's.
@@ -227,7 +229,7 @@ def open_run(path: Path) -> McapRun:
             raise SourceError(f"{path} is not an MCAP file: yawid replay makes one from a log")
         stream.seek(0)
         with _damage_reported(path):
-            for record in StreamReader(stream, emit_chunks=True).records:
+            for record in () if head else StreamReader(stream, emit_chunks=True).records:
                 if isinstance(record, Chunk):
                     if is_bomb(record):
                         raise SourceError(
@@ -238,7 +240,7 @@ def open_run(path: Path) -> McapRun:
             reader = make_reader(stream, validate_crcs=True)
             metadata = {record.name: record.metadata for record in reader.iter_metadata()}
             attachments = {record.name: record.data for record in reader.iter_attachments()}
-            log = list(_log_lines(reader))
+            log = [] if head else list(_log_lines(reader))
             contents = _contents(reader)
     if "configuration" not in metadata:
         raise SourceError(f"{path} is an MCAP file, but not of a yawid run")
