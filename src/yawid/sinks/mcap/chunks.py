@@ -111,7 +111,7 @@ class ChunkWriter:
 
     def add_rows(self, topics: Sequence[Topic]) -> None:
         """Add the messages of several topics; a chunk ends before it is ``chunk_ns`` long."""
-        rest = [topic for topic in topics if len(topic.rows)]
+        rest = [self._recorded(topic) for topic in topics if len(topic.rows)]
         while rest:
             if self._start_ns is None:
                 self._start_ns = min(int(topic.log_ns[0]) for topic in rest)
@@ -126,6 +126,12 @@ class ChunkWriter:
             if rest or max(counts) >= _MOST_ROWS:
                 self.end_chunk()
 
+    def _recorded(self, topic: Topic) -> Topic:
+        """Return a topic whose rows are whole message records, numbered on from those before."""
+        first = self._counts[topic.channel]
+        self._counts[topic.channel] += len(topic.rows)
+        return topic._replace(rows=_records(topic, first))
+
     def end_chunk(self) -> None:
         """Write the chunk and its indexes, if there is anything in it."""
         parts: list[bytes] = []
@@ -135,13 +141,14 @@ class ChunkWriter:
         for channel, topics in sorted(self._open.items()):
             pairs = []
             for topic in topics:
-                records = _records(topic, self._counts[channel])
-                places = size + records.itemsize * np.arange(len(records))
-                pairs.append(np.column_stack([topic.log_ns, places]).astype("<u8").tobytes())
+                records = topic.rows
+                pair = np.empty((len(records), 2), "<u8")
+                pair[:, 0], pair[:, 1] = topic.log_ns, records.itemsize * np.arange(len(records))
+                pair[:, 1] += size
+                pairs.append(pair.tobytes())
                 parts.append(records.tobytes())
                 size += records.nbytes
                 times += [int(topic.log_ns[0]), int(topic.log_ns[-1])]
-                self._counts[channel] += len(records)
             indexes[channel] = b"".join(pairs)
         self._open, self._start_ns = {}, None
         if parts:
