@@ -88,7 +88,7 @@ class Pipeline:
         self._ordinary = Ordinary(config.half_travel) if config.is_ordinary else None
         self._answering: Future[OrdinaryAnswer] | None = None
         self._refit: Future[OrdinaryAnswer] | None = None
-        self._refitted = 0.0
+        self._refitted: tuple[object, ...] = ()
         self.running: OrdinaryAnswer | None = None
         self._flown = Flown()
 
@@ -278,11 +278,11 @@ class Pipeline:
         """Take the running answer of ordinary flight, and ask for the next one after a window."""
         if self._refit is not None and self._refit.done():
             self.running, self._refit = self._refit.result(), None
-        flown_s = sum(each.seconds for each in flight.by_speed.values())
-        if self._lateral_worker is None or self._refit is not None or flown_s == self._refitted:
+        is_new = flight.recent is not self._refitted  # each window makes another tuple of them
+        if self._lateral_worker is None or self._refit is not None or not is_new:
             return
         last = None if self.running is None else self.running.dutch_roll
-        near, self._refitted = () if last is None else (last.wn_rad_s,), flown_s
+        near, self._refitted = () if last is None else (last.wn_rad_s,), flight.recent
         self._refit = self._lateral_worker.submit(_answered, flight, *near, recent=True)
 
     def _open_bank(self, sample_time_s: float) -> Bank:

@@ -54,10 +54,11 @@ def fitted(
     fault = roll_fault(samples)
     how = {"with_roll": not fault, "measured": measured, "turn_removed": turn_removed}
     may_have = aileron_moves(samples) if inputs is None else inputs == BOTH
-    with_it, without = (record_of(samples, each, **how) for each in (BOTH, ("rudder",)))
-    both = fits_of(with_it) if may_have else []
+    with_it = record_of(samples, BOTH, **how) if may_have else None
+    without = None if inputs == BOTH else record_of(samples, ("rudder",), **how)
+    both = [] if with_it is None else fits_of(with_it)
     q = both[0].blocks.q if both else None
-    alone = [] if inputs == BOTH else fits_of(without, q)
+    alone = [] if without is None else fits_of(without, q)
     best, with_aileron = (
         math.inf if (fit := best_alone(fits)) is None else fit.bic for fits in (alone, both)
     )

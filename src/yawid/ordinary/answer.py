@@ -85,7 +85,7 @@ def answer_of(
     Gates that are facts come before any fit.
     """
     sums, lost = flight.sums(recent=recent), dict(flight.lost_s)
-    law, explained = law_of(sums.law)
+    law, explained = own = law_of(sums.law)
     cause = max(lost, key=lambda name: lost[name], default="")
     is_rudder = "rudder" in cause and 2.0 * lost[cause] > flight.seen_s
     why = f"; {lost[cause]:.0f} s are {cause}" if cause and lost[cause] > 0.0 else ""
@@ -111,7 +111,7 @@ def answer_of(
     )  # fmt: skip
     if not facts:
         return facts
-    search = Search(sums)
+    search = Search(sums, own)
     fits = search.fits(near)
     if fits:
         return _of_fits(facts, search, fits)

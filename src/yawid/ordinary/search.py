@@ -8,7 +8,6 @@ import numpy as np
 from yawid.blocks import Floats
 from yawid.lateral.model import Guess, Law
 from yawid.ordinary.fit import Fitted, fit, is_stable
-from yawid.ordinary.law import law_of
 from yawid.ordinary.model import AT, FROZEN, NAMES, SPAN, Band, known_before
 from yawid.ordinary.spectra import Sums, spectra
 
@@ -26,17 +25,16 @@ that explained .48 of a calm flight at 10 Hz made the aircraft unstable, and wn 
 
 
 class Search:
-    """The fits of sums: ``limit`` is the highest frequency in rad/s.
+    """The fits of sums with their ``own`` law: ``limit`` is the highest frequency in rad/s.
 
     ``found_law`` explains a part ``explained`` of the aileron, both 0 where its gain is below 0;
     ``law`` is it, or none.
     """
 
-    def __init__(self, sums: Sums) -> None:
+    def __init__(self, sums: Sums, own: tuple[Law, float]) -> None:
         seen = sums.n > 0.0
         self._sums, self.limit = sums, float((sums.w[seen] / sums.n[seen])[-1])
         self._pitch = sums.pitch / sums.seconds
-        own = law_of(sums.law)
         self.found_law, self.explained = own if own[0].roll_gain > 0.0 else (Law(), 0.0)
         self.law = self.found_law if self.explained >= LEAST_LAW else Law()
         wide = spectra(sums, WIDE[0], WIDE[1], JOINED)
