@@ -335,7 +335,7 @@ def test_numbers_of_many_manoeuvres_do_not_hide_one_another(paged: Paged) -> Non
 
     places = [text.xy[0] for text in axes.texts]  # type: ignore[attr-defined] # Annotations
     assert len(axes.patches) >= 40
-    assert min(np.diff(places)) > 0.07 * 2500.0
+    assert min(np.diff(places)) > 0.035 * 2500.0
 
 
 def test_hostile_words_of_a_manoeuvre_are_shown_and_never_obeyed(drawn: Drawn) -> None:

@@ -37,7 +37,7 @@ def test_in_a_terminal_lines_are_80_wide_but_for_what_is_copied_and_no_text_is_a
 
     assert lines[0] == "verdict  NOT USABLE"
     assert lines[1] == "  not_converged: a|b <script>\\x1b[31m"
-    assert lines[2] == "  repeated: twice"
+    assert lines[2] == "  warning repeated: twice"
     assert lines[3].startswith("  flight  wn 1.0 and")
     assert lines[4].startswith(" " * 10 + "so on")
     assert max(map(len, lines)) <= WIDTH < len(command) == 103

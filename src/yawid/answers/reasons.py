@@ -230,6 +230,11 @@ class Reason(Part, frozen=True):
         return f"{self.id}: {self.text}"
 
     @property
+    def called(self) -> str:
+        """The id, with the word in front of it where it is a warning."""
+        return self.id if self.weight == "fatal" else f"warning {self.id}"
+
+    @property
     def name(self) -> str:
         """The id in words."""
         return self.id.replace("_", " ")

@@ -141,7 +141,7 @@ def _why_none(closed: Closed, name: str, without: Without) -> str:
 
 
 def _with_more_gain(predicted: Predicted, name: str) -> str:
-    """Return what more gain does where it takes damping from the pair."""
+    """Return what more gain does where it makes the pair less damped."""
     closed = predicted.closed
     zeta, wn = closed.zeta, closed.wn_rad_s
     v, row = (int(i) for i in np.unravel_index(np.nanargmin(zeta - zeta[:, :1]), zeta.shape))

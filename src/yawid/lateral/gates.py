@@ -89,18 +89,19 @@ GATES = {
         at_least=True,
     ),
     "only_feedback": Gate(
-        "roll and p explain {found:.2f} of the aileron (limit {limit:g}), which does not show the "
-        "servo's lag",
+        "the aileron only follows the roll hold, so the servo's lag is unknown (roll and p explain "
+        "{found:.2f} of it, limit {limit:g})",
         "give the servo's lag (--servo-lag), or move the aileron on its own",
         FOLLOWS,
     ),
     "aileron_uncertain": Gate(
-        "sigma of L_delta_a is {found:.2f} of it (limit {limit:g})",
+        "the aileron's effect is not known: its sigma is {found:.2f} of it (limit {limit:g})",
         "move the aileron on its own, not by the roll hold alone",
         0.25,
     ),
     "lag_unknown": Gate(
-        "only {found:g} starts of the servo lag agree with the best one ({limit:g} needed)",
+        "the search for the servo's lag ended at a different value each time ({found:g} of them "
+        "agree with the best one, {limit:g} are needed)",
         "give the servo's lag (--servo-lag), or pool several manoeuvres of one speed",
         2,
         at_least=True,

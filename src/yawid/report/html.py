@@ -70,7 +70,7 @@ def first_screen(
              enumerate(answers)]  # fmt: skip
     cards = f'<div class="cards">\n{"".join(shown)}</div>\n'
     below = f"{note('', remark) if remark else ''}\n"
-    items = ((reason.weight, reason.name, reason.text, to_do) for reason, to_do in advised)
+    items = ((reason.weight, reason.called, reason.text, to_do) for reason, to_do in advised)
     last = "" if step is None else f'<p class="next"><b>{NEXT}</b> {prose(step)}</p>\n'
     return head(name, origin, sentence, cards + below + listed(items) + last, usable=kind != "no")
 

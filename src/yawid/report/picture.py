@@ -21,7 +21,7 @@ from yawid.sinks.palette import NEUTRAL, RUDDER
 SIZE_IN: Final = (5.6, 4.4)
 COLUMNS: Final = 500
 """The number of columns of a long line in a picture: more detail is not visible."""
-LEAST_BETWEEN: Final = 0.07
+LEAST_BETWEEN: Final = 0.035
 """The least distance between the numbers of two manoeuvres, as a part of the axis."""
 _STYLE: Any = {  # Any: matplotlib's type for it lists every key
     "svg.fonttype": "none",  # text stays text: it can be searched and is drawn sharp

@@ -62,7 +62,9 @@ def verdict_parts(verdict: Verdict) -> Iterator[Part]:
     word = verdict.word if verdict.word != "not usable" else "NOT USABLE"
     yield Row("verdict", word, styles.get(verdict.word, "bold yellow"))
     for reason in verdict.reasons:
-        yield Said(f"{reason.id}:", reason.text, "red" if reason.weight == "fatal" else "yellow")
+        yield Said(
+            f"{reason.called}:", reason.text, "red" if reason.weight == "fatal" else "yellow"
+        )
     if (step := next_step(verdict)) is not None:
         yield Said(NEXT, step, "bold")
 

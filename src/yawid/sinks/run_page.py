@@ -285,7 +285,7 @@ def damper_parts(report: DamperReport) -> Iterator[Part]:
     name = f"{report.parameter}  " if report.parameter else ""
     yield Note(f"{name}{text}", "bold")
     yield from (Said("", said) for said in report.says)
-    yield from (Said("", str(reason)) for reason in report.verdict.reasons)
+    yield from (Said("", f"{reason.called}: {reason.text}") for reason in report.verdict.reasons)
     if report.gains:
         yield gains_grid(report)
     yield from mix
