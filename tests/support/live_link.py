@@ -9,9 +9,9 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import asdict, dataclass, field, replace
+from itertools import chain
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -19,14 +19,18 @@ from checks.children import free_udp_port
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from scipy.signal import lfilter
 
+from yawid.answers.run_summary import RunSummary
 from yawid.config.run import RunConfig
+from yawid.errors import YawidError
 from yawid.runs.live import Console, Ended, LiveOptions, live
 from yawid.runs.outputs import Outputs
-from yawid.runs.replay import StopFlag
+from yawid.runs.replay import StopFlag, replay
 from yawid.sources.open_log import ReadOptions
 
 CONFIG = RunConfig(rate=20.0, orders=(2, 2, 1, 1), memory=20.0)
 PARAMETERS = {"SERVO4_FUNCTION": 21, "SERVO4_MIN": 1100, "SERVO4_TRIM": 1500, "SERVO4_MAX": 1900}
+AT_ONCE = 1000
+"""Frames on their way at a time: more than the socket holds would be lost."""
 A, B = (1.0, -1.85, 0.9), (0.0, 0.02, 0.01)
 
 
@@ -105,17 +109,37 @@ class Screen(io.StringIO):
             )
 
 
-class Session(SimpleNamespace):
-    """A live session in a thread of its own."""
+@dataclass
+class Session:
+    """A live session in a thread of its own; ``refused`` is the error that ended it, if one did."""
 
     port: int
     screen: Screen
-    ended: list[Ended]
     folder: Path
-    stop: StopFlag
+    config: RunConfig
+    stop: StopFlag = field(default_factory=StopFlag)
+    ended: list[Ended] = field(default_factory=list)
+    refused: YawidError | None = None
+    _sent_bytes: int = 0
 
     def part(self, suffix: str, name: str = "live") -> Path:
         return self.folder / f"{name}.{suffix}.part"
+
+    def fly(self, sent: list[bytes], own: socket.socket | None = None) -> None:
+        """Send frames, no more at a time than a socket holds, and wait until they are recorded."""
+        for first in range(0, len(sent), AT_ONCE):
+            send(sent[first : first + AT_ONCE], self.port, own)
+            self._sent_bytes += tlog_size(sent[first : first + AT_ONCE])
+            wait_for_size(self.part("tlog"), self._sent_bytes)
+
+    def lines(self, text: str) -> list[str]:
+        """Return what was said with a text in it."""
+        return [line for line in self.screen.getvalue().splitlines() if text in line]
+
+    def again(self, name: str = "live") -> RunSummary:
+        """Replay a tlog that the session has recorded."""
+        outputs = Outputs(self.folder, f"{name}-again")
+        return replay(self.folder / f"{name}.tlog", asdict(self.config), outputs, StopFlag())
 
 
 @contextmanager
@@ -125,25 +149,30 @@ def listening(
     outputs: Outputs | None = None,
     line_s: float = 0.2,
     read_options: ReadOptions | None = None,
+    *,
+    draws: bool = False,
     **options: object,
 ) -> Iterator[Session]:
     """Run ``live`` until the context ends; ``ended`` has its sessions afterwards."""
-    port = free_udp_port()
-    stop, screen, ended = StopFlag(), Screen(), []
-    asked = LiveOptions(f"udpin:127.0.0.1:{port}", seconds=600.0, answers_s=60.0)
-    asked = replace(asked, **options)
     outputs = outputs or Outputs(folder, "live")
+    session = Session(free_udp_port(), Screen(), outputs.folder, config)
+    asked = LiveOptions(f"udpin:127.0.0.1:{session.port}", seconds=600.0, answers_s=60.0)
+    asked = replace(asked, **options)
+    console = Console(session.screen, line_s, draws=draws)
 
     def listen() -> None:
-        ended.extend(live(asked, config, outputs, stop, Console(screen, line_s), read_options))
+        try:
+            session.ended += live(asked, config, outputs, session.stop, console, read_options)
+        except YawidError as error:
+            session.refused = error
 
     thread = threading.Thread(target=listen, daemon=True)
     thread.start()
     try:
-        screen.wait_for("listening")
-        yield Session(port=port, screen=screen, ended=ended, folder=outputs.folder, stop=stop)
+        session.screen.wait_for("listening")
+        yield session
     finally:
-        stop.is_set = True
+        session.stop.is_set = True
         thread.join(60.0)
 
 
@@ -157,11 +186,16 @@ def send(sent: list[bytes], port: int, own: socket.socket | None = None) -> None
 def wait_for_size(path: Path, size: int) -> None:
     """Wait until a file has grown to a size; it grows as fast as the tap reads."""
     never = threading.Event()
-    for _ in range(600):
+    for _ in range(3000):
         if path.exists() and path.stat().st_size >= size:
             return
-        never.wait(0.1)
+        never.wait(0.02)
     raise AssertionError(f"{path.name} has not grown to {size} bytes")
+
+
+def mixed(*vehicles: list[bytes]) -> list[bytes]:
+    """Return the frames of vehicles in turn, until the first has no more."""
+    return list(chain.from_iterable(zip(*vehicles, strict=False)))
 
 
 SENT = frames(10.0)

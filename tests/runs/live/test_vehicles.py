@@ -1,4 +1,4 @@
-"""Several vehicles on one port, and two senders with one number."""
+"""Several vehicles on one port, two senders with one number, and more than can be estimated."""
 
 from __future__ import annotations
 
@@ -6,23 +6,21 @@ import os
 import socket
 import threading
 import time
-from dataclasses import asdict, replace
+from dataclasses import replace
 from functools import partial
-from itertools import chain
 from operator import itemgetter
 from pathlib import Path
 
 import psutil
 import pytest
 from finished_runs import messages
-from live_link import CONFIG, frames, listening, send, tlog_size, wait_for_size
+from flights.surgery import rewrite
+from live_link import CONFIG, frames, listening, mixed, send, tlog_size, wait_for_size
 from printed import why_invalid
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from yawid.runs.live.overload import Overload
 from yawid.runs.live.vehicle_session import LiveSession
-from yawid.runs.outputs import Outputs
-from yawid.runs.replay import StopFlag, replay
 from yawid.sources.link.endpoints import Endpoint
 from yawid.sources.link.inbox import Stamps
 from yawid.sources.link.udp import UdpTap
@@ -30,44 +28,65 @@ from yawid.sources.mavlink.signing import SigningKey
 from yawid.sources.open_log import ReadOptions
 from yawid.system.processes import cores
 
+GROUND = mavlink.MAVLink(None, srcSystem=255, srcComponent=190)
+BEAT = bytes(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3).pack(GROUND))
 
-def mixed(*vehicles: list[bytes]) -> list[bytes]:
-    return list(chain.from_iterable(zip(*vehicles, strict=True)))
 
-
-def test_each_vehicle_has_its_own_files_and_its_own_estimate(tmp_path: Path):
-    one, two = frames(20.0, sysid=1), frames(20.0, sysid=2)
-    ground = mavlink.MAVLink(None, srcSystem=255, srcComponent=190)
-    beat = bytes(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3).pack(ground))
+def test_each_vehicle_has_its_own_files_and_answers_and_who_is_none_or_one_too_many_has_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One station's frames would be written once for each vehicle; anybody claims to be many."""
+    monkeypatch.setattr("yawid.runs.live.vehicles.MOST_VEHICLES", 4)
+    # The third's messages are too slow for the rate asked for.
+    sent = {1: frames(21.0), 2: frames(22.0, sysid=2), 3: frames(20.0, sysid=3, hz=5)}
+    chatter = [bytes(mavlink.MAVLink_ping_message(i, i, 0, 0).pack(GROUND)) for i in range(100)]
+    beat = mavlink.MAVLink_heartbeat_message(1, 3, 0, 0, 4, 3)
+    made_up = [
+        bytes(beat.pack(mavlink.MAVLink(None, srcSystem=sysid, srcComponent=1)))
+        for sysid in range(10, 60)
+    ]
     with listening(tmp_path, every_vehicle=True) as session:
-        send([beat, *mixed(one, two), beat], session.port)
-        # What 2 sent before it said what it is goes into its tlog, the station's frames into none.
-        heard = {1: one, 2: two}
-        for sysid, sent in heard.items():
-            wait_for_size(session.part("tlog", f"live-{sysid}"), tlog_size(sent))
-
-    ended = {e.summary.vehicle.sysid: e.summary for e in session.ended}
-    assert set(ended) == {1, 2}
-    assert {p.name for p in tmp_path.iterdir()} == {
-        f"live-{sysid}.{suffix}" for sysid in (1, 2) for suffix in ("tlog", "mcap")
-    }
-    for sysid, summary in ended.items():
-        assert summary.link.frames == len(heard[sysid])
-        again = replay(
-            tmp_path / f"live-{sysid}.tlog",
-            asdict(CONFIG),
-            Outputs(tmp_path, f"{sysid}"),
-            StopFlag(),
+        send([BEAT, *sent[3], *mixed(sent[1], sent[2]), BEAT], session.port)
+        send([*sent[2][len(sent[1]) :], *chatter, *made_up, *chatter], session.port)
+        session.screen.wait_for(
+            "system 11: no session is opened, as there are 4 already: without --signing-key-file"
         )
+        session.screen.wait_for("no longer estimated")
+        for sysid in (1, 2):  # also what a vehicle sent before it said what it is
+            wait_for_size(session.part("tlog", f"live-{sysid}"), tlog_size(sent[sysid]))
+
+    assert len(session.lines("no session is opened, as there are")) == 1
+    assert len(session.lines("system 3: ")) == len(session.lines("no longer estimated")) == 1
+    sizes = {path.stem: path.stat().st_size for path in tmp_path.glob("*.tlog")}
+    assert sizes.pop("live-3") <= tlog_size(sent[3])
+    assert sizes == {f"live-{sysid}": tlog_size(sent[sysid]) for sysid in (1, 2)} | {
+        "live-10": tlog_size(made_up[:1])
+    }
+    whole = {f"live-{sysid}.{suffix}" for sysid in (1, 2, 10) for suffix in ("tlog", "mcap")}
+    assert {path.name for path in tmp_path.iterdir()} == {
+        *whole, "live-3.tlog", "live-3.mcap.part"
+    }  # fmt: skip
+    ended = {each.summary.vehicle.sysid: each.summary for each in session.ended[:2]}
+    assert list(ended) == [1, 2]
+    for sysid, summary in ended.items():
+        again = session.again(f"live-{sysid}")
+        assert summary.link.frames == len(sent[sysid])
+        assert again.link.lost == 0
         assert again.estimates == summary.estimates
         assert again.estimates["els"].updates > 100
-        assert again.link.lost == 0
+        found, own = (run.to_json() for run in (summary, again))
+        assert (found["manoeuvres"], found["flight"]) == (own["manoeuvres"], own["flight"])
+        [one] = summary.manoeuvres
+        said = f"system {sysid}: manoeuvre 1 ({one.from_s:.0f} to {one.to_s:.0f} s, "
+        assert len(session.lines(said)) == 1
+    one, two = (summary.manoeuvres[0] for summary in ended.values())
+    assert (one.duration_s, one.dutch_roll) != (two.duration_s, two.dutch_roll)
 
 
 @pytest.mark.long
 def test_vehicles_that_fly_a_doublet_at_once_give_what_their_replays_give_to_the_bit(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
+) -> None:
     sent = {sysid: frames(20.0, sysid=sysid, doublet_s=9.0) for sysid in range(1, 7)}
     at_once, syncing = mixed(*sent.values()), []
     fsync = os.fsync
@@ -96,14 +115,8 @@ def test_vehicles_that_fly_a_doublet_at_once_give_what_their_replays_give_to_the
     assert [each.summary.vehicle.sysid for each in session.ended] == [*sent]
     for summary in (each.summary for each in session.ended):
         name = f"live-{summary.vehicle.sysid}"
-        again = replay(
-            tmp_path / f"{name}.tlog",
-            asdict(CONFIG),
-            Outputs(tmp_path, f"{name}-again"),
-            StopFlag(),
-        )
         assert (summary.link.lost, sum(summary.live.dropped.values())) == (0, 0)
-        told, own_told = summary.to_json(), again.to_json()
+        told, own_told = summary.to_json(), session.again(name).to_json()
         assert why_invalid("live", told) == ""
         assert len(told["manoeuvres"]) == 1
         for key in ("estimates", "manoeuvres", "flight", "verdict"):
@@ -115,27 +128,53 @@ def test_vehicles_that_fly_a_doublet_at_once_give_what_their_replays_give_to_the
         assert live == replayed
 
 
-def test_what_has_no_room_is_counted_and_said_and_nothing_else_is_missing(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
-    monkeypatch.setattr("yawid.runs.live.loop.UdpTap", partial(UdpTap, queue_size=300))
-    sent = frames(10.0)
-    with listening(tmp_path) as session:
-        send(sent, session.port)
-        session.screen.wait_for("datagrams were dropped so far")
-    [ended] = session.ended
-    dropped = sum(ended.summary.live.dropped.values())
-    assert dropped > 0
-    assert ended.summary.link.frames + dropped == len(sent)
-    assert any("in no file and no estimate" in line for line in ended.summary.live.events)
-    assert (
-        f"some datagrams were lost on this machine: {dropped} dropped" in session.screen.getvalue()
+@pytest.mark.parametrize("sysid", [None, 2])
+def test_one_of_several_vehicles_is_chosen_or_the_others_are_said_once_and_so_is_a_second_address(
+    sysid: int | None, tmp_path: Path
+) -> None:
+    with (
+        listening(tmp_path, replace(CONFIG, sysid=sysid)) as session,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as vehicle,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as forger,
+    ):
+        sent = mixed(frames(10.0), frames(10.0, sysid=2))
+        for i in range(0, len(sent), 4):
+            send(sent[i : i + 2], session.port, vehicle)
+            send(sent[i + 2 : i + 4], session.port, forger)
+        session.screen.wait_for("tracking")
+        session.screen.wait_for(f"system {sysid or 1} is received from two addresses")
+        ports = {s.getsockname()[1] for s in (vehicle, forger)}
+
+    assert [each.summary.vehicle.sysid for each in session.ended] == [sysid or 1]
+    others = session.lines("system 2 is received too, but system 1 is estimated")
+    assert len(others) == (sysid is None)
+    [said] = session.lines(f"system {sysid or 1} is received from two addresses")
+    assert all(f"127.0.0.1:{port}" in said for port in ports)
+
+
+def test_with_a_key_an_unsigned_heartbeat_opens_no_session(tmp_path: Path) -> None:
+    key, stranger = bytes(range(32)), frames(4.0, sysid=2)
+    own, forged = (
+        [frame for _, frame in rewrite([(0, each) for each in frames(seconds)], key=by)]
+        for seconds, by in ((10.0, key), (4.0, bytes(32)))
     )
+    with listening(
+        tmp_path, read_options=ReadOptions(key=SigningKey(key)), every_vehicle=True
+    ) as session:
+        send([*forged, *stranger, *own, *stranger], session.port)
+        session.screen.wait_for("system 2: its HEARTBEAT is not signed")
+        wait_for_size(session.part("tlog", "live-1"), tlog_size([*forged, *own]))
+
+    [(summary, _)] = session.ended
+    assert summary.vehicle.sysid == 1
+    assert summary.link.unsigned_rejected == len(forged)
+    assert {path.name for path in tmp_path.iterdir()} == {"live-1.tlog", "live-1.mcap"}
+    assert len(session.lines("system 2: its HEARTBEAT is not signed")) == 1
 
 
-def test_a_stop_skips_what_waits_in_the_tlog_and_in_the_estimates_alike(
+def test_what_has_no_room_and_what_a_stop_skips_is_counted_and_in_no_file_and_no_estimate(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
+) -> None:
     sent, is_late, may_go_on = frames(20.0), threading.Event(), threading.Event()
     estimate = LiveSession.estimate
 
@@ -146,27 +185,34 @@ def test_a_stop_skips_what_waits_in_the_tlog_and_in_the_estimates_alike(
             may_go_on.wait(60.0)
 
     monkeypatch.setattr(LiveSession, "estimate", slow)
+    monkeypatch.setattr("yawid.runs.live.loop.UdpTap", partial(UdpTap, queue_size=300))
     with listening(tmp_path) as session:
-        send(sent[:1500], session.port)
+        for first in range(0, 1500, 100):
+            send(sent[first : first + 100], session.port)
+            time.sleep(0.02)
         assert is_late.wait(60.0)
         send(sent[1500:], session.port)
         time.sleep(1.3)
         session.stop.is_set = True
         may_go_on.set()
-    [ended] = session.ended
-    skipped = ended.summary.live.dropped["at_the_stop"]
-    assert skipped >= len(sent) - 1500
-    assert ended.summary.link.frames == len(sent) - skipped
-    [line] = [line for line in ended.summary.live.events if line.startswith("stopped while")]
-    left_bytes = sum(map(len, sent[len(sent) - skipped :]))
-    assert f"{skipped} datagrams of {left_bytes} bytes" in line
-    assert (tmp_path / "live.tlog").stat().st_size == tlog_size(sent[: len(sent) - skipped])
-    again = replay(tmp_path / "live.tlog", asdict(CONFIG), Outputs(tmp_path, "again"), StopFlag())
-    assert again.estimates == ended.summary.estimates
+    [(summary, _)] = session.ended
+    dropped, kept = summary.live.dropped, summary.link.frames
+    assert dropped["queue"] > 0
+    assert dropped["at_the_stop"] > 0
+    assert kept + sum(dropped.values()) == len(sent)
+    left_bytes = sum(map(len, sent[kept : kept + dropped["at_the_stop"]]))
+    [line] = session.lines("stopped while")
+    assert f"{dropped['at_the_stop']} datagrams of {left_bytes} bytes" in line
+    assert any("in no file and no estimate" in line for line in summary.live.events)
+    lost = f"some datagrams were lost on this machine: {dropped['queue']} dropped"
+    assert len(session.lines(lost)) == len(session.lines("datagrams were dropped so far")) == 1
+    assert (tmp_path / "live.tlog").stat().st_size == tlog_size(sent[:kept])
+    again = session.again()
+    assert again.estimates == summary.estimates
     assert again.estimates["els"].updates > 50
 
 
-def test_estimates_that_fall_behind_the_link_are_said_and_that_they_have_caught_up():
+def test_estimates_that_fall_behind_the_link_are_said_and_that_they_have_caught_up() -> None:
     ahead_ns = [0]
     stamps = Stamps(steady_ns=lambda: time.monotonic_ns() + ahead_ns[0])
     with UdpTap(Endpoint("127.0.0.1", 0), stamps=stamps) as tap:
@@ -185,131 +231,3 @@ def test_estimates_that_fall_behind_the_link_are_said_and_that_they_have_caught_
         while len(tap.inbox):
             tap.read(1.0)
         assert list(overload.lines()) == ["the estimates have caught up with the link"]
-
-
-def test_who_is_no_vehicle_fills_no_tlog_and_made_up_vehicles_open_no_more_than_may_be(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
-    """One station's frames would be written once for each vehicle; anybody claims to be many."""
-    vehicle, ground = frames(4.0, sysid=9), mavlink.MAVLink(None, srcSystem=255, srcComponent=190)
-    chatter = [bytes(mavlink.MAVLink_ping_message(i, i, 0, 0).pack(ground)) for i in range(100)]
-    beat = mavlink.MAVLink_heartbeat_message(1, 3, 0, 0, 4, 3)
-    made_up = [
-        bytes(beat.pack(mavlink.MAVLink(None, srcSystem=sysid, srcComponent=1)))
-        for sysid in range(10, 60)
-    ]
-    monkeypatch.setattr("yawid.runs.live.vehicles.MOST_VEHICLES", 3)
-    with listening(tmp_path, every_vehicle=True) as session:
-        send([*vehicle, *chatter, *made_up, *chatter], session.port)
-        session.screen.wait_for(
-            "system 12: no session is opened, as there are 3 already: without --signing-key-file"
-        )
-        wait_for_size(session.part("tlog", "live-9"), tlog_size(vehicle))
-
-    assert session.screen.getvalue().count("no session is opened, as there are") == 1
-    sizes = {path.stem: path.stat().st_size for path in tmp_path.glob("*.tlog")}
-    assert sizes == {
-        "live-9": tlog_size(vehicle),
-        "live-10": tlog_size(made_up[:1]),
-        "live-11": tlog_size(made_up[1:2]),
-    }
-
-
-def test_one_of_several_vehicles_can_be_chosen(tmp_path: Path):
-    sent = mixed(frames(20.0, sysid=1), frames(20.0, sysid=2))
-    with listening(tmp_path, replace(CONFIG, sysid=2)) as session:
-        send(sent, session.port)
-        wait_for_size(session.part("tlog"), tlog_size(sent))
-
-    assert session.ended[0].summary.vehicle.sysid == 2
-
-
-def test_a_second_vehicle_that_is_not_estimated_is_said_one_time(tmp_path: Path):
-    with listening(tmp_path) as session:
-        send(mixed(frames(10.0, sysid=1), frames(10.0, sysid=2)), session.port)
-        session.screen.wait_for("tracking")
-
-    assert (
-        session.screen.getvalue().count("system 2 is received too, but system 1 is estimated") == 1
-    )
-
-
-def test_a_link_without_any_vehicle_is_one_summary_that_says_so(tmp_path: Path):
-    with listening(tmp_path, every_vehicle=True) as session:
-        pass
-
-    assert [e.exit_code for e in session.ended] == [3]
-
-
-def test_a_vehicle_too_slow_for_the_rate_asked_for_does_not_stop_the_others(tmp_path: Path):
-    quick, slow = frames(20.0, sysid=1), frames(20.0, sysid=2, hz=5)
-    with listening(tmp_path, every_vehicle=True) as session:
-        send([*slow, *quick], session.port)
-        session.screen.wait_for("system 2: ")
-        session.screen.wait_for("no longer estimated")
-        session.screen.wait_for("tracking")
-
-    assert [e.summary.vehicle.sysid for e in session.ended] == [1]
-
-
-def test_a_second_address_with_the_same_number_is_noticed_one_time(tmp_path: Path):
-    sent = frames(10.0)
-    with (
-        listening(tmp_path) as session,
-        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as vehicle,
-        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as forger,
-    ):
-        for i in range(0, len(sent), 2):
-            send(sent[i : i + 1], session.port, vehicle)
-            send(sent[i + 1 : i + 2], session.port, forger)
-        session.screen.wait_for("system 1 is received from two addresses")
-        ports = {s.getsockname()[1] for s in (vehicle, forger)}
-    said = [text for text in session.screen.getvalue().splitlines() if "two addresses" in text]
-    assert len(said) == 1
-    assert all(f"127.0.0.1:{port}" in said[0] for port in ports)
-
-
-def signed_again(sent: list[bytes], key: bytes) -> list[bytes]:
-    """The same messages of the same sender, signed."""
-    link = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
-    link.signing.secret_key, link.signing.timestamp, link.signing.sign_outgoing = key, 1, True
-    reader, signed = mavlink.MAVLink(None), []
-    for frame in sent:
-        message = reader.decode(bytearray(frame))
-        link.seq = message.get_seq()
-        signed.append(bytes(message.pack(link)))
-    return signed
-
-
-def test_with_a_key_an_unsigned_heartbeat_opens_no_session(tmp_path: Path):
-    key, stranger = bytes(range(32)), frames(4.0, sysid=2)
-    own = signed_again(frames(20.0), key)
-    forged = signed_again(frames(4.0), bytes(32))  # by another key
-    with listening(
-        tmp_path, read_options=ReadOptions(key=SigningKey(key)), every_vehicle=True
-    ) as session:
-        send([*forged, *stranger, *own, *stranger], session.port)
-        session.screen.wait_for("system 2: its HEARTBEAT is not signed")
-        wait_for_size(session.part("tlog", "live-1"), tlog_size([*forged, *own]))
-
-    [ended] = session.ended
-    assert ended.summary.vehicle.sysid == 1
-    assert ended.summary.link.unsigned_rejected == len(forged)
-    assert {path.name for path in tmp_path.iterdir()} == {"live-1.tlog", "live-1.mcap"}
-    assert session.screen.getvalue().count("system 2: its HEARTBEAT is not signed") == 1
-
-
-def test_with_a_key_rates_are_asked_for_in_signed_frames(tmp_path: Path):
-    key = bytes(range(32))
-    with (
-        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as vehicle,
-        listening(
-            tmp_path, read_options=ReadOptions(key=SigningKey(key)), request_hz=50.0
-        ) as session,
-    ):
-        vehicle.settimeout(60.0)
-        send(signed_again(frames(1.0), key), session.port, vehicle)
-        asked = vehicle.recv(300)
-    strict = mavlink.MAVLink(None)
-    strict.signing.secret_key, strict.signing.timestamp = key, 1
-    assert strict.decode(bytearray(asked)).get_type() == "COMMAND_LONG"
