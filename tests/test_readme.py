@@ -23,8 +23,8 @@ from yawid.runs.stop import SIGNALS
 
 LIMITS = {
     "README.md": (200, 100),
-    "src/README.md": (360, 160),
-    "tests/README.md": (215, 175),
+    "src/README.md": (180, 160),
+    "tests/README.md": (130, 175),
     "tools/README.md": (360, 160),
     "replay_logs/README.md": (85, 160),
 }

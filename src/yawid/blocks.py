@@ -131,27 +131,27 @@ class Held(IntFlag):
     """Why a sample must not update the estimators; several reasons may apply at once."""
 
     NONE = 0
-    GAP = 1
-    REBOOT = 2
-    RUDDER_INVALID = 4
+    GAP = 1  # a gap in the messages or a silence ends
+    REBOOT = 2  # the clock has stepped back
+    RUDDER_INVALID = 4  # the value is missing or absurd
     YAW_INVALID = 8
-    RUDDER_CHANGED = 16
-    ON_GROUND = 32
-    NO_AIRSPEED = 64
-    HOVER = 128
-    LIFT_MOTORS = 256
-    STEEP = 512
+    RUDDER_CHANGED = 16  # the output or the scale of the rudder changes here
+    ON_GROUND = 32  # the aircraft does not fly, or still rolls
+    NO_AIRSPEED = 64  # --turn remove needs an airspeed and has none
+    HOVER = 128  # a VTOL hovers
+    LIFT_MOTORS = 256  # motors that only lift are driven
+    STEEP = 512  # bank or pitch beyond 60 degrees
 
 
 class Noted(IntFlag):
     """Notes on a sample that updates the estimators all the same."""
 
     NONE = 0
-    SATURATED = 1
-    MODE_CHANGED = 2
-    AIRSPEED_CHANGED = 4
-    NOT_EXCITED = 8
-    GROUND_SPEED = 16
+    SATURATED = 1  # the rudder is at its stop
+    MODE_CHANGED = 2  # the flight mode changes
+    AIRSPEED_CHANGED = 4  # it differs from its mean over a minute
+    NOT_EXCITED = 8  # the rudder has rested for 5 s
+    GROUND_SPEED = 16  # the ground speed stands in for the airspeed
 
 
 AIRSPEED_SHARE: Final = 0.1

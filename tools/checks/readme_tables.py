@@ -19,16 +19,12 @@ from itertools import dropwhile, takewhile
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from mutate import DEFECTS
-
 from yawid.answers.reasons import KINDS
 from yawid.errors import EXIT_CODES
 
 ROOT = Path(__file__).resolve().parents[2]
 HOMES = {
     "cases": "replay_logs/README.md",
-    "mutations": "tests/README.md",
-    "mutants": "tests/README.md",
     "truth_short": "src/yawid/manual/accuracy.md",
     "reasons": "src/yawid/manual/reasons.md",
     "exit_codes": "src/yawid/manual/reasons.md",
@@ -67,15 +63,6 @@ def written(name: str) -> str:
     text = (ROOT / HOMES.get(name, "tools/README.md")).read_text(encoding="utf-8")
     found = re.search(rf"<!-- {name} -->\n({_BELOW})", text)
     return found[1].strip() if found else ""
-
-
-def mutations() -> str:
-    """Return the table of checks/defects.toml: each defect with the test that must fail."""
-    rows = [
-        f"| {d.what} | {Path(d.file).stem} | {Path(d.test.replace('.py', '')).name[5:]} |"
-        for d in DEFECTS
-    ]
-    return "\n".join(["| defect | file | caught by |", "|---|---|---|", *rows])
 
 
 def cases() -> str:
@@ -161,7 +148,7 @@ def _shown(name: str, until: str, since: str = "") -> str:
 
 _FLIGHT = "yawid replay replay_logs/{}/log.tlog --out {}".format
 TABLES: dict[str, Callable[[], str]] = {
-    "cases": cases, "mutations": mutations, "reasons": reasons, "exit_codes": exit_codes,
+    "cases": cases, "reasons": reasons, "exit_codes": exit_codes,
     "truth_short": truth_short,
     "answer": partial(_output, _FLIGHT("c172p_3211", "answer"), "n from-to"),
     "good": partial(_output, _FLIGHT("c172p_3211", "answer"), "  rudder"),
