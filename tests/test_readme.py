@@ -11,7 +11,7 @@ from pathlib import Path
 
 import check
 import pytest
-from bench.run import BENCHES
+from bench.frame import BENCHES
 from checks import readme_tables
 from places import C172P, ROOT, SRC, TOOLS
 

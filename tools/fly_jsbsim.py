@@ -6,7 +6,7 @@
 
 The first command writes a tlog that any MAVLink tool reads, and the Dutch roll that should be found
 in it. --udp sends the same frames to a UDP endpoint at the pace of the flight. The same command
-gives the same bytes. A plan (flights/legs.py) is a whole flight; its truth, manoeuvre by manoeuvre,
+gives the same bytes. A plan (flights/plan.py) is a whole flight; its truth, manoeuvre by manoeuvre,
 is written next to the log as log.truth.json, or to the file of --truth.
 """
 
@@ -21,14 +21,12 @@ from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
-from flights.fly import flight_of
-from flights.guided import LegFlight, leg_truth
-from flights.legs import PLANS, LegPlan, read_plan
-from flights.plan import MANOEUVRES, FlightError, FlightPlan, Servo
+from flights.fly import LegFlight, flight_of, leg_truth
+from flights.plan import MANOEUVRES, FlightError, FlightPlan, Servo, read_plan
 from flights.send_tlog import endpoint, send
 from flights.surgery import Record, join
 from flights.telemetry import Link, telemetry
-from flights.truth import after_lead_in, disagreement, truth
+from flights.truth import after_lead_in, truth
 
 PLAN_NUMBERS = [field.name for field in fields(FlightPlan) if isinstance(field.default, float)]
 LINK_NUMBERS = [field.name for field in fields(Link) if isinstance(field.default, float)]
@@ -61,7 +59,7 @@ def parse(argv: Sequence[str]) -> argparse.Namespace:
         formatter_class=argparse.ArgumentDefaultsHelpFormatter,
     )
     parser.add_argument("--out", "-o", type=Path, help="tlog to write")
-    parser.add_argument("--plan", metavar="FILE|NAME", help=f"a .toml file, or {', '.join(PLANS)}")
+    parser.add_argument("--plan", metavar="FILE|NAME", help=".toml file, three_speeds, or upset")
     parser.add_argument("--truth", type=Path, help="JSON file for the Dutch roll to be found")
     parser.add_argument("--udp", type=endpoint, metavar="HOST:PORT", help="send in real time")
     parser.add_argument("--speedup", type=float, default=1.0, help="of --udp")
@@ -82,15 +80,8 @@ def parse(argv: Sequence[str]) -> argparse.Namespace:
         parser.error("nothing to do: give --out, --truth or --udp")
     if not options.speedup > 0.0:
         parser.error("--speedup must be > 0")
-    if options.plan:
-        if not (options.out or options.udp):
-            parser.error("--plan is flown to --out or --udp")
-        own = {"aircraft", "manoeuvre", *PLAN_NUMBERS, "rudder", "aileron"}
-        changed = [name for name in own if getattr(options, name) != parser.get_default(name)]
-        # argparse parses the text of a servo's default, too: then it equals Servo().
-        changed = [name for name in changed if getattr(options, name) != Servo()]
-        if changed:
-            parser.error(f"--plan says what is flown: leave out {', '.join(sorted(changed))}")
+    if options.plan and not (options.out or options.udp):
+        parser.error("--plan is flown to --out or --udp")
     return options
 
 
@@ -107,20 +98,17 @@ def main(argv: Sequence[str]) -> int:
     link_names = {*LINK_NUMBERS, "mavlink1", "seed"}
     try:
         link = Link(**{name: options.pop(name) for name in link_names})
-        plan: FlightPlan | LegPlan
         if own["plan"]:
             plan = replace(read_plan(own["plan"]), true_feedback=options["true_feedback"])
         else:
             plan = FlightPlan(**options)
         flight = flight_of(plan, link)
         deliver(telemetry(link, flight), own)
-        if isinstance(plan, LegPlan) and isinstance(flight, LegFlight):
+        if isinstance(flight, LegFlight):
             found = leg_truth(plan, link, flight) | {"plan": own["plan"]}
             path = own["truth"] or (own["out"] and own["out"].with_suffix(".truth.json"))
-        elif (path := own["truth"]) and isinstance(plan, FlightPlan):
+        elif path := own["truth"]:
             found = truth(plan, after_lead_in(flight.flown))
-            if warning := disagreement(found):
-                print(f"fly_jsbsim: {warning}", file=sys.stderr)
             found |= {"seconds": plan.seconds, "manoeuvre": plan.manoeuvre, "seed": link.seed}
         if path:
             found["command"] = shlex.join(["python", "tools/fly_jsbsim.py", *argv])
@@ -135,7 +123,7 @@ def deliver(frames: Iterator[Record], own: dict[str, Any]) -> None:
     """Fly, write and send as asked; print the number of frames."""
     if own["out"]:
         frames = record(frames, own["out"])
-    count = send(frames, own["udp"], own["speedup"]).sent if own["udp"] else sum(1 for _ in frames)
+    count = send(frames, own["udp"], own["speedup"]) if own["udp"] else sum(1 for _ in frames)
     print(f"fly_jsbsim: {count} frames", file=sys.stderr)
 
 

@@ -4,16 +4,15 @@
     python tools/mutate.py --only jury    # those whose description contains a word
     python tools/mutate.py --draw 300 --seed 7   # drawn at random: a table of killed shares
 
-tests/test_mutations.py, marked ``long``, does the same. Each defect names one test that must fail:
+tests/test_mutations.py, marked ``long``, does the first. Each defect names one test that must fail:
 if that ends in any other way, it has not caught the defect. For a defect in the kernel, or in the
 code that compiles it, the kernel runs as plain Python, which gives the same bits and need not be
-compiled for each defect. For all other defects it is compiled once, as fits in plain Python take
-minutes.
+compiled for each defect. For all others it is compiled once, as fits in plain Python take minutes.
 
-What --draw makes stays in a folder of the temporary folder: the map of tests (10 to 20 minutes of
-one processor), one row a mutant as it ends (draw_SEED.jsonl) and the survivors
-(survivors_SEED.txt). The table is printed. The same command goes on where it was stopped. See
-tools/mutants.
+What --draw makes stays in a folder of the temporary folder: which file of tests reaches which lines
+(half an hour of one processor), one row a mutant as it ends (draw_SEED.jsonl) and the survivors
+(survivors_SEED.txt). The same command goes on where it was stopped. See
+tools/checks/mutants.py.
 """
 
 from __future__ import annotations
@@ -21,18 +20,22 @@ from __future__ import annotations
 import argparse
 import os
 import shutil
+import signal
 import subprocess
 import sys
 import tempfile
-import time
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
+from checks.children import child
+
 ROOT = Path(__file__).resolve().parents[1]
 COPIED = ("src", "tests", "tools", "replay_logs")
-PLAIN = ("estimation/kernel/", "estimation/machine/")
+KERNEL = "estimation/kernel/"
+PLAIN = (KERNEL, "estimation/machine/")
 TIMEOUT_S = 300
 """Time limit in s of one test."""
 # The first counterexample suffices: reducing it would take minutes.
@@ -40,7 +43,9 @@ CONFTEST = """
 from hypothesis import Phase, settings
 
 phases = (Phase.explicit, Phase.generate)
-settings.register_profile("mutation", phases=phases, derandomize=True, database=None)
+settings.register_profile(
+    "mutation", phases=phases, derandomize=True, database=None, deadline=None
+)
 settings.load_profile("mutation")
 """
 
@@ -65,10 +70,11 @@ DEFECTS: tuple[Defect, ...] = tuple(
 
 
 class Copy:
-    """A copy of the tree, in which one defect at a time is seeded."""
+    """A copy of the tree, in which one file of the sources at a time is another."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
+        self.package = folder / "src" / "yawid"
         ignored = shutil.ignore_patterns("__pycache__", "*.egg-info", "actual.*")
         for name in COPIED:
             shutil.copytree(ROOT / name, folder / name, ignore=ignored)
@@ -85,41 +91,53 @@ class Copy:
                 break
         return code, output
 
-    def run(self, *tests: str, plain: bool) -> tuple[int, str]:
+    def run(
+        self,
+        *tests: str,
+        plain: bool = False,
+        under: Sequence[str] = ("-m", "pytest"),
+        limit_s: float | None = None,
+        **own: str,
+    ) -> tuple[int, str]:
         """Run tests in the copy; return pytest's exit code (1: some failed) and what it printed.
 
-        With ``plain``, the kernel runs as plain Python.
+        With ``plain``, the kernel runs as plain Python. ``own`` are variables of the environment.
+        The code is -1 if they take longer than ``limit_s``, by default TIMEOUT_S each.
         """
-        command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", *tests]
-        environment = os.environ | {
-            "PYTHONPATH": str(self.folder / "src"),
-            "MPLBACKEND": "Agg",
-            "NUMBA_DISABLE_JIT": str(int(plain)),
-        }
-        done = subprocess.run(
-            command,
-            cwd=self.folder,
-            env=environment,
-            capture_output=True,
-            text=True,
-            check=False,
-            timeout=TIMEOUT_S * len(tests),
-        )
-        return done.returncode, done.stdout + done.stderr
+        paths = os.pathsep.join([str(self.folder / "src"), str(self.folder / "tools")])
+        own |= {"PYTHONPATH": paths, "MPLBACKEND": "Agg", "NUMBA_DISABLE_JIT": str(int(plain))}
+        limit_s = limit_s or TIMEOUT_S * len(tests)
+        with child(
+            [sys.executable, *under, "-x", "-q", "-p", "no:cacheprovider", *tests], limit_s,
+            cwd=self.folder, env=os.environ | own, start_new_session=True,
+            stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+        ) as process:  # fmt: skip
+            try:
+                output, _ = process.communicate(timeout=limit_s)
+            except subprocess.TimeoutExpired:
+                return -1, ""
+            finally:
+                with suppress(ProcessLookupError):
+                    os.killpg(process.pid, signal.SIGKILL)  # and what its tests did not end
+            return process.returncode, output
 
-    def catches(self, defect: Defect) -> bool:
-        """Return whether the defect's test fails with the defect seeded."""
-        path = self.folder / "src" / "yawid" / defect.file
+    @contextmanager
+    def seeded(self, file: str, text: str) -> Iterator[None]:
+        """Put another text in the place of a source file's, for a while."""
+        path = self.package / file
         kept = path.with_suffix(".kept")
         shutil.copy2(path, kept)
         try:
-            text = path.read_text(encoding="utf-8")
-            path.write_text(text.replace(defect.old, defect.new), encoding="utf-8")
-            return self.run(defect.test, plain=defect.file.startswith(PLAIN))[0] == 1
-        except subprocess.TimeoutExpired:
-            return False
+            path.write_text(text, encoding="utf-8")
+            yield
         finally:
             shutil.move(kept, path)  # keeps the old time, by which Python recognises its caches
+
+    def catches(self, defect: Defect) -> bool:
+        """Return whether the defect's test fails with the defect seeded."""
+        text = (self.package / defect.file).read_text(encoding="utf-8")
+        with self.seeded(defect.file, text.replace(defect.old, defect.new)):
+            return self.run(defect.test, plain=defect.file.startswith(PLAIN))[0] == 1
 
 
 def misplaced(defects: Sequence[Defect]) -> list[str]:
@@ -137,32 +155,32 @@ def seed(defects: Sequence[Defect], copy: Copy) -> int:
     print("| defect | file | caught by |\n|---|---|---|")
     missed = 0
     for defect in defects:
-        began = time.monotonic()
         caught = copy.catches(defect)
         missed += not caught
-        print(f"| {defect.what} | {defect.file} | {defect.test if caught else '**missed**'} |")
-        print(f"{defect.what}: {time.monotonic() - began:.0f} s", file=sys.stderr, flush=True)
+        row = f"| {defect.what} | {defect.file} | {defect.test if caught else '**missed**'} |"
+        print(row, flush=True)
     print(f"\n{len(defects) - missed} of {len(defects)} caught", flush=True)
     return missed
 
 
-def draw(count: int, seed: int) -> int:
+def draw(count: int, seed: int, tests: Sequence[str]) -> int:
     """Hunt ``count`` mutants of the commit, print the table, and return 0."""
-    from mutants import hunt  # the libraries of tests are not needed for a single defect
+    from checks import mutants  # the library coverage is not needed for a single defect
 
     asked = ["git", "log", "-1", "--format=%h %cs", "--", "src", "tests"]
     said = subprocess.run(asked, cwd=ROOT, capture_output=True, text=True, check=True).stdout
     commit, date = said.split()
     folder = Path(tempfile.gettempdir()) / f"yawid-mutants-{commit}"
     shutil.rmtree(folder / "tree", ignore_errors=True)  # a run that was killed leaves its mutant
-    Copy(folder / "tree")
+    copy = Copy(folder / "tree")
     print(f"mutate: {folder}", file=sys.stderr, flush=True)
-    hunt.record(folder)
-    rows = hunt.hunt(ROOT, folder, seed=seed, count=count)
-    survivors = folder / f"survivors_{seed}.txt"
-    survivors.write_text(hunt.survivors(rows), encoding="utf-8")
-    print(hunt.table(rows, f"`--draw {count} --seed {seed}`, {commit} of {date}"))
-    print(f"mutate: {survivors}", file=sys.stderr)
+    found = sorted(path.relative_to(ROOT).as_posix() for path in ROOT.glob("tests/**/test_*.py"))
+    reach = mutants.Reach(copy, folder, tests or [*found, "src"])
+    rows = mutants.hunt(copy, folder, reach, seed=seed, count=count)
+    left = [f"{row['where']} {row['kind']}: {row['old']} -> {row['new']}, {len(row['tests'])} files"
+            for row in rows if not row["killer"]]  # fmt: skip
+    (folder / f"survivors_{seed}.txt").write_text("\n".join(sorted(left)), encoding="utf-8")
+    print(mutants.table(rows, f"`--draw {count} --seed {seed}`, {commit} of {date}"))
     return 0
 
 
@@ -172,9 +190,12 @@ def main(argv: Sequence[str]) -> int:
     parser.add_argument("--only", metavar="WORD", default="", help="defects whose text has it")
     parser.add_argument("--draw", metavar="N", type=int, help="N mutants drawn at random")
     parser.add_argument("--seed", metavar="S", type=int, default=0, help="which ones (--draw)")
+    parser.add_argument(
+        "--tests", nargs="+", metavar="FILE", default=(), help="only these (--draw)"
+    )
     options = parser.parse_args(argv)
     if options.draw:
-        return draw(options.draw, options.seed)
+        return draw(options.draw, options.seed, options.tests)
     defects = [defect for defect in DEFECTS if options.only.lower() in defect.what.lower()]
     if wrong := misplaced(defects):
         print("mutate: " + "\nmutate: ".join(wrong), file=sys.stderr)

@@ -12,7 +12,7 @@ from pathlib import Path
 from types import ModuleType
 
 import pytest
-from bench import run as bench
+from bench import frame as bench
 from checks import readme_tables
 from places import ROOT
 

@@ -17,7 +17,7 @@ PLACE, LONG_PLACE = 7, 2
 def test_two_gains_are_predicted_from_a_flight_without_a_damper(tmp_path: Path) -> None:
     plan, flown, _ = damper.plan_of(PLACE)
     log = tmp_path / "flight.tlog"
-    log.write_bytes(damper.flown(PLACE, 0.0, 0).log)
+    log.write_bytes(damper.flown(PLACE).log)
     model = damper.linear(plan, flown.servo_lag_s)
 
     found = yawid.replay(log).damper(gains=[0.3, 0.5])
@@ -40,22 +40,11 @@ def test_two_gains_are_predicted_from_a_flight_without_a_damper(tmp_path: Path) 
 
 
 @pytest.mark.long
-def test_the_bench_flies_each_gain_with_the_damper_closed(tmp_path: Path) -> None:
+def test_the_bench_holds_each_gain_to_the_linearisation_with_it(tmp_path: Path) -> None:
     rows = damper.place_rows(2, tmp_path, LONG_PLACE)
 
     assert len(rows) == 2
+    assert rows[0]["zeta_true"] < rows[1]["zeta_true"] - 0.04
     for row in rows:
-        assert damper.is_right(row["zeta"], row["closed"][1])
+        assert damper.is_right(row)
         assert damper.is_within(row)
-        assert max(row["z"]) <= 2.0
-        assert damper.is_right(row["decay_predicted"][1], row["decay"][1])
-        assert not damper.harmful(row)
-
-
-def test_an_advice_that_lowers_zeta_is_harmful() -> None:
-    row = {"refused": "", "advised": [0.1, 0.2, 0.1], "advised_zeta": [0.3, 0.35, 0.4, 0.35]}
-
-    assert not damper.harmful(row)
-    assert damper.harmful(row | {"advised_zeta": [0.3, 0.35, 0.29, 0.35]})
-    assert damper.harmful(row | {"advised_zeta": [0.2, 0.2, 0.14, 0.2]})
-    assert not damper.harmful({"refused": "gain_uncertain"})

@@ -44,30 +44,6 @@ def row_of(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
     return row
 
 
-def cells(lines: Any, name: str) -> list[str]:
-    [found] = [each for each in lines if each.startswith(f"| {name} |")]
-    return found.strip("| ").split(" | ")[1:]
-
-
-def test_the_figures_are_of_the_usable_answers_of_each_condition(row_of: Any) -> None:
-    rows = [
-        row_of(2.03, 0.02, 0.21, 0.01), row_of(1.98, 0.02, 0.20, 0.01, severity=0),
-        row_of(3.0, 0.02, 0.4, 0.01, verdict=REFUSED),
-    ]  # fmt: skip
-
-    lines = list(bench.flight_lines(rows))
-
-    assert cells(lines, "all") == [
-        "3", "67", "1.25", "1.27", "0.0071", "1.5 0.010", "1.27 0.71", "100 100", "0",
-    ]  # fmt: skip
-    assert cells(lines, "severity 0")[:3] == ["1", "100", "1.00"]
-    assert cells(lines, "severity 1")[:3] == ["2", "50", "1.50"]
-    names = [each.split(" | ")[0].strip("| ") for each in lines[3:]]
-    assert names == [
-        "JSBSim", "severity 0", "severity 1", "25 Hz", "mixed", "px4", "frozen field", "T37",
-    ]  # fmt: skip
-
-
 def test_a_hostile_answer_is_wrong_beyond_three_sigma_or_where_nothing_flies(row_of: Any) -> None:
     def is_wrong(*answer: float, **how: Any) -> bool:
         return bench.is_wrong(row_of(*answer, family="x", **how))
@@ -77,20 +53,6 @@ def test_a_hostile_answer_is_wrong_beyond_three_sigma_or_where_nothing_flies(row
     assert is_wrong(2.0, 0.02, 0.165, 0.01)
     assert is_wrong(2.0, 0.02, 0.2, 0.01, bare=None)
     assert not is_wrong(2.07, 0.02, 0.2, 0.01, verdict=REFUSED)
-
-
-def test_the_hostile_logs_are_counted_by_family_with_their_reasons(row_of: Any) -> None:
-    rows = [
-        row_of(2.0, 0.02, 0.2, 0.01, family="a"), row_of(3.0, 0.02, 0.2, 0.01, family="a"),
-        row_of(3.0, 0.02, 0.2, 0.01, family="a", verdict=REFUSED),
-        row_of(3.0, 0.2, 0.6, 0.1, bare={"wn_rad_s": 3.1, "zeta": 0.5}),
-    ]  # fmt: skip
-
-    lines = list(bench.hostile_lines(rows))
-
-    assert cells(lines, "a") == ["3", "1", "1", "1", "too_short 1"]
-    assert cells(lines, "zeta above 0.45")[:4] == ["1", "0", "1", "0"]
-    assert lines[-1] == "wrong: a, hostile 1: wn 3, zeta 0.200"
 
 
 def test_a_log_that_cannot_be_read_is_refused(

@@ -5,8 +5,7 @@ from __future__ import annotations
 import re
 from importlib.metadata import version
 
-import pytest
-from checks.check_install import DATA, newest_allowed, oldest_allowed, tagged
+from checks.check_install import DATA, newest_allowed, oldest_allowed
 from places import ROOT, SRC
 
 from yawid.version import __version__
@@ -28,17 +27,9 @@ def test_what_the_package_holds_besides_modules_is_known_and_packed():
     assert {path.relative_to(SRC.parent).as_posix() for path in others} == DATA
 
 
-def test_version_py_alone_has_the_version_and_the_changes_and_a_tag_agree_with_it():
+def test_version_py_alone_has_the_version_and_the_changes_begin_with_it():
     changes = (SRC / "manual" / "changes.md").read_text(encoding="utf-8")
-    assert tagged(__version__, ["mine"], changes) == f"{__version__}, a commit without a tag"
+    assert f" {__version__} " in changes.partition("\n")[0]
     project = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
     assert 'version = { attr = "yawid.version.__version__" }' in project
     assert __version__ not in project
-    assert tagged("2.0", ["v2.0", "mine"], "# Changes in 2.0 of May\n") == "v2.0"
-    for said, tags, title in (
-        ("2.0", ["v2.1"], "# Changes in 2.0 of May"),
-        ("2.0", ["v2.0"], "# Changes in 2.0 (unreleased)"),
-        ("2.1", [], "# Changes in 2.0 (unreleased)"),
-    ):
-        with pytest.raises(AssertionError, match="says"):
-            tagged(said, tags, title)

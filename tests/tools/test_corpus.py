@@ -1,6 +1,5 @@
 """The corpora: true, repeatable, and a quiet log's rudder has nothing of its own."""
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +8,6 @@ import pytest
 from bench import verdict
 from flights import quiet
 from flights import truth as jsbsim_truth
-from flights.drawn import ARMED
 from flights.flight import Hands
 from flights.fly import flight_of, fly
 from flights.moved import SEED, Draw
@@ -84,14 +82,6 @@ def test_a_copied_rudder_moves_and_has_nothing_of_its_own(
     assert own < 0.2
 
 
-def test_an_excited_rudder_has_much_of_its_own() -> None:
-    plan = replace(SHORT, seconds=25.0)
-    log = flown_log(Hands(rudder=excitation(plan)), 1, plan, 50.0)
-
-    for damped in (False, True):
-        assert rudder_and_its_own_part(log, damped=damped)[1] > 0.3
-
-
 def rudder_and_its_own_part(log: bytes, *, damped: bool) -> tuple[float, float]:
     """The rudder's stroke in us, and the share of its deviation that its cause leaves.
 
@@ -125,32 +115,6 @@ def test_a_passengers_controls_move_and_its_outputs_do_not(flown: dict[str, Any]
     assert all(np.ptp(found, axis=0).max() == 0.0 for found in outputs if len(found))
 
 
-def test_what_stands_does_not_turn_however_the_rudder_moves() -> None:
-    for group in ("parked", "disarmed"):
-        log = made_of(group).log
-        rudder = columns(log, "SERVO_OUTPUT_RAW", "servo4_raw")
-        armed = columns(log, "HEARTBEAT", "base_mode")[:, 0].astype(int) & ARMED
-
-        assert np.ptp(rudder) > 0.3 * 400
-        assert columns(log, "VFR_HUD", "groundspeed").max() < 0.5
-        assert abs(columns(log, "ATTITUDE", "yawspeed")).max() < 0.06
-        assert armed.all() == (group == "parked")
-        assert armed.any() == (group == "parked")
-
-
-def test_a_line_has_the_share_of_the_power_asked_for() -> None:
-    calm = flown_log(Hands(), 2, hz=50.0)
-
-    shaken = quiet.with_line(calm, 2.4, 0.5, np.random.default_rng(3))
-
-    before, after = (columns(log, "ATTITUDE", "yawspeed")[:, 0] for log in (calm, shaken))
-    line = after - before
-    assert line.var() / (line.var() + before.var()) == pytest.approx(0.5, abs=0.05)
-    spectrum = np.abs(np.fft.rfft(line * np.hanning(len(line))))
-    peak_hz = np.argmax(spectrum) / (len(line) / 50.0)
-    assert peak_hz == pytest.approx(2.4, abs=0.15)
-
-
 def test_made_logs_are_judged_into_rows_beside_their_truth(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, flown: dict[str, Any]
 ) -> None:
@@ -177,36 +141,11 @@ def judged_row(kind: str, off_pct: float | None = None, **own: Any) -> dict[str,
     } | own  # fmt: skip
 
 
-def test_the_counts_say_both_errors_and_what_refused() -> None:
-    refused = {"usable": False, "fatal": "poor_fit poorly_known"}
-    rows = [
-        judged_row("unexcited"),
-        judged_row("unexcited", usable=False),
-        judged_row("excited", 1.0, group="calm"),
-        judged_row("excited", -50.0, group="calm"),
-        judged_row("excited", group="severity 1", **refused),
-        judged_row("excited", 7.0, group="severity 1", warnings="rate_low"),
-        judged_row("misled", 1.0, group="late"),
-        judged_row("misled", group="backwards", usable=False, fatal="mode_not_driven"),
-    ]
-
-    _, _, quiet, flown, misled, _, *others = verdict.table(rows)
-
-    assert quiet == "| unexcited | 2 | 1 | 0 | 1 | not judged 1 |"
-    assert flown == "| excited | 4 | 3 | 1 | 1 | poor_fit 1 |"
-    assert misled == "| misled | 2 | 1 | 1 | 0 | mode_not_driven 1 |"
-    assert others == [
-        "unexcited_None (g) is usable: wn 2, inf % off, warned of -",
-        "excited_-50.0 (calm) is usable: wn 2, 50.0 % off, warned of -",
-        "misled_1.0 (late) is usable: wn 2, 1.0 % off, warned of -",
-    ]
-
-
 @pytest.mark.parametrize(
     ("rows", "said"),
     [
         ([judged_row("unexcited")], "judged wrongly: 1 unexcited"),
-        ([judged_row("take_off")], "judged wrongly: 1 take_off"),
+        ([judged_row("upset")], "judged wrongly: 1 upset"),
         ([judged_row("misled", 4.5)], None),
         ([judged_row("misled", 4.5), judged_row("misled", 0.1)], "judged wrongly: 2 misled"),
         ([judged_row("excited", -11.0)], "judged wrongly: 1 excited"),

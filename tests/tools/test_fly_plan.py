@@ -7,9 +7,8 @@ from typing import Any
 import fly_jsbsim
 import numpy as np
 import pytest
-from flights import truth
-from flights.guided import LegFlight
-from flights.legs import Leg, LegPlan
+from flights.fly import LegFlight
+from flights.plan import FlightPlan, Leg
 from flights.surgery import split
 from flights.telemetry import Link
 from pymavlink.dialects.v20 import ardupilotmega as v2
@@ -102,53 +101,6 @@ def test_the_truth_is_of_the_airspeed_flown_not_of_the_trim_before(
         assert ratio == pytest.approx(speed_ratio, abs=0.003)
 
 
-def test_bare_and_closed_differ_and_the_mode_says_which_was_flown(
-    flown: tuple[Path, dict[str, Any]],
-) -> None:
-    for told_of in flown[1]["manoeuvres"]:
-        assert told_of["airframe"]["zeta"] < told_of["with_roll_loop"]["zeta"] - 0.03
-        assert told_of["dutch_roll"] == told_of[told_of["loop"]]
-        assert (told_of["loop"] == "airframe") == (told_of["mode"] == "MANUAL")
-
-
-def test_K_and_T_are_those_of_eq_23_where_nothing_rolls(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(truth, "LATERAL", ("Beta", "R"))
-    A = np.array([[-0.2, -1.0], [5.0, -0.5]])  # beta, r: no roll, so that eq. 23 is exact
-    b = np.array([0.0, -3.0])
-
-    found = truth.yaw_channel(A, b)
-
-    # r' = -.5 r + 5 beta + 3 u, beta' = -r - .2 beta: K = a_delta a_z / wn^2, T = 1 / a_z.
-    assert found["wn_rad_s"] == pytest.approx(np.sqrt(5.1))
-    assert found["K"] == pytest.approx(3.0 * 0.2 / 5.1)
-    assert found["T_s"] == pytest.approx(5.0)
-    assert found["misfit"] < 1e-9
-
-
-def test_the_airspeed_told_is_the_calibrated_one_and_the_ground_speed_the_true_one(
-    flown: tuple[Path, dict[str, Any]], messages: list[Any]
-) -> None:
-    for told_of in flown[1]["manoeuvres"]:
-        airspeed, ground = (
-            np.array(told(messages, "VFR_HUD", name, told_of))
-            for name in ("airspeed", "groundspeed")
-        )
-
-        # At 200 kt the calibrated airspeed is .3 % above the equivalent one.
-        assert np.mean(airspeed) == pytest.approx(told_of["airspeed_m_s"] * 1.003, rel=0.002)
-        # The square root of the density's ratio at 3000 ft, less some sideslip; no wind.
-        assert np.mean(ground / airspeed) == pytest.approx(1.045, abs=0.01)
-
-
-def test_nothing_moves_the_rudder_between_the_manoeuvres(
-    flown: tuple[Path, dict[str, Any]], messages: list[Any]
-) -> None:
-    for leg in flown[1]["legs"]:
-        pulses = set(told(messages, "SERVO_OUTPUT_RAW", RUDDER, leg))
-
-        assert len(pulses) == (3 if leg["kind"] == "manoeuvre" else 1), leg
-
-
 def test_from_and_to_are_the_rudder_s_first_and_last_movement(
     flown: tuple[Path, dict[str, Any]], messages: list[Any]
 ) -> None:
@@ -166,10 +118,10 @@ def test_from_and_to_are_the_rudder_s_first_and_last_movement(
 
 
 def test_a_landing_ends_on_the_wheels_and_a_go_around_climbs() -> None:
-    plan = LegPlan(
+    plan = FlightPlan(
         "c172p",
         70.0,
-        (
+        legs=(
             Leg("climb", 15.0, climb_ft_min=-500.0),
             Leg("go_around", 15.0, climb_ft_min=500.0, rudder_hold=0.15, speed_kt=75.0),
             Leg("landing", 85.0, climb_ft_min=-500.0, speed_kt=65.0),

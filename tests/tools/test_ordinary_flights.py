@@ -120,14 +120,6 @@ def test_a_flight_turns_holds_height_and_speed_and_mixes_its_rudder() -> None:
     assert rudder - rudder[0] == pytest.approx(0.5 * (aileron - aileron[0]), abs=1.6)
 
 
-def test_without_turns_the_course_stays_and_a_resting_rudder_never_moves() -> None:
-    made = fly_ordinary(replace(CALM, turns_s=None))
-
-    yaw = columns(made, "ATTITUDE", "yaw")[:, 0]
-    assert np.ptp(yaw) < math.radians(3.0)
-    assert np.ptp(columns(made, "SERVO_OUTPUT_RAW", "servo4_raw")) == 0.0
-
-
 def test_the_first_law_is_proportional_and_the_autopilots_integrate() -> None:
     plan = FlightPlan(roll_gain=0.8, roll_rate_gain=0.2, speed_kt=100.0)
     hold, px4, arduplane = (RollLaw(name, plan) for name in ("hold", "px4", "arduplane"))
@@ -188,21 +180,6 @@ def test_a_line_has_its_frequency_and_its_share_of_the_yaw_rate_in_its_axes(
         assert power[abs(w - 4.0) < math.tau * 0.05].sum() > 0.8 * power.sum()
 
 
-def test_a_damper_moves_the_rudder_on_its_own_and_the_truth_stays_bare() -> None:
-    gusty = replace(CALM, severity=2, mix=0.5)
-
-    bare, damped = (fly_ordinary(replace(gusty, damper=gain)) for gain in (0.0, 0.8))
-
-    own = []
-    for made in (bare, damped):
-        aileron, rudder = columns(made, "SERVO_OUTPUT_RAW", "servo1_raw", "servo4_raw").T
-        own.append(np.std(rudder - 0.5 * aileron))
-    assert own[0] < 0.6  # whole us
-    assert own[1] > 3.0
-    modes = [made.truth["dutch_roll_open_loop"]["zeta"] for made in (bare, damped)]
-    assert modes[1] == pytest.approx(modes[0], rel=0.01)
-
-
 def test_what_is_sent_of_a_hostile_flight_is_changed_and_the_flight_is_not() -> None:
     flight = replace(CALM, plan=replace(T37, seconds=40.0))
 
@@ -221,16 +198,3 @@ def test_what_is_sent_of_a_hostile_flight_is_changed_and_the_flight_is_not() -> 
         found, still = sent(kinds.FAMILIES[name](np.random.default_rng(1), 0, flight))
         assert still == truth
         assert found == pytest.approx(np.array(expected), abs=0.01)
-
-
-def test_there_are_ten_hostile_families_and_nothing_flies_on_the_ground(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setattr(kinds, "ON_GROUND_S", 60.0)
-    made = kinds.hostile(5000, 16)
-
-    assert len(kinds.FAMILIES) == 10
-    assert made.truth["family"] == "hover, taxi, tumble, parked"
-    assert made.truth["dutch_roll_open_loop"] is None
-    assert made.truth["seconds"] == 60.0
-    assert columns(made, "VFR_HUD", "airspeed").max() < 5.0

@@ -12,14 +12,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from bench import sealed as runs
+from bench import frame as runs
 from bench import verdict
-from bench.run import main
-from flights import sealed
+from bench.frame import main
+from flights import plan as sealed
 from flights.flight import Flight, Hands
-from flights.lateral import FRESH
 from flights.linear import LinearAircraft
-from flights.moved import AIRCRAFT, excited
+from flights.moved import AIRCRAFT, FRESH, excited
 from flights.plan import FlightPlan, Place
 from flights.truth import linear_dutch_rolls, pulse_dutch_roll
 from places import TOOLS
@@ -216,7 +215,7 @@ def test_a_linear_aircraft_does_after_a_pulse_what_its_matrices_say(project: Pat
 @pytest.mark.parametrize(
     ("bench", "few"),
     [
-        pytest.param("lateral", ["--flights", "1", "--manoeuvres", "1"], marks=pytest.mark.long),
+        pytest.param("lateral", ["--flights", "1"], marks=pytest.mark.long),
         pytest.param("truth", ["--flights", "1"], marks=pytest.mark.long),
         ("verdict", []),
         pytest.param("ordinary", ["--jsbsim", "1", "--seconds", "8"], marks=pytest.mark.long),
@@ -235,7 +234,7 @@ def test_a_sealed_run_appends_a_row_for_its_commit_and_only_one(
     [row] = noted(project)
     assert (row["commit"], row["bench"]) == (head, bench)
     assert int(row["seed"]) == int(head[:8], 16) % 1_000_000
-    assert re.match("fits 1; |count [01]; |excited 1, |flights 1; ", row["figures"])
+    assert re.match("count [01]; |excited 1, |flights 1; ", row["figures"])
     with pytest.raises(SystemExit, match="one for a commit"):
         main(line)
     (project / "limit.py").write_text("x = 1\n", encoding="utf-8")

@@ -37,15 +37,3 @@ def test_trimming_keeps_whole_records_of_the_window_and_the_messages_named(log: 
     assert boot_ms == list(range(33_000, 36_000, 20))
     assert sum(m.get_type() == "HEARTBEAT" for m in kept) == 3
     assert len(kept) == 153
-
-
-def test_mavlink_1_and_signed_records_are_kept_whole() -> None:
-    sender = ardupilotmega.MAVLink(None, 1, 1)
-    attitude = ardupilotmega.MAVLink_attitude_message(5_000, 0, 0, 0, 0, 0, 0)
-    old = attitude.pack(sender, force_mavlink1=True)
-    sender.signing.secret_key = b"k" * 32
-    sender.signing.sign_outgoing = True
-    log = bytes(8) + old + bytes(8) + attitude.pack(sender)
-
-    assert [8 + len(frame) for _, frame in split(log)] == [8 + len(old), len(log) - 44]
-    assert trim_tlog.trim(log, 4.0, 6.0) == log

@@ -13,48 +13,37 @@ from functools import partial
 import numpy as np
 from scipy.signal import lfilter
 
-from bench.peers import FORGETTING, PEERS
-from bench.table import head, line, options_of
+from bench.frame import head, line, options_of
 from yawid import ArmaxOrders, EstimatorConfig, RecursiveArmax
 from yawid.blocks import Floats
 
-SAMPLES = 4_000
-CHUNK = 50
+FORGETTING, SAMPLES, CHUNK = 0.998, 4_000, 50
+SETTINGS = {
+    "no floor": (1.0, 0),
+    "floor": (FORGETTING, 0),
+    "floor and diagnostics": (FORGETTING, 20),
+}
+"""Forgetting factor and lags of the residuals, by name."""
+PLAIN = "plain NumPy loop"
+Runs = dict[str, tuple[Callable[[], object], int]]
+"""A call, and how many updates it makes, by name."""
 
 
-def ours(u: Floats, y: Floats, order: int) -> dict[str, tuple[Callable[[], object], int]]:
-    """Return what to run of yawid by name: a call, and how many updates it makes."""
-    runs: dict[str, tuple[Callable[[], object], int]] = {}
-    u2, ul, yl = u.reshape(-1, 1), u.tolist(), y.tolist()
+def runs(u: Floats, y: Floats, order: int) -> Runs:
+    """Return what to run."""
+    found: Runs = {PLAIN: (partial(numpy_els, u, y, order, 300), 300)}
     for method in ("els", "rml"):
-        for name, forgetting, lags in (
-            ("no floor", 1.0, 0),
-            ("floor", FORGETTING, 0),
-            ("floor and diagnostics", FORGETTING, 20),
-        ):
-            armax = RecursiveArmax(_config(method, order, forgetting, lags))
+        for name, (forgetting, lags) in SETTINGS.items():
+            config = EstimatorConfig(
+                orders=ArmaxOrders(order, order, order, 1), sample_time_s=0.05, method=method,
+                bias=False, forgetting_factor=forgetting, residual_lags=lags,
+            )  # fmt: skip
+            armax = RecursiveArmax(config)
             armax.run(u, y)
-            runs[f"{method} bulk, {name}"] = partial(armax.run, u2, y, keep="last"), SAMPLES
-        armax = RecursiveArmax(_config(method, order, FORGETTING, 0))
-        armax.run(u, y)
-        runs[f"{method} chunks of {CHUNK}, floor"] = partial(_chunks, armax, u2, y), 1_000
-        runs[f"{method} update, floor"] = partial(_updates, armax, ul, yl), 500
-    return runs
-
-
-def peers(u: Floats, y: Floats, order: int) -> dict[str, tuple[Callable[[], object], int]]:
-    """Return what to run of other estimators by name: a call, and how many updates it makes."""
-    return {
-        name: (partial(call, u, y, order, samples), samples)
-        for name, (call, samples) in PEERS.items()
-    }
-
-
-def _config(method: str, order: int, forgetting: float, lags: int) -> EstimatorConfig:
-    return EstimatorConfig(
-        orders=ArmaxOrders(order, order, order, 1), sample_time_s=0.05, method=method, bias=False,
-        forgetting_factor=forgetting, residual_lags=lags,
-    )  # fmt: skip
+            found[f"{method} bulk, {name}"] = partial(armax.run, u, y, keep="last"), SAMPLES
+        found[f"{method} chunks of {CHUNK}"] = partial(_chunks, armax, u, y), 1_000
+        found[f"{method} update"] = partial(_updates, armax, u.tolist(), y.tolist()), 500
+    return found
 
 
 def _chunks(armax: RecursiveArmax, u: Floats, y: Floats) -> None:
@@ -67,26 +56,30 @@ def _updates(armax: RecursiveArmax, u: list[float], y: list[float]) -> None:
         armax.update(u[k], y[k])
 
 
-def measure(runs: dict[str, tuple[Callable[[], object], int]], rounds: int) -> dict[str, float]:
+def numpy_els(u: Floats, y: Floats, order: int, samples: int) -> None:
+    """Run ELS as one would first write it: with the a posteriori residual, P as a full matrix."""
+    n = 3 * order
+    theta, P, phi = np.zeros(n), 100.0 * np.eye(n), np.zeros(n)
+    for k in range(samples):
+        e = y[k] - phi @ theta
+        P_phi = P @ phi
+        gain = P_phi / (FORGETTING + phi @ P_phi)
+        theta = theta + gain * e
+        P = (P - np.outer(gain, P_phi)) / FORGETTING
+        newest = -y[k], u[k], y[k] - phi @ theta
+        phi = np.roll(phi, 1)
+        phi[::order] = newest
+
+
+def measure(calls: Runs, rounds: int) -> dict[str, float]:
     """Return the best ns per update of each call by name; the calls take turns."""
-    best = dict.fromkeys(runs, np.inf)
+    best = dict.fromkeys(calls, np.inf)
     for _ in range(rounds):
-        for name, (call, updates) in runs.items():
+        for name, (call, updates) in calls.items():
             start = time.perf_counter()
             call()
             best[name] = min(best[name], (time.perf_counter() - start) / updates * 1e9)
     return best
-
-
-def row(name: str, of: list[str], best: list[dict[str, float]]) -> str:
-    """Return the row of the calls ``of``: ns per update and x NumPy, for each entry of ``best``."""
-    cells = []
-    for each in best:
-        ns = [each[part] for part in of if part in each]
-        times = [each["plain NumPy loop"] / value for value in ns]
-        cells.append(" / ".join(f"{value:.0f}" for value in ns))
-        cells.append(" / ".join(f"{value:.3g}" for value in times))
-    return line(name, *cells)
 
 
 def main(arguments: list[str]) -> Iterator[str]:
@@ -95,9 +88,8 @@ def main(arguments: list[str]) -> Iterator[str]:
     u, e = np.random.default_rng(0).standard_normal((2, SAMPLES))
     a = (1.0, -1.5, 0.7)
     y = lfilter((0.0, 1.0, 0.5), a, u) + lfilter((1.0, -1.0, 0.2), a, e)
-    best = [measure(ours(u, y, order) | peers(u, y, order), rounds) for order in (2, 3)]
+    best = [measure(runs(u, y, order), rounds) for order in (2, 3)]
     yield from head("", ("ns per update, 6 parameters", "x NumPy", "9 parameters", "x NumPy"))
-    paths = [name.removeprefix("els ") for name in best[0] if name.startswith("els ")]
-    for path in paths:
-        yield row(f"els / rml {path}", [f"els {path}", f"rml {path}"], best)
-    yield row(" / ".join(PEERS), list(PEERS), best)
+    for name in best[0]:
+        cells = ((f"{of[name]:.0f}", f"{of[PLAIN] / of[name]:.3g}") for of in best)
+        yield line(name, *(cell for pair in cells for cell in pair))

@@ -8,7 +8,7 @@ The flights are those of flights/ordinary_kinds.py: ten aircraft of JSBSim's at 
 small linear ones of 3 to 12 rad/s; z is (estimate - truth) / sigma. The hostile logs have the seed
 plus 3000. A flight whose zeta is above MOST_ZETA is a hostile log, too. The answer to a hostile log
 is right if wn and zeta are both within RIGHT_SIGMA of the bare aircraft's. With --sealed the sealed
-aircraft fly (bench/sealed.py), ``--jsbsim`` flights of them. The exit code is 1 if a criterion is
+aircraft fly (bench/frame.py), ``--jsbsim`` flights of them. The exit code is 1 if a criterion is
 not met: it holds for all flights or, of z and the share in 2 sigma, for each row of LEAST_ROW
 answers.
 """
@@ -28,20 +28,11 @@ from flights.fly import Made
 from flights.moved import RATES_HZ, SEVERITIES
 from flights.ordinary import LAWS, fly_ordinary
 from flights.ordinary_kinds import SECONDS, hostile, jsbsim, small
-from flights.sealed import sealed_places
+from flights.plan import sealed_places
 
-from bench.sealed import begin
-from bench.table import FLOWN, all_rows, head, known, line, options_of, rms, within
-from bench.truth import COLUMNS as FIGURES
-from bench.truth import (
-    FAR,
-    IN_2_PCT,
-    LEAST_ROW,
-    MOST_Z,
-    cells,
-    errors,
-    estimates,
-)
+from bench.figures import COLUMNS as FIGURES
+from bench.figures import FAR, IN_2_PCT, LEAST_ROW, MOST_Z, cells, errors, estimates
+from bench.frame import FLOWN, all_rows, begin, head, known, line, options_of, rms, within
 from yawid.answers.ordinary import OrdinaryAnswer
 from yawid.answers.reasons import Verdict
 from yawid.config.run import RunConfig
@@ -105,7 +96,7 @@ def groups(rows: Rows) -> Iterator[tuple[str, Rows]]:
 
 
 def shown(rows: Rows) -> dict[str, str]:
-    """Return the cells of a row by name; the figures of errors are those of bench/truth.py."""
+    """Return the cells of a row by name; the figures of errors are those of bench/figures.py."""
     by_name = dict(zip(FIGURES, cells(rows, KIND), strict=True))
     off = [np.abs(errors(estimates(rows, KIND), name)[:, 1]) for name in ("wn", "zeta")]
     return {

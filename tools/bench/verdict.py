@@ -1,16 +1,17 @@
 """How often the verdict errs, on logs with a known answer and on logs without excitation.
 
-    python tools/bench.py verdict [--excited 120] [--unexcited 210] [--take-off 0] [--misled 0]
+    python tools/bench.py verdict [--excited 120] [--unexcited 210] [--upset 0] [--misled 0]
                                   [--sealed] [--logs DIR] [--jobs 2] [--readme]
 
 The logs are flights of JSBSim whose rudder is moved on purpose, half of them in turbulence
 (flights/moved.py), and logs in which nothing excites the Dutch roll (flights/quiet.py). There are
-also take-off rolls (flights/drawn.py) and flights with the rudder of another flight, with their own
-reversed in time, and with one that is late (flights/misled.py). The table says how many are usable,
-how many of these are right and wrong, and which fatal reason came first in how many others. Below
-it are the logs that were judged wrongly. The exit code is 1 if a quiet log or a take-off roll is
-usable, more than one misled log, or an excited one that is wrong. With ``--sealed`` the sealed
-aircraft fly (bench/sealed.py): the logs are as many as SEALED says.
+also whole flights with gusts, a go-around and a landing (the plan upset), and flights with the
+rudder of another flight, with their own reversed in time, and with one that is late
+(flights/quiet.py). The table says how many are usable, how many of these are right and wrong, and
+which fatal reason came first in how many others. Below it are the logs that were judged wrongly.
+The exit code is 1 if a quiet log or an upset is usable, more than one misled log, or an excited one
+that is wrong. With ``--sealed`` the sealed aircraft fly (bench/frame.py): the logs are as many as
+SEALED says.
 """
 
 from __future__ import annotations
@@ -22,15 +23,13 @@ from functools import partial
 from pathlib import Path
 
 from checks.judge import Row, judged, kept
-from flights.drawn import take_off
-from flights.fly import Made
-from flights.misled import misled
+from flights.fly import Made, fly
 from flights.moved import Draw, excited
-from flights.quiet import unexcited
-from flights.sealed import sealed_places
+from flights.plan import read_plan, sealed_places
+from flights.quiet import misled, unexcited
+from flights.telemetry import Link
 
-from bench.sealed import begin
-from bench.table import FLOWN, all_rows, head, line, options_of
+from bench.frame import FLOWN, all_rows, begin, head, line, options_of
 from yawid.config.run import RunConfig
 
 NOT_JUDGED = "not judged"
@@ -39,7 +38,7 @@ RIGHT_PCT, WRONG_PCT = 5.0, 10.0
 MAKERS: dict[str, Callable[[int], Made]] = {
     "excited": excited,
     "unexcited": unexcited,
-    "take_off": take_off,
+    "upset": lambda number: fly(read_plan("upset"), Link(seed=1 + number), group="upset"),
     "misled": misled,
 }
 SEALED: dict[str, tuple[Callable[[int, Draw], Made], int]] = {
@@ -47,7 +46,7 @@ SEALED: dict[str, tuple[Callable[[int, Draw], Made], int]] = {
 }  # fmt: skip
 """The logs that sealed aircraft make, and how many there are in a sealed run."""
 COLUMNS = ("logs", "usable", "right", "wrong", "reasons of refusal")
-FALSE = {"unexcited": 0, "take_off": 0, "misled": 1}
+FALSE = {"unexcited": 0, "upset": 0, "misled": 1}
 """The kinds of logs that should not be usable, and how many of a kind may be."""
 
 
@@ -104,7 +103,7 @@ def missed(rows: Sequence[Row]) -> str | None:
 
 def main(arguments: list[str]) -> Generator[str, None, str | None]:
     """Yield the table; return which kinds of logs were judged wrongly too often."""
-    logs = {"excited": 120, "unexcited": 210, "take_off": 0, "misled": 0}
+    logs = {"excited": 120, "unexcited": 210, "upset": 0, "misled": 0}
     options = options_of("verdict", __doc__, arguments, **logs, sealed=False, **FLOWN)
     run = begin("verdict") if options.sealed else None
     draw = Draw(run.seed, sealed_places()) if run else None

@@ -1,15 +1,13 @@
 """Installs yawid as users do and replays a flight with it; tools/check.py --long runs this.
 
-    python -m checks.check_install [tag built oldest newest pythons platforms]
+    python -m checks.check_install [built|oldest|newest|platforms]
 
-The steps, all of which run if none is named:
-tag: a commit with a tag vX.Y.Z has that version in version.py, and a page of changes that says so.
+The steps, all of which run if none is named, are
 built: the sdist and the wheel have the right files and no others, and the installed wheel replays a
 flight outside of the clone, without git, compiler and display.
 oldest: the cases of replay_logs/ and some tests pass with the oldest libraries that pyproject.toml
 allows.
 newest: the newest numba and llvmlite that it allows compile the estimators, whose tests pass.
-pythons: the wheel works with each newer Python on the PATH.
 platforms: every library, those of the extras as well, has a wheel for aarch64, Windows and macOS.
 They need the package registry and some minutes.
 """
@@ -48,8 +46,7 @@ TESTS = (
 COMPILED = ("numba", "llvmlite")
 """The libraries with an upper bound, whose versions must match each other."""
 OF_COMPILED = ("tests/estimation",)
-OLDEST = (3, 11)
-NEWER = ("3.12", "3.13")
+VERSIONS = ("3.11", "3.12", "3.13")
 WHEELS_ONLY = "--only-binary=:all:"
 PLATFORMS = {
     "aarch64": ("manylinux_2_28_aarch64", "manylinux_2_17_aarch64", "manylinux2014_aarch64"),
@@ -61,14 +58,12 @@ EXTRAS = "ulog,serial,fleet"
 
 
 def main() -> int:
-    """Run the steps that are named; return 1 if one of them fails."""
-    steps = {"tag": tag, "built": built, "oldest": oldest, "newest": newest}
-    steps |= {"pythons": pythons, "platforms": platforms}
+    """Run the step that is named, or all; return 1 if one of them fails."""
+    steps = {"built": built, "oldest": oldest, "newest": newest, "platforms": platforms}
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("steps", nargs="*", metavar="STEP", help=f"{', '.join(steps)} (all)")
-    names = parser.parse_args().steps or list(steps)
-    if unknown := set(names) - steps.keys():
-        parser.error(f"there is no step {', '.join(unknown)}")
+    parser.add_argument("step", choices=["all", *steps], nargs="?", default="all")
+    step = parser.parse_args().step
+    names = list(steps) if step == "all" else [step]
     with tempfile.TemporaryDirectory() as folder:
         scratch = Path(folder)
         try:
@@ -95,26 +90,6 @@ def build(scratch: Path) -> Path:
     return next(out.glob("*.whl"))
 
 
-def tag(wheel: Path, scratch: Path) -> str:
-    """Compare the wheel's version and the page of changes with the tags of this commit."""
-    version = wheel.name.split("-")[1]
-    tags = run("git", "-C", ROOT, "tag", "--points-at", "HEAD").split()
-    changes = (SRC / "yawid" / "manual" / "changes.md").read_text(encoding="utf-8")
-    return tagged(version, tags, changes)
-
-
-def tagged(version: str, tags: Sequence[str], changes: str) -> str:
-    """Check a version against a commit's tags and the first line of the page of changes."""
-    title = changes.partition("\n")[0]
-    assert f" {version} " in title, f"version.py says {version}, the page of changes {title!r}"
-    released = [each for each in tags if re.fullmatch(r"v\d.*", each)]
-    if not released:
-        return f"{version}, a commit without a tag"
-    assert released == [f"v{version}"], f"version.py says {version}, the tag {released}"
-    assert "unreleased" not in title, f"{released[0]} is a release, the page says {title!r}"
-    return released[0]
-
-
 def built(wheel: Path, scratch: Path) -> str:
     """Compare the packed files with the tree, then install the wheel and replay a flight."""
     package = {path.relative_to(SRC).as_posix() for path in (SRC / "yawid").rglob("*.py")} | DATA
@@ -134,7 +109,7 @@ def built(wheel: Path, scratch: Path) -> str:
 
 def oldest(wheel: Path, scratch: Path) -> str:
     """Install the oldest libraries allowed; run the cases of replay_logs/ and some tests."""
-    if sys.version_info[:2] != OLDEST:
+    if f"3.{sys.version_info.minor}" != VERSIONS[0]:
         return "not tried: the oldest libraries have wheels for the oldest Python only"
     constraints = scratch / "oldest.txt"
     constraints.write_text("\n".join(oldest_allowed()), encoding="utf-8")
@@ -192,41 +167,21 @@ def newest_allowed() -> list[str]:
     return found
 
 
-def pythons(wheel: Path, scratch: Path) -> str:
-    """Install the wheel with each newer Python on the PATH, and replay a flight."""
-    found = []
-    for version in NEWER:
-        interpreter = shutil.which(f"python{version}")
-        if interpreter is None or not works(interpreter):
-            found.append(f"{version}: not on the PATH, not tried")
-            continue
-        python = environment(scratch / version, interpreter)
-        install(python, wheel)
-        found.append(f"{version}: {answers(python, scratch)}")
-    return "; ".join(found)
-
-
-def works(interpreter: str) -> bool:
-    """Return whether a ``python`` on the PATH is more than a placeholder."""
-    return subprocess.run([interpreter, "-c", ""], capture_output=True, check=False).returncode == 0
-
-
 def platforms(wheel: Path, scratch: Path) -> str:
-    """Check that pip finds wheels of all libraries for each of ``PLATFORMS`` and each Python.
+    """Check that pip finds wheels of all libraries for each of ``PLATFORMS`` and VERSIONS.
 
     pip judges the markers of requirements by the Python that runs it, not by the other platform.
     """
     report, found = scratch / "report.json", []
     target = ("--target", scratch / "nowhere", "--dry-run", "--report", report, "--quiet")
-    versions = (f"3.{sys.version_info.minor}", *NEWER)
     for platform, names in PLATFORMS.items():
         given = [word for name in names for word in ("--platform", name)]
-        for version in versions:
+        for version in VERSIONS:
             options = (*given, "--python-version", version, WHEELS_ONLY, *target)
             run(sys.executable, "-m", "pip", "install", *options, f"{wheel}[{EXTRAS}]")
         wheels = json.loads(report.read_text(encoding="utf-8"))["install"]
         found.append(f"{platform}: {len(wheels)} wheels")
-    return f"{'; '.join(found)}, for each of Python {', '.join(versions)}"
+    return f"{'; '.join(found)}, for each of Python {', '.join(VERSIONS)}"
 
 
 def environment(folder: Path, interpreter: str) -> Path:

@@ -1,9 +1,13 @@
 """Compares yawid's answers with the truth of a log, as rows that all judges of flights count.
 
 A row is one estimate: a manoeuvre's answer (kind ``manoeuvre``), what the recursive methods had at
-its end (``rml``, ``els``), or the flight's (``flight``). A manoeuvre of the truth that was not
-found is a row, too (``missed``). Recursive methods have no verdict; their rows have that of the
-answer with which they are shown.
+its end (``rml``, ``els``), its bare airframe (``bare``), or the flight's (``flight``). Recursive
+methods have no verdict; their rows have that of the answer with which they are shown.
+
+The response that an answer gives stands next to that of the linearised aircraft: |G(jw)| from the
+rudder to the yaw rate at multiples of the true wn, and two numbers of eq. 23,
+K (T s + 1) wn^2 / (s^2 + 2 zeta wn s + wn^2): K, and the yaw acceleration K T wn^2 of a step. The
+truth's K and T fit its response in the band in which the answer's do.
 """
 
 from __future__ import annotations
@@ -16,12 +20,20 @@ from typing import Any
 
 import numpy as np
 from flights.fly import Made
-from flights.truth import at_airspeeds
+from flights.linear import GRAVITY
+from flights.plan import FOOT, KNOT, plan_at
+from flights.truth import LATERAL, at_airspeeds, response, with_roll_hold, yaw_channel
 from numpy.typing import NDArray
 
-from checks.judge_response import numbers_shown
 from yawid.answers.reasons import Verdict
-from yawid.answers.run_summary import DutchRoll, Manoeuvre, RunSummary
+from yawid.answers.run_summary import (
+    DutchRoll,
+    Manoeuvre,
+    MethodSummary,
+    Response,
+    RunSummary,
+    Value,
+)
 from yawid.config.run import RunConfig
 from yawid.errors import YawidError
 from yawid.pipeline import Pipeline
@@ -34,6 +46,9 @@ Floats = NDArray[np.float64]
 Known = tuple[Floats, Floats]
 """True wn in rad/s and zeta (2,), and their sigmas (2,)."""
 METHODS = ("rml", "els")
+BARE = ("aileron",)
+"""The input with which a truth is that of the bare airframe."""
+NOT_JUDGED = Verdict(usable=False, reasons=[])
 
 
 def kept(folder: Path, name: str, make: Callable[[], Made]) -> tuple[Path, Truth]:
@@ -59,16 +74,8 @@ def judged(log: Path, truth: Truth, config: RunConfig | None = None) -> list[Row
     try:
         return compared(replayed(log, config), truth, config)
     except YawidError as error:
-        verdict = Verdict(usable=False, reasons=[])
-        return [
-            {"kind": "flight"}
-            | judged_answer(None, None, verdict)
-            | {"fatal": type(error).__name__}
-        ]
-
-
-BARE = ("aileron",)
-"""The input with which a truth is that of the bare airframe."""
+        row = {"kind": "flight"} | judged_answer(None, None, NOT_JUDGED)
+        return [row | {"fatal": type(error).__name__}]
 
 
 def true_at(truth: Truth, from_s: float, to_s: float, inputs: Sequence[str]) -> Known | None:
@@ -85,88 +92,57 @@ def true_at(truth: Truth, from_s: float, to_s: float, inputs: Sequence[str]) -> 
         return line and at_airspeeds(line, flown[inside, 1])
     of: Truth | None = truth
     if "manoeuvres" in truth:
-        of = _manoeuvre_at(truth, from_s, to_s)
+        meant = (m for m in truth["manoeuvres"] if m["from_s"] < to_s and from_s < m["to_s"])
+        of = next(meant, None)
     names = ("airframe", "dutch_roll_open_loop") if bare else ("dutch_roll",)
     mode = next((of[name] for name in names if name in of), None) if of else None
-    if of is None or mode is None:
+    if mode is None:
         return None
-    value = np.array([mode["wn_rad_s"], mode["zeta"]])
-    if "wn_std" in mode:
-        return value, np.array([mode["wn_std"], mode["zeta_std"]])
-    seen = None if bare else of.get("dutch_roll_pulse")
-    pulse = value if seen is None else np.array([seen["wn_rad_s"], seen["zeta"]])
-    return value, np.abs(pulse - value)
-
-
-def _manoeuvre_at(truth: Truth, from_s: float, to_s: float) -> Truth | None:
-    """Return the first of the truth's manoeuvres that overlaps the time between two boot times."""
-    meant = (m for m in truth.get("manoeuvres", ()) if m["from_s"] < to_s and from_s < m["to_s"])
-    return next(meant, None)
+    sigma = mode.get("wn_std", 0.0), mode.get("zeta_std", 0.0)
+    return np.array([mode["wn_rad_s"], mode["zeta"]]), np.array(sigma)
 
 
 def compared(summary: RunSummary, truth: Truth, config: RunConfig | None = None) -> list[Row]:
     """Return the rows of one flight; its own row has no estimate if it is refused."""
-    config = config or RunConfig()
+    inputs = (config or RunConfig()).inputs
     rows: list[Row] = []
     known: dict[int, Known | None] = {}
-    missed = {each["n"]: each["kind"] for each in truth.get("manoeuvres", ()) if "n" in each}
     for found in summary.manoeuvres or []:
-        known[found.n] = true_at(truth, found.from_s, found.to_s, found.inputs)
-        of = (_manoeuvre_at(truth, found.from_s, found.to_s) or {}).get("n")
-        missed.pop(of, None)
-        by_stream = true_at(truth, found.from_s, found.to_s, config.inputs)
-        rows += _manoeuvre_rows(found, (known[found.n], by_stream), truth, of)
-    rows += [{"kind": "missed", "of": n, "leg": kind} for n, kind in missed.items()]
-    rows.append(_flight_row(summary, truth, known))
-    return rows
+        of_answer, of_stream, of_bare = (
+            true_at(truth, found.from_s, found.to_s, some) for some in (found.inputs, inputs, BARE)
+        )
+        known[found.n] = of_answer
+        where: Row = {
+            name: getattr(found, name) for name in ("n", "from_s", "to_s", "turn_removed")
+        }
+        where["inputs"] = "+".join(found.inputs)
+        rows += [where | row for row in _manoeuvre_rows(found, of_answer, of_stream, of_bare)]
+    return [*rows, _flight_row(summary, truth, known)]
 
 
 def _manoeuvre_rows(
-    found: Manoeuvre, known: tuple[Known | None, Known | None], truth: Truth, of: int | None
+    found: Manoeuvre, of_answer: Known | None, of_stream: Known | None, of_bare: Known | None
 ) -> Iterator[Row]:
-    """Yield a manoeuvre's rows; ``known`` is the truth of its answer, and of the stream's model."""
-    first, last = found.from_s, found.to_s
-    legs = (leg for leg in truth.get("legs", ()) if first < leg["to_s"] and leg["from_s"] < last)
-    where: Row = {
-        "n": found.n,
-        "of": of,
-        "from_s": found.from_s,
-        "to_s": found.to_s,
-        "leg": "+".join(leg["kind"] for leg in legs),
-        "mode": found.mode,
-        "inputs": "+".join(found.inputs),
-        "turn_removed": found.turn_removed,
-    }
+    """Yield a manoeuvre's rows: of the stream's methods, its answer, and its bare airframe."""
     for method in METHODS:
         estimate = found.estimates.get(method)
         roll = None if estimate is None else estimate.dutch_roll
-        yield {"kind": method} | where | judged_answer(roll, known[1], found.verdict)
-    own = {} if known[0] is None else numbers_shown(found.answer, float(known[0][0][0]))
-    yield (
-        {"kind": "manoeuvre"}
-        | where
-        | judged_answer(found.dutch_roll, known[0], found.verdict)
-        | own
-    )
+        yield {"kind": method} | judged_answer(roll, of_stream, found.verdict)
+    own = {} if of_answer is None else numbers_shown(found.answer, float(of_answer[0][0]))
+    yield {"kind": "manoeuvre"} | judged_answer(found.dutch_roll, of_answer, found.verdict) | own
     if (bare := found.lateral) is not None:
-        of_bare = true_at(truth, found.from_s, found.to_s, BARE)
-        yield {"kind": "bare"} | where | judged_answer(bare.dutch_roll, of_bare, bare.verdict)
+        yield {"kind": "bare"} | judged_answer(bare.dutch_roll, of_bare, bare.verdict)
 
 
 def _flight_row(summary: RunSummary, truth: Truth, known: Mapping[int, Known | None]) -> Row:
     flight, verdict = summary.flight, summary.deciding
     if flight is None:
         return {"kind": "flight"} | judged_answer(None, None, verdict)
-    roll = flight.dutch_roll if verdict.usable else None
     at_speed = flight.airspeed_m_s if {"lines", "manoeuvres"} & truth.keys() else None
     used = [m for m in summary.manoeuvres or [] if m.n in flight.used or not flight.used]
-    row: Row = {"kind": "flight"} | judged_answer(roll, _together(used, known, at_speed), verdict)
-    row["disagree"] = len(flight.disagree)
-    true = truth.get("kappa_rad_m", {}).get(flight.loop)
-    if true and flight.kappa_rad_m is not None:
-        row |= {"kappa": flight.kappa_rad_m.value, "kappa_sigma": flight.kappa_rad_m.std}
-        row["kappa_true"] = true["mean"]
-    return row
+    roll = flight.dutch_roll if verdict.usable else None
+    of = _together(used, known, at_speed)
+    return {"kind": "flight"} | judged_answer(roll, of, verdict)
 
 
 def _together(
@@ -179,13 +155,11 @@ def _together(
     """
     values, sigmas = [], []
     for each in used:
-        one, scale = known[each.n], np.ones(2)
-        if one is None:
+        if (one := known[each.n]) is None:
             return None
-        if at_speed and each.airspeed_m_s:
-            scale[0] = at_speed / each.airspeed_m_s
-        values.append(scale * one[0])
-        sigmas.append(scale * one[1])
+        scale = at_speed / each.airspeed_m_s if at_speed and each.airspeed_m_s else 1.0
+        values.append([scale, 1.0] * one[0])
+        sigmas.append([scale, 1.0] * one[1])
     squares = np.mean(np.square(sigmas), axis=0) + np.var(values, axis=0)
     return np.mean(values, axis=0), np.sqrt(squares)
 
@@ -213,4 +187,97 @@ def judged_answer(roll: DutchRoll | None, known: Known | None, verdict: Verdict)
             row[error] = 100.0 * (value / true - 1.0) if name == "wn" else value - true
             if sigma is not None and (total := math.hypot(sigma, true_sigma)) > 0.0:
                 row[f"{name}_z{end}"] = (value - true) / total
+    return row
+
+
+AT = (0.7, 1.0, 1.4)
+"""The multiples of the true wn at which |G| is compared."""
+BAND: Floats = np.linspace(0.6, 1.6, 21)
+"""The multiples of wn at which eq. 23 is fitted to a response."""
+SHOWN = (*(f"gain at {each:g} wn" for each in AT), "K", "yaw acceleration")
+"""The names of the numbers."""
+STEP = 1e-6
+"""The step of the derivatives of |G| by its numbers, relative to their size."""
+
+
+def gain(of: Response, w: float, name: str = "rudder") -> Value:
+    """Return |G(jw)| of an input at w in rad/s, with its sigma by the covariance of its numbers."""
+    poles = np.array(of.poles) @ (1.0, 1j)
+    paired = poles.imag != 0.0
+    pole_numbers = [x for p in poles for x in ((abs(p), -p.real / abs(p)) if p.imag else (p.real,))]
+    ours = [
+        (each == name, value)
+        for each, residues in of.residues.items()
+        for pair, is_pair in zip(residues, paired, strict=True)
+        for value in pair[: 1 + is_pair]
+    ]
+    mine, values = np.array(ours).T
+    numbers = np.concatenate([pole_numbers, values])
+    own = np.concatenate([np.zeros(len(pole_numbers), bool), mine > 0.0])
+
+    def size(x: Floats) -> float:
+        at, G = iter(x[: len(pole_numbers)]), 0j
+        each = iter(x[own])
+        for is_pair in paired:
+            if not is_pair:
+                G += next(each) / (1j * w - next(at))
+                continue
+            wn, zeta = next(at), next(at)
+            p = wn * complex(-zeta, np.sqrt(1.0 - zeta**2))
+            r = complex(next(each), next(each))
+            G += r / (1j * w - p) + r.conjugate() / (1j * w - p.conjugate())
+        return float(abs(G))
+
+    steps = STEP * np.maximum(np.abs(numbers), STEP)
+    slopes = np.array([
+        (size(numbers + move) - size(numbers - move)) / (2.0 * step)
+        for step, move in zip(steps, np.diag(steps), strict=True)
+    ])  # fmt: skip
+    return Value(size(numbers), float(np.sqrt(slopes @ np.array(of.covariance) @ slopes)))
+
+
+def numbers_shown(answer: MethodSummary | None, wn_rad_s: float) -> Row:
+    """Return the numbers of SHOWN and their sigmas; nothing of an answer without a response."""
+    if answer is None or answer.response is None:
+        return {}
+    found = [gain(answer.response, each * wn_rad_s) for each in AT]
+    found += [(answer.physics or {})["K"], answer.yaw_acceleration or Value()]
+    row: Row = {}
+    for name, of in zip(SHOWN, found, strict=True):
+        row |= {name: of.value, f"{name}_sigma": of.std}
+    return row
+
+
+def less_turn(A: Floats, rudder: Floats, per_roll: float) -> tuple[Floats, Floats]:
+    """Return a model (n, n), (n,) whose yaw rate is less the turn, ``per_roll`` in 1/s of roll."""
+    moved = np.eye(len(A))
+    moved[LATERAL.index("R"), LATERAL.index("Phi")] = -per_roll
+    return moved @ A @ np.linalg.inv(moved), moved @ rudder
+
+
+def against(row: Row, truth: dict[str, Any]) -> Row:
+    """Return a row, that of a usable answer with the errors in % of SHOWN, and their z.
+
+    The truth is the linearisation at the mean airspeed of the manoeuvre, of the yaw rate less the
+    turn where that was removed.
+    """
+    if SHOWN[0] not in row or not row["usable"]:
+        return row
+    flown = np.array(truth["flown"])
+    inside = (flown[:, 0] >= row["from_s"]) & (flown[:, 0] <= row["to_s"])
+    knots = round(float(flown[inside, 1].mean()), 1)
+    plan = plan_at((truth["aircraft"], truth["altitude_m"] / FOOT, knots))
+    bare, closed = with_roll_hold(plan)
+    model = bare if "aileron" in row["inputs"] else closed
+    if row["turn_removed"]:
+        model = less_turn(*model, GRAVITY / (knots * KNOT))
+    of = yaw_channel(*model, BAND)
+    if of is None:
+        return row
+    wn = of["wn_rad_s"]
+    true = np.abs(response(*model, row["wn_true"] * np.array(AT))).tolist()
+    true += [of["K"], of["K"] * of["T_s"] * wn**2]
+    for name, value in zip(SHOWN, true, strict=True):
+        off = row[name] - value
+        row |= {f"{name}_error_pct": 100.0 * off / value, f"{name}_z": off / row[f"{name}_sigma"]}
     return row

@@ -1,7 +1,6 @@
 """Judges ``yawid trend`` on drawn fleets: it must find a falling damping, and nothing else.
 
     python -m checks.judge_trend rates [--draws 2000] [--only nightly]
-    python -m checks.judge_trend looks [--histories 30000]
     python -m checks.judge_trend diff [--draws 4000]
 
 The numbers scatter by 8 % (zeta), 1.5 % (wn/V) and 5 % (K/V). 3/8 to 7/8 of that is the flight's
@@ -12,8 +11,6 @@ rates: in how many data sets drawn by each of PLANS a change is reported. The pl
 three flights on a day, which may share an offset, and are tested once or after every day. Where
 zeta falls, it does so by 20 % over 30 days, from a day drawn among the first 31. The plans of
 ordinary flight have its two numbers, with the scatter that ``bench.py ordinary`` has.
-looks: whether the p of one test is right, in histories without a change (``changes.looks`` was
-fitted to it).
 diff: in how many draws one more flight of a vehicle is reported as changed, compared with 3 to 30
 flights.
 """
@@ -21,7 +18,7 @@ flights.
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Final
 
@@ -29,7 +26,7 @@ import numpy as np
 
 from yawid.answers.run_summary import Value
 from yawid.trend.best_profile import LEAST_DAYS
-from yawid.trend.changes import Fitted, fit_fleets, nights
+from yawid.trend.changes import Fitted, fit_fleets
 from yawid.trend.days import DAY_US, HOUR_US, YEAR_US, Track
 from yawid.trend.diff import one_more
 from yawid.trend.history import MADE, Flights, History
@@ -172,17 +169,6 @@ def _changed(fitted: Fitted, tested: int) -> bool:
     return fitted.change is not None and fitted.change.p * tested <= FALSE_ALARMS
 
 
-def print_rates(draws: int, only: str | None) -> None:
-    """Print a row for each plan."""
-    print("| `judge_trend.py rates` | draws | fall found | anything else called changed |")
-    print("|---|---|---|---|")
-    for name, plan in PLANS.items():
-        if only in (None, name):
-            found, wrong = judge_plan(plan, draws)
-            hits = f"{100.0 * found / draws:.1f} %" if plan.falls else ""
-            print(f"| {name} | {draws} | {hits} | {100.0 * wrong / draws:.2f} % |", flush=True)
-
-
 def judge_diff(flights: int, draws: int, *, seed: int = 0) -> int:
     """Return in how many draws one more flight of a vehicle with ``flights`` is called changed."""
     rng = np.random.default_rng(seed)
@@ -213,54 +199,24 @@ def _off(each: Studied, value: Value) -> float:
     return apart / float(np.hypot(value.std or 0.0, expected.std or 0.0))
 
 
-def print_diff(draws: int) -> None:
-    """Print a row for each count of flights."""
-    print("| `judge_trend.py diff` | draws | called changed |")
-    print("|---|---|---|")
-    for flights in (3, 5, 8, 12, 30):
-        wrong = judge_diff(flights, draws)
-        print(f"| {flights} flights | {draws} | {100.0 * wrong / draws:.2f} % |", flush=True)
-
-
-def print_looks(histories: int) -> None:
-    """Print how often p of one test is below a limit without a change, over how often it should."""
-    for vehicles in (VEHICLES, 3):
-        for n in (12, 20, 40, 100, 300):
-            rng = np.random.default_rng(n)
-            found: list[float] = []
-            while len(found) < histories:
-                tracks = []
-                for _ in range(vehicles):
-                    value, sigma = draw_history(rng, 1.0, 0.08, n, draw_off(rng, n))
-                    tracks.append(Track(value, sigma))
-                changes = [fit.change for fit in fit_fleets([tracks])[0]]
-                found += [each.p_if_no_season / nights(n) for each in changes if each is not None]
-            p = np.array(found)
-            shown = ", ".join(
-                f"{np.mean(p <= each) / each:.2f} at {each:g}"
-                for each in (1e-2, 3e-3, 1e-3, 3e-4, 1e-4)
-            )
-            print(f"n = {n}, {vehicles} vehicles: as often as p says x {shown}", flush=True)
-
-
 def main() -> None:
-    """Run what the command line asks for."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
-    commands = parser.add_subparsers(dest="what", required=True)
-    rates = commands.add_parser("rates")
-    rates.add_argument("--draws", type=int, default=2000)
-    rates.add_argument("--only", choices=PLANS)
-    drawn = commands.add_parser("looks")
-    drawn.add_argument("--histories", type=int, default=30_000)
-    differ = commands.add_parser("diff")
-    differ.add_argument("--draws", type=int, default=4000)
-    arguments = parser.parse_args()
-    run: dict[str, Callable[[], None]] = {
-        "rates": lambda: print_rates(arguments.draws, arguments.only),
-        "diff": lambda: print_diff(arguments.draws),
-        "looks": lambda: print_looks(arguments.histories),
-    }
-    run[arguments.what]()
+    """Print the table that the command line asks for."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
+    parser.add_argument("what", choices=("rates", "diff"))
+    parser.add_argument("--draws", type=int, default=2000)
+    parser.add_argument("--only", choices=PLANS)
+    asked = parser.parse_args()
+    per_cent = 100.0 / asked.draws
+    print(f"| `judge_trend {asked.what} --draws {asked.draws}` | fall found % | called changed % |")
+    print("|---|---|---|")
+    for name, plan in PLANS.items() if asked.what == "rates" else ():
+        if asked.only in (None, name):
+            found, wrong = judge_plan(plan, asked.draws)
+            hits = f"{per_cent * found:.1f}" if plan.falls else ""
+            print(f"| {name} | {hits} | {per_cent * wrong:.2f} |", flush=True)
+    for flights in (3, 5, 8, 12, 30) if asked.what == "diff" else ():
+        wrong = judge_diff(flights, asked.draws)
+        print(f"| {flights} flights | | {per_cent * wrong:.2f} |", flush=True)
 
 
 if __name__ == "__main__":

@@ -15,8 +15,7 @@ from scipy.signal import lfilter
 
 from flights.flight import SENSED_MS, Floats
 from flights.fly import Made
-from flights.hands import by_hand, count, wander
-from flights.moved import SEED, drawn_link
+from flights.moved import by_hand, count, drawn_link, wander
 from flights.plan import FOOT, KNOT, STEP_S, FlightPlan
 from flights.surgery import Record, edited, join, px4_control, split
 from flights.telemetry import Link, telemetry
@@ -270,48 +269,3 @@ def taxiing(rng: np.random.Generator, lengths_s: Sequence[float] = LENGTHS_S) ->
         return {"r": r, "roll": roll, "rudder": rudder, "airspeed": air, "groundspeed": rolling}
 
     return drawn_log(rng, draw, lengths_s, speed_m_s=round(speed, 2))
-
-
-def take_off(number: int) -> Made:
-    """Return the log of take-off roll ``number``: it never leaves the ground, at up to 35 m/s.
-
-    The nose wheel turns the aircraft as a bicycle does, whose tyres and inertia make it a system of
-    second order; the pilot holds the heading, and kicks the pedals.
-    """
-    rng = np.random.default_rng([SEED, 2, number])
-    top, pull = float(rng.uniform(20.0, 35.0)), float(rng.uniform(1.0, 3.0))
-    made = drawn_log(rng, lambda s: _roll_out(rng, s, top, pull), top_m_s=round(top, 1))
-    assert made.truth is not None
-    return Made(made.log, made.truth | {"group": "take-off"})
-
-
-def _roll_out(
-    rng: np.random.Generator, seconds: float, top: float, pull: float
-) -> dict[str, Floats]:
-    n, every = count(seconds), 10
-    t = np.arange(n) * STEP_S
-    rolling = np.clip(pull * (t - 8.0), 0.0, top)
-    kicks = by_hand(rng, seconds, float(rng.uniform(0.1, 0.4)), 0.7)
-    gust = wander(rng, n, 0.3, 0.05)
-    length, wn, zeta = rng.uniform(1.0, 6.0), rng.uniform(3.0, 9.0), rng.uniform(0.3, 0.9)
-    gain, lag = rng.uniform(0.5, 2.0), round(float(rng.uniform(0.1, 0.3)) / STEP_S / every)
-    dt, r, slope, psi = every * STEP_S, 0.0, 0.0, 0.0
-    rates, rudder, seen = [], [], [0.0] * (lag + 1)
-    for k in range(0, n, every):
-        foot = float(kicks[k]) - gain * seen[-1 - lag] * (rolling[k] > 0.5)
-        foot = min(max(foot, -1.0), 1.0)
-        wanted = rolling[k] / length * math.tan(0.05 * foot) + gust[k] * rolling[k] / top
-        slope += dt * (wn * wn * (wanted - r) - 2.0 * zeta * wn * slope)
-        r += dt * slope
-        psi += dt * r
-        seen.append(psi)
-        rates.append(r)
-        rudder.append(foot)
-    at, coarse = np.arange(n) / every, np.arange(len(rates))
-    return {
-        "r": np.interp(at, coarse, rates),
-        "roll": wander(rng, n, 0.2, 0.005),
-        "rudder": np.interp(at, coarse, rudder),
-        "airspeed": np.maximum(rolling + wander(rng, n, 2.0, 0.7), 0.0),
-        "groundspeed": rolling,
-    }

@@ -19,8 +19,7 @@ from numpy.typing import NDArray
 from scipy.optimize import root
 
 from flights.linear import LinearAircraft
-from flights.plan import STEP_S, FlightError, FlightPlan
-from flights.sealed import sealed
+from flights.plan import STEP_S, FlightError, FlightPlan, sealed
 from flights.telemetry import Link
 
 Floats = NDArray[np.float64]

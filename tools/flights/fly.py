@@ -1,17 +1,43 @@
-"""Flies a plan: returns the log that its telemetry link would deliver, and its truth."""
+"""Flies a plan: returns the log that its telemetry link would deliver, and its truth.
+
+A plan with legs is flown by a simple autopilot: the throttle holds the airspeed and the nose the
+climb; the ailerons hold the bank, except in MANUAL. There is no feedback of the yaw rate. In a
+manoeuvre, the nose's attitude and the throttle do not change: a rudder sequence costs 1 to 3 % of
+the airspeed, so the truth is linearised at the airspeed flown.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Any
 
-from flights.flight import Flight, Hands
-from flights.guided import LegFlight, leg_truth
-from flights.legs import LegPlan
-from flights.plan import FOOT, KNOT, FlightPlan, excitation
+import jsbsim
+import numpy as np
+
+from flights.flight import MILSPEC, PITCH_GAIN, PITCH_RATE_GAIN, Flight, Hands
+from flights.plan import (
+    FOOT,
+    KNOT,
+    MODES,
+    STEP_S,
+    FlightPlan,
+    Floats,
+    Leg,
+    excitation,
+    rudder_moves,
+)
 from flights.surgery import join
 from flights.telemetry import Link, telemetry
-from flights.truth import after_lead_in, modes_at, truth_lines
+from flights.truth import (
+    after_lead_in,
+    flown_yaw_channels,
+    linear_dutch_rolls,
+    modes_at,
+    truth_lines,
+    yaw_channels,
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,7 +49,7 @@ class Made:
 
 
 def flight_of(
-    plan: FlightPlan | LegPlan, link: Link, hands: Hands | None = None, severity: int = 0
+    plan: FlightPlan, link: Link, hands: Hands | None = None, severity: int = 0
 ) -> Flight:
     """Return the flight of a plan before its first millisecond.
 
@@ -33,13 +59,13 @@ def flight_of(
     Raises:
         FlightError: the aircraft cannot be loaded or trimmed, or trim and moves pass the stops.
     """
-    if isinstance(plan, LegPlan):
+    if plan.legs:
         return LegFlight(plan, link)
     return Flight(plan, hands or Hands(excitation(plan), nose_held=False), link, severity)
 
 
 def fly(
-    plan: FlightPlan | LegPlan,
+    plan: FlightPlan,
     link: Link,
     hands: Hands | None = None,
     severity: int = 0,
@@ -58,9 +84,8 @@ def fly(
     """
     flight = flight_of(plan, link, hands, severity)
     log = join(telemetry(link, flight))
-    if isinstance(flight, LegFlight) and isinstance(plan, LegPlan):
+    if isinstance(flight, LegFlight):
         return Made(log, leg_truth(plan, link, flight) | facts)
-    assert isinstance(plan, FlightPlan)
     flown = after_lead_in(flight.flown)
     lines = truth_lines(plan, flown)
     speed_kt, altitude_ft = flown[:, 1:3].mean(axis=0).tolist()
@@ -75,3 +100,245 @@ def fly(
     return Made(
         log, conditions | modes_at(lines, flown[:, 1]) | {"lines": lines, "flown": at} | facts
     )
+
+
+GUIDE_MS = 20
+LEVEL = ("idle", "climb", "speed")
+"""Legs in which the mean aileron that keeps the wings level is learnt; MANUAL keeps it there."""
+LOW_WIND_FPS = 8.0
+"""Wind at 20 ft for each step of severity: below 2000 ft, the turbulence depends on it."""
+THROTTLE_GAIN, THROTTLE_RATE, CLIMB_THROTTLE = 0.02, 0.002, 4.0
+"""Throttle per kt, per kt and s, and per rad of the wanted angle of climb."""
+SPEED_STEP_KT, BANK_STEP = 1.5 * GUIDE_MS / 1000, math.radians(15.0) * GUIDE_MS / 1000
+FLARE_FT, ON_WHEELS_FT = 25.0, 5.0
+WINDOW_S = (1.0, 4.0)
+"""Time in s before the first movement and after the last one that belongs to a manoeuvre."""
+
+
+class LegFlight(Flight):
+    """A flight of legs in progress; turbulence, gusts and noise depend on the link's seed.
+
+    The gains of the elevator are given for the airspeed at the start, and vary as 1/V^2.
+
+    ``starts_ms`` are the beginnings of the legs and the end of the last one in ms.
+    """
+
+    def __init__(self, plan: FlightPlan, link: Link) -> None:
+        self.legs = plan.legs
+        self.rudder_moves = moves(plan)
+        super().__init__(plan, Hands(np.append(self.rudder_moves, 0.0)), link)
+        fdm = self._fdm
+        lengths = [round(leg.seconds / STEP_S) for leg in plan.legs]
+        self.starts_ms = np.concatenate([[0], np.cumsum(lengths)]).tolist()
+        self._number, self._speeds = -1, plan.speeds_kt()
+        self._speed, self._height = plan.speed_kt, plan.altitude_ft
+        self._throttle = fdm["fcs/throttle-cmd-norm"]
+        self._lift = self._nose = self._bank_held = self._feet = 0.0
+        self._slow_aileron = self._aileron_trim
+        self._runway: float | None = None
+        self._drawn = np.random.default_rng([link.seed, 41])
+        fdm["propulsion/fuel_freeze"] = 1.0  # the mass stays that of the truth
+        fdm["atmosphere/randomseed"] = link.seed
+        fdm["atmosphere/turb-type"] = MILSPEC
+        self._enter(0)
+
+    @property
+    def custom_mode(self) -> int:
+        """ArduPlane's present mode as a number, which HEARTBEAT reports."""
+        return MODES[self._leg.mode]
+
+    def _enter(self, number: int) -> None:
+        self._number, self._leg = number, self.legs[number]
+        self._fdm["atmosphere/turbulence/milspec/severity"] = self._leg.severity
+        low_fps = LOW_WIND_FPS * self._leg.severity
+        self._fdm["atmosphere/turbulence/milspec/windspeed_at_20ft_AGL-fps"] = low_fps
+        if self._leg.kind == "landing":
+            self._fdm["gear/gear-cmd-norm"] = 1.0
+        side, size, share = self._drawn.uniform(size=3)
+        room_s = max(self._leg.seconds - self._leg.gust_s, 0.0)
+        self._gust_ms = self.starts_ms[number] + 1000.0 * min(1.0 + share * 5.0, room_s)
+        self._gust_fps = (
+            self._leg.gust_m_s * (0.7 + 0.6 * size) / FOOT * math.copysign(1, side - 0.5)
+        )
+
+    def _step(self) -> None:
+        ms = self.ms
+        if ms > self.starts_ms[self._number + 1] and self._number + 1 < len(self.legs):
+            self._enter(self._number + 1)
+        if ms % GUIDE_MS == 0:
+            self._guide()
+        if self._leg.gust_m_s:
+            self._blow()
+        super()._step()
+
+    def _commands(self) -> tuple[float, float, float]:
+        rudder, aileron = self._rudder[self.ms] + self._feet, self._slow_aileron
+        if self._leg.mode != "MANUAL":
+            roll = self.sensed(0) - self._roll_trim - self._bank_held
+            aileron = self._aileron_trim - self._roll_hold(roll)
+            if self._leg.kind in LEVEL and abs(roll) < 0.03:
+                self._slow_aileron += STEP_S / 3.0 * (aileron - self._slow_aileron)
+        nose = self.sensed(1) - self._pitch - self._nose
+        stiffness = min((self.plan.speed_kt / max(self["velocities/vc-kts"], 1.0)) ** 2, 4.0)
+        held = stiffness * (PITCH_GAIN * nose + PITCH_RATE_GAIN * self.sensed(4))
+        return rudder, aileron, self._elevator + held
+
+    def _guide(self) -> None:
+        """Update the wanted nose attitude, throttle and bank, fifty times a second."""
+        leg = self._leg
+        bank = math.radians(leg.bank_deg) if leg.kind == "turn" and not self._ends_soon() else 0.0
+        self._bank_held += within(bank - self._bank_held, BANK_STEP)
+        fdm, dt = self._fdm, GUIDE_MS / 1000
+        if leg.kind == "manoeuvre":
+            self._nose += (self._lift - self._nose) * dt
+            return
+        if leg.kind == "landing" and fdm["position/h-agl-ft"] < FLARE_FT:
+            self._flare(dt)
+            return
+        self._speed += within(self._speeds[self._number] - self._speed, SPEED_STEP_KT)
+        climb = leg.climb_ft_min / 60.0
+        if climb and not (leg.to_ft - self._height) * climb < 0.0:
+            self._height += climb * dt
+        else:
+            climb = 0.0
+        wanted = within(climb + 0.15 * (self._height - fdm["position/h-sl-ft"]), 15.0)
+        slow = self._speed - fdm["velocities/vc-kts"]
+        self._throttle = min(max(self._throttle + THROTTLE_RATE * slow * dt, 0.0), 1.0)
+        steep = CLIMB_THROTTLE * wanted / max(fdm["velocities/vt-fps"], 50.0)
+        throttle = self._throttle + THROTTLE_GAIN * slow + steep
+        fdm["fcs/throttle-cmd-norm"] = min(max(throttle, 0.0), 1.0)
+        # If the throttle does not suffice, the nose goes down to keep the speed.
+        self._climb(wanted - 3.0 * max(slow - 4.0, 0.0), dt)
+
+    def _climb(self, wanted_fps: float, dt: float) -> None:
+        fdm = self._fdm
+        share = (wanted_fps - fdm["velocities/h-dot-fps"]) / max(fdm["velocities/vt-fps"], 50.0)
+        self._lift = within(self._lift + 0.4 * share * dt, 0.3)
+        self._nose = within(self._lift + 0.8 * share, 0.3)
+
+    def _flare(self, dt: float) -> None:
+        """Close the throttle and slow the descent; on the wheels, steer straight and brake."""
+        fdm = self._fdm
+        over_ft = fdm["position/h-agl-ft"] - ON_WHEELS_FT
+        self._throttle = max(self._throttle - 0.3 * dt, 0.0)
+        fdm["fcs/throttle-cmd-norm"] = self._throttle
+        if self._runway is None and fdm["gear/unit[1]/WOW"] + fdm["gear/unit[2]/WOW"] == 0.0:
+            self._climb(-1.5 - max(over_ft, 0.0) / 4.0, dt)
+            return
+        heading = self.sensed(2)
+        if self._runway is None:
+            self._runway = heading + math.radians(self._drawn.uniform(-6.0, 6.0))
+        self._nose += within(-self._nose, 0.03 * dt)
+        off = math.remainder(heading - self._runway, math.tau)
+        self._feet += within(within(-2.0 * off, 0.4) - self._feet, 1.0 * dt)
+        fdm["fcs/left-brake-cmd-norm"] = fdm["fcs/right-brake-cmd-norm"] = 0.3
+
+    def _ends_soon(self) -> bool:
+        """Return whether it is time to roll out of the leg's bank."""
+        return bool(self.starts_ms[self._number + 1] - self.ms < 3000)
+
+    def _blow(self) -> None:
+        """Set the side gust, a (1 - cos) across the heading."""
+        fdm, share = self._fdm, (self.ms - self._gust_ms) / (1000.0 * self._leg.gust_s)
+        size = self._gust_fps * 0.5 * (1.0 - math.cos(math.tau * min(max(share, 0.0), 1.0)))
+        heading = fdm["attitude/psi-rad"]
+        fdm["atmosphere/gust-north-fps"] = -size * math.sin(heading)
+        fdm["atmosphere/gust-east-fps"] = size * math.cos(heading)
+
+
+def within(value: float, most: float) -> float:
+    """Return a value, limited to ``most`` on both sides."""
+    return min(max(value, -most), most)
+
+
+def moves(plan: FlightPlan) -> Floats:
+    """Return the moves of the rudder in the whole flight (n,) in units.
+
+    The unit of time is 0.3 periods of the Dutch roll, scaled to the leg's airspeed. JSBSim's
+    linearisation takes seconds, so a plan without a manoeuvre is flown without it.
+
+    Raises:
+        ValueError: there is a manoeuvre, and the aircraft has no oscillatory Dutch roll.
+    """
+    first_s = 1.0
+    if any(leg.kind == "manoeuvre" for leg in plan.legs):
+        mode = linear_dutch_rolls(plan)["dutch_roll"]
+        if mode is None:
+            raise ValueError(f"{plan.aircraft} shows no oscillatory Dutch roll here")
+        first_s = 0.3 * math.tau / mode["wn_rad_s"]
+    steps = [first_s * plan.speed_kt / speed for speed in plan.speeds_kt()]
+    return np.concatenate(list(map(rudder_moves, plan.legs, steps)))
+
+
+def leg_truth(plan: FlightPlan, link: Link, flight: LegFlight) -> dict[str, Any]:
+    """Return what identification should find in a finished flight, manoeuvre by manoeuvre.
+
+    Times are in s since boot; ``from_s`` and ``to_s`` are the first and the last movement of the
+    rudder. Means are from 1 s before that to 4 s after it. The Dutch roll is linearised at these
+    means for the loop flown (``dutch_roll``), bare (``airframe``) and with the roll hold
+    (``with_roll_loop``), each with its sigmas. ``dutch_roll_at_trim`` is linearised at the airspeed
+    at the beginning. ``legs`` has all legs, to judge manoeuvres that are found elsewhere.
+    """
+    flown = np.array(flight.flown)
+    found: list[dict[str, Any]] = []
+    starts = flight.starts_ms
+    legs = [
+        {"kind": leg.kind, "mode": leg.mode, "from_s": start / 1e3, "to_s": stop / 1e3}
+        for leg, (start, stop) in zip(plan.legs, pairwise(starts), strict=True)
+    ]
+    for leg, (start, stop) in zip(plan.legs, pairwise(starts), strict=True):
+        moved = np.flatnonzero(flight.rudder_moves[start:stop])
+        if leg.kind == "manoeuvre" and len(moved):
+            ends_ms = (start + int(moved[0]), start + int(moved[-1]) + 1)
+            found.append({"n": len(found) + 1} | _manoeuvre(plan, leg, flown, ends_ms))
+    for part in (*legs, *found):
+        part["from_s"] = round(part["from_s"] + link.boot_s, 3)
+        part["to_s"] = round(part["to_s"] + link.boot_s, 3)
+    return {
+        "aircraft": plan.aircraft,
+        "jsbsim": jsbsim.__version__,
+        "seed": link.seed,
+        "roll_hold": {"aileron_per_rad": plan.roll_gain, "aileron_per_rad_s": plan.roll_rate_gain},
+        "manoeuvres": found,
+        "kappa_rad_m": {loop: _kappa(found, loop) for loop in ("airframe", "with_roll_loop")},
+        "legs": legs,
+    }
+
+
+def _manoeuvre(
+    plan: FlightPlan, leg: Leg, flown: Floats, ends_ms: tuple[int, int]
+) -> dict[str, Any]:
+    first, last = (ends_ms[0] - 1e3 * WINDOW_S[0], ends_ms[1] + 1e3 * WINDOW_S[1])
+    at_ms = flown[:, 0] / STEP_S
+    inside = flown[(at_ms >= first) & (at_ms <= last)]
+    _, knots, feet, equivalent_kt = inside.mean(axis=0).tolist()
+    trim = replace(plan, legs=(), altitude_ft=feet)
+    mean = flown_yaw_channels(trim, inside)
+    before = yaw_channels(replace(trim, speed_kt=float(inside[0, 1])))
+    loop = "airframe" if leg.mode == "MANUAL" else "with_roll_loop"
+    return {
+        "kind": leg.shape,
+        "from_s": ends_ms[0] / 1e3,
+        "to_s": ends_ms[1] / 1e3,
+        "mode": leg.mode,
+        "loop": loop,
+        "amplitude": leg.amplitude,
+        "airspeed_m_s": round(equivalent_kt * KNOT, 3),
+        "airspeed_from_to_m_s": [
+            round(float(end(inside[:, 3])) * KNOT, 3) for end in (np.min, np.max)
+        ],
+        "calibrated_kt": round(knots, 3),
+        "calibrated_kt_at_trim": round(float(inside[0, 1]), 3),
+        "altitude_m": round(feet * FOOT, 1),
+        "dutch_roll": mean[loop],
+        "dutch_roll_at_trim": before[loop],
+        **mean,
+    }
+
+
+def _kappa(found: list[dict[str, Any]], loop: str) -> dict[str, float] | None:
+    """Return the mean and standard deviation of wn/V over the manoeuvres, in rad/m."""
+    ratios = [m[loop]["wn_rad_s"] / m["airspeed_m_s"] for m in found if m[loop]]
+    if not ratios:
+        return None
+    return {"mean": float(np.mean(ratios)), "std": float(np.std(ratios))}

@@ -1,4 +1,4 @@
-"""The flights of the benches whose rudder is moved on purpose, half of them in turbulence.
+"""Flights whose rudder is moved on purpose, half of them in turbulence; how controls move.
 
 Each flight has a random generator with its own seed: the same numbers give the same bytes.
 """
@@ -7,18 +7,96 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
+from scipy.signal import lfilter
 
-from flights.flight import Hands
+from flights.flight import Flight, Floats, Hands
 from flights.fly import Made, fly
-from flights.hands import pulses
-from flights.plan import STEP_S, FlightPlan, Place, excitation
-from flights.sealed import plan_at
+from flights.plan import LEAD_IN_S, STEP_S, FlightPlan, Place, excitation, plan_at
 from flights.telemetry import Link
 from flights.truth import linear_dutch_rolls
+
+
+def count(seconds: float) -> int:
+    """Return the number of milliseconds in a log of this length, both ends included."""
+    return round(seconds / STEP_S) + 1
+
+
+def wander(rng: np.random.Generator, n: int, tau_s: float, std: float) -> Floats:
+    """Return noise (n,), a value for each millisecond, filtered by two lags of ``tau_s``.
+
+    ``std`` is the standard deviation of the process, from which that of a short piece may differ.
+    """
+    every = max(round(0.1 * tau_s / STEP_S), 1)
+    white = rng.normal(size=math.ceil(n / every) + 200)
+    pole = math.exp(-0.1)
+    slow = lfilter([1.0], [1.0, -2.0 * pole, pole * pole], white)[199:]
+    # Scale by the standard deviation of the process, not of this piece.
+    slow *= std * math.sqrt((1.0 - pole**2) ** 3 / (1.0 + pole**2))
+    at = np.arange(n) / every
+    return np.asarray(np.interp(at, np.arange(len(slow)), slow))
+
+
+def pulses(rng: np.random.Generator, seconds: float, amplitude: float, unit_s: float) -> Floats:
+    """Return moves to either side (n,), whose side is drawn every ``unit_s`` after the lead-in."""
+    n = count(seconds)
+    held = rng.choice([-amplitude, amplitude], size=math.ceil(seconds / unit_s) + 1)
+    moves = np.repeat(held, round(unit_s / STEP_S))[:n]
+    moves[: round(LEAD_IN_S / STEP_S)] = 0.0
+    return np.asarray(moves)
+
+
+def by_hand(rng: np.random.Generator, seconds: float, amplitude: float, unit_s: float) -> Floats:
+    """Return the rudder (n,) of a pilot's doublets, all different, with smooth edges and rests.
+
+    ``unit_s`` is about the length of one side; a change of side takes 0.3 s.
+    """
+    n = count(seconds)
+    rudder, at = np.zeros(n), round(LEAD_IN_S / STEP_S)
+    while at < n:
+        sign = float(rng.choice([-1.0, 1.0]))
+        for side in (sign, -sign, 0.0):
+            length = round(unit_s * rng.uniform(0.6, 1.4) * (2.0 if side == 0.0 else 1.0) / STEP_S)
+            rudder[at : at + length] = side * amplitude * rng.uniform(0.5, 1.0)
+            at += length
+    foot = np.hanning(301)
+    return np.asarray(np.convolve(rudder, foot / foot.sum())[:n])
+
+
+@dataclass(slots=True)
+class Mixed:
+    """A rudder that copies the aileron: ``share`` of it with a lag of ``lag_s``, and noise (n,)."""
+
+    share: float
+    lag_s: float = 0.0
+    noise: Floats | None = None
+    _now: float = field(default=0.0, init=False)
+
+    def __call__(self, flight: Flight) -> float:
+        """Return the rudder of this millisecond."""
+        wanted = self.share * flight.aileron
+        step = 1.0 if self.lag_s <= STEP_S else STEP_S / self.lag_s
+        self._now += step * (wanted - self._now)
+        return self._now + (0.0 if self.noise is None else float(self.noise[flight.ms]))
+
+
+@dataclass(slots=True)
+class Damper:
+    """A yaw damper: a rudder against the yaw rate, whose steady part a washout removes."""
+
+    gain: float
+    washout_s: float = 3.0
+    _slow: float = field(default=0.0, init=False)
+
+    def __call__(self, flight: Flight) -> float:
+        """Return the rudder of this millisecond."""
+        r = flight.sensed(5)
+        self._slow += STEP_S / self.washout_s * (r - self._slow)
+        return -self.gain * (r - self._slow)
+
 
 AIRCRAFT: tuple[tuple[str, float, tuple[float, ...]], ...] = (
     ("c172p", 3000.0, (80.0, 90.0, 100.0, 110.0)),
@@ -53,6 +131,15 @@ LINK_RATES_HZ = ((50, 50), (25, 25), (10, 10), (20, 20), (50, 25), (25, 10), (20
 PER_PLACE = len(SHAPES) * 2 * len(GYROS)
 COUNT = len(PLACES) * PER_PLACE
 """Number of flights in the grid."""
+AILERONS = ("moved", "feedback")
+PER_PLACE_OF_AILERON = len(AILERONS) * (len(SEVERITIES) - 1)
+FRESH = (
+    ("global5000", 15000.0, 230.0), ("global5000", 15000.0, 280.0), ("B747", 15000.0, 260.0),
+    ("B747", 15000.0, 310.0), ("787-8", 15000.0, 260.0), ("787-8", 15000.0, 310.0),
+    ("Concorde", 15000.0, 300.0), ("Concorde", 15000.0, 350.0), ("MD11", 15000.0, 270.0),
+    ("MD11", 15000.0, 320.0),
+)  # fmt: skip
+"""Places as PLACES, of aircraft on which nothing was ever chosen. Pulse and linearisation agree."""
 REST_S = 8.0
 """Time in s with the rudder at trim at the end of a flight of the grid."""
 
@@ -107,6 +194,24 @@ def excited(number: int, draw: Draw = CHOSEN) -> Made:
         hands.aileron = pulses(rng, plan.seconds, float(rng.uniform(0.03, 0.08)), 0.4)
     group = f"severity {severity}" if severity else "calm"
     return fly(plan, drawn_link(rng), hands, severity, group=group, aileron_too=stirred)
+
+
+def with_aileron(draw: Draw, number: int) -> Made:
+    """Return flight ``number`` of the bench ``lateral``; half of their ailerons are moved, too.
+
+    Aircraft, speed, severity and aileron form a full grid; amplitude, length and heading are
+    random. Sides of the aileron are drawn for .4 s each.
+    """
+    rng = np.random.default_rng([draw.seed, 3, number])
+    rest, place = divmod(number, len(draw.places))
+    aileron, severity = divmod(rest, len(SEVERITIES) - 1)
+    plan = _plan(rng, draw.places[place], "3211", (70.0, 85.0, 100.0))
+    hands = Hands(excitation(plan))
+    if AILERONS[aileron] == "moved":
+        hands.aileron = pulses(rng, plan.seconds, 0.08, 0.4)
+    link = Link(25.0, 25.0, rate_noise=0.003, seed=int(rng.integers(1, 2**31)))
+    facts = {"aileron": AILERONS[aileron], "seed": draw.seed, "number": number}
+    return fly(plan, link, hands, severity, **facts)
 
 
 def _plan(

@@ -25,8 +25,7 @@ from flights.flight import (
     jsbsim_rudder,
     trimmed,
 )
-from flights.fly import Made
-from flights.guided import within
+from flights.fly import Made, within
 from flights.linear import GRAVITY, SEVERITY
 from flights.plan import FOOT, KNOT, LEAD_IN_S, FlightPlan
 from flights.surgery import join

@@ -16,8 +16,7 @@ from flights.flight import trimmed
 from flights.fly import Made
 from flights.moved import CONDITIONS, RATES_HZ, SEVERITIES
 from flights.ordinary import LAWS, Ordinary, fly_ordinary
-from flights.plan import KNOT, FlightPlan, Place
-from flights.sealed import plan_at
+from flights.plan import KNOT, FlightPlan, Place, plan_at
 from flights.telemetry import Link
 from flights.truth import LATERAL, dutch_roll, lateral
 

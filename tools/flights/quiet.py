@@ -1,8 +1,10 @@
-"""Logs without excitation by the rudder, of fourteen kinds: none may have a usable answer.
+"""Logs of which none may have a usable answer: without excitation by the rudder, or misled.
 
 Those in the air are flown by JSBSim (turns, gusts, mixed and damped rudders, a vibration, an
 autopilot that does not control the aircraft); hovering, tumbling, parked and rolling are simple
-motions (flights/drawn.py).
+motions (flights/drawn.py). A misled log has a rudder that is not the one that moved the aircraft:
+that of another flight, its own reversed in time, or its own late. A yaw rate that decays freely has
+the right frequency whatever the rudder did, so what is judged is the verdict.
 """
 
 from __future__ import annotations
@@ -19,10 +21,19 @@ from scipy.signal import lfilter
 from flights.drawn import ARMED, LENGTHS_S, disarmed, hovering, parked, quadrotor, taxiing, tumbling
 from flights.flight import Floats, Hands
 from flights.fly import Made, fly
-from flights.hands import Damper, Mixed, by_hand, count, wander
-from flights.moved import SEED, Draw, drawn_link
-from flights.plan import Place
-from flights.sealed import plan_at
+from flights.moved import (
+    CHOSEN,
+    SEED,
+    Damper,
+    Draw,
+    Mixed,
+    by_hand,
+    count,
+    drawn_link,
+    excited,
+    wander,
+)
+from flights.plan import Place, plan_at
 from flights.surgery import Record, edited, join, message_id, payload, px4_control, split
 
 GENTLE = (
@@ -240,3 +251,71 @@ def unexcited(number: int, draw: Draw = GENTLY) -> Made:
     made = AIR[group](rng, draw.places) if group in AIR else GROUND[group](rng)
     assert made.truth is not None
     return Made(made.log, made.truth | {"group": group})
+
+
+APART = 34
+"""The number of the other flight is larger by this: another aircraft, and the same air."""
+LATE_S = 0.4
+"""The time by which a late clock is late, in s."""
+
+
+def pulses(flown: list[Record]) -> list[tuple[int, int]]:
+    """Return the stamp in us and the rudder's pulse of each SERVO_OUTPUT_RAW."""
+    servos = mavlink.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW
+    frames = (frame for _, frame in flown if message_id(frame) == servos)
+    found = (struct.unpack("<I4H", payload(frame, 12)) for frame in frames)
+    return [(time_us, rudder) for time_us, *_, rudder in found]
+
+
+def with_pulses(flown: list[Record], rudder: list[int]) -> bytes:
+    """Return the log with these pulses of the rudder, one for each SERVO_OUTPUT_RAW."""
+    left = iter(rudder)
+
+    def servos(message: Any) -> None:
+        message.servo4_raw = next(left)
+
+    return join(edited(flown, SERVO_OUTPUT_RAW=servos))
+
+
+def other(number: int, draw: Draw) -> Made:
+    """Give a flight the rudder of another one, at the times of its own messages."""
+    made, stranger = excited(number, draw), pulses(split(excited(number + APART, draw).log))
+    flown = split(made.log)
+    rudder, at = [], 0
+    for stamp, _ in pulses(flown):
+        while at + 1 < len(stranger) and stranger[at + 1][0] <= stamp:
+            at += 1
+        rudder.append(stranger[at][1])
+    return Made(with_pulses(flown, rudder), made.truth)
+
+
+def backwards(number: int, draw: Draw) -> Made:
+    """Reverse a flight's rudder in time."""
+    made = excited(number, draw)
+    flown = split(made.log)
+    return Made(with_pulses(flown, [pulse for _, pulse in reversed(pulses(flown))]), made.truth)
+
+
+def late(number: int, draw: Draw) -> Made:
+    """Give a flight's rudder a clock that is late."""
+    made = excited(number, draw)
+    flown = split(made.log)
+    own = pulses(flown)
+    behind = sum(stamp < own[0][0] + 1e6 * LATE_S for stamp, _ in own)
+    rudder = [own[0][1]] * behind + [pulse for _, pulse in own[: len(own) - behind]]
+    return Made(with_pulses(flown, rudder), made.truth)
+
+
+MISLEADING: dict[str, Callable[[int, Draw], Made]] = {
+    "other flight": other,
+    "backwards": backwards,
+    "late": late,
+}
+
+
+def misled(number: int, draw: Draw = CHOSEN) -> Made:
+    """Return log ``number`` of the corpus; the kinds come in turn, and so do the flights."""
+    kind = list(MISLEADING)[number % len(MISLEADING)]
+    made = MISLEADING[kind](number // len(MISLEADING), draw)
+    assert made.truth is not None
+    return Made(made.log, made.truth | {"group": kind})

@@ -11,12 +11,10 @@ from __future__ import annotations
 
 import argparse
 import itertools
-import json
 import socket
 import sys
 import time
 from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from flights.surgery import Record, split
@@ -24,29 +22,21 @@ from flights.surgery import Record, split
 PAUSE_S, BURST_S = 0.0005, 0.001
 
 
-@dataclass(slots=True)
-class Sent:
-    """How many frames were sent, when the first was (Unix time), and the longest delay in s."""
+def send(frames: Iterable[Record], endpoint: tuple[str, int], speedup: float = 1.0) -> int:
+    """Send each frame as a datagram at the pace of its stamps; return how many were sent.
 
-    sent: int
-    begun_s: float
-    latest_s: float = 0.0
-
-
-def send(frames: Iterable[Record], endpoint: tuple[str, int], speedup: float = 1.0) -> Sent:
-    """Send each frame as a datagram at the pace of its stamps, those of a millisecond together."""
-    done, first_us = Sent(0, time.time()), None
+    Those of a millisecond are sent together.
+    """
+    count, first_us, start_s = 0, None, time.monotonic()
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
-        start_s = time.monotonic()
         for stamp_us, frame in frames:
             first_us = stamp_us if first_us is None else first_us
             ahead_s = (stamp_us - first_us) / (1e6 * speedup) - (time.monotonic() - start_s)
             if ahead_s > 0.0:
                 time.sleep(max(ahead_s, BURST_S))
-            done.latest_s = max(done.latest_s, -ahead_s)
             sock.sendto(frame, endpoint)
-            done.sent += 1
-    return done
+            count += 1
+    return count
 
 
 def endpoint(text: str) -> tuple[str, int]:
@@ -70,7 +60,6 @@ def flood(frames: Sequence[bytes], where: tuple[str, int], rate: float, count: i
             sent = due
             if rate <= 20_000:
                 time.sleep(PAUSE_S)
-    print(json.dumps({"sent": sent, "seconds": time.monotonic() - start_s}))
 
 
 def main(argv: Sequence[str]) -> int:
@@ -88,7 +77,7 @@ def main(argv: Sequence[str]) -> int:
     if options.rate is not None:
         flood([frame for _, frame in frames], options.endpoint, options.rate, options.count)
     else:
-        print(json.dumps(asdict(send(frames, options.endpoint, options.speed))))
+        send(frames, options.endpoint, options.speed)
     return 0
 
 

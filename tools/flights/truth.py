@@ -19,8 +19,7 @@ from numpy.typing import NDArray
 
 from flights.flight import Flight, Hands, trimmed
 from flights.linear import LinearAircraft
-from flights.plan import LEAD_IN_S, STEP_S, FlightPlan, Servo
-from flights.sealed import sealed
+from flights.plan import LEAD_IN_S, STEP_S, FlightPlan, Servo, sealed
 
 Floats = NDArray[np.float64]
 Mode = dict[str, float]
@@ -61,7 +60,6 @@ def truth(plan: FlightPlan, flown: Floats) -> dict[str, Any]:
         "dutch_roll_pulse": pulse_dutch_roll(mean),
         "dutch_roll_at_trim": linear_dutch_rolls(plan)["dutch_roll"],
         "roll_hold": {"aileron_per_rad": plan.roll_gain, "aileron_per_rad_s": plan.roll_rate_gain},
-        "rudder_travel_rad": rudder_travel(plan),
     }
 
 
@@ -220,18 +218,6 @@ def lateral(fdm: Any) -> tuple[Floats, Floats, Floats]:
     return A, B[:, inputs.index("DaCmd")], B[:, inputs.index("DrCmd")]
 
 
-def rudder_travel(plan: FlightPlan) -> dict[str, float]:
-    """Return JSBSim's surface angles in rad at the rudder's stops, after holding it for 2 s."""
-    stops = {}
-    for name, command in (("nose_right", -1.0), ("nose_left", 1.0)):
-        fdm = trimmed(plan)
-        fdm["fcs/rudder-cmd-norm"] = command
-        for _ in range(round(2.0 / STEP_S)):
-            fdm.run()
-        stops[name] = round(float(fdm["fcs/rudder-pos-rad"]), 6)
-    return stops
-
-
 def dutch_roll(A: Floats, b: Floats, output: int) -> Mode | None:
     """Return the oscillatory pair with the largest energy from input ``b`` to state ``output``."""
     poles, modes = np.linalg.eig(A)
@@ -290,17 +276,3 @@ def pulse_dutch_roll(plan: FlightPlan) -> Mode | None:
     """Return the Dutch roll in the decay after a rudder pulse, without any linearisation."""
     poles, amplitudes = decay_modes(pulse_response(plan), 0.05)
     return strongest_pair(poles, amplitudes)
-
-
-def disagreement(found: dict[str, Any]) -> str | None:
-    """Return a warning if pulse and linearisation differ by over 2.5 % in wn or 0.02 in zeta.
-
-    It is None if they agree.
-    """
-    linear, pulse = found["dutch_roll"], found["dutch_roll_pulse"]
-    if not linear or not pulse:
-        return f"{found['aircraft']} shows no oscillatory Dutch roll here"
-    off_wn = abs(pulse["wn_rad_s"] / linear["wn_rad_s"] - 1.0)
-    if off_wn <= 0.025 and abs(pulse["zeta"] - linear["zeta"]) <= 0.02:
-        return None
-    return f"linearisation and pulse disagree: {found['aircraft']}'s controls have dynamics"

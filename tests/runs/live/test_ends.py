@@ -15,7 +15,7 @@ from pathlib import Path
 
 import psutil
 import pytest
-from bench.live_kill import kill_once
+from bench.live import kill_once
 from checks.children import child, free_udp_port
 from flights.surgery import split
 from interrupting import SLOW_TO_END

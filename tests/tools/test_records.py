@@ -1,4 +1,4 @@
-"""The bench of releases: its aircraft are what they say, and it misses its aim when it should."""
+"""The drawn aircraft of the releases are what they say, and a held rudder moves them exactly."""
 
 from __future__ import annotations
 
