@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import pytest
 from hand_flights import flight, manoeuvre
@@ -29,35 +30,36 @@ def known(value: float, std: float) -> Bare:
     )  # fmt: skip
 
 
-def test_the_mix_is_given_in_parts_of_the_travel_next_to_the_one_flown() -> None:
-    found = told(known(0.3, 0.05))
-
-    assert (found.parameter, found.flown, found.value, found.std) == ("KFF_RDDRMIX", 0.5, 0.3, 0.05)
-    assert "KFF_RDDRMIX 0.30 rolls" in found.text
-    assert "flown 0.5" in found.text
-    # A rudder in rad with 30 degrees of travel.
-    in_rad = told(known(0.3 * math.radians(30.0), 0.05 * math.radians(30.0)), None,
-                  math.radians(30.0), "px4")  # fmt: skip
-    assert in_rad.parameter == "FW_RLL_TO_YAW_FF"
-    assert in_rad.value == pytest.approx(0.3)
-    assert in_rad.std == pytest.approx(0.05)
-    assert "an unknown mix" in in_rad.text
+UNKNOWN = Reason("bare_unknown", "the aileron does not move", weight="warning")
+TRAVEL = math.radians(30.0)
 
 
-def test_a_mix_beyond_the_parameters_limits_is_held_in_them() -> None:
-    assert told(known(-0.1, 0.05)).text.startswith("Leave KFF_RDDRMIX at 0 (found -0.10")
-    assert "KFF_RDDRMIX 1.00 rolls" in told(known(1.6, 0.1)).text
+@pytest.mark.parametrize(
+    ("bare", "options", "value", "said"),
+    [
+        (known(0.3, 0.05), {}, 0.3, ("KFF_RDDRMIX 0.30 rolls", "flown 0.5")),
+        # A rudder in rad with 30 degrees of travel.
+        (
+            known(0.3 * TRAVEL, 0.05 * TRAVEL),
+            {"flown": None, "unit": TRAVEL, "name": "px4"}, 0.3,
+            ("FW_RLL_TO_YAW_FF", "an unknown mix"),
+        ),
+        (known(-0.1, 0.05), {}, -0.1, ("Leave KFF_RDDRMIX at 0 (found -0.10",)),
+        (known(1.6, 0.1), {}, 1.6, ("KFF_RDDRMIX 1.00 rolls",)),
+        (None, {}, None, ("--lateral auto",)),
+        (
+            Bare(used=[1], verdict=Verdict(usable=False, reasons=[UNKNOWN])), {}, None,
+            ("the aileron does not move",),
+        ),
+        (known(0.3, 0.2), {}, None, ("0.3 ± 0.2",)),
+    ],
+)  # fmt: skip
+def test_the_mix_is_given_in_parts_of_the_travel_within_the_parameters_limits_or_refused_in_words(
+    bare: Bare | None, options: dict[str, Any], value: float | None, said: tuple[str, ...]
+) -> None:
+    found = told(bare, **options)
 
-
-def test_without_the_bare_airframe_it_is_refused_in_words() -> None:
-    said = Reason("bare_unknown", "the aileron does not move", weight="warning")
-    verdict = Verdict(usable=False, reasons=[said])
-    unknown = told(Bare(used=[1], verdict=verdict))
-
-    assert told(None).value is None
-    assert "--lateral auto" in told(None).text
-    assert unknown.value is None
-    assert "the aileron does not move" in unknown.text
-    wide = told(known(0.3, 0.2))
-    assert wide.value is None
-    assert "0.3 ± 0.2" in wide.text
+    assert (found.value, found.flown) == (pytest.approx(value), options.get("flown", 0.5))
+    assert value is None or found.std == pytest.approx(bare.rudder_mix.std / options.get("unit", 1))
+    for each in said:
+        assert each in f"{found.parameter}: {found.text}"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -33,13 +32,3 @@ def simulate(plant: Plant, n: int, seed: int, noise: float = 1.0) -> tuple[Float
 
 def config(orders: ArmaxOrders | None = None, **options: Any) -> EstimatorConfig:
     return EstimatorConfig(orders=orders or ArmaxOrders(2, 2, 2, 1), sample_time_s=0.05, **options)
-
-
-def assert_same_bits(one: Any, other: Any) -> None:
-    for name in one.__slots__:
-        np.testing.assert_array_equal(getattr(one, name), getattr(other, name), err_msg=name)
-
-
-def joined(blocks: list[Any]) -> Any:
-    rows = np.concatenate([block.rows for block in blocks])
-    return replace(blocks[0], rows=rows)

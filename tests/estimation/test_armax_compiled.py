@@ -63,7 +63,10 @@ def code() -> bytes:
 
 def run(config: EstimatorConfig, *cuts: int) -> bytes:
     """Return all that becomes of the samples, taken in pieces."""
-    estimator, told = RecursiveArmax(config), b""
+    estimator, last = RecursiveArmax(config), RecursiveArmax(config)
+    with pytest.raises(ConfigError, match="infinite"):
+        last.run(U, np.append(Y[:-1], np.inf))
+    told = last.run(U, Y, keep="last").rows.tobytes() + last.to_bytes()
     for u, y in zip(np.split(U, sorted(cuts)), np.split(Y, sorted(cuts)), strict=True):
         told += estimator.run(u, y, covariance=True).rows.tobytes()
     estimate = estimator.update(float(U[-1]), 0.1)
@@ -71,10 +74,9 @@ def run(config: EstimatorConfig, *cuts: int) -> bytes:
     return told + np.float64(estimator.predict(0.1)).tobytes()
 
 
-@pytest.mark.parametrize("piece", [7, 1000])
 @pytest.mark.parametrize("config", CONFIGS)
-def test_plain_python_gives_the_same_bits(config, piece, tmp_path, monkeypatch):
-    monkeypatch.setattr("yawid.estimation.machine.runner.PIECE", piece)
+def test_plain_python_gives_the_same_bits(config, tmp_path, monkeypatch):
+    monkeypatch.setattr("yawid.estimation.machine.runner.PIECE", 100)
     compiled = run(config)
     runner = interpreting(monkeypatch, tmp_path)
     assert run(config) == compiled
@@ -97,31 +99,23 @@ def test_it_changes_over_at_any_sample_with_the_same_bits(tmp_path_factory, conf
         assert runner.is_compiled() == (looked[0] > looks)
 
 
-def test_the_last_row_alone_and_infinite_samples_are_told_alike(tmp_path, monkeypatch):
-    compiled = RecursiveArmax(CONFIGS[0])
-    expected = compiled.run(U, Y, keep="last").rows.tobytes()
-    interpreting(monkeypatch, tmp_path)
-    monkeypatch.setattr("yawid.estimation.machine.runner.PIECE", 50)
-    plain = RecursiveArmax(CONFIGS[0])
-    with pytest.raises(ConfigError, match="infinite"):
-        plain.run(U, np.append(Y[:-1], np.inf))
-    assert plain.run(U, Y, keep="last").rows.tobytes() == expected
-    assert plain.to_bytes() == compiled.to_bytes()
-
-
 def without_patience(monkeypatch: pytest.MonkeyPatch, compiled: Callable[[], bytes]) -> None:
     """Have a process that interprets compile at its next block, by this."""
     monkeypatch.setattr("yawid.estimation.machine.runner.PATIENCE_S", 0.0)
     monkeypatch.setattr("yawid.estimation.machine.compiler.compiled", compiled)
 
 
-def test_a_process_that_interprets_for_long_compiles_and_keeps_it(tmp_path, monkeypatch):
+@pytest.mark.parametrize("folder", ["cache", "a file/cache"])
+def test_a_process_that_interprets_for_long_compiles_and_keeps_it_where_it_can(
+    tmp_path, monkeypatch, folder
+):
+    (tmp_path / "a file").touch()
     expected, compiled_code = run(CONFIGS[0], 100), code()
-    runner = interpreting(monkeypatch, tmp_path)
+    runner = interpreting(monkeypatch, tmp_path / folder)
     without_patience(monkeypatch, lambda: compiled_code)
     assert run(CONFIGS[0], 100) == expected
     assert runner.is_compiled()
-    assert kept.find(RUN) == compiled_code
+    assert kept.find(RUN) == (compiled_code if folder == "cache" else None)
 
 
 def test_a_numba_that_cannot_compile_is_told_once_and_leaves_plain_python_at_work(
@@ -145,8 +139,8 @@ def test_a_numba_that_cannot_compile_is_told_once_and_leaves_plain_python_at_wor
     assert "\n" not in line
 
 
-@pytest.mark.parametrize("is_behind", [False, True])
-def test_a_process_whose_numba_is_broken_says_why_in_one_line(tmp_path, is_behind):
+def test_a_process_whose_numba_is_broken_says_why_in_one_line(tmp_path):
+    """The process behind it has failed as well, without a word."""
     broken = tmp_path / "numba"
     broken.mkdir()
     count = tmp_path / "imports"
@@ -155,14 +149,12 @@ def test_a_process_whose_numba_is_broken_says_why_in_one_line(tmp_path, is_behin
         encoding="utf-8",
     )
     program = (
-        "import time, numpy as np\n"
+        "import numpy as np\n"
         "from yawid import ArmaxOrders, EstimatorConfig, RecursiveArmax\n"
         "from yawid.estimation.machine import runner\n"
-        "runner.LOOK_S = 0.0\n"
-        f"if {is_behind}:\n"
-        "    assert runner.RUNNER.compile_behind()\n"
-        "    runner.RUNNER._child.wait(30)\n"
-        "runner.PATIENCE_S = 0.0\n"
+        "runner.LOOK_S = runner.PATIENCE_S = 0.0\n"
+        "assert runner.RUNNER.compile_behind()\n"
+        "runner.RUNNER._child.wait(30)\n"
         "config = EstimatorConfig(orders=ArmaxOrders(2, 2, 1, 1), sample_time_s=0.05)\n"
         "estimator = RecursiveArmax(config)\n"
         "for _ in range(5): estimator.run(*np.random.default_rng(0).standard_normal((2, 50)))"
@@ -175,8 +167,7 @@ def test_a_process_whose_numba_is_broken_says_why_in_one_line(tmp_path, is_behin
     )  # fmt: skip
     [line] = done.stderr.splitlines()
     assert "cannot be compiled (ImportError: Numba needs an older NumPy)" in line
-    assert "50 times slower" in line
-    assert count.read_text(encoding="utf-8") == "x" * (1 + is_behind)
+    assert count.read_text(encoding="utf-8") == "xx"
 
 
 def test_without_a_further_process_this_one_goes_on_by_itself(tmp_path, monkeypatch):
@@ -185,38 +176,6 @@ def test_without_a_further_process_this_one_goes_on_by_itself(tmp_path, monkeypa
     monkeypatch.setattr(sys, "executable", str(tmp_path / "python"))
 
     assert not runner.compile_behind()
-
-
-def test_a_folder_that_cannot_be_written_to_harms_nothing(tmp_path, monkeypatch):
-    expected, compiled_code = run(CONFIGS[0], 100), code()
-    blocked = tmp_path / "file"
-    blocked.write_text("a file where a folder is wanted", encoding="utf-8")
-    interpreting(monkeypatch, blocked)
-    without_patience(monkeypatch, lambda: compiled_code)
-    assert run(CONFIGS[0], 100) == expected
-
-
-@pytest.mark.parametrize("damage", [lambda code: code[:-1], lambda code: code[:40], lambda _: b""])
-def test_damaged_code_is_not_loaded_but_made_anew(tmp_path, monkeypatch, damage):
-    compiled_code = code()
-    interpreting(monkeypatch, tmp_path)
-    kept.keep(RUN, compiled_code)
-    [path] = tmp_path.glob("*.code")
-    path.write_bytes(damage(path.read_bytes()))
-    assert kept.find(RUN) is None
-    kept.keep(RUN, compiled_code)
-    assert kept.find(RUN) == compiled_code
-
-
-def test_other_versions_and_processors_have_files_of_their_own(tmp_path, monkeypatch):
-    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
-    kept.keep(RUN, b"of this one")
-    monkeypatch.setattr(kept, "_version", lambda: "another")
-    assert kept.find(RUN) is None
-    kept.keep(RUN, b"of the other")
-    monkeypatch.undo()
-    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
-    assert kept.find(RUN) == b"of this one"
 
 
 def replayed(folder: Path, cache: Path) -> str:

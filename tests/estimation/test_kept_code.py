@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from yawid.cli.main import main
+from yawid.estimation import kernel
 from yawid.estimation.machine import kept
 from yawid.estimation.machine.object_code import processor
 
@@ -45,14 +46,25 @@ def linked(path: Path) -> None:
     path.symlink_to(path.rename(path.with_name("elsewhere")))
 
 
+def cut_to(size: int) -> Callable[[Path], None]:
+    return lambda path: os.truncate(path, size)
+
+
 @pytest.mark.parametrize(
     "spoil",
-    [of_another, linked, lambda path: path.chmod(0o664), lambda path: path.chmod(0o646)],
-    ids=["another's", "a link", "writable for the group", "writable for others"],
-)
+    [
+        of_another, linked, lambda path: path.chmod(0o664), lambda path: path.chmod(0o646),
+        *map(cut_to, (0, 31, 32 + len(CODE) - 1)),
+    ],
+    ids=[
+        "another's", "a link", "writable for the group", "writable for others",
+        "empty", "shorter than its digest", "cut",
+    ],
+)  # fmt: skip
 def test_a_file_that_another_could_have_written_is_not_loaded_but_made_again(
     code: Path, spoil: Callable[[Path], None]
 ) -> None:
+    """Nor one that is damaged."""
     spoil(code)
 
     assert kept.find(NAME) is None
@@ -103,21 +115,14 @@ def test_nothing_is_loaded_from_a_folder_that_another_can_write_to(
     assert (kept.passed_by() or "").startswith("NUMBA_CACHE_DIR is not used: ")
 
 
-def test_a_folder_in_one_for_all_whose_files_stay_their_owners_counts(
-    code: Path, tmp_path: Path
-) -> None:
-    tmp_path.chmod(0o1777)  # as /tmp is
-
-    assert kept.find(NAME) == CODE
-    assert kept.passed_by() is None
-
-
-def test_a_link_to_a_folder_is_as_good_as_the_folder(
+def test_a_folder_in_one_for_all_whose_files_stay_their_owners_counts_and_so_does_a_link_to_it(
     code: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    tmp_path.chmod(0o1777)  # as /tmp is
     (tmp_path / "link").symlink_to(tmp_path / "named")
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "link"))
-    assert kept.find(NAME) == CODE
+
+    assert (kept.find(NAME), kept.passed_by()) == (CODE, None)
     (tmp_path / "named").chmod(0o777)
     assert kept.find(NAME) is None
 
@@ -144,17 +149,13 @@ def test_with_an_umask_for_a_group_the_packages_own_folder_is_passed_by(
 def test_a_relative_cache_home_does_not_count(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    home, working = tmp_path / "home", tmp_path / "working"
-    home.mkdir()
-    working.mkdir()
     (tmp_path / "named").mkdir()
     (tmp_path / "named").chmod(0o777)
-    monkeypatch.setenv("HOME", str(home))
-    monkeypatch.setenv("XDG_CACHE_HOME", "relative")
-    monkeypatch.chdir(working)
+    monkeypatch.setenv("HOME", str(tmp_path))
+    monkeypatch.setenv("XDG_CACHE_HOME", "named")
+    monkeypatch.chdir(tmp_path)
 
-    assert kept.keep(NAME, CODE) == home / ".cache" / "yawid"
-    assert list(working.iterdir()) == []
+    assert kept.keep(NAME, CODE) == tmp_path / ".cache" / "yawid"
 
 
 def test_the_first_replay_on_a_terminal_says_which_folder_it_passed_by(
@@ -173,17 +174,25 @@ def test_the_first_replay_on_a_terminal_says_which_folder_it_passed_by(
     assert second == f"yawid: NUMBA_CACHE_DIR is not used: {reason}"
 
 
+@pytest.mark.parametrize(
+    "other",
+    [
+        lambda patch: patch.setenv("NUMBA_CPU_NAME", f"not-{processor()[0]}"),
+        lambda patch: patch.setenv("NUMBA_CPU_FEATURES", f"{processor()[1]},-avx"),
+        lambda patch: patch.setattr(sys, "platform", "another"),
+        lambda patch: patch.setattr(kernel, "__file__", "/nowhere/kernel/__init__.py"),
+        lambda patch: patch.setattr(kept, "__file__", "/nowhere/machine/kept.py"),
+    ],
+    ids=["processor", "features", "Python", "kernel", "compiler"],
+)
 def test_each_processor_and_each_of_its_features_has_code_of_its_own(
-    code: Path, monkeypatch: pytest.MonkeyPatch
+    code: Path, monkeypatch: pytest.MonkeyPatch, other: Callable[[pytest.MonkeyPatch], None]
 ) -> None:
-    name, features = processor()
-    for variable, other in (
-        ("NUMBA_CPU_NAME", f"not-{name}"),
-        ("NUMBA_CPU_FEATURES", f"{features},-avx"),
-    ):
-        with monkeypatch.context() as context:
-            context.setenv(variable, other)
-            kept._version.cache_clear()
-            assert kept.find(NAME) is None
+    """As each Python, and each version of the kernel and of its compiler, has."""
+    with monkeypatch.context() as context:
+        other(context)
         kept._version.cache_clear()
-        assert kept.find(NAME) == CODE
+        assert kept.find(NAME) is None
+        assert kept.keep(NAME, b"of the other") == code.parent
+    kept._version.cache_clear()
+    assert kept.find(NAME) == CODE

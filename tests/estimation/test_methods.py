@@ -4,9 +4,6 @@ import re
 
 from places import SRC
 
-from yawid.config.names import RECURSIVE
-from yawid.estimation.methods import METHODS
-
 NAMED = {SRC / "config/names.py", SRC / "dataset/schema.py"}
 """Where they are named: the options, and the columns of a data set, which have their names."""
 
@@ -14,9 +11,3 @@ NAMED = {SRC / "config/names.py", SRC / "dataset/schema.py"}
 def test_no_other_file_compares_the_names_of_methods():
     for path in set(SRC.rglob("*.py")) - NAMED:
         assert not re.search(r"""["'](els|rml)["']""", path.read_text(encoding="utf-8")), path
-
-
-def test_every_row_is_named():
-    assert set(RECURSIVE) == METHODS.keys()
-    for row in METHODS.values():
-        assert METHODS[row.name] is row

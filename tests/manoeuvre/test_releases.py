@@ -32,7 +32,6 @@ def test_a_release_is_answered_at_every_rate(number: int, rolls: bool, hz: int) 
     assert leg.wn == pytest.approx(SLOW.get(number, leg.wn), abs=0.001)
     assert found.verdict.usable
     roll = found.dutch_roll
-    assert roll is not None
     assert abs(roll.wn_rad_s - leg.wn) < 0.02 * leg.wn
     assert abs(roll.wn_rad_s - leg.wn) < 2.0 * (roll.wn_std or 0.0)
     assert abs(roll.zeta - leg.zeta) < 2.0 * (roll.zeta_std or 0.0)
@@ -44,22 +43,17 @@ def late(rudder: NDArray[np.float64], rows: int) -> NDArray[np.float64]:
 
 
 @pytest.mark.parametrize("number", [4, 6])
-@pytest.mark.parametrize("how", ["of another flight", "reversed in time", "0.4 s late"])
-def test_a_rudder_that_is_not_the_one_that_was_flown_is_refused(number: int, how: str) -> None:
+def test_a_rudder_that_is_not_the_one_that_was_flown_is_refused(number: int) -> None:
     """Of 2.7 and 3.6 rad/s: the free decay alone has the right frequency"""
     columns, _ = release(SEED, number, 20, rolls=True)
     rudder = columns["rudder"]
-    other = release(SEED, number + 20, 20, rolls=True)[0]["rudder"]
-    changed = {
-        "of another flight": np.resize(other, len(rudder)),
-        "reversed in time": rudder[::-1],
-        "0.4 s late": late(rudder, 8),
-    }[how]
+    others = [release(SEED, number + 20, 20, rolls=True)[0]["rudder"], rudder[::-1]]
 
-    verdict = answered(columns | {"rudder": changed}).verdict
     assert answered(columns).verdict.usable
-    assert not verdict.usable
-    assert "mode_not_driven" in {reason.id for reason in verdict.fatal}
+    for other in (*(np.resize(each, len(rudder)) for each in others), late(rudder, 8)):
+        verdict = answered(columns | {"rudder": other}).verdict
+        assert not verdict.usable
+        assert "mode_not_driven" in {reason.id for reason in verdict.fatal}
 
 
 def test_a_slow_mode_whose_rudder_is_late_by_a_twentieth_of_a_period_is_right_all_the_same() -> (
@@ -70,6 +64,5 @@ def test_a_slow_mode_whose_rudder_is_late_by_a_twentieth_of_a_period_is_right_al
     found = answered(columns | {"rudder": late(columns["rudder"], 8)})
 
     roll = found.dutch_roll
-    assert roll is not None
     assert abs(roll.wn_rad_s - leg.wn) < 2.0 * (roll.wn_std or 0.0)
     assert abs(roll.zeta - leg.zeta) < 2.0 * (roll.zeta_std or 0.0)

@@ -25,19 +25,17 @@ def samples(roll: Floats = ROLL, aileron: Floats | float = np.nan) -> SampleBloc
     return stream(RUDDER, y=R + 1e-3 * NOISE[1], roll=roll, aileron=aileron)
 
 
-def test_a_fine_roll_at_the_yaw_rates_instants_is_used():
-    assert roll_fault(samples(ROLL + 1e-4 * NOISE[2])) == ""
-
-
-def test_roll_that_is_missing_is_left_out():
-    roll = ROLL.copy()
-    roll[40:] = np.nan
-    assert roll_fault(samples(roll)) == "roll is missing"
-
-
-def test_a_roll_that_stays_where_it_is_is_left_out():
-    assert roll_fault(samples(np.zeros(len(R)))) == "roll stays where it is"
-    assert roll_fault(samples(np.round(ROLL / np.ptp(ROLL)))) == "roll stays where it is"
+@pytest.mark.parametrize(
+    ("roll", "fault"),
+    [
+        (ROLL + 1e-4 * NOISE[2], ""),
+        (np.where(np.arange(len(R)) < 40, ROLL, np.nan), "roll is missing"),
+        (0.0 * ROLL, "roll stays where it is"),
+        (np.round(ROLL / np.ptp(ROLL)), "roll stays where it is"),
+    ],
+)
+def test_a_roll_that_is_missing_or_stays_where_it_is_is_left_out(roll: Floats, fault: str):
+    assert roll_fault(samples(roll)) == fault
 
 
 @pytest.mark.parametrize(
@@ -54,24 +52,22 @@ def test_even_a_coarse_or_slow_roll_shows_the_dutch_roll_better_than_none(
     off = []
     for roll in (seen(ROLL), np.zeros(len(R))):
         found = answer_of(fitted(samples(roll)).fits, has_roll_loop=True)
-        assert found is not None
         off.append(abs(found.wn_rad_s.value - TRUTH[0]))
         assert off[-1] < 2.0 * found.wn_rad_s.std
         assert abs(found.zeta.value - TRUTH[1]) < 2.0 * found.zeta.std
     assert off[0] < off[1]
 
 
-def test_an_aileron_that_holds_the_wings_level_is_no_input():
-    held = -5.0 * ROLL - 1.5 * P
+def test_an_aileron_that_a_hand_moves_is_an_input_and_one_that_holds_the_wings_level_is_none():
+    own, held = 0.2 * (np.arange(len(R)) // 23 % 3 == 0), -5.0 * ROLL - 1.5 * P
     assert np.ptp(held) > 0.1
-    assert not aileron_moves(samples(aileron=held))
-
-
-def test_an_aileron_that_a_hand_moves_is_an_input():
-    own = 0.2 * np.where(np.arange(len(R)) // 23 % 3 == 0, 1.0, 0.0)
-    assert aileron_moves(samples(aileron=own - 0.5 * ROLL))
-    assert not aileron_moves(samples(aileron=0.1 * own))
-    assert not aileron_moves(samples())
+    for aileron, moves in (
+        (own - 0.5 * ROLL, True),
+        (0.1 * own, False),
+        (held, False),
+        (np.nan, False),
+    ):
+        assert aileron_moves(samples(aileron=aileron)) == moves
 
 
 def test_a_sample_without_one_of_its_signals_is_a_gap():
@@ -92,7 +88,7 @@ def test_a_rudder_that_moved_within_its_samples_is_taken_as_held():
 
 
 def test_an_aileron_is_an_input_where_it_moves_by_itself_and_explains_the_yaw_rate():
-    aileron = 0.2 * np.where(np.arange(len(R)) // 23 % 3 == 0, 1.0, 0.0)
+    aileron = 0.2 * (np.arange(len(R)) // 23 % 3 == 0)
     yaws = yaw_channel(RUDDER, TS_S) + yaw_channel(aileron, TS_S, K=0.1) + 1e-4 * NOISE[1]
     still = yaw_channel(RUDDER, TS_S) + 1e-4 * NOISE[1]
     roll = 1e-3 * NOISE[2]

@@ -1,67 +1,115 @@
-"""Aircraft whose Dutch roll is slow: their records ring on after the rudder has come to rest."""
+"""A jet on approach, whose Dutch roll of 1.9 rad/s rings on after the rudder has come to rest."""
+
+from __future__ import annotations
 
 import math
 
 import numpy as np
 import pytest
 from manoeuvre.streams import HZ, TS_S, flown, found_in, rest, stream
+from manoeuvre.test_answered import told
 from scipy.signal import cont2discrete, lfilter
 
 from yawid.blocks import Floats, SampleBlock
-from yawid.config.run import RunConfig
-from yawid.manoeuvre.answered import answer
-from yawid.manoeuvre.judge import ManoeuvreSetting
 
 WN, ZETA = 1.9, 0.1
-"""Those of a jet on approach: a period lasts 3.3 s."""
-SETTING = ManoeuvreSetting(RunConfig(), TS_S, (20.0, 20.0), (3, 1))
+PERIOD = 2.0 * math.pi / WN * HZ
+"""In samples: it lasts 3.3 s."""
 
 
-def yawing(rudder: Floats) -> Floats:
-    """The yaw rate (n,) with a little noise."""
+def yawing(rudder: Floats, wind: float = 0.0) -> Floats:
+    """The yaw rate (n,), K .3, with a little noise and a share of wind"""
     b, a, _ = cont2discrete(([0.3 * WN**2, 0.3 * WN**2], [1, 2 * ZETA * WN, WN**2]), TS_S)
-    noise = np.random.default_rng(3).standard_normal(len(rudder))
-    return lfilter(b[0], a, rudder) + 0.002 * noise
+    y, noise = lfilter(b[0], a, rudder), np.random.default_rng(3).standard_normal((2, len(rudder)))
+    return y + 0.002 * noise[0] + wind * y.std() * lfilter([1.0], [1.0, -0.95], noise[1])
 
 
-def doublet(rest_s: float = 30.0) -> SampleBlock:
+def doublet(half_s: float, begin_s: float = 10.0, rest_s: float = 30.0) -> Floats:
+    return flown(rest(begin_s), rest(half_s, 0.2), rest(half_s, -0.2), rest(rest_s))
+
+
+def short(rest_s: float = 30.0) -> SampleBlock:
     """A doublet of 1.4 s in all, between rests."""
-    rudder = flown(rest(10), rest(0.7, 0.2), rest(0.7, -0.2), rest(rest_s))
+    rudder = doublet(0.7, rest_s=rest_s)
     return stream(rudder, y=yawing(rudder))
 
 
 def test_a_short_doublet_answers_by_its_free_decay():
     """Until 5 s of rest it had 1 + 1.4 + 5 s: 2.2 periods"""
-    (samples,) = found_in(doublet())
-    found = answer(samples, 1, SETTING)
+    (samples,) = found_in(short())
+    found = told(samples)
 
-    assert len(samples) * TS_S * WN / (2.0 * math.pi) > 3.0
+    assert len(samples) > 3.0 * PERIOD
     assert samples.k[-1] < (10 + 1.4 + 15) * HZ
     assert found.verdict.usable
     assert found.dutch_roll.wn_rad_s == pytest.approx(WN, rel=0.02)
     assert found.dutch_roll.zeta == pytest.approx(ZETA, abs=0.02)
-    cut = found_in(doublet(rest_s=5.0))[0]
-    assert len(cut) * TS_S * WN / (2.0 * math.pi) < 2.3
+    assert len(found_in(short(rest_s=5.0))[0]) < 2.3 * PERIOD
 
 
-def test_samples_on_both_sides_of_a_gap_count_together():
-    """Two periods, a gap of 1.8 s, and two more: neither side would do alone"""
-    whole = doublet()
-    first, gap = 9 * HZ, round(1.8 * HZ)
-    side = round(2 * 2 * math.pi / WN * HZ)
+@pytest.mark.parametrize(
+    ("periods", "lost", "refused"),
+    [(1.9, 0.0, True), (2.3, 0.0, True), (3.2, 0.0, False), (4.0 + 1.8 * HZ / PERIOD, 1.8, False)],
+)
+def test_a_record_of_too_few_periods_is_refused(periods: float, lost: float, refused: bool):
+    """A drift and a bias make half a wave of anything; 3 suffice, or 2.5 where wn is sure
+
+    Samples on both sides of a gap count together: neither side of two periods would do alone.
+    """
+    whole, first, gap = short(), 9 * HZ, round(9 * HZ + 2.0 * PERIOD)
     u = whole.u[:, 0].copy()
-    u[first + side : first + side + gap] = np.nan
-    samples = stream(u, y=whole.y).select(slice(first, first + 2 * side + gap))
+    u[gap : gap + round(lost * HZ)] = np.nan
+    samples = stream(u, y=whole.y).select(slice(first, first + round(periods * PERIOD)))
 
-    assert answer(samples, 1, SETTING).verdict.usable
-
-
-@pytest.mark.parametrize(("periods", "refused"), [(1.9, True), (2.3, True), (3.2, False)])
-def test_a_record_of_too_few_periods_is_refused(periods: float, refused: bool):
-    """A drift and a bias make half a wave of anything; 3 suffice, or 2.5 where wn is sure"""
-    low = 9 * HZ
-    samples = doublet().select(slice(low, low + round(periods * 2 * math.pi / WN * HZ)))
-
-    verdict = answer(samples, 1, SETTING).verdict
+    verdict = told(samples).verdict
     assert any("periods" in reason.text for reason in verdict.fatal) == refused
     assert verdict.usable != refused
+
+
+OWN = doublet(1.0, 1.2, 16.8)
+YAW = yawing(OWN, 0.02)
+
+
+def test_the_inner_part_of_its_own_rudder_has_no_wrong_answer():
+    """A doublet with the same middle, .4 s shorter on both sides, moves the nose at the same time
+
+    K is .3 and the yaw acceleration K wn^2.
+    """
+    found = told(stream(doublet(0.6, 1.6, 17.2), y=YAW))
+
+    numbers = found.answer.physics["K"], found.answer.yaw_acceleration
+    for number, true in zip(numbers, (0.3, 0.3 * WN**2), strict=True):
+        assert not found.verdict.usable or abs(number.value - true) < 2.0 * number.std
+    assert not found.verdict.usable or found.dutch_roll.wn_rad_s == pytest.approx(WN, rel=0.02)
+
+
+def test_a_yaw_rate_that_is_late_is_named():
+    """A third of a period late"""
+    late = round(0.33 * PERIOD)
+    y = np.concatenate([np.full(late, YAW[0]), YAW[:-late]])
+    reasons = {each.id: each.text for each in told(stream(OWN, y=y)).verdict.reasons}
+
+    assert "s later explains" in reasons["mode_not_driven"]
+    assert "clock" not in reasons["mode_not_driven"]
+
+
+@pytest.mark.parametrize(
+    ("stroke_deg", "options", "usable"),
+    [
+        (4.0, {"rudder_unit": "deg"}, True),
+        (1.1, {"rudder_unit": "deg"}, True),
+        (0.6, {"rudder_unit": "deg"}, False),
+        (0.6, {"rudder_max_deg": 1.0}, True),
+    ],
+)
+def test_a_stroke_has_a_floor_in_deg_unless_the_travel_is_known(
+    stroke_deg: float, options: dict[str, object], usable: bool
+):
+    """Of an unknown travel a part of the largest stroke says nothing"""
+    stroke = math.radians(stroke_deg)
+    options |= {} if "rudder_max_deg" in options else {"rudder_stroke_rad": stroke}
+    found = told(stream(stroke / float(np.ptp(OWN)) * OWN, y=YAW), **options)
+
+    assert found.verdict.usable == usable
+    texts = [each.text for each in found.verdict.reasons if each.id == "not_excited"]
+    assert usable or f"{stroke_deg:.2g} deg" in texts[0]

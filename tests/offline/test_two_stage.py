@@ -24,12 +24,9 @@ def flown(samples: int = 2000, seed: int = 0, noise: float = 1.0, c: tuple[float
 
 
 def test_it_finds_theta_within_its_sigma():
-    misses = []
-    for seed in range(20):
-        found = two_stage(*flown(seed=seed), ORDERS)
-        assert found.converged
-        misses.append((found.theta - TRUTH) / found.theta_std)
-    misses = np.array(misses)
+    found = [two_stage(*flown(seed=seed), ORDERS) for seed in range(20)]
+    misses = np.array([(each.theta - TRUTH) / each.theta_std for each in found])
+    assert all(each.converged for each in found)
     assert np.sqrt(np.mean(misses[:, :4] ** 2)) == pytest.approx(1.0, abs=0.25)
     assert np.abs(misses).max() < 5.0
 
@@ -55,13 +52,6 @@ def test_the_first_stage_is_arx_and_is_biased_where_c_is_not_1():
     assert spr_margin(c_of(found.theta, ORDERS)) > 0.0
 
 
-def test_without_c_one_least_squares_is_all():
-    u, y = flown(c=())
-    found = two_stage(u, y, ArmaxOrders(2, 2, 0, 1))
-    assert found.converged
-    np.testing.assert_array_equal(found.theta, found.arx)
-
-
 def test_a_constant_is_told_from_the_plant():
     u, y = flown()
     found = two_stage(u, y + 7.0, ORDERS, bias=True)
@@ -84,12 +74,14 @@ def test_a_gap_costs_only_the_samples_whose_lags_reach_it():
     np.testing.assert_allclose(found.theta, two_stage(*flown(), ORDERS).theta, atol=0.02)
 
 
-def test_two_inputs_keep_their_order():
+def test_without_c_one_least_squares_is_all_and_inputs_keep_their_order():
     rng = np.random.default_rng(8)
     u = rng.standard_normal((1000, 2))
     y = lfilter((0.0, *B), (1.0, *A), u[:, 0]) + lfilter((0.0, 0.0, 3.0), (1.0, *A), u[:, 1])
     found = two_stage(u, y, ArmaxOrders(2, (2, 1), 0, (1, 2)))
     np.testing.assert_allclose(found.theta, [*A, *B, 3.0], atol=1e-12)
+    np.testing.assert_array_equal(found.theta, found.arx)
+    assert found.converged
 
 
 def test_a_c_that_the_iteration_cannot_reach_is_admitted():
@@ -102,16 +94,21 @@ def test_a_c_that_the_iteration_cannot_reach_is_admitted():
     assert spr_margin(np.array([1.5, 0.75])) < 0.0
 
 
-def test_what_cannot_be_fitted_is_refused():
-    u, y = flown(200)
-    with pytest.raises(NotIdentifiable, match="excites"):
-        two_stage(np.ones(200), y, ORDERS, bias=True)
-    with pytest.raises(ConfigError, match="too few"):
-        two_stage(u[:12], y[:12], ORDERS)
-    with pytest.raises(ConfigError, match="u must have shape"):
-        two_stage(u[1:], y, ORDERS)
-    with pytest.raises(ConfigError, match="infinite"):
-        two_stage(u, np.where(y > 1.0, np.inf, y), ORDERS)
+U, Y = flown(200)
+
+
+@pytest.mark.parametrize(
+    ("u", "y", "error", "words"),
+    [
+        (np.ones(200), Y, NotIdentifiable, "excites"),
+        (U[:12], Y[:12], ConfigError, "too few"),
+        (U[1:], Y, ConfigError, "u must have shape"),
+        (U, np.where(Y > 1.0, np.inf, Y), ConfigError, "infinite"),
+    ],
+)
+def test_what_cannot_be_fitted_is_refused(u, y, error, words):
+    with pytest.raises(error, match=words):
+        two_stage(u, y, ORDERS, bias=True)
 
 
 PLANT = YawPlant.from_coefficients(REFERENCE)

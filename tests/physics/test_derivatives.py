@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -92,30 +93,6 @@ def test_a_servo_lag_is_told_apart_and_divided_out(K, T, omega, xi, tau):
     assert error[0] < 1e-5
 
 
-# Two real yaw poles at 3 and 8 rad/s, and a servo of 2 rad/s, slower than both.
-OVERDAMPED = eq23(0.8, 0.5, math.sqrt(24.0), 11.0 / (2.0 * math.sqrt(24.0)))
-SLOW_SERVO = theta_of(OVERDAMPED[0], np.polymul(OVERDAMPED[1], [0.5, 1.0]), 0.04)
-
-
-def test_the_servo_is_the_real_pole_whose_removal_costs_least():
-    values, _ = yaw_channel(SLOW_SERVO[None], THREE, 0.04)
-
-    np.testing.assert_allclose(values[0, 2], math.sqrt(2.0 * 3.0), rtol=1e-7)
-    assert values[0, SERVO] == pytest.approx(1.0 / 8.0, rel=1e-7)
-
-
-def test_two_real_poles_beside_an_alternating_one_are_the_yaw_mode():
-    K, T, ts = 0.8, 0.5, 0.1
-    theta = theta_of(*eq23(K, T, math.sqrt(24.0), 11.0 / (2.0 * math.sqrt(24.0))), ts)
-    a = np.polymul([1.0, *theta[:2]], [1.0, 0.3])
-    b = 1.3 * np.array([theta[2], theta[3], 0.0])
-
-    values, _ = yaw_channel(np.concatenate([a[1:], b])[None], THREE, ts)
-
-    np.testing.assert_allclose(values[0, 2:4], [math.sqrt(24.0), 11 / (2 * math.sqrt(24))], 1e-9)
-    assert np.isnan(values[0, SERVO])
-
-
 def test_a_real_unstable_pair_has_no_natural_frequency():
     theta = theta_of([1.0, 2.0], np.polymul([1.0, 3.0], [1.0, -0.5]), 0.1)
 
@@ -123,61 +100,84 @@ def test_a_real_unstable_pair_has_no_natural_frequency():
     assert summary_of(theta, 1e-10 * np.eye(4), TWO, 0.1) == {}
 
 
-@pytest.mark.parametrize("xi", [-0.3, 0.25])
-@pytest.mark.parametrize("T", [-0.7, 0.9])
-def test_unstable_poles_and_zeros_outside_come_back_as_they_are(T, xi):
-    theta = theta_of(*eq23(0.8, T, 2.4, xi), 0.1)
-
-    np.testing.assert_allclose(yaw_channel(theta[None], TWO, 0.1)[0][0, :4], [0.8, T, 2.4, xi])
+def orders_of(na: int, nb: int = 0, nk: int = 1) -> ArmaxOrders:
+    return ArmaxOrders(na=na, nb=nb or na, nc=0, nk=nk)
 
 
-def test_a_servo_among_four_poles_is_told_apart():
-    numerator, denominator = eq23(0.8, 0.9, 2.4, 0.25)
-    denominator = np.polymul(np.polymul(denominator, [0.1, 1.0]), [0.02, 1.0])
-    theta = theta_of(numerator, denominator, 0.05)
-    orders = ArmaxOrders(na=4, nb=4, nc=0, nk=1)
-
-    values, error = yaw_channel(theta[None], orders, 0.05)
-
-    np.testing.assert_allclose(values[0, :4], [0.8, 0.9, 2.4, 0.25], rtol=1e-5)
-    assert values[0, SERVO] == pytest.approx(0.02, rel=1e-5)
-    assert error[0] < 1e-5
+def with_factor(theta: np.ndarray, zero: float, pole: float, gain: float = 1.0) -> np.ndarray:
+    """A model of third order: the two polynomials times (z - zero) and (z - pole)."""
+    a, b = np.polymul([1.0, *theta[:2]], [1.0, -pole]), gain * np.polymul(theta[2:], [1.0, -zero])
+    return np.concatenate([a[1:], np.append(b, np.zeros(3 - len(b)))])
 
 
-def test_with_the_yaw_angle_as_output_the_numbers_are_the_same():
-    K, T, omega, xi, ts = 0.8, 0.9, 2.4, 0.25, 0.1
-    numerator, denominator = eq23(K, T, omega, xi)
-    # psi = r / s sampled; its difference quotient has A of the rate and one more b.
+def of_yaw_angle(ts: float) -> np.ndarray:
+    """psi = r / s sampled; its difference quotient has A of the rate and one more b."""
+    numerator, denominator = eq23(*USUAL)
     b, a, _ = cont2discrete((numerator, np.append(denominator, 0.0)), ts, method="zoh")
-    rate_a = np.polydiv(a, [1.0, -1.0])[0]
-    theta = np.concatenate([rate_a[1:], np.ravel(b)[1:] / ts])
-
-    values, _ = yaw_channel(theta[None], ArmaxOrders(na=2, nb=3, nc=0, nk=1), ts, mean_output=True)
-
-    np.testing.assert_allclose(values[0, :4], [K, T, omega, xi], rtol=1e-7)
+    return np.concatenate([np.polydiv(a, [1.0, -1.0])[0][1:], np.ravel(b)[1:] / ts])
 
 
-@pytest.mark.parametrize("nk", [1, 2, 4])
-def test_a_dead_time_changes_no_number(nk):
-    """The rudder comes later by whole samples: gain, lead and mode are those of the aircraft."""
-    theta = theta_of(*eq23(0.8, 0.9, 2.4, 0.25), 0.1)
+USUAL = (0.8, 0.9, 2.4, 0.25)
+REAL = (0.8, 0.5, math.sqrt(24.0), 11.0 / (2.0 * math.sqrt(24.0)))
+"""Two real yaw poles at 3 and 8 rad/s."""
+THETA = theta_of(*eq23(*USUAL), 0.1)
+NAN, SMALL = math.nan, {"rtol": 1e-7, "error": 1e-7}
+SERVOS = np.polymul(np.polymul(eq23(*USUAL)[1], [0.1, 1.0]), [0.02, 1.0])
+CHANNELS: dict[str, tuple[np.ndarray, ArmaxOrders, float, tuple[float, ...], dict[str, Any]]] = {
+    **{
+        f"unstable or with a zero outside: T {T}, xi {xi}": (
+            theta_of(*eq23(0.8, T, 2.4, xi), 0.1), TWO, 0.1, (0.8, T, 2.4, xi, NAN), SMALL,
+        )
+        for T in (-0.7, 0.9) for xi in (-0.3, 0.25)
+    },
+    "a servo of 2 rad/s, slower than both real poles: 8 rad/s is removed, which costs least": (
+        theta_of(eq23(*REAL)[0], np.polymul(eq23(*REAL)[1], [0.5, 1.0]), 0.04), THREE, 0.04,
+        (NAN, NAN, math.sqrt(2.0 * 3.0), NAN, 1.0 / 8.0), {"rtol": 1e-7, "error": 1.0},
+    ),
+    "two real poles next to an alternating one": (
+        with_factor(theta_of(*eq23(*REAL), 0.1), 0.0, -0.3, 1.3), THREE, 0.1,
+        (NAN, NAN, *REAL[2:], NAN), {"rtol": 1e-9, "error": 1.0},
+    ),
+    "a servo among four poles": (
+        theta_of(eq23(*USUAL)[0], SERVOS, 0.05), orders_of(4), 0.05, (*USUAL, 0.02),
+        {"rtol": 1e-5, "error": 1e-5},
+    ),
+    "the yaw angle as output": (
+        of_yaw_angle(0.1), orders_of(2, 3), 0.1, (*USUAL, NAN),
+        {"rtol": 1e-7, "error": 1e-7, "mean_output": True},
+    ),
+    # The rudder comes later by whole samples: gain, lead and mode are those of the aircraft.
+    **{
+        f"a dead time of {nk}": (THETA, orders_of(2, 2, nk), 0.1, (*USUAL, NAN), SMALL)
+        for nk in (1, 2, 4)
+    },
+    # As of orders too high by one without noise: A and B have a common factor.
+    **{
+        f"a pole with a zero on it at {pole}": (
+            with_factor(THETA, pole, pole), THREE, 0.1, (*USUAL, NAN), SMALL,
+        )
+        for pole in (-0.05, -0.59, -1.2, 0.0)
+    },
+    # (z + 0.2) / (z + 0.3) is 1 at DC.
+    "a pole that alternates takes nothing from the gain": (
+        with_factor(theta_of(*eq23(0.31, 0.85, 5.0, 0.3), 0.05), -0.2, -0.3, 1.3 / 1.2), THREE,
+        0.05, (0.31, 0.85, 5.0, 0.3, NAN), {"rtol": 0.05, "error": 0.05, "least": 1e-4},
+    ),
+}  # fmt: skip
+"""theta, orders, Ts, K, T, omega, xi and the servo's lag; NaN is unknown, or not compared."""
 
-    values, _ = yaw_channel(theta[None], ArmaxOrders(na=2, nb=2, nc=0, nk=nk), 0.1)
 
-    np.testing.assert_allclose(values[0, :4], [0.8, 0.9, 2.4, 0.25], rtol=1e-9)
+@pytest.mark.parametrize("name", CHANNELS)
+def test_the_yaw_channel_is_found_next_to_servos_dead_times_and_alternating_poles(name: str):
+    theta, orders, ts, expected, within = CHANNELS[name]
+    mean_output = within.get("mean_output", False)
+    values, error = yaw_channel(theta[None], orders, ts, mean_output=mean_output)
 
-
-@pytest.mark.parametrize("pole", [-0.05, -0.59, -1.2, 0.0])
-def test_an_alternating_pole_with_a_zero_on_it_is_left_out(pole):
-    """As of orders too high by one without noise: A and B have a common factor."""
-    theta = theta_of(*eq23(0.8, 0.9, 2.4, 0.25), 0.1)
-    a, b = (np.polymul(each, [1.0, -pole]) for each in ([1.0, *theta[:2]], theta[2:]))
-
-    values, error = yaw_channel(np.concatenate([a[1:], b])[None], THREE, 0.1)
-
-    np.testing.assert_allclose(values[0, :4], [0.8, 0.9, 2.4, 0.25], rtol=1e-7)
-    assert np.isnan(values[0, SERVO])
-    assert error[0] < 1e-7
+    known = np.isfinite(expected)
+    found = values[0, [0, 1, 2, 3, SERVO]]
+    np.testing.assert_allclose(found[known], np.array(expected)[known], rtol=within["rtol"])
+    assert np.isfinite(found[-1]) == known[-1]
+    assert within.get("least", 0.0) <= error[0] <= within["error"]
 
 
 def test_sigma_is_the_scatter():
@@ -226,16 +226,3 @@ def _poles_and_residues(thetas, orders):
     poles = poles_of(thetas[:, : orders.na], 0.1)
     discrete = discrete_residues(thetas, poles, orders)
     return poles.z, poles.s, discrete, residues_of(discrete, poles, 0.1)
-
-
-def test_a_pole_that_alternates_takes_nothing_from_the_gain():
-    # Next to a yaw channel with K 0.31 and T 0.85 s: (z + 0.2) / (z + 0.3), 1 at DC.
-    K, T, omega, xi = 0.31, 0.85, 5.0, 0.3
-    num, den = [K * T * omega**2, K * omega**2], [1.0, 2 * xi * omega, omega**2]
-    b, a, _ = cont2discrete((num, den), 0.05)
-    b, a = np.polymul(b.ravel()[1:], [1.3, 0.26]) / 1.2, np.polymul(a, [1.0, 0.3])[1:]
-    orders = ArmaxOrders(na=3, nb=(3,), nc=0, nk=(1,))
-    values, error = yaw_channel(np.r_[a, b][None], orders, 0.05)
-
-    assert values[0, :4] == pytest.approx([K, T, omega, xi], rel=0.05)
-    assert 1e-4 < error[0] < 0.05

@@ -41,13 +41,18 @@ def test_noise_alone_has_no_coherence():
     assert frequency_response(u, y, TS, 10.0).coherence.mean() < 0.02
 
 
-def test_what_says_nothing_is_refused():
-    u = prbs(60.0)
-    with pytest.raises(NotIdentifiable, match="does not move"):
-        frequency_response(np.ones(500), answer(np.ones(500)), TS, 2.0)
-    with pytest.raises(ConfigError, match="segment"):
-        frequency_response(u, u, TS, 50.0)
-    with pytest.raises(ConfigError, match="alike"):
-        frequency_response(u, u[1:], TS, 2.0)
-    with pytest.raises(ConfigError, match="without gaps"):
-        frequency_response(u, np.where(u > 0.0, np.nan, u), TS, 2.0)
+U = prbs(60.0)
+
+
+@pytest.mark.parametrize(
+    ("u", "y", "segment_s", "error", "words"),
+    [
+        (np.ones(500), answer(np.ones(500)), 2.0, NotIdentifiable, "does not move"),
+        (U, U, 50.0, ConfigError, "segment"),
+        (U, U[1:], 2.0, ConfigError, "alike"),
+        (U, np.where(U > 0.0, np.nan, U), 2.0, ConfigError, "without gaps"),
+    ],
+)
+def test_what_says_nothing_is_refused(u, y, segment_s, error, words):
+    with pytest.raises(error, match=words):
+        frequency_response(u, y, TS, segment_s)

@@ -58,20 +58,6 @@ def test_the_dutch_roll_of_a_sampled_plant_comes_back(wn, zeta, tau, lead, ts):
     assert real[0]["time_constant_s"] == pytest.approx(tau, rel=1e-5)
 
 
-def test_of_two_pairs_the_one_with_more_energy_is_the_dutch_roll():
-    strong, weak = (2.5, 0.2), (12.0, 0.1)
-    denominators = [[1.0, 2 * z * w, w * w] for w, z in (strong, weak)]
-    # Sum of the two: the strong one answers ten times as much.
-    numerator = np.polyadd(np.polymul([10.0], denominators[1]), np.polymul([1.0], denominators[0]))
-    ts = 0.05
-    b, a, _ = cont2discrete((numerator, np.polymul(*denominators)), ts, method="zoh")
-    theta = np.concatenate([a[1:], np.ravel(b)[1:]])
-
-    found = modes(estimates(theta), ArmaxOrders(na=4, nb=4, nc=0, nk=1), ts)
-
-    np.testing.assert_allclose(found.dutch_roll[0, [0, 2]], strong, rtol=1e-6)
-
-
 def test_sigma_by_the_delta_method_is_the_scatter_of_the_poles():
     ts, rng = 0.1, np.random.default_rng(3)
     theta = sampled(*yaw_with_servo(2.4, 0.25, 1.0, 0.8, 0.2), ts)
@@ -86,49 +72,63 @@ def test_sigma_by_the_delta_method_is_the_scatter_of_the_poles():
     assert found[3] == pytest.approx(spread[:, 2].std(), rel=0.05)
 
 
-def test_a_pole_on_the_negative_axis_is_no_mode_and_hides_none():
-    ts = 0.1
-    pair = np.exp(complex(-0.5, 2.3) * ts)
-    a = np.poly([pair, np.conj(pair), -0.4]).real[1:]
-
-    found = modes(estimates(np.concatenate([a, [0.1, 0.0, 0.0]]), np.eye(6)), ORDERS, ts)
-
-    listed = mode_list(found)
-    assert [mode["kind"] for mode in listed] == ["oscillatory"]
-    assert found.dutch_roll[0, 0] == pytest.approx(math.hypot(0.5, 2.3), rel=1e-9)
-    assert np.isfinite(found.dutch_roll).all()
+def with_poles(*poles: complex, ts: float = 0.1) -> np.ndarray:
+    """theta of real poles as they are sampled and of pairs in 1/s."""
+    z = [x for p in poles for x in ([p] if p.imag == 0.0 else np.exp([p * ts, p.conjugate() * ts]))]
+    return np.concatenate([np.real(np.poly(z))[1:], [0.1], np.zeros(len(z) - 1)])
 
 
-def test_an_unstable_pair_is_reported_as_it_is():
-    ts = 0.1
-    pair = np.exp(complex(0.3, 2.3) * ts)
-    a = np.poly([pair, np.conj(pair), 0.5]).real[1:]
-
-    found = modes(estimates(np.concatenate([a, [0.1, 0.0, 0.0]])), ORDERS, ts)
-
-    assert found.dutch_roll[0, 2] == pytest.approx(-0.3 / math.hypot(0.3, 2.3), rel=1e-9)
+def two_pairs() -> np.ndarray:
+    """Of 2.5 and 12 rad/s: the slow one answers ten times as much."""
+    slow, fast = [1.0, 1.0, 6.25], [1.0, 2.4, 144.0]
+    return sampled(np.polyadd(np.polymul([10.0], fast), slow), np.polymul(slow, fast), 0.1)
 
 
-def test_no_estimate_yet_has_no_modes():
-    found = modes(estimates(np.zeros(6)), ORDERS, 0.1)
-
-    assert np.isnan(found.dutch_roll).all()
-    assert mode_list(found) == []
+PAIR = complex(-0.5, 2.3)
+OTHER = math.hypot(0.3, 2.3)
 
 
-@given(cut=st.integers(1, 19), seed=st.integers(0, 50))
-def test_a_rows_bits_do_not_depend_on_the_block_it_came_in(cut, seed):
+@pytest.mark.parametrize(
+    ("theta", "dutch_roll", "kinds"),
+    [
+        pytest.param(two_pairs(), (2.5, 0.2), ["oscillatory"] * 2, id="of two pairs the stronger"),
+        pytest.param(
+            with_poles(PAIR, -0.4), (abs(PAIR), 0.5 / abs(PAIR)), ["oscillatory"],
+            id="a pole on the negative axis is no mode and hides none",
+        ),
+        pytest.param(
+            with_poles(complex(0.3, 2.3), 0.5), (OTHER, -0.3 / OTHER), ["oscillatory", "real"],
+            id="an unstable pair",
+        ),
+        pytest.param(np.zeros(6), (math.nan, math.nan), [], id="no estimate yet"),
+        pytest.param(np.array([0.1, 0.2]), (math.nan, math.nan), [], id="no A"),
+    ],
+)  # fmt: skip
+def test_the_dutch_roll_is_the_pair_that_answers_most(
+    theta: np.ndarray, dutch_roll: tuple[float, float], kinds: list[str]
+):
+    na = 0 if len(theta) == 2 else len(theta) // 2
+    orders = ArmaxOrders(na=na, nb=len(theta) - na, nc=0, nk=1)
+    found = modes(estimates(theta, np.eye(len(theta))), orders, 0.1)
+
+    np.testing.assert_allclose(found.dutch_roll[0, [0, 2]], dutch_roll, rtol=1e-6)
+    assert np.isfinite(found.dutch_roll).all() == bool(kinds)
+    assert sorted(mode["kind"] for mode in mode_list(found)) == kinds
+
+
+@given(size=st.integers(1, 20), seed=st.integers(0, 50))
+def test_a_rows_bits_do_not_depend_on_the_block_it_came_in(size, seed):
+    """NaN has a sign, and which one comes out depends on how many are computed at once."""
     rng = np.random.default_rng(seed)
-    theta = 0.5 * rng.standard_normal((20, 6))
-    root = rng.standard_normal((6, 6))
-    covariance = root @ root.T
+    theta, root = 0.5 * rng.standard_normal((40, 6)), rng.standard_normal((6, 6))
+    theta[:8], theta[20] = 0.0, np.nan
+    each = [theta[i : i + size] for i in range(0, len(theta), size)]
 
-    whole = modes(estimates(theta, covariance), ORDERS, 0.05)
-    parts = [modes(estimates(t, covariance), ORDERS, 0.05) for t in (theta[:cut], theta[cut:])]
+    whole, *parts = (modes(estimates(t, root @ root.T), ORDERS, 0.05) for t in (theta, *each))
 
     for name in whole.__slots__:
         joined = np.concatenate([getattr(part, name) for part in parts])
-        np.testing.assert_array_equal(joined, getattr(whole, name), err_msg=name)
+        assert joined.tobytes() == getattr(whole, name).tobytes(), name
 
 
 def test_levels_need_all_three_limits():
@@ -137,28 +137,3 @@ def test_levels_need_all_three_limits():
     assert dutch_roll_level(2.4, 0.01) == 3
     assert dutch_roll_level(0.3, 0.5) is None
     assert dutch_roll_level(2.4, -0.1) is None
-
-
-def test_a_model_without_a_has_no_modes():
-    orders = ArmaxOrders(na=0, nb=2, nc=0, nk=1)
-
-    found = modes(estimates(np.array([0.1, 0.2]), np.eye(2)), orders, 0.1)
-
-    assert np.isnan(found.dutch_roll).all()
-    assert mode_list(found) == []
-
-
-@pytest.mark.parametrize("size", [1, 2, 3, 8])
-def test_the_bits_of_a_row_do_not_depend_on_the_blocks_length_even_where_it_has_no_modes(size):
-    """NaN has a sign, and which one comes out depends on how many are computed at once."""
-    theta = np.zeros((64, 6))
-    theta[10:20, :3] = np.random.default_rng(0).normal(size=(10, 3))
-    theta[30] = np.nan
-    whole = modes(estimates(theta, np.eye(6)), ORDERS, 0.1)
-    parts = [
-        modes(estimates(theta[i : i + size], np.eye(6)), ORDERS, 0.1) for i in range(0, 64, size)
-    ]
-
-    for name in ("poles", "wn", "wn_std", "zeta", "zeta_std", "dutch_roll"):
-        joined = np.concatenate([getattr(part, name) for part in parts])
-        assert joined.tobytes() == getattr(whole, name).tobytes(), name

@@ -8,19 +8,6 @@ from yawid.plant.rigid_body import RigidBody, rotation, translation, weight
 RNG = np.random.default_rng(3)
 
 
-def test_the_axes_keep_the_right_hand():
-    a, b = RNG.standard_normal((2, 20, 3))
-    np.testing.assert_allclose(
-        frd_from_paper(np.cross(a, b)), np.cross(frd_from_paper(a), frd_from_paper(b)), atol=1e-15
-    )
-
-
-def test_up_and_right_and_a_nose_to_the_left_mean_the_same_in_both_axes():
-    np.testing.assert_array_equal(frd_from_paper(np.array([0.0, 1.0, 0.0])), [0, 0, -1])
-    np.testing.assert_array_equal(frd_from_paper(np.array([0.0, 0.0, 1.0])), [0, 1, 0])
-    assert frd_from_paper(np.array([0.0, 0.4, 0.0]))[2] == -0.4  # a yaw rate
-
-
 def test_eq_17_and_18_are_newton_and_euler_in_forward_right_down_axes():
     """The textbook's vector form, written in the other axes, gives the same accelerations."""
     body = RigidBody(12.0, 2.0, 5.0, 3.5)
