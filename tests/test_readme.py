@@ -17,7 +17,7 @@ from places import C172P, ROOT, SRC, TOOLS
 
 from yawid.answers.reasons import KINDS
 from yawid.cli import main as command_line
-from yawid.cli.trend import CHANGED
+from yawid.cli.fleet import CHANGED
 from yawid.errors import EXIT_CODES, YawidError
 from yawid.runs.stop import SIGNALS
 

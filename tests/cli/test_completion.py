@@ -72,7 +72,7 @@ def test_zsh_s_script_has_every_command(script: Path):
     assert text.startswith("#compdef yawid\n")
     assert all(f"    {command}:" in text for command in COMMANDS)
     assert ":(els rml)" in text
-    assert ":_files -g '*.(#i)(toml)(-.)'" in text
+    assert ":_files -g '(*.toml|*.TOML)'" in text
 
 
 @in_zsh

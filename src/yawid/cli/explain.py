@@ -6,7 +6,6 @@ line in the settings file. Weights, remedies, defaults, units and exit codes are
 second time: they come from the tables that the program itself reads.
 """
 
-import argparse
 import re
 import textwrap
 from collections import defaultdict
@@ -17,7 +16,7 @@ from typing import Final
 
 from yawid.cli.options import Command
 from yawid.errors import EXIT_CODES, ConfigError
-from yawid.sinks.door import WIDTH, print_text
+from yawid.sinks.door import WIDTH
 from yawid.trend import SEVERAL
 
 MANUAL: Final = Path(__file__).parents[1] / "manual"
@@ -26,19 +25,6 @@ _SETTING: Final = re.compile(r"((?:^# .*\n)*)^(?:# )?(([a-z-]+) = .+)$", re.MULT
 
 Parts = dict[tuple[str, str], str]
 """By kind, in the plural, and word: what there is to say."""
-
-
-def add_explain(command: Command) -> None:
-    """Give the command its arguments."""
-    examples = "yawid explain not_excited\nyawid explain --band\nyawid explain Dutch roll"
-    command.shape("[WORD]", examples, _explain)
-    command.option("word", metavar="WORD", nargs="*", help="the word (default: list them)")
-
-
-def _explain(arguments: argparse.Namespace) -> int:
-    parts, asked = parts_of(arguments.every()), " ".join(arguments.word)
-    print_text(explained(parts, asked) if asked else listed(parts))
-    return 0
 
 
 def listed(parts: Parts) -> str:

@@ -1,66 +1,102 @@
-"""The command ``yawid fleet``, which makes one data set from thousands of logs."""
+"""The commands on many flights: ``yawid fleet``, ``trend`` and ``diff``."""
 
 import argparse
 import sys
 from collections import Counter
+from contextlib import closing
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
-from yawid.cli.options import Command, add_run_options, choice, read_options_of, settings_of
+from msgspec import Meta
+
+from yawid.cli.options import (
+    RUN_OPTIONS,
+    AsJson,
+    Force,
+    command,
+    read_options_of,
+    said,
+    settings_of,
+)
+from yawid.config.fields import Positive, like
 from yawid.errors import ConfigError, SinkError
 from yawid.runs.stop import StopFlag
-from yawid.sinks.door import print_line, say
+from yawid.sinks.door import print_answer, print_line, say
+from yawid.system.stores import Place, place_of
 
 if TYPE_CHECKING:
     from yawid.fleet.run_fleet import FleetRun, Progress
+    from yawid.trend.diff import Diff
+    from yawid.trend.trend import Trend
+
+CHANGED = 7
+NOTHING_COMPARED = 5
+_PATHS = "logs, folders, globs or URLs (s3://, what fsspec knows; extra fleet)"
+_NAME = "the aircraft of all logs (default: its serial number, or sysid:N)"
+_SCHEDULER = "a Dask scheduler in place of them: tcp://HOST:8786"
 
 
-def add_fleet(command: Command) -> None:
-    """Give the command its arguments and options."""
-    from msgspec import Meta
+@command(
+    "PATH... --out DATASET",
+    "yawid fleet logs/ --out data\nyawid fleet 's3://bucket/**/*.BIN' --out data --workers 16",
+    RUN_OPTIONS,
+)
+def fleet(
+    arguments: argparse.Namespace,
+    paths: Annotated[list[str], said("PATH", _PATHS, nargs="+")],
+    *,
+    out: Annotated[Path, said("DATASET", "folder of the data set, on this machine")],
+    workers: Annotated[
+        int | None,
+        Meta(ge=1, description="be a whole number from 1"),
+        said("N", "processes (default: one a core)"),
+    ] = None,
+    scheduler: Annotated[
+        str | None,
+        like(r"(\w+://)?[^/]+:\d+/?", "be an address, tcp://HOST:8786"),
+        said("ADDRESS", _SCHEDULER),
+    ] = None,
+    retry: Annotated[bool, said("", "run crashed and timed-out logs again")] = False,
+    dry_run: Annotated[bool, said("", "only count what would be done")] = False,
+    timeout: Annotated[
+        Positive, said("S", "most seconds for a log (default: 600)", rare=True)
+    ] = 600.0,
+    modes: Annotated[bool, said("", "also keep the modes of every second", rare=True)] = False,
+    vehicle: Annotated[str | None, said("NAME", _NAME)] = None,
+    vehicle_from: Annotated[
+        Literal["folder"] | None,
+        said("", "each log is of the aircraft that its folder is named after"),
+    ] = None,
+) -> int:
+    """Make one data set of thousands of logs."""
+    from yawid.fleet import run_fleet
+    from yawid.fleet.spec import Spec
 
-    from yawid.config.fields import Positive, like
-
-    command.shape(
-        "PATH... --out DATASET",
-        "yawid fleet logs/ --out data\nyawid fleet 's3://bucket/**/*.BIN' --out data --workers 16",
-        _fleet,
-    )
-    text = "logs, folders, globs or URLs (s3://, what fsspec knows; extra fleet)"
-    command.option("paths", nargs="+", metavar="PATH", help=text)
-    text = "folder of the data set, on this machine"
-    command.option("--out", type=Path, required=True, metavar="DATASET", help=text)
-    workers = Annotated[int, Meta(ge=1, description="be a whole number from 1")]
-    command.option("--workers", type=workers, metavar="N", help="processes (default: one a core)")
-    text = "a Dask scheduler in place of them: tcp://HOST:8786"
-    address = like(r"(\w+://)?[^/]+:\d+/?", "be an address, tcp://HOST:8786")
-    command.option("--scheduler", type=address, metavar="ADDRESS", help=text)
-    command.flag("--retry", "run crashed and timed-out logs again")
-    command.flag("--dry-run", "only count what would be done")
-    text = "most seconds for a log (default: 600)"
-    command.option("--timeout", type=Positive, default=600.0, metavar="S", help=text, rare=True)
-    command.flag("--modes", "also keep the modes of every second", rare=True)
-    text = "the aircraft of all logs (default: its serial number, or sysid:N)"
-    command.option("--vehicle", metavar="NAME", help=text)
-    text = "each log is of the aircraft that its folder is named after"
-    command.option("--vehicle-from", **choice("folder"), help=text)
-    add_run_options(command)
+    key = read_options_of(arguments).key_file
+    for one, other in ("workers", "scheduler"), ("vehicle", "vehicle_from"):
+        if getattr(arguments, one) is not None and getattr(arguments, other) is not None:
+            raise ConfigError(f"give --{one} or --{other.replace('_', '-')}, not both")
+    key_file = None if key is None else str(key.absolute())
+    spec = Spec(settings_of(arguments), key_file, modes, vehicle, vehicle_from)
+    run = run_fleet.FleetRun(
+        paths=paths, out=out, spec=spec, workers=workers, scheduler=scheduler, retry=retry,
+        timeout_s=timeout,
+    )  # fmt: skip
+    if dry_run:
+        planned = run_fleet.dry_run(run)
+        size = f"{len(planned.todo)} logs, {planned.size / 1e6:.1f} MB"
+        print_line(f"to run: {size}; known already: {planned.known}")
+        return 0
+    return _run(run)
 
 
-def _fleet(arguments: argparse.Namespace) -> int:
+def _run(run: "FleetRun") -> int:
     from yawid.dataset.files import read_table
     from yawid.dataset.schema import TABLES
     from yawid.dataset.values import FAILED, USAGE
-    from yawid.fleet.run_fleet import dry_run, run_fleet
+    from yawid.fleet.run_fleet import run_fleet
     from yawid.sinks.terminal.console import Console
 
-    run = _asked(arguments)
-    if arguments.dry_run:
-        planned = dry_run(run)
-        size = f"{len(planned.todo)} logs, {planned.size / 1e6:.1f} MB"
-        text = f"{size}; known already: {planned.known}"
-        print_line(f"to run: {text}")
-        return 0
     console = Console(sys.stderr)
 
     def began(progress: "Progress") -> None:
@@ -70,11 +106,8 @@ def _fleet(arguments: argparse.Namespace) -> int:
         if console.is_due():
             console.show(progress.line())
 
-    with StopFlag().installed() as stop:
-        try:
-            progress = run_fleet(run, stop, show, began)
-        finally:
-            console.close()
+    with StopFlag().installed() as stop, closing(console):
+        progress = run_fleet(run, stop, show, began)
     if stop.is_set:
         left = len(progress.todo) - progress.done
         say(f"{stop.name}: {progress.done} logs are finished and saved, {left} were not reached")
@@ -96,27 +129,43 @@ def _fleet(arguments: argparse.Namespace) -> int:
     return ConfigError.exit_code if usage else 0
 
 
-def _asked(arguments: argparse.Namespace) -> "FleetRun":
-    from yawid.fleet.run_fleet import FleetRun
-    from yawid.fleet.spec import Spec
+@command("DATASET", "yawid trend data\nyawid trend data --vehicle serial:4711 -o trend.html")
+def trend(
+    dataset: Annotated[Path, said("DATASET", "folder made by yawid fleet")],
+    *,
+    vehicle: Annotated[str | None, said("ID", "only this vehicle, judged among all")] = None,
+    as_json: AsJson = False,
+    out: Annotated[Path | None, said("R.html", "write a page as well", "-o", "--out")] = None,
+    force: Force = False,
+) -> int:
+    """Print what changed over a fleet's flights."""
+    from yawid.trend.table import print_trend
+    from yawid.trend.trend import trend as trend_of
 
-    options = read_options_of(arguments)
-    for one, other in (("workers", "scheduler"), ("vehicle", "vehicle_from")):
-        if getattr(arguments, one) is not None and getattr(arguments, other) is not None:
-            raise ConfigError(f"give --{one} or --{other.replace('_', '-')}, not both")
-    key_file = None if options.key_file is None else str(options.key_file.absolute())
-    return FleetRun(
-        paths=arguments.paths,
-        out=arguments.out,
-        spec=Spec(
-            settings_of(arguments),
-            key_file,
-            arguments.modes,
-            arguments.vehicle,
-            arguments.vehicle_from,
-        ),
-        workers=arguments.workers,
-        scheduler=arguments.scheduler,
-        retry=arguments.retry,
-        timeout_s=arguments.timeout,
-    )
+    report, studied = trend_of(dataset, vehicle)
+    if out is not None:
+        from yawid.trend.page import write_page
+
+        write_page(report, studied, out, force=force)
+    print_answer(report, print_trend, as_json=as_json)
+    return _code(report)
+
+
+RunOrSet = Annotated[Place, said("", "the MCAP of a finished run, or a data set", type=place_of)]
+
+
+@command("A B", "yawid diff before.mcap after.mcap\nyawid diff data-2025 data-2026 --json")
+def diff(a: RunOrSet, b: RunOrSet, *, as_json: AsJson = False) -> int:
+    """Print what changed between two runs or data sets."""
+    from yawid.trend.diff import diff as diff_of
+    from yawid.trend.table import print_diff
+
+    report = diff_of(a, b)
+    print_answer(report, print_diff, as_json=as_json)
+    return _code(report)
+
+
+def _code(report: "Trend | Diff") -> int:
+    if report.changed:
+        return CHANGED
+    return 0 if report.judged else NOTHING_COMPARED

@@ -1,40 +1,98 @@
-"""The parser of one command, and the options that several commands share.
+"""A command of the command line: a function, whose parameters are its arguments and options.
 
 An option of a run is declared once, on its field of :class:`yawid.config.run.RunConfig`: its words,
-its group and its bounds. Here it becomes an option of the command line.
+its group and its bounds. Here it becomes an option of the command line, too.
 """
 
 import argparse
+import inspect
 import re
 import textwrap
 from collections.abc import Callable, Container, Mapping, Sequence
 from functools import partial
+from operator import getitem
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn, get_args
+from types import NoneType
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, NoReturn, get_args, get_origin
 
+from yawid.config.fields import one_of, typed
+from yawid.config.run import (
+    AIRCRAFT,
+    ANSWER,
+    COLUMNS,
+    SAMPLES,
+    STREAM,
+    RunConfig,
+    option_name,
+    settings_declared,
+)
+from yawid.config.settings import COMMAND_LINE, check_settings, overruled, read_toml
 from yawid.errors import ConfigError, did_you_mean
 from yawid.sinks.door import plain
 
 if TYPE_CHECKING:
-    from yawid.runs.outputs import Outputs
     from yawid.sources.open_log import ReadOptions
 
-DEFAULT_OUT = "yawid-out"
 NEVER = {"--help", "--help-all", "--config"}
 """What no settings file has."""
 ALL = "all"
 """The value of sysid that only ``yawid live`` reads, and not the configuration of a run."""
+RUN_OPTIONS = {SAMPLES, AIRCRAFT, ANSWER, STREAM, COLUMNS}
+"""The groups of a run's options."""
+WRITTEN = "what is written"
+
+
+class Declared(NamedTuple):
+    """A command: the function that runs it and returns the exit code, its usage, its examples.
+
+    ``groups`` are those of the run's options that it takes.
+    """
+
+    run: Callable[..., int]
+    arguments: str
+    examples: str
+    groups: Container[str]
+
+
+def command(
+    arguments: str, examples: str, groups: Container[str] = ()
+) -> Callable[[Callable[..., int]], Declared]:
+    """Make a command of a function: see :class:`Declared`.
+
+    Its parameters that have :func:`said` become arguments, those after ``*`` options. One without,
+    ``arguments``, takes all that was parsed, for what the options of a run are made to.
+    """
+    return lambda run: Declared(run, arguments, examples, groups)
+
+
+def said(shown: str, words: str, *names: str, **more: Any) -> tuple[Any, ...]:
+    """Return what the help says of a parameter: the form of its value and its words.
+
+    An option may have other ``names`` than the parameter's. ``more`` is that of argparse, the title
+    of a ``group``, or that it is ``rare``.
+
+    The kind of a parameter decides what a value may be: a list takes several, a bool none, a
+    literal one of its texts, and a text or a number may have bounds. Where ``shown`` has suffixes
+    the name of a file to be written has one of them.
+    """
+    return shown, words, names, more
+
+
+Force = Annotated[bool, said("", "overwrite a file that exists")]
+AsJson = Annotated[bool, said("", "print one JSON object", "--json")]
 
 
 class Command(argparse.ArgumentParser):
     """The parser of one command; an error is one line, with the command that lists the options."""
 
-    def __init__(self, name: str, what: str, *, is_short: bool = False) -> None:
+    def __init__(self, name: str, what: str, declared: Declared, *, is_short: bool = False) -> None:
         """Make the parser of a command; of one that ``is_short`` help has the usual options."""
         super().__init__(
             prog=f"yawid {name}",
+            usage=" ".join(filter(None, (f"yawid {name}", declared.arguments, "[options]"))),
             description=what[0].upper() + what[1:] + ".",
-            formatter_class=_page,
+            epilog="examples:\n" + textwrap.indent(declared.examples, "  "),
+            formatter_class=partial(argparse.RawDescriptionHelpFormatter, max_help_position=32),
             add_help=False,
         )
         self.options: dict[str, argparse.Action] = {}
@@ -46,47 +104,70 @@ class Command(argparse.ArgumentParser):
         self.place = ""
         """Where the words stand that are read, if not on the command line."""
         for names in (("-h", "--help"), ("--help-all",)):
-            self.option(
+            self._add(
                 *names, action="store_true", default=argparse.SUPPRESS, help=argparse.SUPPRESS
             )
+        parameters = inspect.signature(declared.run).parameters
+        for parameter in parameters.values():
+            if get_origin(parameter.annotation) is Annotated:
+                self._parameter(parameter)
+        if declared.groups:
+            self._run_options(declared.groups)
+        self.set_defaults(
+            run=lambda found: declared.run(
+                **{each: getattr(found, each, found) for each in parameters}
+            )
+        )
 
-    def shape(self, arguments: str, examples: str, run: Callable[..., int]) -> None:
-        """Say which ``arguments`` it takes, with examples (a line each), and what runs it."""
-        self.usage = " ".join(filter(None, (self.prog, arguments, "[options]")))
-        self.epilog = "examples:\n" + textwrap.indent(examples, "  ")
-        self.set_defaults(run=run)
+    def _parameter(self, parameter: inspect.Parameter) -> None:
+        """Add the argument or option of a command's parameter."""
+        *bounds, (shown, words, names, more) = parameter.annotation.__metadata__
+        of, default = parameter.annotation.__origin__, parameter.default
+        is_option = parameter.kind is parameter.KEYWORD_ONLY
+        kind = next((each for each in get_args(of) if each is not NoneType), of)
+        if values := [each for each in get_args(of) + get_args(kind) if isinstance(each, str)]:
+            kind, bounds = str, [one_of(*values)]
+        shown = shown or "|".join(values) or parameter.name.upper()
+        settings = {"help": words} | more
+        if kind is Path:
+            read = partial(path_of, ends=re.findall(r"\.\w+", shown) * is_option)
+        else:
+            read = partial(_typed, getitem(Annotated, (kind, *bounds)) if bounds else kind)
+        if kind is bool:
+            settings |= {"action": "store_true"}
+        else:
+            settings = {"type": read, "metavar": shown} | settings
+        if default == ():
+            settings |= {"action": "append", "default": []}
+        elif default is not parameter.empty:
+            settings |= {"default": default}
+        if is_option:
+            settings |= {"dest": parameter.name, "required": default is parameter.empty}
+            names = names or (f"--{parameter.name.replace('_', '-')}",)
+        self._add(*(names or [parameter.name]), **settings)
 
-    def option(
-        self, *names: str, group: str = "", rare: bool = False, **settings: Any
-    ) -> argparse.Action:
-        """Add an option, or an argument, as ``add_argument`` does, to the group of this title.
+    def _run_options(self, groups: Container[str]) -> None:
+        """Add the options of a run in these groups, and those of reading its log."""
+        self.set_defaults(settings={})
+        text = "options from a TOML file, by their names"
+        self._add("--config", type=path_of, metavar="FILE", help=text)
+        for field, of in settings_declared():
+            if of.group in groups:
+                names = [f"--{each}" for each in (option_name(field.name), *of.aliases)]
+                settings: dict[str, Any] = {"metavar": of.shown, "help": of.words}
+                settings |= {"dest": field.name, "group": of.group, "rare": not of.usual}
+                self._add(*names, **settings)
+        text = "read only frames signed by this key (default: any)"
+        self._add("--signing-key-file", type=path_of, metavar="FILE", help=text, rare=True)
 
-        Its type may be an annotation with bounds and words, as those of the options of a run. The
-        name of a file to be written must end as one that the metavar has.
-        """
-        if (kind := settings.get("type")) in (int, float) or get_args(kind):
-            settings["type"] = partial(_typed, kind)
-        elif kind is Path:
-            ends = re.findall(r"\.\w+", str(settings.get("metavar")))
-            settings["type"] = partial(path_of, ends=ends * names[0].startswith("-"))
+    def _add(self, *names: str, group: str = "", rare: bool = False, **settings: Any) -> None:
         if group and group not in self._groups:
             self._groups[group] = self.add_argument_group(group)
         if rare and self._is_short:
             self._rare, settings["help"] = self._rare + 1, argparse.SUPPRESS
-        to = self._groups.get(group, self)
-        action: argparse.Action = to.add_argument(*names, **settings)
+        action: argparse.Action = self._groups.get(group, self).add_argument(*names, **settings)
         self.arguments.append(action)
         self.options |= dict.fromkeys(action.option_strings, action)
-        return action
-
-    def flag(self, name: str, text: str, **where: Any) -> None:
-        """Add an option without a value."""
-        self.option(name, action="store_true", help=text, **where)
-
-    def page(self, metavar: str, text: str) -> None:
-        """Add the options of a file that is written."""
-        self.option("-o", "--out", type=Path, metavar=metavar, help=text)
-        self.flag("--force", "overwrite a file that exists")
 
     def help(self) -> str:
         """Return the page of help."""
@@ -99,10 +180,6 @@ class Command(argparse.ArgumentParser):
         self.exit(
             2, f"yawid: {plain(self.place + message)}{end} {self.prog} --help lists the options\n"
         )
-
-
-def _page(prog: str) -> argparse.HelpFormatter:
-    return argparse.RawDescriptionHelpFormatter(prog, max_help_position=32)
 
 
 def path_of(text: str, ends: Sequence[str] = ()) -> Path:
@@ -118,22 +195,10 @@ def path_of(text: str, ends: Sequence[str] = ()) -> Path:
 
 
 def _typed(kind: Any, text: str) -> Any:
-    from yawid.config.fields import typed
-
     try:
         return typed(text, kind, "it", is_text=True)
     except ConfigError as error:
         raise argparse.ArgumentTypeError(str(error).removeprefix("it ")) from None
-
-
-def choice(*names: str) -> dict[str, Any]:
-    """Return what makes an argument take one of these names."""
-    from yawid.config.fields import like
-
-    return {
-        "type": like("|".join(names), f"be one of {', '.join(names)}"),
-        "metavar": "|".join(names),
-    }
 
 
 def numbers(known: Sequence[str], text: str) -> dict[str, float]:
@@ -151,41 +216,6 @@ def numbers(known: Sequence[str], text: str) -> dict[str, float]:
     return found
 
 
-def add_outputs(command: Command) -> None:
-    """Add the options of what a command writes."""
-    from yawid.config.fields import like
-
-    group = "what is written"
-    viewer = like(r"off|save|spawn|rerun\+http.*", "be off, save, spawn or rerun+http://...")
-    command.option(
-        "--out", type=Path, default=Path(DEFAULT_OUT), metavar="DIR", group=group,
-        help=f"folder of the files (default: {DEFAULT_OUT})",
-    )  # fmt: skip
-    command.flag("--force", "overwrite files that exist", group=group)
-    command.flag("--json", "print one JSON object per log", group=group)
-    command.option(
-        "--rerun", type=viewer, default="off", metavar="off|save|spawn|URL", group=group,
-        help="a Rerun recording, or a viewer: rerun+http://HOST:PORT/proxy (default: off)",
-    )  # fmt: skip
-
-
-def add_run_options(command: Command, without: Container[str] = ()) -> None:
-    """Add the options of a run, except the groups ``without``, and those of reading its log."""
-    from yawid.config.run import option_name, settings_declared
-
-    command.set_defaults(settings={})
-    text = "options from a TOML file, by their names"
-    command.option("--config", type=Path, metavar="FILE", help=text)
-    for field, said in settings_declared():
-        if said.group not in without:
-            names = [f"--{each}" for each in (option_name(field.name), *said.aliases)]
-            command.option(
-                *names, metavar=said.shown, help=said.words, group=said.group, rare=not said.usual
-            )
-    text = "read only frames signed by this key (default: any)"
-    command.option("--signing-key-file", type=Path, metavar="FILE", help=text, rare=True)
-
-
 def settings_of(arguments: argparse.Namespace) -> dict[str, Any]:
     """Return the checked settings from the TOML file and the options, which overrule the file.
 
@@ -194,34 +224,15 @@ def settings_of(arguments: argparse.Namespace) -> dict[str, Any]:
     Raises:
         ConfigError: a setting is unknown or outside its limits, or some do not fit together.
     """
-    from yawid.config.run import RunConfig
-    from yawid.config.settings import COMMAND_LINE, check_settings, overruled
-
-    if getattr(arguments, "sysid", None) == "all":  # yawid live has taken it away before
+    written = {field.name: getattr(arguments, field.name, None) for field, _ in settings_declared()}
+    if written["sysid"] == ALL:  # yawid live has taken it away before
         raise ConfigError(
             "--sysid all is for yawid live: give the number of one vehicle, or leave --sysid out"
         )
-    given = check_settings(given_options(arguments), COMMAND_LINE)
-    settings = overruled(arguments.settings, given)
+    given = {name: text for name, text in written.items() if text is not None}
+    settings = overruled(arguments.settings, check_settings(given, COMMAND_LINE))
     RunConfig(**settings)  # errors in it are reported once for the command, not for each log
     return settings
-
-
-def given_options(arguments: argparse.Namespace) -> dict[str, Any]:
-    """Return the given options of a run as they were written, by their names without dashes."""
-    from yawid.config.run import option_name, settings_declared
-
-    names = [option_name(field.name) for field, _ in settings_declared()]
-    written = {name: getattr(arguments, name.replace("-", "_"), None) for name in names}
-    return {name: text for name, text in written.items() if text is not None}
-
-
-def outputs_of(arguments: argparse.Namespace, name: str) -> "Outputs":
-    """Return where the results are written, in files of this name."""
-    from yawid.runs.outputs import Outputs
-
-    record = not getattr(arguments, "no_record", False)
-    return Outputs(arguments.out, name, arguments.rerun, arguments.force, record)
 
 
 def read_options_of(arguments: argparse.Namespace) -> "ReadOptions":
@@ -251,20 +262,16 @@ def read_words(
     file: Path | None = getattr(arguments, "config", None)
     if file is None:
         return arguments
-    from yawid.config.run import option_name, settings_declared
-    from yawid.config.settings import check_settings, read_toml
-
-    of_run = {option_name(field.name) for field, _ in settings_declared()}
+    others = {option for each in every().values() for option in each.options} - NEVER
+    others -= {f"--{option_name(field.name)}" for field, _ in settings_declared()}
     settings, of_file = {}, list[str]()
     for raw, value in read_toml(file).items():
-        name = raw.replace("_", "-")
-        action = command.options.get(f"--{name}")
-        if name in of_run and (name, value) != ("sysid", ALL):
+        option = f"--{raw.replace('_', '-')}"
+        action = command.options.get(option)
+        if option not in others and (option, value) != ("--sysid", ALL):
             settings[raw] = value
-        elif f"--{name}" in NEVER or not any(f"--{name}" in e.options for e in every().values()):
-            settings[raw] = value  # which is refused below
         elif action and not (isinstance(action.default, list) and getattr(arguments, action.dest)):
-            of_file += _as_written(name, value)
+            of_file += _as_written(option, value)
     settings = check_settings(settings, str(file))
     command.place = f"{file}: "  # the command line's own words are right
     # An option ends the file's words: true is no value of an option that needs one.
@@ -287,8 +294,8 @@ def _not_known(unknown: Sequence[str], command: Command, every: Mapping[str, Com
     return "; ".join(said)
 
 
-def _as_written(name: str, value: Any) -> list[str]:
+def _as_written(option: str, value: Any) -> list[str]:
     """Return a setting of a file as words of the command line."""
     if isinstance(value, bool):
-        return [f"--{name}"] * value
-    return [f"--{name}={each}" for each in (value if isinstance(value, list) else [value])]
+        return [option] * value
+    return [f"{option}={each}" for each in (value if isinstance(value, list) else [value])]

@@ -1,62 +1,36 @@
 """The commands that need no log: ``step`` (paper eq. 4-16) and ``simulate`` (eq. 17-23)."""
 
-import argparse
 from pathlib import Path
+from typing import Annotated, Any, Literal
 
-from yawid.cli.options import Command, choice
+from yawid.cli.options import AsJson, Force, command, said
 from yawid.sinks.door import print_json, print_line
 
-PLANTS = ("yaw", "lateral", "rigid-body")
-NUMBERS = (
-    ("--amplitude", 0.05, "RAD", "of the rudder (default: 0.05)"),
-    ("--seconds", 120.0, "N", "length (default: 120)"),
-    ("--rate", 50.0, "HZ", "samples (default: 50)"),
-    ("--noise", 0.0, "RAD/S", "of the yaw rate, white (default: 0)"),
-)
-"""The numbers of a simulation: option, default, unit and help."""
 SETTLING = ("settling_2pct_s", "settling_5pct_s")
+_PLANT = "yaw (eq. 22-23), lateral (eq. 21) or rigid-body (eq. 17-18)"
+_INPUT = "step, impulse, doublet, 3211, prbs, sweep or multisine (default: 3211)"
+_FORM = "its form (default: first or second order by the fit, yaw where neither holds)"
+_COLUMNS = "columns t and y, and u if known; or t, r, rudder; - reads what simulate prints"
 
 
-def add_step(command: Command) -> None:
-    """Give the command its arguments and options."""
-    command.shape(
-        "FILE.csv",
-        "yawid step response.csv --u0 0.1\nyawid simulate yaw --input step --out - | yawid step -",
-        _step,
-    )
-    text = "columns t and y, and u if known; or t, r, rudder; - reads what simulate prints"
-    command.option("file", type=Path, metavar="FILE.csv", help=text)
-    text = "its form (default: first or second order by the fit, yaw where neither holds)"
-    command.option("--model", **choice("first", "second", "yaw"), help=text)
-    text = "height of the step (default: by column u, else 1)"
-    command.option("--u0", type=float, metavar="A", help=text)
-    command.flag("--json", "print one JSON object")
-
-
-def add_simulate(command: Command) -> None:
-    """Give the command its arguments and options."""
-    command.shape(
-        "PLANT --out FILE",
-        "yawid simulate lateral --input 3211 --noise 0.002 --out flight.tlog\n"
-        "yawid simulate yaw --input step --out - | yawid step -",
-        _simulate,
-    )
-    text = "yaw (eq. 22-23), lateral (eq. 21) or rigid-body (eq. 17-18)"
-    command.option("plant", **choice(*PLANTS) | {"metavar": "PLANT"}, help=text)
-    text = "csv, tlog, mcap; -: csv to stdout"
-    command.option("--out", type=Path, required=True, metavar="FILE", help=text)
-    text = "step, impulse, doublet, 3211, prbs, sweep or multisine (default: 3211)"
-    command.option("--input", default="3211", metavar="KIND", help=text)
-    for name, default, metavar, text in NUMBERS:
-        command.option(name, type=type(default), default=default, metavar=metavar, help=text)
-    command.flag("--force", "overwrite a file that exists")
-
-
-def _step(arguments: argparse.Namespace) -> int:
+@command(
+    "FILE.csv",
+    "yawid step response.csv --u0 0.1\nyawid simulate yaw --input step --out - | yawid step -",
+)
+def step(
+    file: Annotated[Path, said("FILE.csv", _COLUMNS)],
+    *,
+    model: Annotated[Literal["first", "second", "yaw"] | None, said("", _FORM)] = None,
+    u0: Annotated[
+        float | None, said("A", "height of the step (default: by column u, else 1)")
+    ] = None,
+    as_json: AsJson = False,
+) -> int:
+    """Fit the paper's models to a step response."""
     from yawid.runs.step import step_report
 
-    words, report = step_report(arguments.file, arguments.model, arguments.u0)
-    if arguments.json:
+    words, report = step_report(file, model, u0)
+    if as_json:
         print_json(report.to_json())
         return 0
     print_line(words)
@@ -69,19 +43,27 @@ def _step(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _simulate(arguments: argparse.Namespace) -> int:
+@command(
+    "PLANT --out FILE",
+    "yawid simulate lateral --input 3211 --noise 0.002 --out flight.tlog\n"
+    "yawid simulate yaw --input step --out - | yawid step -",
+)
+def simulate(
+    plant: Annotated[Literal["yaw", "lateral", "rigid-body"], said("PLANT", _PLANT)],
+    *,
+    out: Annotated[Path, said("FILE", "csv, tlog, mcap; -: csv to stdout")],
+    input: Annotated[Any, said("KIND", _INPUT)] = "3211",
+    amplitude: Annotated[float, said("RAD", "of the rudder (default: 0.05)")] = 0.05,
+    seconds: Annotated[float, said("N", "length (default: 120)")] = 120.0,
+    rate: Annotated[float, said("HZ", "samples (default: 50)")] = 50.0,
+    noise: Annotated[float, said("RAD/S", "of the yaw rate, white (default: 0)")] = 0.0,
+    force: Force = False,
+) -> int:
+    """Fly a reference plant of the paper to a file."""
     from yawid.runs.simulate import simulate_to_file
 
-    simulate_to_file(
-        arguments.plant,
-        arguments.input,
-        arguments.out,
-        amplitude=arguments.amplitude,
-        seconds=arguments.seconds,
-        rate_hz=arguments.rate,
-        noise_std=arguments.noise,
-        force=arguments.force,
-    )
-    if str(arguments.out) != "-":
-        print_line(str(arguments.out))
+    numbers = {"amplitude": amplitude, "seconds": seconds, "rate_hz": rate, "noise_std": noise}
+    simulate_to_file(plant, input, out, **numbers, force=force)
+    if str(out) != "-":
+        print_line(str(out))
     return 0

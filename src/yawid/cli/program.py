@@ -1,4 +1,4 @@
-"""The commands about the program itself: ``yawid schema`` and ``completion``.
+"""The commands about the program itself: ``yawid explain``, ``schema`` and ``completion``.
 
 shtab writes the scripts of ``completion``. What is offered for an argument follows from its own
 metavar: ``a|b`` are values, ``OUT.csv`` is the name of a file with that suffix.
@@ -7,9 +7,11 @@ metavar: ``a|b`` are values, ``OUT.csv`` is the name of a file with that suffix.
 import argparse
 import json
 import re
-from typing import Any, Final
+from typing import Annotated, Any, Final, Literal
 
-from yawid.cli.options import Command, choice, path_of
+from yawid.cli.explain import explained, listed, parts_of
+from yawid.cli.options import command, path_of, said
+from yawid.config.fields import one_of
 from yawid.sinks.door import print_text
 from yawid.sources.formats import FORMATS
 from yawid.system.stores import place_of
@@ -19,7 +21,6 @@ PRINTING = (
     "fleet",
 )  # fmt: skip
 """The commands whose output has a schema."""
-SHELLS: Final = ("bash", "zsh")
 _LOGS: Final = ("LOG", "RUN|LOG", "PATH", "A", "B")
 _FOLDERS: Final = ("DIR", "DATASET")
 _VALUES: Final = {"rudder[,aileron]": ("rudder", "rudder,aileron")}
@@ -36,55 +37,58 @@ complete -o bashdefault -F _yawid_equals yawid
 """
 
 
-def add_schema(command: Command) -> None:
-    """Give the command its argument."""
-    examples = "yawid schema replay\nyawid schema | jq '.[\"x-exit-codes\"]'"
-    command.shape("[COMMAND]", examples, _schema)
-    text = f"only of one command: {', '.join(PRINTING)} (default: all)"
-    command.option("command", nargs="?", **choice(*PRINTING) | {"metavar": "COMMAND"}, help=text)
-
-
-def _schema(arguments: argparse.Namespace) -> int:
-    from yawid.cli.json_schema import document
-
-    schema = document(arguments.command)
-    print_text(json.dumps(schema, indent=1, ensure_ascii=False) + "\n")
+@command("[WORD]", "yawid explain not_excited\nyawid explain --band\nyawid explain Dutch roll")
+def explain(
+    arguments: argparse.Namespace,
+    word: Annotated[list[str], said("WORD", "the word (default: list them)", nargs="*")],
+) -> int:
+    """Print what the manual and the tables of the code say of a word."""
+    parts, asked = parts_of(arguments.every()), " ".join(word)
+    print_text(explained(parts, asked) if asked else listed(parts))
     return 0
 
 
-def add_completion(command: Command) -> None:
-    """Give the command its argument."""
-    command.shape(
-        "bash|zsh",
-        'eval "$(yawid completion bash)"      in ~/.bashrc\n'
-        "yawid completion zsh > _yawid        in a folder of $fpath",
-        _completion,
-    )
-    command.option("shell", **choice(*SHELLS), help="the shell in which to complete")
+@command("[COMMAND]", "yawid schema replay\nyawid schema | jq '.[\"x-exit-codes\"]'")
+def schema(
+    command: Annotated[
+        str | None,
+        one_of(*PRINTING),
+        said("COMMAND", f"only of one command: {', '.join(PRINTING)} (default: all)", nargs="?"),
+    ] = None,
+) -> int:
+    """Print the JSON Schema of what a command prints."""
+    from yawid.cli.json_schema import document
+
+    print_text(json.dumps(document(command), indent=1, ensure_ascii=False) + "\n")
+    return 0
 
 
-def _completion(arguments: argparse.Namespace) -> int:
+@command(
+    "bash|zsh",
+    'eval "$(yawid completion bash)"      in ~/.bashrc\n'
+    "yawid completion zsh > _yawid        in a folder of $fpath",
+)
+def completion(
+    arguments: argparse.Namespace,
+    shell: Annotated[Literal["bash", "zsh"], said("", "the shell in which to complete")],
+) -> int:
+    """Print the script that completes a command line."""
     import shtab
 
-    functions = set()
     whole = argparse.ArgumentParser(prog="yawid")
     commands = whole.add_subparsers()
-    for name, command in arguments.every().items():
-        for action in command.arguments:
-            if (offered := _files(action, shtab.FILE, shtab.DIRECTORY)) is not None:
+    for name, parser in arguments.every().items():
+        for action in parser.arguments:
+            if (offered := _files(action)) is not None:
                 action.complete = offered  # shtab's mark
-                if arguments.shell == "bash" and offered["bash"].startswith("_yawid_file"):
-                    functions.add(_of_suffixes(offered["bash"]))
             elif action.metavar is not None:
                 action.choices = _values(str(action.metavar)) or None
-            if arguments.shell == "zsh" and action.nargs is None and action.option_strings:
+            if shell == "zsh" and action.nargs is None and action.option_strings:
                 # zsh's mark of an option whose value may follow "=" or stand in the next word
                 action.option_strings = [f"{each}=" for each in action.option_strings]
-        what = str(command.description)
-        commands.add_parser(name, help=what, parents=[command], add_help=False)
-    preamble = "".join(sorted(functions))
-    end = _EQUALS if arguments.shell == "bash" else "\n"
-    print_text(shtab.complete(whole, arguments.shell, preamble=preamble) + end)
+        what = str(parser.description)
+        commands.add_parser(name, help=what, parents=[parser], add_help=False)
+    print_text(shtab.complete(whole, shell) + (_EQUALS if shell == "bash" else "\n"))
     return 0
 
 
@@ -96,31 +100,19 @@ def _values(metavar: str) -> list[str]:
     return [value for values in found for value in values if value == value.lower()]
 
 
-def _files(action: argparse.Action, any_file: Any, folder: Any) -> Any:
-    """Return what offers an argument's files by shell, as shtab has it; None: it takes no file."""
+def _files(action: argparse.Action) -> Any:
+    """Return what offers an argument's files, as shtab has it; None: it takes no file."""
+    import shtab
+
     metavar = str(action.metavar)
     if getattr(action.type, "func", action.type) not in (path_of, place_of) and metavar != "PATH":
         return None
     if metavar in _FOLDERS:
-        return folder
+        return shtab.DIRECTORY
     suffixes = re.findall(r"\.(\w+)", metavar)
     if metavar in _LOGS:
         suffixes = [*(each.name for each in FORMATS), "part"]
     elif action.dest == "config":
         suffixes = ["toml"]
-    if not suffixes:
-        return any_file
-    return {
-        "bash": "_yawid_file_" + "_".join(suffixes),
-        "zsh": f"_files -g '*.(#i)({'|'.join(suffixes)})(-.)'",
-    }
-
-
-def _of_suffixes(name: str) -> str:
-    """Return bash's function of this name, which offers folders and files with its suffixes."""
-    suffixes = name.removeprefix("_yawid_file_").split("_")
-    both = " ".join(f"{each} {each.upper()}" for each in suffixes)
-    return (
-        f'{name}() {{\n  local each\n  compgen -d -- "$1"\n'
-        f'  for each in {both}; do compgen -f -X "!*.$each" -- "$1"; done\n}}\n'
-    )
+    names = [f"*.{form}" for each in suffixes for form in (each, each.upper())]
+    return shtab.glob(*names) if names else shtab.FILE

@@ -33,13 +33,6 @@ def make_ready() -> None:
     show_escapes()
 
 
-def hush(library: str) -> None:
-    """Drop what a library logs below ERROR: only yawid may write lines to stderr."""
-    import logging  # it takes 17 ms, and few commands need it
-
-    logging.getLogger(library).setLevel(logging.ERROR)
-
-
 def bring_out() -> None:
     """Write out what both streams still hold: at Python's exit an error could not be reported.
 

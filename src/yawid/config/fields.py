@@ -22,14 +22,14 @@ Share = Annotated[float, Meta(gt=0.0, le=1.0, description="lie in (0, 1]")]
 Count = Annotated[int, Meta(ge=0, description="be an int >= 0")]
 
 
+def like(pattern: str, words: str) -> Meta:
+    """Return the bounds of a text that must match a pattern, with the words of an error."""
+    return Meta(pattern=rf"\A({pattern})\Z", description=words)
+
+
 def one_of(*names: str) -> Meta:
     """Return the bounds of a text that must be one of these names."""
-    return Meta(pattern=rf"\A({'|'.join(names)})\Z", description=f"be one of {', '.join(names)}")
-
-
-def like(pattern: str, words: str) -> Any:
-    """Return the kind of a text that must match a pattern, with the words of an error."""
-    return Annotated[str, Meta(pattern=rf"\A({pattern})\Z", description=words)]
+    return like("|".join(names), f"be one of {', '.join(names)}")
 
 
 @dataclass(frozen=True, slots=True)
