@@ -16,7 +16,6 @@ from places import C172P
 
 import yawid
 import yawid.sinks.mcap.reader
-import yawid.tables.export
 from yawid.cli.main import main
 from yawid.tables.run import Run
 
@@ -36,7 +35,6 @@ def run(mcap: Path) -> Run:
 def many_groups(monkeypatch: pytest.MonkeyPatch) -> None:
     """Make a short run one of many blocks and groups."""
     monkeypatch.setattr(yawid.sinks.mcap.reader, "BLOCK_ROWS", 100)
-    monkeypatch.setattr(yawid.tables.export, "GROUP_ROWS", 300)
 
 
 def unknown(values: np.ndarray) -> np.ndarray:
@@ -48,7 +46,7 @@ def test_parquet_has_every_number_its_unit_and_null_for_the_unknown(mcap: Path, 
 
     file = pq.ParquetFile(mcap.with_suffix(".parquet"))
     found = file.read()
-    assert file.metadata.num_row_groups == 4
+    assert file.metadata.num_row_groups == 12
     assert found.column_names == list(run.record)
     for name, values in zip(found.column_names, found.columns, strict=True):
         ours = run.record[name]

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from typing import Annotated, Final
+from typing import Annotated, Any, Final
 
 from yawid.answers.part import Count, Number, Part, Positive, named, says
 from yawid.quantities.flying_qualities import dutch_roll_level
@@ -243,3 +243,34 @@ class MethodSummary(Part, frozen=True, kw_only=True):
             "how much of the measurement the model explains: 100 (1 - |y - y_hat| / |y - mean y|)"
         ),
     ]
+
+
+Row = dict[str, Any]
+"""An answer's numbers and texts by the names of columns."""
+
+
+def flat(part: Part | None, begin: str = "") -> Row:
+    """Return the fields of an object, none of None, with ``begin`` before each name."""
+    row: Row = {}
+    for name in () if part is None else part.__struct_fields__:
+        value = getattr(part, name)
+        known = with_sigmas(name, value) if isinstance(value, Value) else {name: value}
+        row |= {begin + each: number for each, number in known.items()}
+    return row
+
+
+def with_sigmas(name: str, value: Value, scale: float = 1.0) -> Row:
+    """Return a value with its sigmas; those of ``kappa_rad_m`` are called ``kappa_std``."""
+    row, stem = {name: value.value}, name.removesuffix("_rad_m")
+    row |= {f"{stem}_std": value.std, f"{stem}_std_noise": value.std_noise}
+    return {name: None if x is None else scale * x for name, x in row.items()}
+
+
+def flat_answer(part: Part | None) -> Row:
+    """Return an answer's fields, those of its orders, mode and fit, and its derivatives."""
+    row = flat(part)
+    for name in ("orders", "dutch_roll", "fit"):
+        row |= flat(row.get(name))
+    for name, value in (row.get("physics") or {}).items():
+        row |= with_sigmas(name, value)
+    return row

@@ -6,28 +6,14 @@ The columns follow from the fields: a row has every field whose name is a column
 from collections.abc import Iterator
 from datetime import datetime
 
+from yawid.answers.model_parts import flat as flat
+from yawid.answers.model_parts import flat_answer, with_sigmas
+from yawid.answers.model_parts import with_sigmas as _value
 from yawid.answers.ordinary import OrdinaryAnswer
-from yawid.answers.part import Part
 from yawid.answers.reasons import Verdict
 from yawid.answers.run_summary import Bare, Manoeuvre, MethodSummary, RunSummary, Value
 from yawid.dataset.schema import FLIGHTS, MANOEUVRES, RUNNING, RUNS, Table
 from yawid.dataset.values import Row, known_date
-
-
-def flat(part: Part | None, begin: str = "") -> Row:
-    """Return the fields of an object, none of None, with ``begin`` before each name."""
-    row: Row = {}
-    for name in () if part is None else part.__struct_fields__:
-        value = getattr(part, name)
-        row |= _value(begin + name, value) if isinstance(value, Value) else {begin + name: value}
-    return row
-
-
-def _value(name: str, value: Value, scale: float = 1.0) -> Row:
-    """Return a value with its sigmas; those of ``kappa_rad_m`` are called ``kappa_std``."""
-    row, stem = {name: value.value}, name.removesuffix("_rad_m")
-    row |= {f"{stem}_std": value.std, f"{stem}_std_noise": value.std_noise}
-    return {name: None if x is None else scale * x for name, x in row.items()}
 
 
 def of_table(table: Table, row: Row) -> Row:
@@ -56,8 +42,7 @@ def flight_rows(summary: RunSummary, first_us: int | None, duration_s: float | N
     }
     answers = [
         {
-            **flat(flight),
-            **flat(flight.dutch_roll),
+            **flat_answer(flight),
             **flat(flight.between_std, "between_"),
             **_judged(flight.verdict),
             "answer": "manoeuvres",
@@ -98,7 +83,7 @@ def _over_speed(each: Manoeuvre, answer: MethodSummary) -> Row:
         return {}
     roll, gain = answer.dutch_roll, (answer.physics or {}).get("K", Value())
     wn = Value() if roll is None else Value(roll.wn_rad_s, roll.wn_std, roll.wn_std_noise)
-    return _value("kappa_rad_m", wn, 1.0 / speed) | _value("K_per_V", gain, 1.0 / speed)
+    return with_sigmas("kappa_rad_m", wn, 1.0 / speed) | with_sigmas("K_per_V", gain, 1.0 / speed)
 
 
 def _bare(bare: Bare | None) -> Row:
@@ -126,12 +111,13 @@ def _ordinary(found: OrdinaryAnswer | None) -> Row:
 
 
 def _method(method: MethodSummary) -> Row:
-    row = flat(method) | flat(method.orders) | flat(method.dutch_roll) | flat(method.fit)
-    for name, value in (method.physics or {}).items():
-        row |= _value(name, value)
     theta, stds = method.theta or {}, method.theta_std or {}
     theta_std = [stds.get(name) for name in theta]
-    return row | {"theta_names": [*theta], "theta": [*theta.values()], "theta_std": theta_std}
+    return flat_answer(method) | {
+        "theta_names": [*theta],
+        "theta": [*theta.values()],
+        "theta_std": theta_std,
+    }
 
 
 def _judged(verdict: Verdict) -> Row:

@@ -4,12 +4,14 @@ The names are those of records (``t``, ``rudder``, ``r``, ...), so that samples 
 in Python, in exported files, and in files that can be replayed.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+import math
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any, Final
 
 import numpy as np
 
-from yawid.answers.run_summary import Bare, Manoeuvre, RunSummary, Value
+from yawid.answers.model_parts import Row, flat, flat_answer, with_sigmas
+from yawid.answers.run_summary import Bare, RunSummary
 from yawid.blocks import (
     FIRST_DATE_NS,
     Array,
@@ -56,30 +58,29 @@ class Units:
             says += f", within {config.band[0]:g} to {config.band[1]:g} Hz, as the inputs are"
         self.output, self.output_says = name, says
 
-    def column(self, name: str, values: Array, says: str = "") -> Column:
-        """Return the column of a quantity, with the quantity's words unless ``says`` is given."""
-        row = quantity(name)
-        return Column(
-            name, values, row.unit.replace(RUDDER, self.grid.rudder_unit), says or row.words
-        )
+    def column(self, name: str, values: Array, says: str = "", of: str = "") -> Column:
+        """Return the column ``of`` a quantity, with its words unless ``says`` is given."""
+        row = quantity(of or name)
+        unit = row.unit.replace(RUDDER, self.grid.rudder_unit)
+        return Column(name, values, unit, says or row.words)
 
 
 def sample_columns(samples: SampleBlock, known: Units) -> Iterator[Column]:
     """Yield the measured columns, a row for each sample: the first columns of a record."""
     grid = known.grid
     mean = f"mean deflection over [t, t + {grid.sample_time_s:g} s), positive nose right"
-    yield _channel("t", samples, grid)
+    yield _channel("t", samples, known)
     rudder = samples.u[:, grid.inputs.index("rudder")]
     yield Column("rudder", rudder, grid.rudder_unit, mean)
     yield Column(known.output, samples.y, quantity("r").unit, known.output_says)
     for name in _FIRST[3:]:
-        yield _channel(name, samples, grid)
+        yield _channel(name, samples, known)
 
 
 def further_columns(samples: SampleBlock, known: Units) -> Iterator[Column]:
     """Yield the remaining columns of a record, and the notes of each sample."""
     for name in (each for each in CHANNELS if CHANNELS[each].kept and each not in _FIRST):
-        yield _channel(name, samples, known.grid)
+        yield _channel(name, samples, known)
     yield Column(
         "noted",
         texts(samples.noted, lambda bits: flag_names(Noted(bits))),
@@ -87,15 +88,15 @@ def further_columns(samples: SampleBlock, known: Units) -> Iterator[Column]:
     )
 
 
-def motion_columns(samples: SampleBlock, motion: MotionBlock | None) -> Iterator[Column]:
+def motion_columns(
+    samples: SampleBlock, motion: MotionBlock | None, known: Units
+) -> Iterator[Column]:
     """Yield the lateral motion at the samples, on lines between its own times, if it was kept."""
     if motion is None:
         return
     for rows, names in ((motion.attitude, MOTION), (motion.acceleration, {"ay": 0})):
         for name, place in names.items():
-            row = quantity(name)
-            values = _between(samples, rows, place)
-            yield Column(name, values, row.unit, row.words)
+            yield known.column(name, _between(samples, rows, place))
 
 
 def _between(samples: SampleBlock, rows: StampedRows, place: int) -> Floats:
@@ -110,21 +111,14 @@ def _between(samples: SampleBlock, rows: StampedRows, place: int) -> Floats:
     return np.where(known, np.interp(at, times, rows.values[:, place]), np.nan)
 
 
-def _channel(name: str, samples: SampleBlock, grid: Grid) -> Column:
-    row, made = quantity(name), _MADE.get(name)
-    values = getattr(samples, name) if made is None else made(samples, grid)
-    return Column(name, values, row.unit, row.words)
+def _channel(name: str, samples: SampleBlock, known: Units) -> Column:
+    made = _MADE.get(name)
+    return known.column(name, getattr(samples, name) if made is None else made(samples, known.grid))
 
 
 def _is_ground(samples: SampleBlock) -> Bools:
     """Return for each sample (n,) whether its airspeed is the ground speed."""
-    found: Bools = samples.noted & Noted.GROUND_SPEED != 0
-    return found
-
-
-def _kinds(samples: SampleBlock) -> Array:
-    kind = np.where(_is_ground(samples), _GROUND, samples.airspeed_kind)
-    return texts(np.nan_to_num(kind), _kind)
+    return np.asarray(samples.noted & Noted.GROUND_SPEED, bool)
 
 
 def _dates(samples: SampleBlock) -> Array:
@@ -142,7 +136,9 @@ _MADE: Final[Mapping[str, Callable[[SampleBlock, Grid], Array]]] = {
     "t": lambda s, _: s.boot_us / 1e6,
     "airspeed": lambda s, _: np.where(_is_ground(s), np.nan, s.airspeed),
     "ground_speed": lambda s, _: np.where(_is_ground(s), s.airspeed, s.ground_speed),
-    "airspeed_kind": lambda s, _: _kinds(s),
+    "airspeed_kind": lambda s, _: texts(
+        np.nan_to_num(np.where(_is_ground(s), _GROUND, s.airspeed_kind)), _kind
+    ),
     "mode": lambda s, grid: texts(s.mode, lambda mode: _mode_name(grid, mode)),
     "held": lambda s, _: texts(s.held, lambda bits: flag_names(Held(bits))),
     "time": lambda s, _: _dates(s),
@@ -154,14 +150,13 @@ def estimate_columns(
     samples: SampleBlock, estimate: EstimateBlock, known: Units
 ) -> Iterator[Column]:
     """Yield an estimator's columns: each parameter of theta, their sigmas, the fit, ``held``."""
-    grid = known.grid
-    yield _channel("t", samples, grid)
+    yield _channel("t", samples, known)
     kinds = (("", estimate.theta, "parameter"), ("_std", estimate.theta_std, "its sigma, of noise"))
     for suffix, values, says in kinds:
-        for i, name in enumerate(grid.parameters):
+        for i, name in enumerate(known.grid.parameters):
             yield Column(name + suffix, values[:, i], theta_unit(name, known), says)
     yield from fit_columns(estimate, known)
-    yield _channel("held", samples, grid)
+    yield _channel("held", samples, known)
 
 
 def fit_columns(estimate: EstimateBlock, known: Units) -> Iterator[Column]:
@@ -177,12 +172,11 @@ def fit_columns(estimate: EstimateBlock, known: Units) -> Iterator[Column]:
 def mode_columns(rows: RunRows, known: Units) -> Iterator[Column]:
     """Yield the primary method's Dutch roll, poles and numbers of eq. 22-23, with their sigmas."""
     modes = rows.modes
-    yield _channel("t", rows.samples, known.grid)
+    yield _channel("t", rows.samples, known)
     yield from dutch_roll_columns(rows, known)
     for i in range(modes.poles.shape[1]):
         for part, values in (("re", modes.poles.real), ("im", modes.poles.imag)):
-            row = quantity(f"pole_{part}")
-            yield Column(f"pole{i + 1}_{part}", values[:, i], row.unit, row.words)
+            yield known.column(f"pole{i + 1}_{part}", values[:, i], of=f"pole_{part}")
     for name, value, std in zip(YAW_CHANNEL, modes.yaw.T, modes.yaw_std.T, strict=False):
         yield known.column(name, value)
         yield known.column(f"{name}_std", std, OF_NOISE)
@@ -204,52 +198,51 @@ def record_columns(rows: RunRows, known: Units, motion: MotionBlock | None = Non
     for estimate in list(rows.estimates.values())[:1]:  # the primary one; without a grid none
         *fit, _, status = fit_columns(estimate, known)
         columns += [*fit, *dutch_roll_columns(rows, known), status]
-    motions = motion_columns(rows.samples, motion)
+    motions = motion_columns(rows.samples, motion, known)
     return [*columns, *further_columns(rows.samples, known), *motions]
 
 
 def manoeuvre_columns(summary: RunSummary, known: Units) -> Iterator[Column]:
-    """Yield columns with a row for each manoeuvre: its conditions and its answer."""
+    """Yield columns with a row for each manoeuvre: its conditions and its answer.
+
+    Then the numbers of eq. 22-23 with total sigma, and those of the bare airframe if it is known.
+    """
     found = summary.manoeuvres or []
-    fields = [row_of(each) for each in found]
+    rows = [flat_answer(each.answer) | _bare(each.lateral) | row_of(each) for each in found]
     types = {name: _TYPES.get(shape["type"], object) for name, shape in row_shapes().items()}
     for name in dict.fromkeys(("n", "usable", "reasons", *types)):
-        values = [_one(each.get(name)) for each in fields]
+        values = [_one(row.get(name)) for row in rows]
         column: Array = np.array(values, types[name])
         yield known.column(name, column) if name != "reasons" else Column(name, column)
         if name == "usable":
             says = "whether the flight's answer for its loop rests on it"
             used = np.array([each.n in summary.used for each in found], bool)
             yield Column("used", used, says=says)
-    yield from _derivative_columns(found, known)
 
+    def numbers(name: str) -> Floats:
+        return np.array([row.get(name) for row in rows], float)
 
-def _derivative_columns(found: Sequence[Manoeuvre], known: Units) -> Iterator[Column]:
-    """Yield the numbers of eq. 22-23 with total sigma, and those of the bare airframe if known."""
-    answers = [(each.answer and each.answer.physics) or {} for each in found]
-    for name in (each for each in YAW_CHANNEL if each != "K"):
-        for suffix, column in _values([each.get(name) for each in answers]):
-            yield known.column(f"{name}{suffix}", column)
-    bare = [each.lateral for each in found]
-    if not any(bare):
+    for name in (f"{each}{std}" for each in YAW_CHANNEL if each != "K" for std in ("", "_std")):
+        yield known.column(name, numbers(name))
+    if not any(each.lateral for each in found):
         return
-    rolls = [None if each is None else each.dutch_roll for each in bare]
     for name in ("wn_rad_s", "wn_std", "zeta", "zeta_std"):
-        column = np.array([getattr(each, name, None) or np.nan for each in rolls], float)
-        row = quantity(name)
-        yield Column(f"bare_{name}", column, row.unit, f"of the bare airframe: {row.words}")
+        says, bare = f"of the bare airframe: {quantity(name).words}", f"bare_{name}"
+        yield known.column(bare, numbers(bare), says, of=name)
     for name in Bare.NAMES:
         unit = unit_of_derivative(name, known.grid.rudder_unit)
-        values = [(each.derivatives or {}).get(name) if each else None for each in bare]
-        for suffix, column in _values(values):
-            yield Column(name + suffix, column, unit, "of the bare airframe, Ixz folded in")
+        for each in (name, f"{name}_std"):
+            yield Column(each, numbers(each), unit, "of the bare airframe, Ixz folded in")
 
 
-def _values(values: Iterable[Value | None]) -> Iterator[tuple[str, Array]]:
-    """Yield ("", values) and ("_std", total sigmas), NaN where unknown."""
-    some = [Value() if each is None else each for each in values]
-    yield "", np.array([np.nan if v.value is None else v.value for v in some], float)
-    yield "_std", np.array([np.nan if v.std is None else v.std for v in some], float)
+def _bare(bare: Bare | None) -> Row:
+    """Return the mode and the derivatives of a bare airframe; none where it is not known."""
+    if not bare:
+        return {}
+    row = flat(bare.dutch_roll, "bare_")
+    for name, value in (bare.derivatives or {}).items():
+        row |= with_sigmas(name, value)
+    return row
 
 
 def theta_unit(name: str, known: Units) -> str:
@@ -269,10 +262,7 @@ def texts(codes: Array, word: Callable[[Any], str | None]) -> Array:
 
 def _mode_name(grid: Grid, mode: float) -> str | None:
     """Return a flight mode's name, its number where it has no name, None where it is unknown."""
-    if mode != mode:  # NaN
-        return None
-    name = grid.mode_name(mode)
-    return f"{mode:.0f}" if name == f"mode {mode:.0f}" else name
+    return None if math.isnan(mode) else grid.mode_name(mode).removeprefix("mode ")
 
 
 def _kind(code: float) -> str | None:

@@ -7,7 +7,7 @@ which needs all of it, and the lateral motion, if the run kept it.
 """
 
 import json
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from itertools import chain
 from pathlib import Path
 from typing import Any, BinaryIO, Final
@@ -17,8 +17,6 @@ import pyarrow.csv
 import pyarrow.parquet as pq
 
 from yawid.errors import ConfigError, SourceError
-from yawid.sinks.base import RunRows
-from yawid.sinks.mcap.messages import joined
 from yawid.sinks.mcap.reader import McapRun, open_answered
 from yawid.system.part_file import written_whole
 from yawid.tables.columns import Units, manoeuvre_columns, mode_columns, record_columns
@@ -28,8 +26,6 @@ from yawid.version import __version__
 FORMATS: Final = (".parquet", ".csv", ".npz")
 Tables = Iterator[list[Column]]
 """A run's columns in groups of rows; there is at least one row."""
-GROUP_ROWS: Final = 1 << 16
-"""The least number of rows of a group in Parquet; one group is in memory at a time."""
 _NO_HEADER: Final = pyarrow.csv.WriteOptions(include_header=False)
 
 
@@ -43,20 +39,15 @@ def check_name(out: Path) -> None:
         raise ConfigError(f"--out {out}: the name must end in {', '.join(FORMATS)}")
 
 
-def export(
-    mcap: Path, out: Path | None = None, what: str = "samples", *, force: bool = False
-) -> Path:
-    """Write a run's samples and results to ``out``, else next to the MCAP; return the path.
+def export(mcap: Path, out: Path, what: str = "samples", *, force: bool = False) -> Path:
+    """Write a run's samples and results to ``out``; return its absolute path.
 
     ``what`` may also be its manoeuvres or its modes.
 
     Raises:
-        ConfigError: the suffix of ``out`` is not one of ``FORMATS``.
         SourceError: the MCAP cannot be read, is damaged, or has nothing of it.
         SinkError: the file exists and ``force`` is not set, or it cannot be written.
     """
-    out = mcap.with_suffix(FORMATS[0]) if out is None else out
-    check_name(out)
     run = open_answered(mcap)
     blocks = run.blocks()
     first = next(blocks, None)
@@ -64,7 +55,7 @@ def export(
         raise SourceError(f"{mcap} holds no sample: there is nothing to export")
     known = Units(run.grid, run.config)
     motion = run.motion() if what == "samples" else None
-    groups = _groups(chain([first], blocks))
+    groups = chain([first], blocks)
     tables: Tables = (record_columns(rows, known, motion) for rows in groups)
     if what == "modes":
         tables = ([*mode_columns(rows, known)] for rows in groups)
@@ -98,18 +89,6 @@ def facts_of(run: McapRun, known: Units) -> dict[str, str]:
         "configuration": config.to_toml(),
     }
     return {name: fact for name, fact in facts.items() if fact}
-
-
-def _groups(blocks: Iterable[RunRows]) -> Iterator[RunRows]:
-    """Yield the rows in groups of at least ``GROUP_ROWS``, except the last."""
-    waiting: list[RunRows] = []
-    for rows in blocks:
-        waiting.append(rows)
-        if sum(len(each.samples) for each in waiting) >= GROUP_ROWS:
-            yield joined(waiting)
-            waiting = []
-    if waiting:
-        yield joined(waiting)
 
 
 def _parquet(stream: BinaryIO, tables: Tables, facts: dict[str, str]) -> None:

@@ -128,7 +128,7 @@ class Run:
         """The measured channels, a row for each sample, also for held ones."""
         samples, known = self._rows.samples, self._known
         columns = [*sample_columns(samples, known), *further_columns(samples, known)]
-        return Table.of("samples", [*columns, *motion_columns(samples, self._motion)])
+        return Table.of("samples", [*columns, *motion_columns(samples, self._motion, known)])
 
     @cached_property
     def estimates(self) -> Mapping[str, Table]:
@@ -159,11 +159,7 @@ class Run:
         """
         if (bare := self.summary.bare) is not None:
             return bare
-        asked = self.config.lateral == "auto"
-        text = "there was no manoeuvre" if asked else "it was not looked for"
-        step = None if asked else 'Replay the log with lateral="auto".'
-        said = Reason("bare_unknown", text, weight="warning")
-        return Bare(used=[], verdict=Verdict(usable=False, reasons=[said], next=step))
+        return Bare(used=[], verdict=self._unknown("bare_unknown", "lateral"))
 
     @property
     def ordinary(self) -> OrdinaryAnswer:
@@ -173,9 +169,14 @@ class Run:
         """
         if (found := self.summary.ordinary) is not None:
             return found
-        step = 'Replay the log with ordinary="auto".'
-        said = Reason("ordinary_unknown", "it was not looked for", step)
-        return OrdinaryAnswer(verdict=Verdict(usable=False, reasons=[said], next=step))
+        return OrdinaryAnswer(verdict=self._unknown("ordinary_unknown", "ordinary"))
+
+    def _unknown(self, why: str, option: str) -> Verdict:
+        """Return why there is no answer of what an option asks for."""
+        asked = getattr(self.config, option) == "auto"
+        text = "nothing was flown that shows it" if asked else "it was not looked for"
+        step = None if asked else f'Replay the log with {option}="auto".'
+        return Verdict(usable=False, reasons=[Reason(why, text, step)], next=step)
 
     @cached_property
     def record(self) -> Table:
@@ -205,8 +206,8 @@ class Run:
     @property
     def air_density(self) -> float | None:
         """The standard atmosphere's density in kg/m^3 at the altitude flown, None if unknown."""
-        found = [each.altitude_m for each in self.summary.manoeuvres or ()]
-        known = [each for each in found if each is not None]
+        found = self.summary.manoeuvres or ()
+        known = [each.altitude_m for each in found if each.altitude_m is not None]
         ratio = density_ratio(np.array(known)).mean() if known else np.nan
         return float(SEA_LEVEL_DENSITY * ratio) if np.isfinite(ratio) else None
 
@@ -308,8 +309,7 @@ def no_rows() -> RunRows:
     whole = ("k", "boot_us", "unix_ns", "received_us", "noted", "held", "epoch")
     columns |= dict.fromkeys(whole, np.empty(0, np.int64))
     samples = SampleBlock(**columns | {"sample_time_s": math.nan, "u": np.empty((0, 1))})
-    poles = np.empty((0, 0), complex)
-    empty = np.empty((0, 0))
+    empty: Any = np.empty((0, 0))
     return RunRows(
-        samples, {}, ModesBlock(poles, empty, empty, empty, empty, np.empty((0, 4)), empty, empty)
+        samples, {}, ModesBlock(empty, empty, empty, empty, empty, np.empty((0, 4)), empty, empty)
     )

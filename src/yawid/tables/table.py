@@ -166,12 +166,12 @@ class Table:
 
 def arrow_table(columns: Sequence[Column], facts: dict[str, str]) -> pa.Table:
     """Return columns with their units as an Arrow table; what is unknown is null."""
-    fields, arrays = [], []
-    for column in columns:
-        array = _array(column)
-        said = {"unit": unit_of(column), "says": column.says}
-        fields.append(pa.field(column.name, array.type, metadata=said))
-        arrays.append(array)
+    arrays = [_array(column) for column in columns]
+    said = [{"unit": unit_of(column), "says": column.says} for column in columns]
+    fields = [
+        pa.field(column.name, array.type, metadata=each)
+        for column, array, each in zip(columns, arrays, said, strict=True)
+    ]
     return pa.Table.from_arrays(arrays, schema=pa.schema(fields, metadata=facts))
 
 
@@ -197,13 +197,10 @@ def cell(value: object) -> str:
     """Return a value as text for a person, "" where it is unknown."""
     if value is None or value != value:  # NaN and NaT
         return ""
-    if isinstance(value, float):
-        return f"{value:.6g}"
-    return str(value)
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
 
 
 def filled(values: Array) -> Array:
     """Return texts (n,) as a NumPy array of strings, "" where unknown; numbers as they are."""
-    if values.dtype != object:
-        return values
-    return np.array(["" if each is None else each for each in values], np.str_)
+    is_text = values.dtype == object
+    return np.array([each or "" for each in values], np.str_) if is_text else values

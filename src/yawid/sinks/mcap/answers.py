@@ -7,6 +7,7 @@ from typing import Any, Final
 
 from msgspec.json import encode, schema_components
 
+from yawid.answers.model_parts import flat, flat_answer
 from yawid.answers.ordinary import OrdinaryAnswer
 from yawid.answers.part import Part
 from yawid.answers.run_summary import Bare, Flight, Manoeuvre
@@ -32,13 +33,8 @@ WHOLE: Final[dict[str, type[Part]]] = {LATERAL: Bare, ORDINARY: OrdinaryAnswer}
 
 def row_of(found: Manoeuvre | Flight) -> Shape:
     """Return an answer as one row: how it was flown, its numbers, its verdict."""
-    answer = found.answer if isinstance(found, Manoeuvre) else None
-    known = found.to_json() | ({} if answer is None else answer.to_json())
-    known |= known.get("dutch_roll", {}) | known.get("fit", {}) | found.verdict.to_json()
-    values = {"K": known.get("physics", {}).get("K", {})}
-    values["yaw_acceleration"] = known.get("yaw_acceleration", {})
-    for name, value in values.items():
-        known |= {name: value.get("value"), f"{name}_std": value.get("std")}
+    # The answer of a manoeuvre is one of its methods', a flight is its own.
+    known = flat(found) | flat_answer(getattr(found, "answer", found)) | found.verdict.to_json()
     return {name: known[name] for name in ROW if known.get(name) is not None}
 
 
