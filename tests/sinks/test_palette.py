@@ -47,28 +47,21 @@ def lab(rgb: np.ndarray) -> np.ndarray:
     return np.array([116.0 * y - 16.0, 500.0 * (x - y), 200.0 * (y - z)])
 
 
-@pytest.mark.parametrize("name", LINES)
-def test_a_line_is_seen_on_paper_and_on_the_viewers_dark_ground(name: str) -> None:
-    own = luminance(LINES[name]) + 0.05
-
-    assert 1.05 / own > 2.9
-    assert own / (luminance(DARK) + 0.05) > 2.9
+def test_a_line_is_seen_on_paper_and_on_the_viewers_dark_ground() -> None:
+    own = {name: luminance(colour) + 0.05 for name, colour in LINES.items()}
+    assert 1.05 / max(own.values()) > 2.9
+    assert min(own.values()) / (luminance(DARK) + 0.05) > 2.9
 
 
 @pytest.mark.parametrize("sight", SIGHTS)
-def test_lines_that_meet_in_a_picture_differ_to_every_eye(sight: str) -> None:
+def test_lines_that_meet_in_a_picture_and_parameters_differ_to_every_eye(sight: str) -> None:
     seen = {name: lab(np.array(SIGHTS[sight]) @ linear(c)) for name, c in LINES.items()}
     pairs = {pair for some in MEET for pair in combinations(some, 2)}
     near = {pair: float(np.linalg.norm(seen[pair[0]] - seen[pair[1]])) for pair in pairs}
 
     assert min(near.values()) > 9.0, min(near, key=lambda pair: near[pair])
-
-
-@pytest.mark.parametrize("sight", SIGHTS)
-def test_parameters_differ_from_each_other_to_every_eye(sight: str) -> None:
-    seen = [lab(np.array(SIGHTS[sight]) @ linear(c)) for c in palette.LINES]
-
-    assert min(float(np.linalg.norm(a - b)) for a, b in combinations(seen, 2)) > 20.0
+    own = [lab(np.array(SIGHTS[sight]) @ linear(c)) for c in palette.LINES]  # of parameters
+    assert min(float(np.linalg.norm(a - b)) for a, b in combinations(own, 2)) > 20.0
 
 
 def test_a_parameter_s_colour_has_no_other_meaning() -> None:

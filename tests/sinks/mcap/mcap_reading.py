@@ -29,7 +29,7 @@ def write_file(path: Path, blocks: Blocks, edges: list[int] | None = None) -> Pa
     sink = open_sink(path, blocks[0].u.shape[1])
     for block in cut(blocks, edges or []):
         sink.take(RunRows(*block))
-    sink.take(Done(SUMMARY, {}))
+    sink.take(Done(SUMMARY, {"summary.json": b"{}"}))
     return path
 
 
@@ -52,7 +52,6 @@ def decoded(path: Path) -> dict[str, list[Any]]:
     topics: dict[str, list[Any]] = {}
     with path.open("rb") as stream:
         for schema, channel, message in make_reader(stream, validate_crcs=True).iter_messages():
-            assert schema is not None
             if schema.id not in classes and schema.encoding == "protobuf":
                 classes[schema.id] = foreign_class(schema)
             if channel.message_encoding == "json":
@@ -72,3 +71,22 @@ def raw(path: Path) -> list[tuple[str, int, int, int, bytes]]:
             (channel.topic, message.log_time, message.publish_time, message.sequence, message.data)
             for _, channel, message in make_reader(stream).iter_messages(log_time_order=False)
         ]
+
+
+def summary_of(path: Path) -> Any:
+    """What stands at the end of the file: channels, statistics and the index of the chunks."""
+    with path.open("rb") as stream:
+        return make_reader(stream).get_summary()
+
+
+def spans_ns(path: Path) -> list[int]:
+    """How long each chunk of a file is, in ns."""
+    return [c.message_end_time - c.message_start_time for c in summary_of(path).chunk_indexes]
+
+
+def records_of(path: Path) -> tuple[list[tuple[str, dict[str, str]]], dict[str, tuple[str, bytes]]]:
+    """The metadata by name in their order, and the media types and data of the attachments."""
+    with path.open("rb") as stream:
+        reader = make_reader(stream)
+        metadata = [(each.name, dict(each.metadata)) for each in reader.iter_metadata()]
+        return metadata, {a.name: (a.media_type, a.data) for a in reader.iter_attachments()}

@@ -1,126 +1,115 @@
+"""In which order and chunks a file is written: rows, manoeuvres, lateral motion, and its index."""
+
 from __future__ import annotations
 
 import contextlib
 import time
-from dataclasses import replace
+import tracemalloc
+from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
+from flightlog import fly
+from hypothesis import example, given
 from hypothesis import strategies as st
 from mcap.exceptions import EndOfFile
 from mcap.reader import NonSeekingReader, make_reader
-from sinks.mcap.mcap_reading import decoded, open_sink, raw, write_file
-from sinks.sink_blocks import (
-    SUMMARY,
-    cut,
-    make_blocks,
-    make_manoeuvre,
-    run_script,
-)
+from sinks.mcap.mcap_reading import decoded, open_sink, raw, spans_ns, summary_of, write_file
+from sinks.sink_blocks import SUMMARY, Blocks, cut, make_blocks, make_manoeuvre
 
-from yawid.errors import SinkError
-from yawid.sinks.base import Abort, Done, Flush, Found, RunRows
-from yawid.sinks.mcap.sink import McapSink
+from yawid.blocks import MotionBlock, SampleBlock
+from yawid.channels.stage import WANTED
+from yawid.config.run import RunConfig
+from yawid.pipeline import Pipeline
+from yawid.results.summary import summarise
+from yawid.runs.finished_run import FinishedRun
+from yawid.runs.job import feed_all
+from yawid.runs.outputs import Outputs, finish, open_mcap, parameters_of
+from yawid.sinks.base import Abort, Done, Event, Flush, Found, RunRows, Sink
+from yawid.sinks.mcap.chunks import ChunkWriter
+from yawid.sinks.mcap.reader import open_run
+from yawid.sinks.mcap.schemas import MOTION
+from yawid.sources.logs.tlog import TlogReader
+from yawid.sources.mavlink.decoder import Decoder
+
+ROW = ("/yawid/estimate", "/yawid/estimate/rml", "/yawid/modes", "/yawid/sample")
+
+
+def in_modes() -> Blocks:
+    """Three seconds in which the flight mode is not known at first and then changes."""
+    blocks = make_blocks(n=60)
+    blocks[0].mode[:] = 0.0
+    blocks[0].mode[:2], blocks[0].mode[20:41], blocks[0].mode[50] = np.nan, 10.0, 77.0
+    return blocks
 
 
 @given(edges=st.lists(st.integers(1, 59)))
+@example(edges=[*range(60)])
+@example(edges=[2, 20, 41])
 def test_the_way_a_stream_is_cut_into_blocks_does_not_show(
     edges: list[int], tmp_path_factory: pytest.TempPathFactory
 ) -> None:
-    folder = tmp_path_factory.mktemp("cuts")
-    blocks = make_blocks(n=60)
-    whole, parts = folder / "whole.mcap", folder / "parts.mcap"
-    write_file(whole, blocks)
-    write_file(parts, blocks, edges)
+    folder, blocks = tmp_path_factory.mktemp("cuts"), in_modes()
+    whole = write_file(folder / "whole.mcap", blocks)
+    parts = write_file(folder / "parts.mcap", blocks, edges)
     assert parts.read_bytes() == whole.read_bytes()
 
 
-def test_the_messages_of_a_topic_are_together_in_each_chunk_of_a_second(tmp_path: Path) -> None:
-    topics = [topic for topic, *_ in raw(write_file(tmp_path / "a.mcap", make_blocks(n=24)))]
-    row = ["/yawid/sample", "/yawid/estimate", "/yawid/estimate/rml", "/yawid/modes"]
-    first, second = ([topic for topic in row for _ in range(n)] for n in (20, 4))
-    assert topics == [*first, "/yawid/mode", "/yawid/verdict", *second]
-    numbers = [n for topic, *_, n, _ in raw(tmp_path / "a.mcap") if topic == "/yawid/modes"]
-    assert numbers == list(range(24))
-
-
-@pytest.mark.parametrize("edges", [[], list(range(60)), [2, 20, 41]])
-def test_the_flight_mode_stands_by_name_wherever_it_changes_however_blocks_are_cut(
-    tmp_path: Path, edges: list[int]
-) -> None:
-    samples, estimates, modes = make_blocks(n=60)
-    mode = np.zeros(60)
-    mode[:2], mode[20:41], mode[50] = np.nan, 10.0, 77.0
-    samples = replace(samples, mode=mode)
-    found = decoded(write_file(tmp_path / "a.mcap", (samples, estimates, modes), edges))
-    told = [(round(1e6 * each.boot_time), each.name) for _, each in found["/yawid/mode"]]
+def test_the_flight_mode_stands_by_name_wherever_it_changes(tmp_path: Path) -> None:
+    samples, *_ = blocks = in_modes()
+    found = decoded(write_file(tmp_path / "a.mcap", blocks))["/yawid/mode"]
     names = ["unknown", "MANUAL", "AUTO", "MANUAL", "mode 77", "MANUAL"]
     rows = [0, 2, 20, 41, 50, 51]
+    told = [(round(1e6 * each.boot_time), each.name) for _, each in found]
     assert told == list(zip(samples.boot_us[rows].tolist(), names, strict=True))
-    assert [m.log_time for m, _ in found["/yawid/mode"]] == samples.unix_ns[rows].tolist()
-    assert [each.custom_mode for _, each in found["/yawid/mode"]][1:] == [0, 10, 0, 77, 0]
-    with (tmp_path / "a.mcap").open("rb") as stream:
-        summary = make_reader(stream).get_summary()
-    assert summary is not None
-    spans = [c.message_end_time - c.message_start_time for c in summary.chunk_indexes]
-    assert max(spans) < 1_000_000_000
-    write_file(tmp_path / "b.mcap", (samples, estimates, modes))
-    assert (tmp_path / "a.mcap").read_bytes() == (tmp_path / "b.mcap").read_bytes()
+    assert [m.log_time for m, _ in found] == samples.unix_ns[rows].tolist()
+    assert [each.custom_mode for _, each in found][1:] == [0, 10, 0, 77, 0]
+    assert max(spans_ns(tmp_path / "a.mcap")) < 1_000_000_000
 
 
-def test_no_chunk_is_longer_than_a_second_and_none_is_one_sample(tmp_path: Path) -> None:
-    n = 205
-    path = write_file(tmp_path / "a.mcap", make_blocks(n=n))
-    with path.open("rb") as stream:
-        summary = make_reader(stream).get_summary()
-    assert summary is not None
-    chunks = summary.chunk_indexes
-    assert all(c.message_end_time - c.message_start_time < 1_000_000_000 for c in chunks)
-    assert len(chunks) == -(-n // 20)
-    assert {c.compression for c in chunks} == {"zstd"}
-
-
-def written_with_manoeuvres(path: Path) -> Path:
-    """A hundred samples; the first of two manoeuvres is told 2 s late, as in a live session."""
-    blocks = make_blocks(n=100)
-    sink = open_sink(path)
-    for i, block in enumerate(cut(blocks, [70])):
-        sink.take(RunRows(*block))
-        rows = (30, 50) if i else (5, 30)
-        sink.take(Found(*make_manoeuvre(blocks[0], *rows, n=i + 1)))
-    sink.take(Done(SUMMARY, {}))
-    return path
+def test_no_chunk_is_longer_than_a_second_none_is_one_sample_and_a_topic_is_together_in_it(
+    tmp_path: Path,
+) -> None:
+    path = write_file(tmp_path / "a.mcap", make_blocks(n=204))
+    chunks, kept = summary_of(path).chunk_indexes, raw(path)
+    row = ["/yawid/sample", "/yawid/estimate", "/yawid/estimate/rml", "/yawid/modes"]
+    of_a_second, last = ([topic for topic in row for _ in range(n)] for n in (20, 4))
+    assert [topic for topic, *_ in kept][-4 * 24 - 1 :] == [
+        *of_a_second, "/yawid/verdict", *last,
+    ]  # fmt: skip
+    assert [n for topic, *_, n, _ in kept if topic == "/yawid/modes"] == list(range(204))
+    assert max(spans_ns(path)) < 1_000_000_000
+    assert (len(chunks), {c.compression for c in chunks}) == (11, {"zstd"})
+    topics = {channel.topic for channel in summary_of(path).channels.values()}
+    assert "/yawid/manoeuvre" not in topics
 
 
 def test_a_manoeuvre_told_late_stands_behind_newer_samples_and_is_read_at_its_own_time(
     tmp_path: Path,
 ) -> None:
-    path = written_with_manoeuvres(tmp_path / "a.mcap")
-    ends_ns = make_blocks(n=100)[0].unix_ns[[30, 50]].tolist()
-    rows = raw(path)
-    assert [time for topic, time, *_ in rows if topic == "/yawid/manoeuvre"] == ends_ns
+    path, blocks = tmp_path / "a.mcap", make_blocks(n=100)
+    sink, sample_ns = open_sink(path), blocks[0].unix_ns
+    for n, (block, rows) in enumerate(zip(cut(blocks, [70]), [(5, 30), (30, 50)], strict=True), 1):
+        sink.take(RunRows(*block))
+        sink.take(Found(*make_manoeuvre(blocks[0], *rows, n)))  # 2 s late, as in a live session
+    sink.take(Done(SUMMARY, {}))
+    rows, end_ns = raw(path), int(sample_ns[30])
+    ends_ns = [time for topic, time, *_ in rows if topic == "/yawid/manoeuvre"]
+    assert ends_ns == [end_ns, sample_ns[50]]
     assert [topic for topic, *_ in rows].index("/yawid/manoeuvre") == 1 + 4 * 70
     with path.open("rb") as stream:
         reader = make_reader(stream, validate_crcs=True)
         times = [m.log_time for _, _, m in reader.iter_messages()]
-        assert times == sorted(times)
-        assert len(times) == len(rows)
-        at_its_time = reader.iter_messages(starting_at=ends_ns[0], ending_before=ends_ns[0] + 1)
-        assert sorted(channel.topic for _, channel, _ in at_its_time) == [
-            "/yawid/estimate", "/yawid/estimate/rml", "/yawid/manoeuvre", "/yawid/modes",
-            "/yawid/sample",
-        ]  # fmt: skip
-        summary = reader.get_summary()
-    assert summary is not None
-    assert summary.statistics is not None
-    spans = [c.message_end_time - c.message_start_time for c in summary.chunk_indexes]
-    assert max(spans) < 1_000_000_000
-    assert spans.count(0) == 3  # each manoeuvre has a chunk of its own; the verdict is alone too
-    sample_ns = make_blocks(n=100)[0].unix_ns
-    found = summary.statistics.message_start_time, summary.statistics.message_end_time
-    assert found == (sample_ns[0], sample_ns[-1])
+        at_its_time = reader.iter_messages(starting_at=end_ns, ending_before=end_ns + 1)
+        found = sorted(channel.topic for _, channel, _ in at_its_time)
+    assert (times, len(times)) == (sorted(times), len(rows))
+    assert found == sorted([*ROW, "/yawid/manoeuvre"])
+    assert max(spans_ns(path)) < 1_000_000_000
+    assert spans_ns(path).count(0) == 3  # each manoeuvre has a chunk of its own, as the verdict
+    statistics = summary_of(path).statistics
+    span_ns = statistics.message_start_time, statistics.message_end_time
+    assert span_ns == (sample_ns[0], sample_ns[-1])
 
 
 def test_manoeuvres_never_go_back_in_time_though_the_clock_may(tmp_path: Path) -> None:
@@ -134,127 +123,121 @@ def test_manoeuvres_never_go_back_in_time_though_the_clock_may(tmp_path: Path) -
     assert [each.n for _, each in found] == [1, 2, 3]
 
 
-def test_a_run_without_manoeuvres_has_no_topic_of_them(tmp_path: Path) -> None:
-    with write_file(tmp_path / "a.mcap", make_blocks(n=5)).open("rb") as stream:
-        summary = make_reader(stream).get_summary()
-    assert summary is not None
-    assert "/yawid/manoeuvre" not in {channel.topic for channel in summary.channels.values()}
-
-
-def test_a_run_without_a_grid_still_leaves_its_verdict(tmp_path: Path) -> None:
-    McapSink(tmp_path / "a.mcap", {}).take(Done(SUMMARY, {}))
-    assert decoded(tmp_path / "a.mcap").keys() == {"/yawid/verdict"}
-
-
-def test_an_aborted_run_leaves_an_indexed_part(tmp_path: Path) -> None:
-    sink = open_sink(tmp_path / "a.mcap")
-    sink.take(RunRows(*make_blocks(n=30)))
-    sink.take(Abort())
-    assert not (tmp_path / "a.mcap").exists()
-    assert len(decoded(tmp_path / "a.mcap.part")["/yawid/sample"]) == 30
-    sink.take(Abort())  # twice does no harm
-
-
-def test_flush_makes_the_last_sample_readable_in_the_open_file(tmp_path: Path) -> None:
-    sink = open_sink(tmp_path / "a.mcap")
-    sink.take(RunRows(*make_blocks(n=3)))
-    sink.take(Flush())
-    found = []
-    with (tmp_path / "a.mcap.part").open("rb") as stream, contextlib.suppress(EndOfFile):
-        for _, channel, _ in NonSeekingReader(stream).iter_messages(log_time_order=False):
-            found.append(channel.topic)
-    sink.take(Abort())
-    assert found.count("/yawid/modes") == 3
-
-
-def test_flushing_after_every_sample_does_not_make_a_chunk_of_each(tmp_path: Path) -> None:
-    sink = open_sink(tmp_path / "a.mcap")
-    begin = time.monotonic()
-    for block in cut(make_blocks(n=200), list(range(200))):
+def test_flush_makes_the_last_sample_readable_and_not_a_chunk_of_each(tmp_path: Path) -> None:
+    sink, found, begin_s = open_sink(tmp_path / "a.mcap"), [], time.monotonic()
+    for n, block in enumerate(cut(make_blocks(n=200), list(range(200)))):
         sink.take(RunRows(*block))
         sink.take(Flush())
-    sink.take(Done(SUMMARY, {}))
-    by_wall_time = (time.monotonic() - begin) / 0.5 + 1
-    with (tmp_path / "a.mcap").open("rb") as stream:
-        summary = make_reader(stream).get_summary()
-    assert summary is not None
-    assert len(summary.chunk_indexes) <= 10 + by_wall_time + 1
+        if n == 0:
+            part = (tmp_path / "a.mcap.part").open("rb")
+            with part as stream, contextlib.suppress(EndOfFile):
+                for _, channel, _ in NonSeekingReader(stream).iter_messages(log_time_order=False):
+                    found.append(channel.topic)
+    sink.take(Abort())
+    by_wall_time = (time.monotonic() - begin_s) / 0.5 + 1
+    assert set(ROW) <= set(found)
+    assert len(summary_of(tmp_path / "a.mcap.part").chunk_indexes) <= 10 + by_wall_time + 1
 
 
-def occupied(folder: Path, how: str) -> Path:
-    """A path that cannot be written, and why."""
-    match how:
-        case "exists":
-            (folder / "a.mcap").write_bytes(b"precious")
-        case "part exists":
-            (folder / "a.mcap.part").write_bytes(b"precious")
-        case "folder":
-            (folder / "a.mcap").mkdir()
-        case "no folder":
-            return folder / "missing" / "a.mcap"
-        case "file for folder":
-            (folder / "file").write_bytes(b"precious")
-            return folder / "file" / "a.mcap"
-    return folder / "a.mcap"
+SECOND_NS = 1_000_000_000
+CHUNKS = 1_500
 
 
-@pytest.mark.parametrize("how", ["exists", "part exists", "folder", "no folder", "file for folder"])
-def test_a_path_that_cannot_be_written_is_one_line_and_costs_nothing(
-    tmp_path: Path, how: str
+def test_every_chunk_of_a_long_run_is_in_the_index_which_takes_a_few_megabytes_a_day(
+    tmp_path: Path,
 ) -> None:
-    path = occupied(tmp_path, how)
-    before = {p: p.read_bytes() for p in tmp_path.rglob("*") if p.is_file()}
-    with pytest.raises(SinkError, match=str(path)) as caught:
-        McapSink(path, {})
-    assert "\n" not in str(caught.value)
-    assert {p: p.read_bytes() for p in tmp_path.rglob("*") if p.is_file()} == before
+    path, memory = tmp_path / "long.mcap", []
+    with path.open("wb") as stream:
+        writer = ChunkWriter(stream, SECOND_NS)
+        writer.start("test")
+        schema = writer.register_schema("none", "", b"")
+        channel = writer.register_channel("/tick", "text", schema, {})
+        tracemalloc.start()
+        for second in range(CHUNKS):
+            for part in (0, 500_000_000):
+                writer.add_message(channel, second * SECOND_NS + part, b"%d" % second)
+            writer.end_chunk()
+            if second in (2 * CHUNKS // 3, CHUNKS - 1):
+                memory.append(tracemalloc.get_traced_memory()[0])
+        tracemalloc.stop()
+        writer.finish()
+    assert memory[1] - memory[0] < CHUNKS / 3 * 400
+    with path.open("rb") as stream:
+        reader = make_reader(stream, validate_crcs=True)
+        summary = reader.get_summary()
+        counts = summary.statistics.chunk_count, summary.statistics.message_count
+        assert counts == (CHUNKS, 2 * CHUNKS)
+        starts = [chunk.message_start_time for chunk in summary.chunk_indexes]
+        assert starts == [second * SECOND_NS for second in range(CHUNKS)]
+        for second in (0, 1_234, CHUNKS - 1):
+            begin = second * SECOND_NS
+            found = reader.iter_messages(starting_at=begin, ending_before=begin + SECOND_NS)
+            assert [message.data for _, _, message in found] == [b"%d" % second] * 2
+    assert [each.name for each in tmp_path.iterdir()] == ["long.mcap"]
 
 
-@pytest.mark.parametrize("how", ["exists", "part exists"])
-def test_force_overwrites_but_only_when_finished(tmp_path: Path, how: str) -> None:
-    path = occupied(tmp_path, how)
-    sink = McapSink(path, {}, force=True)
-    if how == "exists":
-        assert path.read_bytes() == b"precious"
-    sink.take(Done(SUMMARY, {}))
-    assert decoded(path).keys() == {"/yawid/verdict"}
+DATA = fly(lambda t: np.sin(t), lambda t: 1500 + round(100 * np.sin(2 * t)), 30.0).data
 
 
-@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a device that is always full")
-def test_a_disk_that_is_full_from_the_start_is_one_line(tmp_path: Path) -> None:
-    (tmp_path / "a.mcap.part").symlink_to("/dev/full")
-    with pytest.raises(SinkError, match=r"a\.mcap\.part: No space left on device$"):
-        McapSink(tmp_path / "a.mcap", {}, force=True)
-    assert list(tmp_path.iterdir()) == []
+class KeptMotion(Sink):
+    def __init__(self) -> None:
+        self.blocks: list[MotionBlock] = []
+
+    def take(self, event: Event) -> None:
+        if isinstance(event, MotionBlock):
+            self.blocks.append(event)
 
 
-DISK_FILLS_UP = """
-import resource, sys
-from pathlib import Path
-from sinks.sink_blocks import GRID, SUMMARY, make_blocks
-from yawid.errors import SinkError
-from yawid.sinks.mcap.sink import McapSink
-from yawid.sinks.base import Abort, Done, Flush, Found, RunRows
-sink = McapSink(Path(sys.argv[1]), {})
-sink.take(GRID)
-resource.setrlimit(resource.RLIMIT_FSIZE, (8000, resource.RLIM_INFINITY))
-sink.take(RunRows(*make_blocks(n=19)))
-try:
-    match sys.argv[2]:
-        case "write": sink.take(RunRows(*make_blocks(n=1000)))
-        case "flush": sink.take(Flush())
-        case "finish": sink.take(Done(SUMMARY, {}))
-except SinkError as error:
-    print(error)
-sink.take(Abort())
-"""
+def written(folder: Path, lateral: str | None, size: int = len(DATA)) -> tuple[Path, KeptMotion]:
+    """Write the run's file of a log read in pieces of ``size`` bytes."""
+    config, outputs = RunConfig(lateral=lateral), Outputs(folder, "run", force=True)
+    kept = KeptMotion()
+    pipeline = Pipeline(config, [open_mcap(config, outputs), kept])
+    source = TlogReader([DATA[at : at + size] for at in range(0, len(DATA), size)], Decoder(WANTED))
+    feed_all(source, pipeline)
+    summary = summarise(pipeline, source.link, "log.tlog", "")
+    finish(pipeline, summary, outputs.files(), parameters_of(pipeline))
+    return folder / "run.mcap", kept
 
 
-@pytest.mark.parametrize("moment", ["write", "flush", "finish"])
-def test_a_disk_that_fills_up_is_one_line_and_abort_is_quiet(tmp_path: Path, moment: str) -> None:
-    """A process may not write more than 8 kB to a file: the system refuses as a full disk does."""
-    path = tmp_path / "a.mcap"
-    done = run_script(DISK_FILLS_UP, str(path), moment)
-    assert done.stdout == f"cannot write {path}.part: File too large\n"
-    assert done.stderr == ""
-    assert not path.exists()
+def equal(a: MotionBlock, b: MotionBlock) -> bool:
+    pairs = [(getattr(a, f.name), getattr(b, f.name)) for f in fields(MotionBlock)]
+    return all(
+        np.array_equal(getattr(one, name), getattr(two, name), equal_nan=name == "values")
+        for one, two in pairs
+        for name in one.__slots__
+    )
+
+
+@pytest.mark.parametrize("size", [len(DATA), 4096])
+def test_motion_is_read_back_to_the_bit_in_short_chunks_before_the_samples_it_is_for(
+    tmp_path: Path, size: int
+):
+    path, kept = written(tmp_path, "auto", size)
+    read = list(open_run(path).samples_and_motion())
+    motion = MotionBlock.joined([each for each in read if isinstance(each, MotionBlock)])
+    assert equal(motion, MotionBlock.joined(kept.blocks))
+    assert (len(motion.attitude), len(motion.commands)) == (1499, 1500)
+    known_us = 0
+    for each in read:
+        if isinstance(each, MotionBlock) and len(each.commands):
+            known_us = int(each.commands.t_us[-1])
+        elif isinstance(each, SampleBlock):
+            assert each.boot_us[-1] + 20_000 <= known_us
+    assert [topic for topic, *_ in raw(path)].count(MOTION[0]) == 1499
+    assert max(spans_ns(path)) < 2.5e9
+    assert len(spans_ns(path)) < 2 * 30
+    run = FinishedRun(path)
+    run.settled({"lateral": "auto"})
+    assert run.left_open(Pipeline(RunConfig())) == []
+
+
+def test_a_file_has_the_topics_only_where_they_were_asked_for_and_else_asks_for_the_log(
+    tmp_path: Path,
+):
+    off, _ = written(tmp_path, None)
+    assert not set(MOTION) & {topic for topic, *_ in raw(off)}
+    run = FinishedRun(off)
+    run.settled({"lateral": "auto"})
+    said = [f"{off} holds no lateral motion: for that, replay the log itself"]
+    assert run.left_open(Pipeline(RunConfig())) == said

@@ -39,11 +39,6 @@ def fail(text: str) -> None:
     pytest.fail(f"warned: {text}")
 
 
-def save(path: Path, blocks: Blocks, edges: list[int] | None = None) -> Path:
-    run(RerunSink("save", name="flight", warn=fail, path=path), blocks, edges)
-    return path
-
-
 def recorded(path: Path) -> dict[str, dict[str, Any]]:
     """Columns of each entity over time, its chunks joined in the file's order; times in ns."""
     entities: dict[str, dict[str, list[Any]]] = {}
@@ -60,13 +55,9 @@ def _columns(chunk: Any) -> dict[str, list[Any]]:
     # Times as numbers: as Python's own they are too coarse, and as pandas' they ask for pandas.
     batch = chunk.to_record_batch()
     return {
-        name: (column.cast("int64") if _is_time(column.type) else column).to_pylist()
+        name: (column.cast("int64") if pa.types.is_temporal(column.type) else column).to_pylist()
         for name, column in zip(batch.schema.names, batch.columns, strict=True)
     }
-
-
-def _is_time(kind: Any) -> bool:
-    return pa.types.is_timestamp(kind) or pa.types.is_duration(kind)
 
 
 def statics(path: Path, entity: str, component: str) -> list[Any]:

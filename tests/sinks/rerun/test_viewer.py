@@ -1,6 +1,9 @@
+"""A viewer: one that runs, dies, is not there, or opens on a screen of its own (--long)."""
+
 from __future__ import annotations
 
 import os
+import shutil
 import socket
 import subprocess
 import sys
@@ -13,6 +16,8 @@ from typing import Any
 import numpy as np
 import pytest
 from checks.children import LEAVE_S, child
+from finished_runs import replayed
+from places import C172P
 from sinks.rerun.rerun_reading import VIEWER, fail, recorded, run, values
 from sinks.sink_blocks import (
     GRID,
@@ -37,7 +42,6 @@ def viewer(*options: str) -> Iterator[tuple[str, subprocess.Popen[bytes]]]:
         env={**os.environ, "RUST_LOG": "info"},
         stderr=subprocess.PIPE,
     ) as process:
-        assert process.stderr is not None
         while b"Listening for gRPC" not in process.stderr.readline():
             assert process.poll() is None
         yield f"rerun+http://127.0.0.1:{port}/proxy", process
@@ -58,73 +62,58 @@ def wait_for_rows(path: Path, n: int) -> dict[str, dict[str, Any]]:
 
 
 @pytest.mark.filterwarnings("ignore:RRD file has no footer")  # a receiver that still runs
-def test_a_viewer_that_runs_already_gets_everything(tmp_path: Path) -> None:
-    blocks = make_blocks(n=300)
-    with viewer("--save", str(tmp_path / "got.rrd")) as (address, _):
-        run(RerunSink(address, name="flight", warn=fail), blocks, [100, 101])
-        entities = wait_for_rows(tmp_path / "got.rrd", 300)
-    np.testing.assert_array_equal(values(entities, "/input"), blocks[0].u)
-    assert entities["/log"]["TextLog:text"][-1] == ["gap of 3 s"]
-
-
-def test_a_viewer_that_dies_is_one_warning_and_the_run_goes_on() -> None:
+def test_a_viewer_that_runs_already_gets_everything_and_one_that_dies_is_noticed_in_one_warning(
+    tmp_path: Path,
+) -> None:
     warnings: list[str] = []
-    blocks = make_blocks(n=300)
-    with viewer("--serve-grpc") as (address, process):
+    rows = RunRows(*make_blocks(n=300))
+    with viewer("--save", str(tmp_path / "got.rrd")) as (address, process):
+        run(RerunSink(address, name="flight", warn=fail), tuple(rows), [100, 101])
+        entities = wait_for_rows(tmp_path / "got.rrd", 300)
         sink = RerunSink(address, name="flight", warn=warnings.append)
-        sink.take(GRID)
-        sink.take(RunRows(*blocks))
-        sink.take(Flush())
+        view = RerunView(address, "flight")
+        for each in (sink, view):
+            for event in (GRID, rows, Flush()):
+                each.take(event)
         assert warnings == []
         process.kill()
         process.wait(LEAVE_S)
-        sink.take(RunRows(*blocks))
-        sink.take(LogLine(START_NS, "info", "still flying"))
-        sink.take(Done(SUMMARY, {}))
+        view.take(rows)
+        with pytest.raises(RuntimeError):
+            view.take(Flush())
+        for event in (rows, LogLine(START_NS, "info", "still flying"), Done(SUMMARY, {})):
+            sink.take(event)
+    np.testing.assert_array_equal(values(entities, "/input"), rows.samples.u)
+    assert entities["/log"]["TextLog:text"][-1] == ["gap of 3 s"]
     [warning] = warnings
     assert "no Rerun viewer" in warning
     assert "\n" not in warning
 
 
-def test_a_viewer_that_died_is_noticed_by_the_next_flush() -> None:
-    samples, estimates, modes = make_blocks(n=30)
-    with viewer("--serve-grpc") as (address, process):
-        view = RerunView(address, "flight")
-        view.take(GRID)
-        view.take(RunRows(samples, estimates, modes))
-        view.take(Flush())
-        process.kill()
-        process.wait(LEAVE_S)
-        view.take(RunRows(samples, estimates, modes))
-        with pytest.raises(RuntimeError):
-            view.take(Flush())
+NO_SCREEN = pytest.mark.skipif(sys.platform != "linux", reason="elsewhere there is a screen")
 
 
-def test_a_viewer_that_is_not_there_is_one_warning() -> None:
-    with socket.create_server(("127.0.0.1", 0)) as free:
-        port = free.getsockname()[1]
-    warnings: list[str] = []
-    sink = RerunSink(f"rerun+http://127.0.0.1:{port}/proxy", name="flight", warn=warnings.append)
-    run(sink, make_blocks(n=30))
-    sink.take(Abort())
-    assert len(warnings) == 1
-    assert "Connection refused" in warnings[0]
-
-
-def test_an_address_that_is_none_is_one_warning() -> None:
-    warnings: list[str] = []
-    run(RerunSink("somewhere", name="flight", warn=warnings.append), make_blocks(n=30))
-    assert len(warnings) == 1
-
-
-@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere there is always a screen")
-def test_a_machine_without_a_screen_is_one_warning(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    ("target", "words"),
+    [
+        ("rerun+http://127.0.0.1:{free}/proxy", "Connection refused"),
+        ("somewhere", ""),
+        pytest.param("spawn", "no screen", marks=NO_SCREEN),
+    ],
+)
+def test_a_viewer_that_is_not_there_is_one_warning(
+    target: str, words: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.delenv("DISPLAY", raising=False)
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        free = server.getsockname()[1]
     warnings: list[str] = []
-    run(RerunSink("spawn", name="flight", warn=warnings.append), make_blocks(n=30))
-    assert len(warnings) == 1
-    assert "no screen" in warnings[0]
+    sink = RerunSink(target.format(free=free), name="flight", warn=warnings.append)
+    run(sink, make_blocks(n=30))
+    sink.take(Abort())
+    [warning] = warnings
+    assert words in warning
 
 
 def test_rerun_and_mcap_are_loaded_only_by_those_who_use_them() -> None:
@@ -135,3 +124,63 @@ def test_rerun_and_mcap_are_loaded_only_by_those_who_use_them() -> None:
         "assert 'rerun' not in sys.modules"
     )
     run_script(script)
+
+
+PORT = 9876  # rerun's own, which --rerun spawn takes
+
+
+def listens() -> bool:
+    with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as probe:
+        return probe.connect_ex(("127.0.0.1", PORT)) == 0
+
+
+def wait_until(wanted: bool) -> bool:
+    deadline = time.monotonic() + 60.0
+    while listens() is not wanted and time.monotonic() < deadline:
+        time.sleep(0.1)
+    return listens() is wanted
+
+
+@pytest.fixture
+def screen() -> Iterator[str]:
+    """The name of a display that nobody sees; a viewer on it ends with it."""
+    if listens():
+        pytest.skip(f"somebody listens on port {PORT} already")
+    read, write = os.pipe()
+    command = ["Xvfb", "-displayfd", str(write), "-screen", "0", "1024x768x24"]
+    quiet = subprocess.DEVNULL
+    with (
+        os.fdopen(read, encoding="ascii") as numbers,
+        child([*command, "-nolisten", "tcp"], pass_fds=[write], stderr=quiet),
+    ):
+        os.close(write)
+        yield f":{numbers.readline().strip()}"
+    assert wait_until(False), "the viewer outlives its screen"
+
+
+@pytest.mark.long
+@pytest.mark.skipif(
+    not (shutil.which("Xvfb") and shutil.which("xwininfo")), reason="needs Xvfb and xwininfo"
+)
+@pytest.mark.parametrize("command", ["view", "replay --rerun spawn"])
+def test_a_viewer_opens_where_there_is_a_screen(screen: str, tmp_path: Path, command: str) -> None:
+    arguments = ["replay", str(C172P), "--rerun", "spawn", "--out", str(tmp_path)]
+    if command == "view":
+        arguments = ["view", str(replayed(C172P, tmp_path, "--rate", 10))]
+    environment = {k: v for k, v in os.environ.items() if k != "WAYLAND_DISPLAY"}
+    environment |= {"DISPLAY": screen, "PYTHONPATH": os.pathsep.join(sys.path)}
+    with (tmp_path / "said").open("wb") as said:  # a pipe would stay open as long as the viewer
+        done = subprocess.run(
+            [sys.executable, "-m", "yawid", *arguments],
+            env=environment, stdout=said, stderr=subprocess.STDOUT, check=False, timeout=120,
+        )  # fmt: skip
+    text = (tmp_path / "said").read_text(encoding="utf-8")
+
+    assert done.returncode == 0, text
+    assert "no Rerun viewer" not in text
+    assert listens()
+    windows = subprocess.run(
+        ["xwininfo", "-root", "-tree", "-display", screen],
+        capture_output=True, text=True, check=True, timeout=120,
+    )  # fmt: skip
+    assert '"Rerun"' in windows.stdout
