@@ -55,28 +55,25 @@ def test_bending_any_column_by_ten_tolerances_is_noticed(name: str):
         assert [m.column for m in mismatches] == [column]
 
 
-@pytest.mark.parametrize("name", one_in(3, NAMES))
-def test_bending_any_value_of_the_summary_by_ten_tolerances_is_noticed(name: str):
-    reference = json.loads((CASES / name / "expected.json").read_text(encoding="utf-8"))
-    assert list(compare_summaries(reference, reference)) == []
+FILES = [
+    *(pytest.param(*each.values, "expected.json", marks=each.marks) for each in one_in(3, NAMES)),
+    ("c172p_gcs_rates", "flight.json"),
+    ("sitl_fbwa_50hz", "flight.json"),
+]
+
+
+@pytest.mark.parametrize(("name", "file"), FILES)
+def test_bending_any_value_of_the_summary_by_ten_tolerances_is_noticed(name: str, file: str):
+    reference = json.loads((CASES / name / file).read_text(encoding="utf-8"))
+    assert list(compare_summaries({"of": reference}, {"of": reference})) == []
 
     count = 0
     for path, bent in bent_summaries(reference):
-        differing = list(compare_summaries(reference, bent))
+        differing = list(compare_summaries({"of": reference}, {"of": bent}))
         assert len(differing) == 1, path
         assert path in differing[0]
         count += 1
-
     assert count > 10
-
-
-@pytest.mark.parametrize("name", ["c172p_gcs_rates", "sitl_fbwa_50hz"])
-def test_bending_any_value_of_the_flight_is_noticed(name: str):
-    flown = json.loads((CASES / name / "flight.json").read_text(encoding="utf-8"))
-    assert list(compare_summaries({"flown": flown}, {"flown": flown})) == []
-
-    for path, bent in bent_summaries(flown):
-        assert len(list(compare_summaries({"flown": flown}, {"flown": bent}))) == 1, path
 
 
 def bent_summaries(reference: Any) -> Iterator[tuple[str, Any]]:
@@ -122,102 +119,94 @@ def bend(value: Any, keys: tuple[Any, ...]) -> Any:
     return value + TEN * tolerance * (1.0 if keys[-1] == "whiteness_p" else abs(value) or 1.0)
 
 
-def test_equal_tables_match_and_nan_equals_nan():
-    table = np.array([[1.0, 0.1, np.nan], [2.0, 0.2, 3.0]])
-
-    assert compare_tables(["k", "t", "x"], table, ["k", "t", "x"], table.copy(), {}) == []
-
-
-def test_a_value_that_became_nan_and_one_that_became_infinite_differ():
-    columns, table = ["k", "t", "x"], np.array([[1.0, 0.1, 3.0], [2.0, 0.2, 3.0]])
-    for value in (np.nan, np.inf):
-        changed = table.copy()
-        changed[1, 2] = value
-
-        assert compare_tables(columns, table, columns, changed, {"x": 1.0})
-        assert compare_tables(columns, changed, columns, table, {"x": 1.0})
+KTX, TWO = ["k", "t", "x"], np.array([[1.0, 0.1, 3.0], [2.0, 0.2, 3.0]])
+NANS, INFS = (np.array([[1.0, 0.1, value], [2.0, 0.2, 3.0]]) for value in (np.nan, np.inf))
+BIG, ONES, WIDE = np.full((2, 3), 1e9), np.ones((2, 4)), {"x": 1.0}
+MIDDLE, LAST = (1e-3 * np.array([[0, 0, 0], row]) for row in ([0, 1, 0], [0, 0, 1]))
+EXACT = ("k", "t", "held", "els.status")
+WORST = ONES + np.array([[0, 0, 1e-5, 0], [0, 0, 0, 1e-3]])
 
 
-def test_a_missing_row_and_a_missing_column_are_mismatches():
-    table = np.ones((3, 2))
-
-    assert "rows" in compare_tables(["k", "t"], table, ["k", "t"], table[:2], {})[0].text
-    assert "columns" in compare_tables(["k", "t"], table, ["k", "x"], table, {})[0].text
-
-
-def test_counts_times_and_status_are_compared_exactly_whatever_their_size():
-    for column in ("k", "t", "held", "els.status"):
-        table = np.full((2, 3), 1e9)
-        changed = table.copy()
-        changed[1, 2] += 1e-3
-
-        assert compare_tables(["k", "t", column], table, ["k", "t", column], changed, {})
-
-
-def test_the_worst_column_comes_first_with_its_first_k_and_t():
-    columns = ["k", "t", "els.a1", "els.b1"]
-    expected = np.array([[1.0, 0.1, 1.0, 1.0], [2.0, 0.2, 1.0, 1.0]])
-    actual = expected + np.array([[0, 0, 1e-5, 0], [0, 0, 0, 1e-3]])
-
-    first, second = compare_tables(columns, expected, columns, actual, {})
-
-    assert first.text.startswith("els.b1: 1 of 2 rows differ")
-    assert "k=2 t=0.200" in first.text
-    assert second.text.startswith("els.a1")
+@pytest.mark.parametrize(
+    ("columns", "expected", "actual", "tolerances", "said"),
+    [
+        (KTX, NANS, NANS.copy(), {}, []),
+        *((KTX, TWO, bad, WIDE, ["x: 1 of 2 rows differ"]) for bad in (NANS, INFS)),
+        *((KTX, bad, TWO, WIDE, ["x: 1 of 2 rows differ"]) for bad in (NANS, INFS)),
+        (KTX, TWO, TWO[:1], {}, ["rows: expected 2, got 1"]),
+        # Counts, times and status exactly, whatever their size.
+        *((["k", "t", name], BIG, BIG + LAST, {}, [f"{name}: 1 of 2"]) for name in EXACT[2:]),
+        (["t", "k", "x"], BIG, BIG + MIDDLE, {}, ["k: 1 of 2"]),
+        (KTX, BIG, BIG + MIDDLE, {}, ["t: 1 of 2"]),
+        # The worst column first, with its first k and t.
+        (
+            ["k", "t", "els.a1", "els.b1"], ONES, WORST, {},
+            ["els.b1: 1 of 2 rows differ, by up to 1e+03 tolerances; first at k=1 t=1.000:",
+             "els.a1: 1 of 2"],
+        ),
+    ],
+)  # fmt: skip
+def test_what_differs_in_a_table_is_said_the_worst_first(
+    columns: list[str], expected: Any, actual: Any, tolerances: dict[str, float], said: list[str]
+):
+    found = [each.text for each in compare_tables(columns, expected, columns, actual, tolerances)]
+    assert [text[: len(begin)] for text, begin in zip(found, said, strict=True)] == said
 
 
-def test_a_tolerance_for_no_such_column_is_an_error():
+def test_other_columns_and_a_tolerance_for_none_are_noticed():
+    [other] = compare_tables(["k", "t"], ONES, ["k", "x"], ONES, {})
+    assert other.text.startswith("columns: expected ['k', 't'], got ['k', 'x']")
     with pytest.raises(ConfigError, match=r"els\.a9"):
-        compare_tables(["k"], np.ones((1, 1)), ["k"], np.ones((1, 1)), {"els.a9": 1.0})
+        compare_tables(["k"], ONES[:, :1], ["k"], ONES[:, :1], {"els.a9": 1.0})
     with pytest.raises(ConfigError, match=r"els\.a9"):
         split_tolerances({"els.a9": 1.0}, ["els.a1"], {"link": {"lost": 3}})
 
 
-def test_a_tolerance_widens_its_column_or_its_key_and_all_below_and_nothing_else():
-    reference = {"fit": {"x": 1.0, "y": 1.0}, "fitness": 1.0, "list": [{"z": 1.0}]}
-    given = {"els.a1": 0.1, "fit": 0.1, "list[0].z": 0.1}
+REFERENCE = {
+    "fit": {"x": 1.0, "y": 1.0}, "fitness": 1.0, "list": [{"z": 1.0}], "link": {"lost": 3},
+    "y_std": 1.0, "files": {"mcap": "a"}, "K": {"std": 1.0, "std_noise": 1.0}, "usable": True,
+}  # fmt: skip
+CLOSE = REFERENCE | {
+    "fitness": 1.0 + 1e-8, "y_std": 1.0004, "files": {"mcap": "b"},
+    "K": {"std": 1.004, "std_noise": 1.0004},
+}  # fmt: skip
+BY_KEY = {"fit": 0.1, "list[0].z": 0.1}
 
-    by_column, by_key = split_tolerances(given, ["k", "els.a1"], reference)
 
+@pytest.mark.parametrize(
+    ("changes", "tolerances", "differing"),
+    [
+        ({}, {}, []),
+        ({"link": {"lost": 4}}, {}, ["link.lost"]),
+        ({"fitness": 1.0001}, {}, ["fitness"]),
+        ({"K": None}, {}, ["K"]),
+        ({"usable": 1}, {}, ["usable"]),
+        ({"K": {"std": 1.02, "std_noise": 1.0}}, {}, ["K.std"]),
+        ({"K": {"std": 1.0, "std_noise": 1.004}}, {}, ["K.std_noise"]),
+        # A tolerance widens its key and all below, and nothing else.
+        ({}, {"K": 1e-3}, []),
+        ({}, {"K": 1e-3, "K.std": 1e-3}, ["K.std"]),
+        ({"fit": {"x": 1.05, "y": 1.0}, "list": [{"z": 0.95}]}, BY_KEY, []),
+        ({"fitness": 1.05}, BY_KEY, ["fitness"]),
+        ({"fit": {"x": 1.2, "y": 1.0}}, BY_KEY, ["fit.x"]),
+    ],
+)
+def test_counts_and_texts_of_the_summary_are_compared_exactly_and_numbers_by_their_tolerance(
+    changes: dict[str, Any], tolerances: dict[str, float], differing: list[str]
+):
+    by_column, by_key = split_tolerances(tolerances | {"els.a1": 0.1}, ["k", "els.a1"], REFERENCE)
     assert by_column == {"els.a1": 0.1}
-    close = {"fit": {"x": 1.05, "y": 1.0}, "fitness": 1.0, "list": [{"z": 0.95}]}
-    assert list(compare_summaries(reference, close, by_key)) == []
-    assert list(compare_summaries(reference, close | {"fitness": 1.05}, by_key))
-    assert list(compare_summaries(reference, close | {"fit": {"x": 1.2, "y": 1.0}}, by_key))
+    found = compare_summaries(REFERENCE, CLOSE | changes, by_key)
+    assert [text.partition(":")[0] for text in found] == [f"summary.{name}" for name in differing]
 
 
-def test_counts_and_texts_of_the_summary_are_compared_exactly():
-    reference = {"link": {"lost": 3}, "x": 1.0, "y_std": 1.0, "files": {"mcap": "a"}}
-    close = {"link": {"lost": 3}, "x": 1.0 + 1e-8, "y_std": 1.0004, "files": {"mcap": "b"}}
-    reference["K"], close["K"] = {"std": 1.0, "std_noise": 1.0}, {"std": 1.004, "std_noise": 1.0004}
+def test_another_number_of_manoeuvres_and_a_flight_that_is_gone_are_a_line_each():
+    path = CASES / "c172p_three_speeds" / "expected.json"
+    reference = json.loads(path.read_text(encoding="utf-8"))
+    fewer = reference | {"manoeuvres": reference["manoeuvres"][:-1], "flight": None}
 
-    assert list(compare_summaries(reference, close)) == []
-    assert list(compare_summaries(reference, close | {"link": {"lost": 4}}))
-    assert list(compare_summaries(reference, close | {"x": 1.0001}))
-    assert list(compare_summaries(reference, {"link": {"lost": 3}, "x": 1.0}))
-    for sigmas in ({"std": 1.02}, {"std_noise": 1.004}):
-        assert list(compare_summaries(reference, close | {"K": close["K"] | sigmas}))
-    assert list(compare_summaries(reference, close, {"K": 1e-3})) == []
-    assert list(compare_summaries(reference, close, {"K": 1e-3, "K.std": 1e-3}))
-    assert list(compare_summaries({"usable": True}, {"usable": 1}))
-
-
-def test_another_number_of_manoeuvres_is_told_in_a_line():
-    reference = json.loads(
-        (CASES / "c172p_three_speeds" / "expected.json").read_text(encoding="utf-8")
-    )
-    fewer = reference | {"manoeuvres": reference["manoeuvres"][:-1]}
-
-    (text,) = compare_summaries(reference, fewer)
+    gone, text = compare_summaries(reference, fewer)
+    assert gone == "summary.flight: only in the reference"
     assert text.startswith("summary.manoeuvres: expected 12 in [{'n': 1, ")
     assert "got 11 in [" in text
     assert len(text) < 800
-
-
-def test_a_flight_that_is_no_longer_there_is_told():
-    reference = json.loads(
-        (CASES / "sitl_fbwa_manoeuvres" / "expected.json").read_text(encoding="utf-8")
-    )
-    without = {key: value for key, value in reference.items() if key != "flight"}
-
-    assert list(compare_summaries(reference, without)) == ["summary.flight: only in the reference"]
