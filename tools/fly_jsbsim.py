@@ -22,16 +22,16 @@ from pathlib import Path
 from typing import Any
 
 from flights.fly import LegFlight, flight_of, leg_truth
-from flights.plan import MANOEUVRES, FlightError, FlightPlan, Servo, read_plan
+from flights.plan import FlightError, FlightPlan, Servo, read_plan
 from flights.send_tlog import endpoint, send
 from flights.surgery import Record, join
 from flights.telemetry import Link, telemetry
 from flights.truth import after_lead_in, truth
 
-PLAN_NUMBERS = [field.name for field in fields(FlightPlan) if isinstance(field.default, float)]
-LINK_NUMBERS = [field.name for field in fields(Link) if isinstance(field.default, float)]
-SERVO_HELP = "MIN,TRIM,MAX[,REVERSED] in us"
 OWN = ("out", "truth", "udp", "speedup", "plan")  # options of neither the flight nor the link
+OF_KIND = {
+    str: "a name", float: "a number", int: "a whole number", Servo: "MIN,TRIM,MAX[,REVERSED] in us"
+}  # fmt: skip
 
 
 def record(frames: Iterable[Record], path: Path) -> Iterator[Record]:
@@ -63,18 +63,15 @@ def parse(argv: Sequence[str]) -> argparse.Namespace:
     parser.add_argument("--truth", type=Path, help="JSON file for the Dutch roll to be found")
     parser.add_argument("--udp", type=endpoint, metavar="HOST:PORT", help="send in real time")
     parser.add_argument("--speedup", type=float, default=1.0, help="of --udp")
-    plan = parser.add_argument_group("flight", FlightPlan.__doc__)
-    plan.add_argument("--aircraft", default=FlightPlan().aircraft, help="any that JSBSim brings")
-    plan.add_argument("--manoeuvre", choices=MANOEUVRES, default=FlightPlan().manoeuvre, help=" ")
-    _add_numbers(plan, FlightPlan(), PLAN_NUMBERS)
-    heard = "the autopilot hears no sensor's noise, as when the cases were recorded"
-    plan.add_argument("--true-feedback", action="store_true", help=heard)
-    for name in ("rudder", "aileron"):
-        plan.add_argument(f"--{name}", type=servo, default="1100,1500,1900", help=SERVO_HELP)
-    link = parser.add_argument_group("link", Link.__doc__)
-    _add_numbers(link, Link(), LINK_NUMBERS)
-    link.add_argument("--mavlink1", action="store_true", help="MAVLink 1 frames")
-    link.add_argument("--seed", type=int, default=Link().seed, help="of noise and jitter")
+    for title, defaults in (("flight", FlightPlan()), ("link", Link())):
+        group = parser.add_argument_group(title, defaults.__doc__)
+        for each in fields(defaults):
+            flag, value = f"--{each.name.replace('_', '-')}", getattr(defaults, each.name)
+            if value is False:
+                group.add_argument(flag, action="store_true", help="a flag")
+            elif not isinstance(value, tuple):
+                kind = servo if isinstance(value, Servo) else type(value)
+                group.add_argument(flag, type=kind, default=value, help=OF_KIND[type(value)])
     options = parser.parse_args(argv)
     if not (options.out or options.truth or options.udp):
         parser.error("nothing to do: give --out, --truth or --udp")
@@ -85,19 +82,12 @@ def parse(argv: Sequence[str]) -> argparse.Namespace:
     return options
 
 
-def _add_numbers(group: Any, defaults: object, names: Iterable[str]) -> None:
-    for name in names:
-        flag = f"--{name.replace('_', '-')}"
-        group.add_argument(flag, type=float, default=getattr(defaults, name), help="a number")
-
-
 def main(argv: Sequence[str]) -> int:
     """Fly, write and send; return 0, or 2 after printing the reason in one line."""
     options = vars(parse(argv))
     own = {name: options.pop(name) for name in OWN}
-    link_names = {*LINK_NUMBERS, "mavlink1", "seed"}
     try:
-        link = Link(**{name: options.pop(name) for name in link_names})
+        link = Link(**{each.name: options.pop(each.name) for each in fields(Link)})
         if own["plan"]:
             plan = replace(read_plan(own["plan"]), true_feedback=options["true_feedback"])
         else:

@@ -241,18 +241,3 @@ def test_a_sealed_run_appends_a_row_for_its_commit_and_only_one(
     with pytest.raises(SystemExit, match=r"not committed:\n\?\? limit.py"):
         main(line)
     assert noted(project) == [row]
-
-
-def test_the_next_commit_has_a_run_and_a_seed_of_its_own(project: Path) -> None:
-    runs.begin("verdict").note({"right": "1 of 2", "wrong": "0"})
-    commit(project)
-    runs.begin("verdict").note({"right": "2 of 2", "wrong": "0"})
-
-    first, second = noted(project)
-
-    assert (first["figures"], second["figures"]) == (
-        "right 1 of 2; wrong 0",
-        "right 2 of 2; wrong 0",
-    )
-    assert first["commit"] != second["commit"]
-    assert first["seed"] != second["seed"]

@@ -64,7 +64,10 @@ def main(arguments: list[str]) -> Generator[str, None, str | None]:
     for setting, column in HOURS.items():
         least[column] = (least[f"{setting} 2"] - least[f"{setting} 1"]) / options.hours
     yield from head("", COLUMNS)
-    yield line("s", *(f"{least[each]:.3g} ({least[each] / least[NUMPY]:.2g})" for each in COLUMNS))
+    of_numpy = {
+        each: f" ({least[each] / least[NUMPY]:.2g})" for each in COLUMNS if "wall" not in each
+    }
+    yield line("s", *(f"{least[each]:.3g}{of_numpy.get(each, '')}" for each in COLUMNS))
     exceeded = [f"{what}: {least[what] / least[of]:.1f} x {of}; {most:g} is allowed"
                 for (what, of), most in MOST.items() if least[what] > most * least[of]]  # fmt: skip
     return "; ".join(exceeded) or None

@@ -27,6 +27,7 @@ from flights.surgery import (
     littered,
     px4_control,
     rewrite,
+    setting,
     split,
     together,
     without,
@@ -58,8 +59,7 @@ def _set(values: dict[str, float], message: Any) -> None:
     message.param_value = values.get(message.param_id, message.param_value)
 
 
-def _as_px4(message: Any) -> None:
-    message.autopilot = mavlink.MAV_AUTOPILOT_PX4
+_as_px4 = setting(autopilot=mavlink.MAV_AUTOPILOT_PX4)
 
 
 def px4_controls(records: list[Record]) -> list[Record]:

@@ -111,11 +111,7 @@ def oldest(wheel: Path, scratch: Path) -> str:
     """Install the oldest libraries allowed; run the cases of replay_logs/ and some tests."""
     if f"3.{sys.version_info.minor}" != VERSIONS[0]:
         return "not tried: the oldest libraries have wheels for the oldest Python only"
-    constraints = scratch / "oldest.txt"
-    constraints.write_text("\n".join(oldest_allowed()), encoding="utf-8")
-    python = environment(scratch / "oldest", sys.executable)
-    install(python, wheel, "--constraint", constraints)
-    return tested(python, scratch, TESTS)
+    return tested(constrained(wheel, scratch / "oldest", oldest_allowed()), scratch, TESTS)
 
 
 def newest(wheel: Path, scratch: Path) -> str:
@@ -124,18 +120,21 @@ def newest(wheel: Path, scratch: Path) -> str:
     The last minor version below each bound is required by its number: pip alone would silently
     install an older pair that matches.
     """
-    constraints = scratch / "newest.txt"
-    constraints.write_text("\n".join(newest_allowed()), encoding="utf-8")
-    python = environment(scratch / "newest", sys.executable)
-    install(python, wheel, "--constraint", constraints)
+    python = constrained(wheel, scratch / "newest", newest_allowed())
     os.environ["XDG_CACHE_HOME"] = str(scratch / "cache")  # where no code is kept by others
-    run(python, "-c", "from yawid.estimation.machine.runner import RUNNER; RUNNER.compile()")
-    asked = "from yawid.estimation.machine.runner import RUNNER; print(RUNNER.is_compiled())"
-    assert run(python, "-c", asked).strip() == "True"
-    listed = json.loads(run(python, "-m", "pip", "list", "--format", "json"))
-    pair = ", ".join(f"{each['name']} {each['version']}" for each in listed
-                     if each["name"] in COMPILED)  # fmt: skip
-    return f"{pair}; {tested(python, scratch, OF_COMPILED)}"
+    runner = "from yawid.estimation.machine.runner import RUNNER"
+    run(python, "-c", f"{runner}; RUNNER.compile()")
+    assert run(python, "-c", f"{runner}; print(RUNNER.is_compiled())").strip() == "True"
+    return f"{', '.join(newest_allowed())}; {tested(python, scratch, OF_COMPILED)}"
+
+
+def constrained(wheel: Path, folder: Path, versions: Sequence[str]) -> Path:
+    """Install the wheel with libraries of these versions; return the environment's Python."""
+    python = environment(folder, sys.executable)
+    constraints = folder / "constraints.txt"
+    constraints.write_text("\n".join(versions), encoding="utf-8")
+    install(python, wheel, "--constraint", constraints)
+    return python
 
 
 def tested(python: Path, scratch: Path, tests: Sequence[str]) -> str:

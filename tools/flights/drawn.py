@@ -17,11 +17,12 @@ from flights.flight import SENSED_MS, Floats
 from flights.fly import Made
 from flights.moved import by_hand, count, drawn_link, wander
 from flights.plan import FOOT, KNOT, STEP_S, FlightPlan
-from flights.surgery import Record, edited, join, px4_control, split
-from flights.telemetry import Link, telemetry
+from flights.surgery import Record, edited, join, px4_control, setting, split
+from flights.telemetry import telemetry
 
 MANUAL, QSTABILIZE, QHOVER, QLOITER, AUTO = 0, 17, 18, 19, 10
 ARMED = mavlink.MAV_MODE_FLAG_SAFETY_ARMED
+DISARMED = mavlink.MAV_MODE_FLAG_STABILIZE_ENABLED | mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
 LENGTHS_S = (60.0, 80.0, 100.0)
 """Lengths of the logs without excitation in s."""
 FIRST_LIFT_MOTOR = 33  # SERVOn_FUNCTION of the first of four
@@ -104,12 +105,8 @@ def drawn_log(
     plan, link = FlightPlan(seconds=seconds, manoeuvre="none"), drawn_link(rng)
     log = join(telemetry(link, drawn(plan, draw(seconds))))
     known: dict[str, Any] = {"aircraft": "drawn", "dutch_roll": None, "severity": 0}
-    return Made(log, known | _of(link, seconds) | facts)
-
-
-def _of(link: Link, seconds: float) -> dict[str, float]:
-    names = ("attitude_hz", "servo_hz", "rate_noise", "seed")
-    return {"seconds": seconds} | {name: getattr(link, name) for name in names}
+    known |= {"seconds": seconds, "attitude_hz": link.attitude_hz, "servo_hz": link.servo_hz}
+    return Made(log, known | {"rate_noise": link.rate_noise, "seed": link.seed} | facts)
 
 
 def hovering(rng: np.random.Generator, lengths_s: Sequence[float] = LENGTHS_S) -> Made:
@@ -163,9 +160,6 @@ def on_lift_motors(
         for i in range(4)
     ]  # fmt: skip
 
-    def heartbeat(message: Any) -> None:
-        message.type, message.custom_mode = kind, mode
-
     def servos(message: Any) -> None:
         yaw = (message.servo4_raw - 1500) / 4.0
         for i, turn in enumerate((1, 1, -1, -1)):
@@ -175,6 +169,7 @@ def on_lift_motors(
     def parameter(message: Any) -> list[Any]:
         return [message, motors.pop(0)] if motors else [message]
 
+    heartbeat = setting(type=kind, custom_mode=mode)
     edits = {"HEARTBEAT": heartbeat, "PARAM_VALUE": parameter, "SERVO_OUTPUT_RAW": servos}
     return join(edited(records, **edits))
 
@@ -183,13 +178,11 @@ def quadrotor(rng: np.random.Generator) -> Made:
     """Hover PX4's quadrotor: its third control is a torque that moves the yaw, not a rudder."""
     made = drawn_log(rng, lambda s: _hover(rng, s, 0.0))
 
-    def heartbeat(message: Any) -> None:
-        message.type, message.autopilot = mavlink.MAV_TYPE_QUADROTOR, mavlink.MAV_AUTOPILOT_PX4
-
     def servos(message: Any) -> list[Any]:
         roll, yaw = ((p - 1500) / 400.0 for p in (message.servo1_raw, message.servo4_raw))
         return [px4_control(message.time_usec, roll, yaw)]
 
+    heartbeat = setting(type=mavlink.MAV_TYPE_QUADROTOR, autopilot=mavlink.MAV_AUTOPILOT_PX4)
     edits = {"HEARTBEAT": heartbeat, "PARAM_VALUE": lambda _: [], "SERVO_OUTPUT_RAW": servos}
     return Made(join(edited(split(made.log), **edits)), made.truth)
 
@@ -246,10 +239,7 @@ def disarmed(rng: np.random.Generator) -> Made:
     """Stand disarmed while the pilot tries the sticks; some airspeeds are absurd."""
     wind = float(rng.choice([0.0, 3.0, 63.0]))
     made = drawn_log(rng, lambda s: _standing(rng, s, wind), wind_m_s=wind)
-
-    def heartbeat(message: Any) -> None:
-        message.base_mode, message.custom_mode = message.base_mode & ~ARMED, MANUAL
-
+    heartbeat = setting(base_mode=DISARMED, custom_mode=MANUAL)
     return Made(join(edited(split(made.log), HEARTBEAT=heartbeat)), made.truth)
 
 

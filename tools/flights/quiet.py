@@ -18,7 +18,17 @@ import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from scipy.signal import lfilter
 
-from flights.drawn import ARMED, LENGTHS_S, disarmed, hovering, parked, quadrotor, taxiing, tumbling
+from flights.drawn import (
+    ARMED,
+    DISARMED,
+    LENGTHS_S,
+    disarmed,
+    hovering,
+    parked,
+    quadrotor,
+    taxiing,
+    tumbling,
+)
 from flights.flight import Floats, Hands
 from flights.fly import Made, fly
 from flights.moved import (
@@ -34,7 +44,7 @@ from flights.moved import (
     wander,
 )
 from flights.plan import Place, plan_at
-from flights.surgery import Record, edited, join, message_id, payload, px4_control, split
+from flights.surgery import Record, edited, join, message_id, payload, px4_control, setting, split
 
 GENTLE = (
     ("c172p", 3000.0, 100.0), ("J3Cub", 2000.0, 60.0), ("T37", 5000.0, 200.0),
@@ -196,12 +206,6 @@ def as_passenger(
     roll = yaw = 0.0
     gains = rng.uniform([0.6, 0.1, 0.2], [1.5, 0.6, 1.0])
 
-    def heartbeat(message: Any) -> None:
-        message.autopilot = mavlink.MAV_AUTOPILOT_PX4
-        message.base_mode |= ARMED
-        if not armed:
-            message.base_mode ^= ARMED
-
     def attitude(message: Any) -> None:
         nonlocal roll, yaw
         roll = -gains[0] * message.roll - 0.1 * message.rollspeed
@@ -211,6 +215,8 @@ def as_passenger(
         asked = px4_control(message.time_usec, *np.clip([roll, yaw], -1.0, 1.0).tolist())
         return [asked, _still_outputs(message.time_usec, status)]
 
+    mode = DISARMED | ARMED if armed else DISARMED
+    heartbeat = setting(autopilot=mavlink.MAV_AUTOPILOT_PX4, base_mode=mode)
     edits = {"HEARTBEAT": heartbeat, "ATTITUDE": attitude, "SERVO_OUTPUT_RAW": servos}
     return join(edited(flown, PARAM_VALUE=lambda _: [], **edits))
 
@@ -259,54 +265,37 @@ LATE_S = 0.4
 """The time by which a late clock is late, in s."""
 
 
-def pulses(flown: list[Record]) -> list[tuple[int, int]]:
-    """Return the stamp in us and the rudder's pulse of each SERVO_OUTPUT_RAW."""
+Pulses = list[tuple[int, int]]
+"""The stamp in us and the rudder's pulse of each SERVO_OUTPUT_RAW."""
+
+
+def pulses(flown: list[Record]) -> Pulses:
+    """Return the pulses of the rudder in a log."""
     servos = mavlink.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW
     frames = (frame for _, frame in flown if message_id(frame) == servos)
     found = (struct.unpack("<I4H", payload(frame, 12)) for frame in frames)
     return [(time_us, rudder) for time_us, *_, rudder in found]
 
 
-def with_pulses(flown: list[Record], rudder: list[int]) -> bytes:
-    """Return the log with these pulses of the rudder, one for each SERVO_OUTPUT_RAW."""
-    left = iter(rudder)
-
-    def servos(message: Any) -> None:
-        message.servo4_raw = next(left)
-
-    return join(edited(flown, SERVO_OUTPUT_RAW=servos))
+def other(own: Pulses, number: int, draw: Draw) -> list[int]:
+    """Return the rudder of another flight, at the times of this one's messages."""
+    stamps, rudder = zip(*pulses(split(excited(number + APART, draw).log)), strict=True)
+    at = np.searchsorted(stamps, [stamp for stamp, _ in own], side="right") - 1
+    return [rudder[max(i, 0)] for i in at]
 
 
-def other(number: int, draw: Draw) -> Made:
-    """Give a flight the rudder of another one, at the times of its own messages."""
-    made, stranger = excited(number, draw), pulses(split(excited(number + APART, draw).log))
-    flown = split(made.log)
-    rudder, at = [], 0
-    for stamp, _ in pulses(flown):
-        while at + 1 < len(stranger) and stranger[at + 1][0] <= stamp:
-            at += 1
-        rudder.append(stranger[at][1])
-    return Made(with_pulses(flown, rudder), made.truth)
+def backwards(own: Pulses, number: int, draw: Draw) -> list[int]:
+    """Return a flight's rudder, reversed in time."""
+    return [pulse for _, pulse in reversed(own)]
 
 
-def backwards(number: int, draw: Draw) -> Made:
-    """Reverse a flight's rudder in time."""
-    made = excited(number, draw)
-    flown = split(made.log)
-    return Made(with_pulses(flown, [pulse for _, pulse in reversed(pulses(flown))]), made.truth)
-
-
-def late(number: int, draw: Draw) -> Made:
-    """Give a flight's rudder a clock that is late."""
-    made = excited(number, draw)
-    flown = split(made.log)
-    own = pulses(flown)
+def late(own: Pulses, number: int, draw: Draw) -> list[int]:
+    """Return a flight's rudder by a clock that is late."""
     behind = sum(stamp < own[0][0] + 1e6 * LATE_S for stamp, _ in own)
-    rudder = [own[0][1]] * behind + [pulse for _, pulse in own[: len(own) - behind]]
-    return Made(with_pulses(flown, rudder), made.truth)
+    return [own[0][1]] * behind + [pulse for _, pulse in own[: len(own) - behind]]
 
 
-MISLEADING: dict[str, Callable[[int, Draw], Made]] = {
+MISLEADING: dict[str, Callable[[Pulses, int, Draw], list[int]]] = {
     "other flight": other,
     "backwards": backwards,
     "late": late,
@@ -315,7 +304,14 @@ MISLEADING: dict[str, Callable[[int, Draw], Made]] = {
 
 def misled(number: int, draw: Draw = CHOSEN) -> Made:
     """Return log ``number`` of the corpus; the kinds come in turn, and so do the flights."""
-    kind = list(MISLEADING)[number % len(MISLEADING)]
-    made = MISLEADING[kind](number // len(MISLEADING), draw)
+    number, nth = divmod(number, len(MISLEADING))
+    kind, made = list(MISLEADING)[nth], excited(number, draw)
+    flown = split(made.log)
+    left = iter(MISLEADING[kind](pulses(flown), number, draw))
+
+    def servos(message: Any) -> None:
+        message.servo4_raw = next(left)
+
     assert made.truth is not None
-    return Made(made.log, made.truth | {"group": kind})
+    log = join(edited(flown, SERVO_OUTPUT_RAW=servos))
+    return Made(log, made.truth | {"group": kind})

@@ -133,6 +133,16 @@ def edited(
     return rewrite(records, change)
 
 
+def setting(**fields: int) -> Callable[[Any], None]:
+    """Return an edit that gives a message's fields these values."""
+
+    def edit(message: Any) -> None:
+        for name, value in fields.items():
+            setattr(message, name, value)
+
+    return edit
+
+
 def px4_control(time_us: int, roll: float, yaw: float) -> Any:
     """Return PX4's ACTUATOR_CONTROL_TARGET of group 0."""
     controls = [roll, 0.0, yaw, 0.6, 0.0, 0.0, 0.0, -1.0]
