@@ -9,42 +9,19 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from damper.test_study import GIVEN, WN, record, studied
+from damper.test_study import PLANE as PARAMETERS
 from models.answers_by_hand import flight, manoeuvre, response
 from models.answers_by_hand import run_of as run_by_hand
 from msgspec.structs import replace
 from places import REPLAY_LOGS
 from recorded_flights import recorded
-from scipy.signal import cont2discrete, lfilter
 
+import yawid
 from yawid.answers.reasons import Verdict
 from yawid.cli import main as command_line
 
-WN, V, DELTA = 5.0, 20.0, 6.0
-"""The aircraft is r/u = 6 (s + 0.4) / (s^2 + 2 zeta 5 s + 25), flown at 20 m/s."""
-PLANE = (
-    "--autopilot=ardupilot", "--param=SCHED_LOOP_RATE=200", "--param=YAW2SRV_DAMP=0",
-    "--param=SCALING_SPEED=20", "--param=AIRSPEED_MIN=10", "--param=AIRSPEED_MAX=30",
-)  # fmt: skip
-
-
-def record(path: Path, zeta: float, noise: float, starts: tuple[int, ...] = (100, 160, 220)) -> str:
-    """Write doublets of an aircraft as a record at 20 Hz; ``noise`` is in rad/s."""
-    u = np.zeros(starts[-1] + 980)
-    for start in starts:
-        u[start : start + 12], u[start + 12 : start + 24] = 0.3, -0.3
-    b, a, _ = cont2discrete(([DELTA, 0.4 * DELTA], [1.0, 2.0 * zeta * WN, WN**2]), 0.05)
-    r = lfilter(b.ravel(), a, u) + np.random.default_rng(1).normal(0.0, noise, len(u))
-    rows = zip(10.0 + 0.05 * np.arange(len(u)), u, r, strict=True)
-    lines = ["t,rudder [half travel],r [rad/s],airspeed [m/s EAS],roll [rad]"]
-    lines += [f"{t:.2f},{a:.4f},{b:.6f},{V},0.0" for t, a, b in rows]
-    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
-    return str(path)
-
-
-def run_of(log: str, folder: Path, capsys: pytest.CaptureFixture[str]) -> tuple[str, dict]:
-    """Replay a record; return its MCAP and the answer."""
-    _, answer = asked(capsys, "replay", log, "--rudder-unit", "half-travel", "--out", str(folder))
-    return answer["files"]["mcap"], answer["flight"]
+PLANE = ("--autopilot=ardupilot", *(f"--param={name}={x}" for name, x in PARAMETERS.items()))
 
 
 def asked(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, dict]:
@@ -53,15 +30,21 @@ def asked(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, dic
     return code, json.loads(capsys.readouterr().out)
 
 
+def flown(folder: Path, zeta: float) -> str:
+    """Return the run of one manoeuvre of an aircraft with this damping."""
+    return str(yawid.replay(record(zeta, (100, 160, 220)), **GIVEN).mcap(folder))
+
+
 def test_an_aircraft_that_is_damped_enough_needs_no_gain_and_no_autopilot(
     tmp_path: Path, capsys
 ) -> None:
-    log = record(tmp_path / "flight.csv", 0.6, 0.002)
+    log = flown(tmp_path, 0.6)
+    assert command_line.main(["damper", log]) == 0
+    printed = capsys.readouterr().out
 
     code, found = asked(capsys, "damper", log)
 
-    assert code == 0
-    assert found["verdict"]["usable"]
+    assert (code, found["verdict"]["usable"]) == (0, True)
     assert [each["id"] for each in found["verdict"]["reasons"]] == ["no_autopilot"]
     zeta, std, sigmas = map(
         float, re.findall(r"zeta is (\S+) ± (\S+), (\S+) sigma", found["says"][0])[0]
@@ -71,8 +54,6 @@ def test_an_aircraft_that_is_damped_enough_needs_no_gain_and_no_autopilot(
     # Both numbers are rounded to .01.
     assert sigmas == pytest.approx((zeta - 0.4) / std, rel=0.25)
     assert "recommended" not in found
-    assert command_line.main(["damper", log]) == 0
-    printed = capsys.readouterr().out
     assert "none is recommended" in printed.splitlines()
     assert "None is needed" in printed
 
@@ -80,36 +61,17 @@ def test_an_aircraft_that_is_damped_enough_needs_no_gain_and_no_autopilot(
 def test_a_damping_that_is_above_the_aim_by_less_than_its_sigma_is_not_called_enough(
     tmp_path: Path, capsys
 ) -> None:
-    log, _ = run_of(record(tmp_path / "flight.csv", 0.43, 0.002), tmp_path, capsys)
+    log = flown(tmp_path, 0.43)
 
     code, found = asked(capsys, "damper", log, *PLANE)
-    assert code == 0
     said = " ".join(found["says"])
+    assert code == 0
     assert "None is needed" not in said
-    assert re.search(
-        r"No gain is recommended\. Without a damper zeta is 0\.4\d ± .* 1\.6 are needed", said
-    )
+    needed = r"No gain is recommended\. Without a damper zeta is 0\.4\d ± .* 1\.6 are needed"
+    assert re.search(needed, said)
     # With an aim of .55 to .65 the same aircraft needs one.
     code, found = asked(capsys, "damper", log, *PLANE, "--aim", "0.6")
     assert (code, found["recommended"]["low"] > 0.0) == (0, True)
-
-
-def test_the_sigma_of_a_damper_is_that_of_the_mean_over_the_manoeuvres(
-    tmp_path: Path, capsys
-) -> None:
-    starts = (100, 160, 220, 1000, 1060, 1120)
-    log, flight = run_of(record(tmp_path / "flight.csv", 0.1, 0.002, starts), tmp_path, capsys)
-    assert len(flight["used"]) == 2
-
-    code, found = asked(capsys, "damper", log, *PLANE)
-
-    assert code == 0
-    (at,) = found["gains"][0]["at"]
-    for name, tau in flight["between_std"].items():
-        std = flight["dutch_roll"]["wn_std" if name == "wn_rad_s" else "zeta_std"]
-        shown = at["wn_std" if name == "wn_rad_s" else "zeta_std"]
-        assert shown == pytest.approx(math.sqrt(std**2 - tau**2), rel=0.15)
-        assert shown < 0.9 * std
 
 
 def by_hand(effect_std: float, noise: float, wn_std: float) -> Verdict:
@@ -129,9 +91,7 @@ def by_hand(effect_std: float, noise: float, wn_std: float) -> Verdict:
     none, swings = np.zeros(500), np.sin(0.25 * np.arange(500))
     columns = {"rudder": none, "r [rad/s]": swings, "roll [rad]": none}
     run = run_by_hand(columns, both, replace(used, dutch_roll=roll))
-    known = {"YAW2SRV_DAMP": 0.0, "SCALING_SPEED": 20.0, "AIRSPEED_MIN": 10.0,
-             "AIRSPEED_MAX": 30.0, "SCHED_LOOP_RATE": 200.0}  # fmt: skip
-    return run.damper(autopilot="ardupilot", parameters=known).report.verdict
+    return studied(run).report.verdict
 
 
 def test_the_next_flight_is_asked_for_where_sigma_falls_enough() -> None:

@@ -77,7 +77,6 @@ def test_the_dutch_roll_comes_back(
 
     B, _, _ = lateral(trimmed(plan))
     found = dutch_roll(B, rudder, 3)
-    assert found is not None
     assert found["wn_rad_s"] == pytest.approx(abs(pole), rel=0.01)
     assert found["zeta"] == pytest.approx(-pole.real / abs(pole), rel=0.01)
     assert not np.array_equal(A, B)
