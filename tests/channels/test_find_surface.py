@@ -1,10 +1,14 @@
+"""Which output is the rudder, and what its pulses mean."""
+
 from __future__ import annotations
 
+import math
 import struct
+from typing import Any
 
 import numpy as np
 import pytest
-from flightlog import FlightLog, samples_of, summary_of
+from flightlog import beat, every, fly, reason_ids, reasons_of, samples_of, summary_of, told
 from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
@@ -13,19 +17,44 @@ from yawid.blocks import Held, MessageBlock
 from yawid.channels.find_surface import find_surface, no_surface
 from yawid.channels.parameters import ParameterTable
 from yawid.channels.report import report_of
-from yawid.channels.surface import Surface, SurfacePart
+from yawid.channels.surface import Surface
 from yawid.channels.vehicle import Vehicle
 from yawid.config.run import RunConfig
 from yawid.errors import ConfigError
 from yawid.quantities.vehicles import ARDUPILOT, PX4
 
+PLANE, QUADROTOR, TRICOPTER, ROVER, SUBMARINE, GENERIC, TILT_ROTOR = 1, 2, 15, 10, 12, 0, 21
+RAW, STATUS, TARGET = "SERVO_OUTPUT_RAW", "ACTUATOR_OUTPUT_STATUS", "ACTUATOR_CONTROL_TARGET"
 
-def servo_block(pwm: list[int]) -> MessageBlock:
-    fields = np.zeros(len(pwm), [("servo4_raw", "u2"), ("port", "u1"), ("time_usec", "u4")])
-    fields["servo4_raw"] = pwm
-    n = np.arange(len(pwm))
-    sender = np.ones(len(pwm), np.uint8)
-    return MessageBlock("SERVO_OUTPUT_RAW", n, n, sender, sender, fields)
+
+def table_of(values: dict[str, float]) -> ParameterTable:
+    table = ParameterTable()
+    table.values = values
+    return table
+
+
+def vehicle(kind: int = PLANE, autopilot: int = ARDUPILOT) -> Vehicle:
+    return Vehicle(sysid=1, compid=1, type=kind, autopilot=autopilot, order=0)
+
+
+def found(
+    values: dict[str, float],
+    of: Vehicle,
+    *heard: str,
+    what: str = "rudder",
+    selector: str = "auto",
+) -> Surface | None:
+    return find_surface(what, selector, of, table_of(values), frozenset(heard))
+
+
+def deflection(surface: Surface | None, pulses: dict[int, float]) -> float:
+    """Return the deflection that outputs (from 1) mean."""
+    assert surface is not None
+    fields = np.zeros(1, [(f"servo{i}_raw", "u2") for i in range(1, 17)])
+    for number, pulse in pulses.items():
+        fields[f"servo{number}_raw"] = round(pulse)
+    one = np.ones(1, np.uint8)
+    return float(surface.deflection(MessageBlock(RAW, one, one, one, one, fields))[0])
 
 
 @given(
@@ -39,203 +68,12 @@ def test_the_deflection_is_what_ardupilot_turned_into_the_pulse(low, trim, high,
     # SRV_Channel::pwm_from_angle: the slope is MAX - TRIM above trim and TRIM - MIN below.
     value = -command if reverse else command
     pulse = trim + value * ((high - trim) if value > 0 else (trim - low))
+    travel = {"MIN": low, "TRIM": trim, "MAX": high, "REVERSED": int(reverse), "FUNCTION": 21}
+    rudder = found({f"SERVO6_{name}": float(each) for name, each in travel.items()}, vehicle())
 
-    surface = Surface(
-        "SERVO_OUTPUT_RAW", "parameter", (SurfacePart(4, (low, trim, high), reverse),)
-    )
-    found = surface.deflection(servo_block([round(pulse)]))
-
-    assert abs(found[0] - command) <= 0.5 / min(high - trim, trim - low) + 1e-12
-
-
-def test_an_output_that_is_off_gives_no_deflection():
-    surface = Surface("SERVO_OUTPUT_RAW", "parameter", (SurfacePart(4, (1100.0, 1500.0, 1900.0)),))
-
-    assert np.isnan(surface.deflection(servo_block([0, 65535]))).all()
-
-
-@pytest.mark.parametrize("text", ["servo:0", "servo:33", "servo", "control:8", "rc:0", "4", ""])
-def test_a_selector_that_names_no_channel_is_refused(text):
-    with pytest.raises(ConfigError, match="servo:N"):
-        RunConfig(rudder=text)
-
-
-def log_with_parameters(parameters: dict[str, float], pwm: list[int], count: int = 1) -> bytes:
-    log = FlightLog()
-    log.heartbeat(10.0)
-    for name, value in parameters.items():
-        log.parameter(10.0, name, value, count)
-    for i in range(400):
-        log.attitude(10.0 + 0.02 * i, 0.1)
-        log.servos(10.002 + 0.02 * i, pwm)
-    return log.data
-
-
-def test_the_rudder_is_the_servo_whose_function_is_21():
-    parameters = {
-        "SERVO1_FUNCTION": 4,
-        "SERVO6_FUNCTION": 21,
-        "SERVO6_MIN": 1000,
-        "SERVO6_TRIM": 1400,
-        "SERVO6_MAX": 2000,
-        "SERVO6_REVERSED": 1,
-    }
-    found = samples_of(log_with_parameters(parameters, [1500, 0, 0, 0, 0, 1700, 0, 0]))
-
-    surface = found.channels.surfaces[0]
-    assert surface.source == "SERVO_OUTPUT_RAW.servo6_raw"
-    assert surface.how == "parameter"
-    np.testing.assert_allclose(found.u[:, 0], -(1700 - 1400) / 600, rtol=1e-12)
-
-
-def test_without_any_function_the_stock_channel_is_an_assumption():
-    found = samples_of(log_with_parameters({}, [1500, 0, 0, 1700]))
-
-    surface = found.channels.surfaces[0]
-    assert surface.how == "assumed"
-    assert surface.parts == (SurfacePart(4, (1100.0, 1500.0, 1900.0)),)
-    np.testing.assert_allclose(found.u[:, 0], 0.5, rtol=1e-12)
-
-
-def test_an_arduplane_before_3_8_has_no_stock_channel_and_is_named():
-    """Its RC4_REV is the sense of its rudder, and of no newer one: a sign must not be assumed."""
-    parameters = {"RC4_MIN": 1000, "RC4_TRIM": 1520, "RC4_MAX": 1950, "RC4_REV": -1}
-    log = log_with_parameters(parameters, [1500, 0, 0, 1700])
-
-    (reason,) = (
-        each for each in summary_of(log)["verdict"]["reasons"] if each["id"] == "no_rudder"
-    )
-
-    assert "before 3.8" in reason["text"]
-    named = samples_of(log, RunConfig(rudder="servo:4"))
-    np.testing.assert_allclose(named.u[:, 0], 0.5, rtol=1e-12)
-
-
-def test_functions_that_name_no_rudder_leave_no_rudder():
-    parameters = {"SERVO1_FUNCTION": 77, "SERVO2_FUNCTION": 78}
-    found = samples_of(log_with_parameters(parameters, [1500, 1500, 0, 1700]))
-
-    assert found.channels.surfaces == ()
-    assert len(found) == 0
-
-
-@pytest.mark.parametrize("count", [2, 3])
-def test_a_list_that_lacks_the_stock_channels_function_leaves_the_stock_channel(count: int):
-    # A torn download: what is missing may be SERVO4_FUNCTION. Two of two is the whole list.
-    parameters = {"SERVO8_FUNCTION": 0, "SERVO9_FUNCTION": 0}
-    found = samples_of(log_with_parameters(parameters, [1500, 0, 0, 1700], count))
-    report = report_of(found.channels)
-
-    if count == 2:
-        assert found.channels.surfaces == ()
-        assert [each.id for each in report.missing] == ["no_rudder"]
-    else:
-        np.testing.assert_allclose(found.u[:, 0], 0.5, rtol=1e-12)
-        (reason,) = report.reasons
-        assert reason.id == "rudder_assumed"
-        assert "1 of its parameters are missing" in reason.text
-
-
-def test_nothing_is_assumed_while_the_list_is_on_its_way():
-    found = samples_of(log_with_parameters({"SERVO1_FUNCTION": 4}, [1500, 0, 0, 1700], 900))
-
-    assert found.channels.surfaces == ()
-
-
-def test_a_torn_list_whose_stock_channel_does_something_else_has_no_rudder():
-    found = samples_of(log_with_parameters({"SERVO4_FUNCTION": 19}, [1500, 0, 0, 1700], 900))
-
-    assert found.channels.surfaces == ()
-    (reason,) = report_of(found.channels).missing
-    assert reason.id == "no_rudder"
-    assert "899 parameters are missing" in reason.text
-
-
-@pytest.mark.parametrize(
-    ("values", "said"),
-    [
-        ((0.0,), None),
-        ((0.2,), "YAW2SRV_DAMP 0.2"),
-        ((0.5, 8.0, 0.0), "YAW2SRV_DAMP 0 to 8"),
-    ],
-)
-def test_the_channels_report_the_gain_of_the_yaw_damper(values: tuple[float, ...], said: str):
-    log = FlightLog()
-    log.heartbeat(10.0)
-    for i in range(400):
-        if i % 100 == 0 and values:
-            log.parameter(10.0 + 0.02 * i, "YAW2SRV_DAMP", values[0])
-            values = values[1:]
-        log.attitude(10.0 + 0.02 * i, 0.1)
-        log.servos(10.002 + 0.02 * i, [1500, 0, 0, 1700])
-
-    rudder = report_of(samples_of(log.data).channels).channels["rudder"]
-
-    assert rudder.yaw_loop == said
-    if said != "YAW2SRV_DAMP 0 to 8":
-        assert rudder.yaw_gains is None
-        return
-    # The first attitude after each of them, at 10, 12 and 14 s.
-    assert rudder.yaw_gains is not None
-    assert [(each.value, each.boot, each.from_s) for each in rudder.yaw_gains] == [
-        (0.5, 1, 10.0), (8.0, 1, 12.0), (0.0, 1, 14.0),
-    ]  # fmt: skip
-
-
-def test_rudder_and_aileron_come_side_by_side():
-    config = RunConfig(inputs=("rudder", "aileron"))
-    found = samples_of(log_with_parameters({}, [1300, 0, 0, 1700]), config)
-
-    np.testing.assert_allclose(found.u, np.tile([0.5, -0.5], (len(found), 1)), rtol=1e-12)
-
-
-def test_a_rudder_counted_to_the_left_and_in_degrees_is_turned_and_scaled():
-    config = RunConfig(rudder_sign="nose-left", rudder_max_deg=20.0)
-    found = samples_of(log_with_parameters({}, [1500, 0, 0, 1700]), config)
-
-    np.testing.assert_allclose(found.u[:, 0], -0.5 * np.deg2rad(20.0), rtol=1e-12)
-
-
-def test_a_trim_that_moves_in_flight_counts_from_its_moment():
-    log = FlightLog()
-    log.heartbeat(10.0)
-    log.parameter(10.0, "SERVO4_FUNCTION", 21)
-    for name, value in (("MIN", 1100), ("TRIM", 1500), ("MAX", 1900)):
-        log.parameter(10.0, f"SERVO4_{name}", value)
-    for i in range(800):
-        if i == 400:
-            log.parameter(10.0 + 0.02 * i, "SERVO4_TRIM", 1520)
-        log.attitude(10.0 + 0.02 * i, 0.1)
-        log.servos(10.002 + 0.02 * i, [1500, 1500, 1500, 1500])
-
-    found = samples_of(log.data)
-
-    before, after = found.boot_us < 17.8e6, found.boot_us > 18.2e6
-    np.testing.assert_allclose(found.u[before, 0], 0.0)
-    np.testing.assert_allclose(found.u[after, 0], -20 / 420, rtol=1e-12)
-    assert set(found.epoch) == {0}
-
-
-def test_a_rudder_found_on_another_channel_than_assumed_starts_a_new_epoch():
-    log = FlightLog()
-    log.heartbeat(10.0)
-    for i in range(800):
-        if i == 400:
-            log.parameter(10.0 + 0.02 * i, "SERVO2_FUNCTION", 21)
-        log.attitude(10.0 + 0.02 * i, 0.1)
-        log.servos(10.002 + 0.02 * i, [1500, 1700, 1500, 1500])
-
-    found = samples_of(log.data)
-
-    assert set(found.epoch) == {0, 1}
-    first = np.flatnonzero(found.epoch == 1)[0]
-    assert found.held[first] == Held.RUDDER_CHANGED
-    np.testing.assert_allclose(found.u[first + 1 :, 0], 0.5)
-
-
-def mixed(left: float, right: float) -> list[int]:
-    """Pulses of servo 2 (left) and 3 (right) for outputs on -1..1 with the stock travel."""
-    return [1500, round(1500 + 400 * left), round(1500 + 400 * right), 1500]
+    error = abs(deflection(rudder, {6: pulse}) - command)
+    assert error <= 0.5 / min(high - trim, trim - low) + 1e-12
+    assert all(math.isnan(deflection(rudder, {6: off})) for off in (0, 65535))
 
 
 @given(
@@ -249,22 +87,11 @@ def test_a_v_tail_is_unmixed_as_ardupilot_mixed_it(rudder, elevator, gain, offse
     e = elevator * (1.0 - offset / 100.0 if offset < 0 else 1.0)
     r = rudder * (1.0 + offset / 100.0 if offset > 0 else 1.0)
     left, right = (e + r) * gain, (e - r) * gain
-    table = ParameterTable()
-    table.values = {
-        "SERVO2_FUNCTION": 79.0,
-        "SERVO3_FUNCTION": 80.0,
-        "MIXING_GAIN": gain,
-        "MIXING_OFFSET": float(offset),
-    }
-    found = find_surface("rudder", "auto", PLANE, table, frozenset())
-    pulses = mixed(left, right)
-    fields = np.zeros(1, [(f"servo{i}_raw", "u2") for i in range(1, 17)])
-    for i, pulse in enumerate(pulses):
-        fields[f"servo{i + 1}_raw"] = pulse
-    one = np.ones(1, np.uint8)
-    block = MessageBlock("SERVO_OUTPUT_RAW", one, one, one, one, fields)
+    functions = {"SERVO2_FUNCTION": 79.0, "SERVO3_FUNCTION": 80.0}
+    mixing = {"MIXING_GAIN": gain, "MIXING_OFFSET": float(offset)}
 
-    value = found.deflection(block)[0]
+    surface = found(functions | mixing, vehicle())
+    value = deflection(surface, {2: 1500 + 400 * left, 3: 1500 + 400 * right})
 
     if max(abs(left), abs(right)) < 0.99:
         assert value == pytest.approx(rudder, abs=1.0 / (400 * 2 * gain) * 1.01)
@@ -272,101 +99,58 @@ def test_a_v_tail_is_unmixed_as_ardupilot_mixed_it(rudder, elevator, gain, offse
         assert np.isnan(value)
 
 
-PLANE = Vehicle(sysid=1, compid=1, type=1, autopilot=ARDUPILOT, order=0)
-PX4_PLANE = Vehicle(sysid=1, compid=1, type=1, autopilot=PX4, order=0)
-
-
-@pytest.mark.parametrize(
-    ("functions", "weights"),
-    [
-        ({"SERVO5_FUNCTION": 4.0}, [(5, 1.0)]),
-        ({"SERVO1_FUNCTION": 77.0, "SERVO2_FUNCTION": 78.0}, [(1, -1.0), (2, 1.0)]),
-        ({"SERVO1_FUNCTION": 24.0, "SERVO2_FUNCTION": 25.0}, [(1, 0.5), (2, 0.5)]),
-        ({"SERVO1_FUNCTION": 4.0, "SERVO7_FUNCTION": 4.0}, [(1, 1.0)]),
-    ],
-)
-def test_the_aileron_is_found_as_ailerons_elevons_or_flaperons(functions, weights):
-    table = ParameterTable()
-    table.values = functions
-
-    found = find_surface("aileron", "auto", PLANE, table, frozenset())
-
-    assert [(part.number, part.weight) for part in found.parts] == weights
-
-
-def test_px4_names_its_rudder_by_output_function_and_surface_type():
-    table = ParameterTable()
-    table.values = {
-        "CA_SV_CS0_TYPE": 1.0,
-        "CA_SV_CS1_TYPE": 2.0,
-        "CA_SV_CS2_TYPE": 3.0,
-        "CA_SV_CS3_TYPE": 4.0,
-        "PWM_MAIN_FUNC6": 204.0,
-        "PWM_MAIN_FUNC1": 201.0,
-        "PWM_MAIN_FUNC2": 202.0,
-        "PWM_MAIN_MIN6": 1100.0,
-        "PWM_MAIN_MAX6": 1900.0,
-        "PWM_MAIN_REV": 32.0,
-    }
-    rudder = find_surface("rudder", "auto", PX4_PLANE, table, frozenset())
-    aileron = find_surface("aileron", "auto", PX4_PLANE, table, frozenset())
-
-    assert rudder.parts == (SurfacePart(6, (1100.0, 1500.0, 1900.0), reversed=True),)
-    assert [(part.number, part.weight) for part in aileron.parts] == [(1, -0.5), (2, 0.5)]
-
-
 @given(yaw=st.floats(-0.45, 0.45), pitch=st.floats(-0.45, 0.45))
 def test_px4s_v_tail_turns_the_nose_right_by_the_left_ruddervator_up(yaw, pitch):
     """PX4's effectiveness, pitch and yaw: left (.5, .5), right (.5, -.5); its inverse mixes."""
     left, right = np.linalg.solve([[0.5, 0.5], [0.5, -0.5]], [pitch, yaw])
-    table = ParameterTable()
-    table.values = {
-        "CA_SV_CS0_TYPE": 7.0,
-        "CA_SV_CS1_TYPE": 8.0,
-        "PWM_MAIN_FUNC2": 201.0,
-        "PWM_MAIN_FUNC3": 202.0,
-        **{
-            f"PWM_MAIN_{end}{n}": pwm
-            for n in (2, 3)
-            for end, pwm in (("MIN", 1000.0), ("MAX", 2000.0))
-        },
-    }
-    fields = np.zeros(1, [(f"servo{i}_raw", "u2") for i in range(1, 17)])
-    for number, value in ((2, left), (3, right)):
-        fields[f"servo{number}_raw"] = round(1500.0 + 500.0 * value)
-    one = np.ones(1, np.uint8)
+    types = {"CA_SV_CS0_TYPE": 7.0, "CA_SV_CS1_TYPE": 8.0}
+    functions = {"PWM_MAIN_FUNC2": 201.0, "PWM_MAIN_FUNC3": 202.0}
+    travel = {f"PWM_MAIN_{end}{n}": us for n in (2, 3) for end, us in (("MIN", 1e3), ("MAX", 2e3))}
 
-    found = find_surface("rudder", "auto", PX4_PLANE, table, frozenset())
+    surface = found(types | functions | travel, vehicle(PLANE, PX4))
 
-    block = MessageBlock("SERVO_OUTPUT_RAW", one, one, one, one, fields)
-    assert found.deflection(block)[0] == pytest.approx(yaw, abs=1.0 / 500.0)
+    pulses = {2: 1500.0 + 500.0 * left, 3: 1500.0 + 500.0 * right}
+    assert deflection(surface, pulses) == pytest.approx(yaw, abs=1.0 / 500.0)
 
 
-def test_px4_outputs_are_taken_from_the_message_that_is_sent():
-    table = ParameterTable()
-    table.values = {"CA_SV_CS0_TYPE": 4.0, "PWM_MAIN_FUNC2": 201.0}
-    status = frozenset({"ACTUATOR_OUTPUT_STATUS"})
-
-    assert find_surface("rudder", "auto", PX4_PLANE, table, status).message == min(status)
-    found = find_surface("rudder", "auto", PX4_PLANE, table, status | {"SERVO_OUTPUT_RAW"})
-    assert found.source == "SERVO_OUTPUT_RAW.servo2_raw"
-
-
-def test_without_named_outputs_px4_has_its_control_group():
-    heard = frozenset({"ACTUATOR_CONTROL_TARGET"})
-
-    found = find_surface("rudder", "auto", PX4_PLANE, ParameterTable(), heard)
-
-    assert found.source == "ACTUATOR_CONTROL_TARGET.controls[2]"
-    assert find_surface("rudder", "auto", PX4_PLANE, ParameterTable(), frozenset()) is None
+ELEVONS = {"SERVO1_FUNCTION": 77.0, "SERVO2_FUNCTION": 78.0}
+FLAPERONS = {"SERVO1_FUNCTION": 24.0, "SERVO2_FUNCTION": 25.0}
+PX4S = {
+    **{f"CA_SV_CS{i}_TYPE": float(kind) for i, kind in enumerate((1, 2, 3, 4))},
+    **{"PWM_MAIN_FUNC6": 204.0, "PWM_MAIN_FUNC1": 201.0, "PWM_MAIN_FUNC2": 202.0},
+    **{"PWM_MAIN_MIN6": 1100.0, "PWM_MAIN_MAX6": 1900.0, "PWM_MAIN_REV": 32.0},
+}
+TWO = {
+    "CA_SV_CS0_TYPE": 4.0,
+    "CA_SV_CS1_TYPE": 4.0,
+    "PWM_MAIN_FUNC3": 201.0,
+    "PWM_MAIN_FUNC5": 202.0,
+}
 
 
-QUADROTOR, TRICOPTER, ROVER, SUBMARINE, GENERIC, TILT_ROTOR = 2, 15, 10, 12, 0, 21
-CONTROLS = frozenset({"ACTUATOR_CONTROL_TARGET", "SERVO_OUTPUT_RAW", "RC_CHANNELS"})
+@pytest.mark.parametrize(
+    ("what", "autopilot", "values", "heard", "source", "weights"),
+    [
+        ("aileron", ARDUPILOT, {"SERVO5_FUNCTION": 4.0}, (), "servo5_raw", [1.0]),
+        ("aileron", ARDUPILOT, ELEVONS, (), "servo1_raw", [-1.0, 1.0]),
+        ("aileron", ARDUPILOT, FLAPERONS, (), "servo1_raw", [0.5, 0.5]),
+        ("rudder", ARDUPILOT, ELEVONS, (), None, []),
+        ("rudder", PX4, PX4S, (), f"{RAW}.servo6_raw", [1.0]),
+        ("aileron", PX4, PX4S, (), "servo1_raw", [-0.5, 0.5]),
+        ("rudder", PX4, TWO, (STATUS,), f"{STATUS}.actuator[2]", [1.0]),
+        ("rudder", PX4, TWO, (STATUS, RAW), f"{RAW}.servo3_raw", [1.0]),
+        ("rudder", PX4, {}, (TARGET,), f"{TARGET}.controls[2]", [1.0]),
+        ("rudder", PX4, {}, (), None, []),
+    ],
+)
+def test_a_surface_is_found_by_what_names_it(what, autopilot, values, heard, source, weights):
+    surface = found(values, vehicle(PLANE, autopilot), *heard, what=what)
 
-
-def vehicle(kind: int, autopilot: int) -> Vehicle:
-    return Vehicle(sysid=1, compid=1, type=kind, autopilot=autopilot, order=0)
+    assert [part.weight for part in surface.parts if surface] == weights if surface else not weights
+    assert (surface is None) == (source is None)
+    assert source is None or source in surface.source
+    assert values is not TWO or [part.number for part in surface.twins] == [5]
+    assert values is not PX4S or what == "aileron" or deflection(surface, {6: 1900}) == -1.0
 
 
 @pytest.mark.parametrize("selector", ["auto", "control:2", "servo:4", "vtail:1,2", "rc:4"])
@@ -375,39 +159,222 @@ def vehicle(kind: int, autopilot: int) -> Vehicle:
 def test_what_turns_without_a_rudder_has_none_by_any_option(autopilot, kind, selector):
     alike = vehicle(kind, autopilot)
 
-    assert find_surface("rudder", selector, alike, ParameterTable(), CONTROLS) is None
+    assert found({}, alike, TARGET, RAW, "RC_CHANNELS", selector=selector) is None
     assert "has no rudder" in no_surface("rudder", alike, ParameterTable()).text
-
-
-def test_a_quadrotor_whose_parameters_name_a_rudder_has_one():
-    table = ParameterTable()  # a quadplane that calls itself a quadrotor (Q_MAV_TYPE)
-    table.values = {"SERVO4_FUNCTION": 21.0, "SERVO5_FUNCTION": 33.0}
-
-    for selector in ("auto", "servo:4"):
-        found = find_surface("rudder", selector, vehicle(QUADROTOR, ARDUPILOT), table, CONTROLS)
-        assert found.source == "SERVO_OUTPUT_RAW.servo4_raw"
+    named = {"SERVO4_FUNCTION": 21.0, "SERVO5_FUNCTION": 33.0}  # a quadplane: Q_MAV_TYPE
+    assert autopilot == PX4 or found(named, alike, selector=selector) is not None
 
 
 def test_control_2_is_a_rudder_by_convention_on_wings_alone():
-    def by(kind: int, selector: str) -> bool:
-        found = find_surface("rudder", selector, vehicle(kind, PX4), ParameterTable(), CONTROLS)
-        return found is not None
+    by = [
+        found({}, vehicle(kind, PX4), TARGET, RAW, selector=selector) is not None
+        # What a generic vehicle is, is unknown: its owner may know.
+        for kind, selector in ((TILT_ROTOR, "auto"), (GENERIC, "auto"), (GENERIC, "control:2"))
+    ]
+    assert by == [True, False, True]
 
-    assert by(TILT_ROTOR, "auto")
-    # Nothing says what a generic vehicle is: its owner may.
-    assert not by(GENERIC, "auto")
-    assert by(GENERIC, "control:2")
+
+@pytest.mark.parametrize("text", ["servo:0", "servo:33", "servo", "control:8", "rc:0", "4", ""])
+def test_a_selector_that_names_no_channel_is_refused(text):
+    with pytest.raises(ConfigError, match="servo:N"):
+        RunConfig(rudder=text)
+
+
+def log_of(
+    values: dict[str, float],
+    pwm: Any = (1500, 1300, 1500, 1700),
+    count: int = 1,
+    later: dict[str, float] | None = None,
+    seconds: float = 8.0,
+    **more: Any,
+) -> bytes:
+    """Return a log of outputs, which may depend on the time, and of parameters.
+
+    ``later`` has those that come in the middle.
+    """
+    events = [(0.0, told(name, value, count)) for name, value in values.items()]
+    events += [(seconds / 2, told(name, value, count)) for name, value in (later or {}).items()]
+    outputs = pwm if callable(pwm) else lambda t: list(pwm)
+    events += more.pop("messages", [])
+    return fly(lambda t: 0.1 * math.sin(3 * t), outputs, seconds, more=events, **more).data
+
+
+@pytest.mark.parametrize(
+    ("values", "count", "config", "u", "reason", "text"),
+    [
+        ({}, 1, {}, [0.5], "rudder_assumed", ""),
+        ({}, 1, {"inputs": ("rudder", "aileron")}, [0.5, 0.0], "rudder_assumed", ""),
+        ({}, 1, {"rudder_sign": "nose-left", "rudder_max_deg": 20.0},
+         [-0.5 * math.radians(20.0)], "rudder_assumed", ""),
+        ({"SERVO2_FUNCTION": 21}, 1, {}, [-0.5], "rudder_assumed", "how far"),
+        # An ArduPlane before 3.8: its RC4_REV is the sense of its rudder, and of no newer one.
+        ({"RC4_TRIM": 1520, "RC4_REV": -1}, 1, {}, [], "no_rudder", "before 3.8"),
+        ({"RC4_TRIM": 1520, "RC4_REV": -1}, 1, {"rudder": "servo:4"}, [0.5], "", ""),
+        ({"SERVO1_FUNCTION": 77, "SERVO2_FUNCTION": 78}, 1, {}, [], "no_rudder", ""),
+        # A torn download: what is missing may be SERVO4_FUNCTION. Two of two is the whole list.
+        ({"SERVO8_FUNCTION": 0, "SERVO9_FUNCTION": 0}, 2, {}, [], "no_rudder", ""),
+        ({"SERVO8_FUNCTION": 0, "SERVO9_FUNCTION": 0}, 3, {}, [0.5],
+         "rudder_assumed", "1 of its parameters are missing"),
+        ({"SERVO1_FUNCTION": 4}, 900, {}, [], "no_rudder", ""),  # the list is on its way
+        ({"SERVO4_FUNCTION": 19}, 900, {}, [], "no_rudder", "899 parameters are missing"),
+    ],
+)  # fmt: skip
+def test_the_stock_channel_is_assumed_where_it_may_be_lost_and_said(
+    values, count, config, u, reason, text
+):
+    samples = samples_of(log_of(values, count=count), RunConfig(**config))
+    report = report_of(samples.channels)
+
+    said = {each.id: each.text for each in (*report.missing, *report.reasons)}
+    assert (len(samples) > 100) == bool(u)
+    assert not u or np.allclose(samples.u, u, rtol=1e-12)
+    assert text in said[reason] if reason else not {"no_rudder", "rudder_assumed"} & said.keys()
+
+
+def test_a_trim_that_moves_counts_from_its_moment_and_another_channel_is_a_new_epoch():
+    trims = {"SERVO4_FUNCTION": 21, "SERVO4_MIN": 1100, "SERVO4_TRIM": 1500, "SERVO4_MAX": 1900}
+    trim = samples_of(log_of(trims, [1500] * 4, later={"SERVO4_TRIM": 1520}))
+    other = samples_of(log_of({}, [1500, 1700, 1500, 1500], later={"SERVO2_FUNCTION": 21}))
+
+    before, after = trim.boot_us < 13.8e6, trim.boot_us > 14.2e6
+    np.testing.assert_allclose(trim.u[before, 0], 0.0)
+    np.testing.assert_allclose(trim.u[after, 0], -20 / 420, rtol=1e-12)
+    assert set(trim.epoch) == {0}
+    first = np.flatnonzero(other.epoch == 1)[0]
+    assert other.held[first] == Held.RUDDER_CHANGED
+    np.testing.assert_allclose(other.u[first + 1 :, 0], 0.5)
+
+
+@pytest.mark.parametrize(
+    ("gains", "said"),
+    [
+        ([], None),
+        ([0.0], None),
+        ([0.2], "YAW2SRV_DAMP 0.2"),
+        ([0.5, 8.0, 0.0], "YAW2SRV_DAMP 0 to 8"),
+    ],
+)
+def test_the_channels_report_the_gain_of_the_yaw_damper(gains: list[float], said: str | None):
+    messages = [(2.0 * i, told("YAW2SRV_DAMP", gain)) for i, gain in enumerate(gains)]
+    rudder = report_of(samples_of(log_of({}, messages=messages)).channels).channels["rudder"]
+
+    assert rudder.yaw_loop == said
+    # The first attitude after each of them.
+    times = [(each.value, each.boot, each.from_s) for each in rudder.yaw_gains or ()]
+    assert times == ([(0.5, 1, 10.0), (8.0, 1, 12.0), (0.0, 1, 14.0)] if len(gains) > 1 else [])
 
 
 @pytest.mark.parametrize("value", [0, 1, 4, 204, 1100, -1, -400])
 def test_px4s_integer_parameters_are_the_four_bytes_of_their_float(value: int):
-    told = struct.unpack("<f", struct.pack("<i", value))[0]
-    log = FlightLog()
-    log.heartbeat(1.0, autopilot=12)
-    log.add(1.0, mavlink.MAVLink_param_value_message(b"PWM_MAIN_FUNC6", told, 6, 1, 0))
-    # ArduPilot tells an integer type too, and the value as a float.
-    log.add(1.0, mavlink.MAVLink_param_value_message(b"SERVO4_TRIM", 1500.0, 4, 1, 0))
+    packed = struct.unpack("<f", struct.pack("<i", value))[0]
+    # ArduPilot sends an integer type too, and the value as a float.
+    messages = [
+        (0.0, mavlink.MAVLink_param_value_message(name, number, kind, 1, 0))
+        for name, number, kind in ((b"PWM_MAIN_FUNC6", packed, 6), (b"SERVO4_TRIM", 1500.0, 4))
+    ]
+    samples = samples_of(
+        fly(lambda t: 0.1, lambda t: 1500, 0.1, vehicle=beat(1, 12), more=messages).data
+    )
 
-    found = samples_of(log.data)
+    assert samples.channels.parameters.values == {"PWM_MAIN_FUNC6": value, "SERVO4_TRIM": 1500.0}
 
-    assert found.channels.parameters.values == {"PWM_MAIN_FUNC6": value, "SERVO4_TRIM": 1500.0}
+
+TWINS = {"SERVO2_FUNCTION": 21, "SERVO4_FUNCTION": 21, "SERVO4_REVERSED": 1, "SERVO1_FUNCTION": 4}
+TWINS |= {f"SERVO{n}_{end}": us for n in (2, 4) for end, us in (("MIN", 1100), ("MAX", 1900))}
+TWINS |= {"SERVO2_TRIM": 1500, "SERVO4_TRIM": 1500}
+
+
+@pytest.mark.parametrize(
+    ("second", "how"),
+    [
+        (lambda rudder, t: 1500 - rudder, "alike"),
+        (lambda rudder, t: 1512 - rudder, "alike"),  # trimmed otherwise by 3 %
+        (lambda rudder, t: 1500 - rudder * (not 4.0 < t < 4.1), "alike"),
+        (lambda rudder, t: 1500 + rudder, "differently"),  # REVERSED is set and not so
+        (lambda rudder, t: 1525 - rudder, "differently"),  # trimmed otherwise by 6 %
+        (lambda rudder, t: 1500 - rudder * (not 4.0 < t < 5.0), "differently"),
+        (lambda rudder, t: 0, ""),  # no message has it
+    ],
+)
+def test_a_second_rudder_is_a_witness_and_a_warning_where_it_moves_differently(second, how):
+    def outputs(t: float) -> list[int]:
+        rudder = round(200 * math.sin(3.0 * t))
+        return [1500, 1500 + rudder, 1500, second(rudder, t)]
+
+    summary = summary_of(log_of(TWINS, outputs, seconds=12.0))
+    rudder = summary["channels"]["rudder"]
+    texts = [each["text"] for each in reasons_of(summary) if each["id"] == "rudder_assumed"]
+
+    assert rudder["source"] == "SERVO_OUTPUT_RAW.servo2_raw"
+    assert rudder["how"] == "parameter" or f"servo4_raw moves {how}" in rudder["how"]
+    assert (rudder["how"] == "parameter") == (how == "")
+    assert [f"servo4_raw is also a rudder and differs from {rudder['source']}" in each
+            for each in texts] == [True] * (how == "differently")  # fmt: skip
+
+
+def test_aileron_twins_are_compared_too():
+    functions = {"SERVO1_FUNCTION": 4, "SERVO6_FUNCTION": 4, "SERVO4_FUNCTION": 21}
+    log = log_of(functions, [1600, 1500, 1500, 1500, 1500, 1400])
+    summary = summary_of(log, RunConfig(inputs=("rudder", "aileron"), manoeuvres="off"))
+
+    assert "servo6_raw moves differently" in summary["channels"]["aileron"]["how"]
+
+
+def sticks(values: dict[str, float], *, name: str = "RC_CHANNELS", servos_at: float = 99.0,
+           seconds: float = 15.0, **more: Any) -> bytes:  # fmt: skip
+    """Return a log of sticks at 50 Hz: yaw is channel 4; outputs come from ``servos_at`` on."""
+
+    def one(t: float) -> Any:
+        ms, yaw = round(1000 * (10.0 + t)), round(1500 + 200 * math.sin(3.0 * t))
+        eight = [1500, 1500, 1500, yaw, 1500, 1600, 1500, 1500]
+        if name == "RC_CHANNELS":
+            return mavlink.MAVLink_rc_channels_message(ms, 18, *eight, *[1500] * 10, 255)
+        return mavlink.MAVLink_rc_channels_raw_message(ms, 0, *eight, 255)
+
+    first = log_of(values, servo_s=99.0, seconds=min(servos_at, seconds),
+                   messages=every(0.02, seconds, one), **more)  # fmt: skip
+    rest = max(seconds - servos_at, 0.0)
+    return first + fly(lambda t: 0.1, lambda t: 1700, rest, start_s=10.0 + servos_at).data
+
+
+TRAVEL = {"RC6_MIN": 1000, "RC6_TRIM": 1400, "RC6_MAX": 1800, "RC6_REVERSED": 1}
+
+
+@pytest.mark.parametrize(
+    ("values", "name", "autopilot", "u"),
+    [
+        (TRAVEL, "RC_CHANNELS", ARDUPILOT, -0.5),
+        ({}, "RC_CHANNELS_RAW", ARDUPILOT, 0.25),
+        ({}, "RC_CHANNELS", PX4, 0.2),
+        ({"RC6_MIN": 1000.0, "RC6_MAX": 2000.0, "RC6_REV": -1.0}, "RC_CHANNELS", PX4, -0.2),
+    ],
+)
+def test_a_named_stick_is_read_with_its_own_travel_and_sense(values, name, autopilot, u):
+    log = sticks(values, name=name, vehicle=beat(1, autopilot))
+    samples = samples_of(log, RunConfig(rudder="rc:6"))
+
+    assert samples.channels.surfaces[0].source == f"{name}.chan6_raw"
+    np.testing.assert_allclose(samples.u[:, 0], u)
+
+
+@pytest.mark.parametrize("kind", [PLANE, TILT_ROTOR])
+def test_a_stick_is_a_rudder_only_where_it_is_named_and_that_is_said(kind: int):
+    log = sticks({"SERVO4_FUNCTION": 21.0}, seconds=40.0, vehicle=beat(kind))
+    refused, named = (
+        summary_of(log, RunConfig(rudder=rudder, manoeuvres="off")) for rudder in ("auto", "rc:4")
+    )
+
+    [refusal] = [each for each in reasons_of(refused) if each["id"] == "no_rudder"]
+    assert "--rudder rc:N" in refusal["remedy"] or kind != PLANE
+    assert "channel_stand_in" in reason_ids(named)
+    assert named["channels"]["rudder"]["source"] == "RC_CHANNELS.chan4_raw"
+
+
+@pytest.mark.parametrize("servos_at", [0.0, 4.5, 10.0])
+def test_the_servo_is_the_rudder_from_its_first_message_on(servos_at: float):
+    samples = samples_of(sticks({}, servos_at=servos_at))
+
+    assert samples.channels.surfaces[0].source == "SERVO_OUTPUT_RAW.servo4_raw"
+    assert samples.boot_us[0] == pytest.approx(1e6 * (10.0 + servos_at), abs=0.1e6)
+    assert set(samples.epoch) == {0}
+    np.testing.assert_allclose(samples.u[:, 0], 0.5)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import struct
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -13,7 +13,7 @@ import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from yawid.answers.run_summary import RunSummary
-from yawid.blocks import SampleBlock
+from yawid.blocks import MotionBlock, SampleBlock
 from yawid.channels.stage import WANTED, Channels
 from yawid.config.run import RunConfig
 from yawid.pipeline import Pipeline
@@ -49,11 +49,10 @@ class FlightLog:
     def heartbeat(
         self, t_s: float, kind: int = 1, autopilot: int = 3, sender: tuple[int, int] | None = None
     ) -> None:
-        self.add(t_s, mavlink.MAVLink_heartbeat_message(kind, autopilot, 0, 0, 4, 3), sender)
+        self.add(t_s, beat(kind, autopilot), sender)
 
     def parameter(self, t_s: float, name: str, value: float, count: int = 1) -> None:
-        message = mavlink.MAVLink_param_value_message(name.encode(), value, 9, count, 0)
-        self.add(t_s, message)
+        self.add(t_s, told(name, value, count))
 
     def attitude(self, t_s: float, rate: float, yaw: float = 0.0, roll: float = 0.0) -> None:
         wrapped = (yaw + np.pi) % (2.0 * np.pi) - np.pi
@@ -68,28 +67,60 @@ class FlightLog:
         self.add(t_s, mavlink.MAVLink_servo_output_raw_message(stamp, 0, *eight))
 
 
+def beat(kind: int = 1, autopilot: int = 3, base_mode: int = 0, mode: int = 0) -> Any:
+    return mavlink.MAVLink_heartbeat_message(kind, autopilot, base_mode, mode, 4, 3)
+
+
+def hud(airspeed: float, over_ground: float, altitude: float = 100.0) -> Any:
+    return mavlink.MAVLink_vfr_hud_message(airspeed, over_ground, 0, 50, altitude, 0.0)
+
+
+def told(name: str, value: float, count: int = 1) -> Any:
+    """Return the message that has a parameter's value, one of ``count`` parameters."""
+    return mavlink.MAVLink_param_value_message(name.encode(), value, 9, count, 0)
+
+
+def every(
+    step_s: float, seconds: float, message: Callable[[float], Any]
+) -> list[tuple[float, Any]]:
+    """Return a message of each time, from 0 on."""
+    return [(step_s * i, message(step_s * i)) for i in range(round(seconds / step_s))]
+
+
 def fly(
     rate: Callable[[float], float],
-    pwm: Callable[[float], int],
+    pwm: Callable[[float], int | Sequence[int]],
     seconds: float,
     *,
     start_s: float = 10.0,
     attitude_s: float = 0.02,
     servo_s: float = 0.02,
     skip: Callable[[float], bool] = lambda t: False,
+    roll: Callable[[float], float] = lambda t: 0.0,
+    yaw: Callable[[float], float] = lambda t: 0.0,
+    vehicle: Any = None,
+    more: Iterable[tuple[float, Any]] = (),
 ) -> FlightLog:
-    """Return the log of a flight: yaw rate and rudder (servo 4) by the time since ``start_s``."""
+    """Return the log of a flight: yaw rate and rudder (servo 4) by the time since ``start_s``.
+
+    ``pwm`` may give all outputs. ``vehicle`` is its HEARTBEAT, ``more`` has other messages, each
+    with its time since ``start_s``.
+    """
     log = FlightLog()
-    log.heartbeat(start_s)
-    attitude = [(start_s + attitude_s * i, 0) for i in range(round(seconds / attitude_s))]
-    servos = [(start_s + servo_s * i + 0.004, 1) for i in range(round(seconds / servo_s))]
-    for t, kind in sorted(attitude + servos):
-        if skip(t - start_s):
+    log.add(start_s, vehicle or beat())
+    events: list[tuple[float, int, Any]] = [(start_s + t, -1, message) for t, message in more]
+    events += [(start_s + attitude_s * i, 0, None) for i in range(round(seconds / attitude_s))]
+    events += [(start_s + servo_s * i + 0.004, 1, None) for i in range(round(seconds / servo_s))]
+    for t, kind, message in sorted(events, key=lambda event: event[:2]):
+        if kind < 0:
+            log.add(t, message)
+        elif skip(t - start_s):
             continue
-        if kind == 0:
-            log.attitude(t, rate(t - start_s))
+        elif kind == 0:
+            log.attitude(t, rate(t - start_s), yaw(t - start_s), roll(t - start_s))
         else:
-            log.servos(t, [1500, 1500, 1500, pwm(t - start_s)])
+            outputs = pwm(t - start_s)
+            log.servos(t, [1500, 1500, 1500, outputs] if isinstance(outputs, int) else outputs)
     return log
 
 
@@ -97,16 +128,14 @@ def samples_of(data: bytes, config: RunConfig | None = None, cuts: Sequence[int]
     """Run a log through decoder and channels, cut into pieces at the bytes ``cuts``."""
     decoder, channels = Decoder(WANTED), Channels(config or RunConfig())
     blocks: list[SampleBlock] = []
-    edges = [0, *sorted(cuts), len(data)]
-    for low, high in itertools.pairwise(edges):
-        frames = decoder.feed(data[low:high])
+    motion: list[MotionBlock | None] = []
+    pieces = (data[low:high] for low, high in itertools.pairwise([0, *sorted(cuts), len(data)]))
+    for frames in itertools.chain(map(decoder.feed, pieces), map(Decoder.finish, [decoder])):
         if frames is not None:
             blocks += channels.feed_frames(frames)
-    frames = decoder.finish()
-    if frames is not None:
-        blocks += channels.feed_frames(frames)
+        motion.append(channels.motion())
     blocks += channels.finish()
-    return Samples(channels, blocks)
+    return Samples(channels, blocks, [each for each in (*motion, channels.motion()) if each])
 
 
 def summary_of(data: bytes, config: RunConfig | None = None) -> dict[str, Any]:
@@ -161,10 +190,14 @@ def reason_ids(summary: dict[str, Any]) -> set[str]:
 
 @dataclass
 class Samples:
-    """The channels after a run, and all its samples, each column joined over the blocks."""
+    """The channels after a run, its lateral motion if that was asked for, and all its samples.
+
+    Each column is joined over the blocks.
+    """
 
     channels: Channels
     blocks: list[SampleBlock]
+    motion: list[MotionBlock] = field(default_factory=list)
 
     def __getattr__(self, name: str) -> Any:
         return np.concatenate([getattr(block, name) for block in self.blocks])
