@@ -45,7 +45,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     | {"sinks", "sinks/rerun", "sinks/terminal"},
     "dataset": set(),
     "fleet": {"config", "dataset", "runs", "sinks"} | {"sources"},
-    "trend": {"damper", "dataset", "report", "sinks", "sinks/mcap"},
+    "trend": {"damper", "dataset", "ordinary", "report", "sinks", "sinks/mcap"},
     "tables": {"config", "damper", "models", "report", "runs", "sources", "sinks", "sinks/mcap"},
     "cli": {"config", "damper", "dataset", "estimation", "fleet", "report"}
     | {"runs", "runs/live", "sinks", "sinks/terminal", "sources"}

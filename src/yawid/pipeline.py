@@ -19,7 +19,7 @@ import numpy as np
 from yawid.answers.channel_report import ChannelReport
 from yawid.answers.heard import BootSpan
 from yawid.answers.ordinary import OrdinaryAnswer
-from yawid.answers.reasons import Reason, Verdict
+from yawid.answers.reasons import Reason
 from yawid.answers.run_summary import Bare, ChannelFound, Flight, Manoeuvre
 from yawid.blocks import FrameBlock, Held, ModesBlock, MotionBlock, RecordBlock, SampleBlock
 from yawid.channels.report import report_of
@@ -31,7 +31,7 @@ from yawid.manoeuvre.find import UnderWay
 from yawid.manoeuvre.judge import ManoeuvreSetting
 from yawid.manoeuvre.laterals import done_by
 from yawid.manoeuvre.stage import Manoeuvres
-from yawid.ordinary import Ordinary, answer_of
+from yawid.ordinary import LONG_S, Ordinary, answer_of
 from yawid.physics.stage import PhysicsStage
 from yawid.results.judge_samples import all_held
 from yawid.results.ordinary_flight import Flown, given
@@ -152,6 +152,14 @@ class Pipeline:
             self._answering = Future()
             self._answering.set_result(_answered(self._ordinary))
         return self._flown.at(self._answering.result())
+
+    def ordinary_sums(self) -> str | None:
+        """Return the sums of an ordinary flight that is too short to answer, for others of its day.
+
+        They are a text; see ``Sums.packed``.
+        """
+        sums = None if self._ordinary is None else self._ordinary.sums()
+        return sums.packed() if sums and 0.0 < sums.seconds < LONG_S else None
 
     def feed(self, block: FrameBlock | RecordBlock | SampleBlock | MotionBlock | None) -> None:
         """Take messages, a record's rows or samples in; estimate all samples they complete.
@@ -320,10 +328,5 @@ class Pipeline:
 
 
 def _answered(flight: Ordinary, *near: float, recent: bool = False) -> OrdinaryAnswer:
-    """Return the answer of ordinary flight, refused where its fit fails; see ``answer_of``."""
-    try:
-        with np.errstate(all="ignore"):  # a step too far is not taken
-            return given(answer_of(flight, near, recent=recent))
-    except Exception as error:  # whatever happens here, the manoeuvres' answer must stay
-        failed = Reason("fit_failed", f"the fit failed: {error}", weight="fatal")
-        return OrdinaryAnswer(verdict=Verdict(usable=False, reasons=[failed]))
+    """Return what is given of the answer of ordinary flight; see ``answer_of``."""
+    return given(answer_of(flight, near, recent=recent))

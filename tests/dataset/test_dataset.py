@@ -151,7 +151,7 @@ def test_what_is_no_data_set_or_of_another_version_is_refused_in_one_line(tmp_pa
     with sqlite3.connect(tmp_path / DATABASE) as database:
         database.execute("PRAGMA user_version = 99")
     database.close()
-    with pytest.raises(SourceError, match="has format 99, this version reads 2"):
+    with pytest.raises(SourceError, match="has format 99, this version reads 3"):
         DataSet(tmp_path)
 
 

@@ -96,6 +96,18 @@ def test_any_cut_of_the_stream_gives_the_same_to_the_bit() -> None:
         assert (cut.seconds, cut.turns, cut.speed) == (whole.seconds, whole.turns, whole.speed)
 
 
+def test_sums_are_kept_as_a_text_to_seven_digits() -> None:
+    sums = streamed(flown(3, seconds=170.0)).sums()
+
+    again = Sums.unpacked(sums.packed())
+
+    for name in Sums.__slots__:
+        one, other = getattr(again, name), getattr(sums, name)
+        np.testing.assert_allclose(one, other, rtol=2e-7, atol=1e-12 * np.abs(other).max())
+        assert type(one) is type(other)
+    assert len(sums.packed()) < 40_000
+
+
 @pytest.mark.parametrize(
     ("seed", "gust"), [(4, 0.001), pytest.param(6, 0.02, marks=pytest.mark.long)]
 )

@@ -217,6 +217,26 @@ def test_a_data_set_has_the_mode_over_the_equivalent_airspeed_or_why_not(
     assert "ordinary_wn_rad_s" not in refused
 
 
+def test_short_flights_of_one_day_answer_together_where_none_alone_can(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    days_s, logs = (0.0, 1200.0, 2400.0, 86400.0), tmp_path / "logs"
+    logs.mkdir()
+    for i, later_s in enumerate(days_s):  # the last one is alone on its day
+        flight = as_tlog(flown(20 + i, seconds=170.0, gust=0.005), later_s)
+        (logs / f"{i}.tlog").write_bytes(flight)
+    words = "fleet", logs, "--ordinary", "auto", "--out", tmp_path / "set"
+    main([str(word) for word in words])
+    capsys.readouterr()
+
+    main(["trend", str(tmp_path / "set"), "--json"])
+
+    kappa, zeta = printed("trend", capsys.readouterr().out)["followed"]
+    for each, value in ((kappa, truth()[0] / 50.0), (zeta, truth()[1])):
+        assert (each["loop"], each["days"]) == ("ordinary", 1)
+        assert abs(each["now"]["value"] - value) < 2.0 * each["now"]["std"]
+
+
 def test_the_report_shows_the_spectra_it_rests_on(alone: Replayed, short: Replayed) -> None:
     shown = write_report(alone.mcap).read_text(encoding="utf-8")
     refused = RunSummary.from_json(json.dumps(short.told).encode())

@@ -134,12 +134,15 @@ def blocks(
     return motion, samples
 
 
-def as_tlog(flight: Floats) -> bytes:
-    """Return the tlog of a flight, whose servo messages come between the attitudes."""
+def as_tlog(flight: Floats, later_s: float = 0.0) -> bytes:
+    """Return the tlog of a flight, whose servo messages come between the attitudes.
+
+    It begins ``later_s`` after the others.
+    """
     link, data = mavlink.MAVLink(None, srcSystem=1, srcComponent=1), []
 
     def send(t_s: float, message: Any) -> None:
-        stamp = struct.pack(">Q", START_US + round(1e6 * t_s) + 3000)
+        stamp = struct.pack(">Q", START_US + round(1e6 * (later_s + t_s)) + 3000)
         data.append(stamp + message.pack(link))
         link.seq = (link.seq + 1) % 256
 

@@ -20,7 +20,7 @@ from yawid.quantities.table import YAW_CHANNEL, quantity
 ANALYSIS_VERSION: Final = "6"
 """Version of the numbers: when the same log gives other numbers it is raised, and a fleet runs all
 logs again."""
-FORMAT: Final = 2
+FORMAT: Final = 3
 """Version of the data set's files and columns: a data set of another one is refused."""
 
 ID: Final = pa.dictionary(pa.int32(), pa.string())
@@ -86,6 +86,8 @@ ORDINARY: Final = (
     ("ordinary_kappa_rad_m", NUMBER, "wn / V, V the equivalent airspeed; NULL of a ground speed"),
     ("ordinary_kappa_std", NUMBER, "total sigma"),
     ("ordinary_airspeed_m_s", NUMBER, "true airspeed of ordinary flight's numbers, m/s"),
+    ("ordinary_altitude_m", NUMBER, "mean altitude of it; NULL of a ground speed"),
+    ("ordinary_sums", TEXT, "sums of a flight that is too short, which add up; NULL of others"),
     ("ordinary_why", ID, "why it is not known: the first reason"),
 )
 """The bare airframe's mode from ordinary flight, for which ``--ordinary`` asks."""

@@ -32,7 +32,7 @@ def flight_rows(summary: RunSummary, first_us: int | None, duration_s: float | N
         **flat(vehicle),
         **{f"{name}_source": each.source for name, each in summary.channels.items()},
         **_bare(summary.bare),
-        **_ordinary(summary.ordinary),
+        **ordinary_row(summary.ordinary),
         "airspeed_source": None,
         "date": first_us,
         "duration_s": duration_s,
@@ -99,13 +99,16 @@ def _bare(bare: Bare | None) -> Row:
     }
 
 
-def _ordinary(found: OrdinaryAnswer | None) -> Row:
+def ordinary_row(found: OrdinaryAnswer | None) -> Row:
     """Return the numbers of ordinary flight, or why they are not known; none if not asked for."""
-    if found is None or found.dutch_roll is None:
-        return {} if found is None else {"ordinary_why": found.verdict.reasons[0].id}
-    roll, speed = found.dutch_roll, found.equivalent_airspeed_m_s
-    row = flat(roll, "ordinary_") | {"ordinary_airspeed_m_s": found.airspeed_m_s}
-    if speed is not None and found.airspeed_source == "airspeed":
+    if found is None:
+        return {}
+    is_known = found.airspeed_source == "airspeed"
+    row: Row = {"ordinary_altitude_m": found.altitude_m if is_known else None}
+    if (roll := found.dutch_roll) is None:
+        return row | {"ordinary_why": found.verdict.reasons[0].id}
+    row |= flat(roll, "ordinary_") | {"ordinary_airspeed_m_s": found.airspeed_m_s}
+    if is_known and (speed := found.equivalent_airspeed_m_s):
         row |= _value("ordinary_kappa_rad_m", Value(roll.wn_rad_s, roll.wn_std), 1.0 / speed)
     return row
 

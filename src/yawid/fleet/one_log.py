@@ -51,7 +51,7 @@ class Flown(Sink):
         self.boots = tuple(job.pipeline.channels.boots.spans_us)
         self.boot = config.boot or next(iter(self.boots), 1)
         self.vehicle_id = source.vehicle_id or serial_of(source.parameters(job.pipeline))
-        self.summary = job.conclude()
+        self.summary, self.ordinary_sums = job.conclude(), job.pipeline.ordinary_sums()
 
     def take(self, event: Event) -> None:
         """See :class:`Sink`; the modes are those of the first method."""
@@ -193,10 +193,11 @@ def _rows(summary: RunSummary, flights: list[Flown], log: ReadRow, spec: Spec) -
             "sysid": sysid,
             "boot": flown.boot,
         }
+        of_flight = whose | {"ordinary_sums": flown.ordinary_sums}
         first_us = flown.first_us or log["date"]
         by_loop = flight_rows(flown.summary, first_us, flown.duration_s)
-        rows["flights"].append(whose | by_loop[0])
-        rows["flights_by_loop"] += [whose | row for row in by_loop]
+        rows["flights"].append(of_flight | by_loop[0])
+        rows["flights_by_loop"] += [of_flight | row for row in by_loop]
         date = {"date": by_loop[0]["date"]}
         rows["runs"] += [whose | date | row for row in run_rows(flown.summary)]
         rows["manoeuvres"] += [whose | row for row in manoeuvre_rows(flown.summary)]

@@ -82,8 +82,18 @@ def answer_of(
 ) -> OrdinaryAnswer:
     """Return what a flight answers, or its ``recent`` part; ``near`` has starts of wn in rad/s.
 
-    Gates that are facts come before any fit.
+    It is refused where its fit fails: whatever happens here, the manoeuvres' answer must stay.
     """
+    try:
+        with np.errstate(all="ignore"):  # a step too far is not taken
+            return _answer_of(flight, near, recent=recent)
+    except Exception as error:
+        text = f"the fit failed: {error}"
+        return OrdinaryAnswer(verdict=_verdict((True, "fit_failed", text, "")))
+
+
+def _answer_of(flight: Ordinary, near: tuple[float, ...], *, recent: bool) -> OrdinaryAnswer:
+    """Return the same; gates that are facts come before any fit."""
     sums, lost = flight.sums(recent=recent), dict(flight.lost_s)
     law, explained = own = law_of(sums.law)
     cause = max(lost, key=lambda name: lost[name], default="")

@@ -92,6 +92,12 @@ class Ordinary:
             self._judge(piece)
         self._end_row()
 
+    def add(self, sums: Sums) -> int:
+        """Add sums to those of their airspeed, and return the number of that."""
+        at = math.floor(math.log(sums.speed / sums.seconds) / math.log(1.0 + SAME_SPEED / 2.0))
+        self.by_speed[at] = self.by_speed.get(at, NONE) + sums
+        return at
+
     def sums(self, *, recent: bool = False) -> Sums:
         """Return the sums of the neighbouring airspeeds that were flown longest."""
         at = self.recent if recent else sorted(self.by_speed.items())
@@ -166,10 +172,8 @@ class Ordinary:
         roll = rows.roll[-round(new_s / rows.sample_time_s) :]
         banks = np.abs(roll[: len(roll) // each * each].reshape(-1, each).mean(axis=1)) > BANKED
         turns = int(np.count_nonzero(np.diff(banks.astype(int), prepend=0) > 0))
-        at = math.floor(math.log(motion.airspeed_m_s) / math.log(1.0 + SAME_SPEED / 2.0))
         sums = window_sums(motion, aileron, new_s, turns)
-        self.by_speed[at] = self.by_speed.get(at, NONE) + sums
-        self.recent = (*self.recent, (at, sums))[-RECENT:]
+        self.recent = (*self.recent, (self.add(sums), sums))[-RECENT:]
 
 
 def _pieces(samples: SampleBlock) -> Iterator[SampleBlock]:

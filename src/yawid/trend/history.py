@@ -6,21 +6,25 @@ and that which ``--ordinary`` finds.
 """
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import groupby
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
+from msgspec.structs import replace
 
 from yawid.answers.reasons import Reason
-from yawid.blocks import Floats, Ints
+from yawid.blocks import AIRSPEED_SHARE, Floats, Ints
 from yawid.dataset.files import read_table
 from yawid.dataset.schema import BARE, ORDINARY
+from yawid.dataset.summary_rows import ordinary_row
+from yawid.ordinary import Ordinary, Sums, answer_of
 from yawid.quantities.airspeed import density_ratio
 from yawid.quantities.vehicles import autopilot_name, type_name
 from yawid.trend import SEVERAL
-from yawid.trend.days import Track
+from yawid.trend.days import Track, days_of
 
 FOLLOWED: Final = {"kappa_rad_m": "kappa_std", "zeta": "zeta_std", "K_per_V": "K_per_V_std"}
 """The numbers that are followed, by their column, each with the column of its total sigma."""
@@ -109,19 +113,40 @@ def _bare_rows(rows: Sequence[FlightRow]) -> list[FlightRow]:
     return list(found.values())
 
 
-def _ordinary_rows(rows: Sequence[FlightRow]) -> list[FlightRow]:
-    """Return a row for each flight whose ordinary part shows the mode; it has no K / V."""
-    known = [row for row in rows if row["ordinary_wn_rad_s"] is not None]
+def _ordinary_rows(rows: Sequence[FlightRow]) -> Iterator[FlightRow]:
+    """Yield a row for each flight whose ordinary part shows the mode; it has no K / V.
+
+    Short flights of one day answer together.
+    """
+    flights = {(row["log_sha256"], row["sysid"], row["boot"]): row for row in rows}
     own = {"loop": ORDINARY_FLIGHT, "usable": True, "K_per_V": None}
-    found = {
-        (row["log_sha256"], row["sysid"], row["boot"]): {
-            **row,
-            **{name: row[f"ordinary_{name}"] for name in _OF_ORDINARY},
-            **own,
-        }
-        for row in known
-    }
-    return list(found.values())
+    for row in (*flights.values(), *_days_of_short_flights(flights.values())):
+        if row["ordinary_wn_rad_s"] is not None:
+            yield {**row, **{name: row[f"ordinary_{name}"] for name in _OF_ORDINARY}, **own}
+
+
+def _days_of_short_flights(rows: Iterable[FlightRow]) -> Iterator[FlightRow]:
+    """Yield the first row of each vehicle's day with what its flights show that are too short.
+
+    Their sums add up as those of one flight do.
+    """
+    needs = "ordinary_sums", "ordinary_altitude_m", "date"
+    short = [row for row in rows if None not in [row[name] for name in needs]]
+    short.sort(key=lambda row: (row["vehicle"], row["date"]))
+    for _, group in groupby(short, lambda row: row["vehicle"]):
+        its = list(group)
+        days = days_of(np.array([row["date"] for row in its]))
+        for day in np.split(np.arange(len(its)), np.flatnonzero(np.diff(days)) + 1):
+            flight = Ordinary()
+            sums = [Sums.unpacked(its[i]["ordinary_sums"]) for i in day]
+            for each in sums:
+                flight.add(each)
+            if found := answer_of(flight):
+                away = [abs(x.speed / x.seconds / found.airspeed_m_s - 1.0) for x in sums]
+                same = [its[i] for i, x in zip(day, away, strict=True) if x <= AIRSPEED_SHARE]
+                height = float(np.mean([row["ordinary_altitude_m"] for row in same]))
+                found = replace(found, airspeed_source="airspeed", altitude_m=height)
+                yield {**same[0], **ordinary_row(found)}
 
 
 def flights_of(rows: Sequence[FlightRow]) -> Flights:
