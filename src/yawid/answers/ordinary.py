@@ -18,7 +18,7 @@ ORDINARY: Final = "ordinary"
 """The method of a verdict that is an ordinary flight's."""
 GATES: Final = (
     "too_short", "rudder_moves", "only_feedback", "aileron_reversed", "no_mode", "rate_too_low",
-    "too_damped", "turns_differ", "line", "limit_cycle", "too_quiet", "two_answers",
+    "too_damped", "line", "limit_cycle", "too_quiet", "two_answers",
     "band_differs", "uncertain", "no_roll_law", "fit_failed",
 )  # fmt: skip
 """The ids of the reasons in its own verdict."""

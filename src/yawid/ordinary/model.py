@@ -64,7 +64,6 @@ class Band:
 
     ``n`` (b,) counts; ``Z`` (b, 6, 6) sums z z^H, with f1 and f2 for f and g of ``spectra.py``.
     They are of one airspeed and under one roll law. ``known`` is what :func:`known_before` gives.
-    ``noise`` (b, 3, 3) takes the place of S where it is given: gusts then do not show the mode.
     """
 
     w: Floats
@@ -73,7 +72,6 @@ class Band:
     airspeed_m_s: float
     law: Law
     known: tuple[Floats, Floats]
-    noise: Complex | None = None
 
     def predict(self, x: Floats) -> tuple[Complex, Complex]:
         """Return G (v, b, 3, 3) from [a, f1, f2] to p, r, roll, and S (v, b, 3, 3), of x (v, n)."""
@@ -99,8 +97,6 @@ class Band:
         X[..., [0, 2], [6, 7]] += heard
         S = X[..., 3:] @ X[..., 3:].conj().swapaxes(-1, -2)
         S[..., 1, 1] += np.exp(2.0 * o["log_sigma_r"])
-        if self.noise is not None:
-            S[:] = self.noise
         return np.asarray(X[..., :3], np.complex128), np.asarray(S, np.complex128)
 
     def feedback(self) -> Complex:

@@ -142,7 +142,8 @@ def _days_of_short_flights(rows: Iterable[FlightRow]) -> Iterator[FlightRow]:
             for each in sums:
                 flight.add(each)
             if found := answer_of(flight):
-                away = [abs(x.speed / x.seconds / found.airspeed_m_s - 1.0) for x in sums]
+                speed = found.airspeed_m_s or np.nan
+                away = [abs(x.speed / x.seconds / speed - 1.0) for x in sums]
                 same = [its[i] for i, x in zip(day, away, strict=True) if x <= AIRSPEED_SHARE]
                 height = float(np.mean([row["ordinary_altitude_m"] for row in same]))
                 found = replace(found, airspeed_source="airspeed", altitude_m=height)
