@@ -237,7 +237,7 @@ def test_a_line_in_the_yaw_rate_near_the_mode_is_refused(wn_part: float) -> None
 
     found = answer_of(streamed(flight))
 
-    assert [reason.id for reason in found.verdict.reasons] == ["line"]
+    assert found.verdict.reasons[0].id == "line"
 
 
 def test_what_is_said_travels_as_json() -> None:
