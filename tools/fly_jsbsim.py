@@ -23,9 +23,8 @@ from typing import Any
 
 from flights.fly import LegFlight, flight_of, leg_truth
 from flights.plan import FlightError, FlightPlan, Servo, read_plan
-from flights.send_tlog import endpoint, send
 from flights.surgery import Record, join
-from flights.telemetry import Link, telemetry
+from flights.telemetry import Link, send, telemetry
 from flights.truth import after_lead_in, truth
 
 OWN = ("out", "truth", "udp", "speedup", "plan")  # options of neither the flight nor the link
@@ -49,6 +48,14 @@ def servo(text: str) -> Servo:
         return Servo(low, trim, high, reverse=any(reverse))
     except ValueError as error:
         raise argparse.ArgumentTypeError(f"expected MIN,TRIM,MAX[,REVERSED]: {error}") from error
+
+
+def endpoint(text: str) -> tuple[str, int]:
+    """Return (host, port) of ``HOST:PORT``."""
+    host, colon, port = text.rpartition(":")
+    if not (colon and host and port.isdecimal() and 0 < int(port) < 65536):
+        raise argparse.ArgumentTypeError(f"expected HOST:PORT, got {text!r}")
+    return host, int(port)
 
 
 def parse(argv: Sequence[str]) -> argparse.Namespace:

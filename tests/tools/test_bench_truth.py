@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from bench import figures
 from bench import truth as bench
 from checks import judge
 from checks.judge import Row, compared
@@ -103,13 +102,13 @@ def test_the_bare_airframe_is_held_to_the_truth_without_the_roll_loop() -> None:
     assert by_aileron[0].tolist() == [1.85, 0.2]  # the hold is no part of such a model
     assert judge.true_at(truth, 150.0, 160.0, ["rudder"]) is None
 
-    [row] = figures.of_kind(compared(summary, truth), "bare")
+    [row] = bench.of_kind(compared(summary, truth), "bare")
 
     assert row["usable"]
     assert row["wn_error_pct"] == pytest.approx(100.0 * 0.05 / 1.85)
     assert row["wn_z"] == pytest.approx(0.05 / 0.05)  # .04 and the truth's .03
     said = [row | {"number": 0}, row | {"number": 0, "usable": False}]
-    assert figures.cells(said, "bare")[:2] == ["1", "50"]
+    assert bench.cells(said, "bare")[:2] == ["1", "50"]
 
 
 def test_the_figures_of_two_answers_are_those_by_hand() -> None:
@@ -143,7 +142,7 @@ def answers(*off_pct: float, sigma_pct: float = 1.0) -> list[Row]:
     ]  # fmt: skip
 
 
-def held(rows: list[Row]) -> dict[str, figures.Criterion]:
+def held(rows: list[Row]) -> dict[str, bench.Criterion]:
     return {each.what: each for each in bench.criteria(rows)}
 
 

@@ -19,8 +19,8 @@ from checks.judge import Row, judged, kept
 from flights.moved import AILERONS, PER_PLACE_OF_AILERON, PLACES, SEVERITIES, Draw, with_aileron
 from flights.plan import sealed_places
 
-from bench.figures import COLUMNS, IN_2_PCT, MOST_Z, cells, criterion, errors, estimates, missed
 from bench.frame import FLOWN, all_rows, begin, head, line, options_of
+from bench.truth import COLUMNS, IN_2_PCT, MOST_Z, cells, criterion, errors, estimates, missed
 from yawid.config.run import RunConfig
 
 SEED, STRIDE = 913, 7

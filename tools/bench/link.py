@@ -5,18 +5,18 @@ Each reader runs in a process of its own, whose start and imports are not timed.
 
 from __future__ import annotations
 
-import json
 import re
-import subprocess
-import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
 from pathlib import Path
+
+from checks.children import LONG_S
 
 from bench.frame import head, line, options_of
 
-TOOLS = Path(__file__).resolve().parents[1]
 WANTED = (
     "ATTITUDE", "SERVO_OUTPUT_RAW", "RAW_IMU", "VFR_HUD", "RC_CHANNELS", "HEARTBEAT", "PARAM_VALUE",
 )  # fmt: skip
@@ -53,11 +53,16 @@ READERS: dict[str, tuple[Callable[[Path], None], int]] = {
 
 
 def measured(reader: str, path: Path) -> tuple[float, float]:
-    """Return MB/s and the peak memory in MB of a reader, in a process of its own."""
-    command = [sys.executable, "-m", "bench.link", reader, str(path)]
-    done = subprocess.run(command, capture_output=True, text=True, check=True, cwd=TOOLS)
-    seconds, peak_mb = json.loads(done.stdout.splitlines()[-1])
-    return path.stat().st_size / 1e6 / seconds, peak_mb
+    """Return MB/s and the peak memory in MB of a reader, in this process."""
+    read, times = READERS[reader]
+    spent = []
+    for _ in range(times):
+        began = time.perf_counter()
+        read(path)
+        spent.append(time.perf_counter() - began)
+    # ru_maxrss would have the memory of the parent before the start in it.
+    peak = re.findall(r"VmHWM:\s+(\d+)", Path("/proc/self/status").read_text(encoding="utf-8"))
+    return path.stat().st_size / 1e6 / min(spent), int(peak[0]) / 1024
 
 
 def main(arguments: list[str]) -> Iterator[str]:
@@ -71,18 +76,9 @@ def main(arguments: list[str]) -> Iterator[str]:
         for mb, path in paths.items():
             write_log(path, mb / MB_AN_HOUR, MIX)
         for reader in READERS:
-            found = [measured(reader, path) for path in paths.values()]
+            found = []
+            for path in paths.values():
+                with ProcessPoolExecutor(1, get_context("spawn")) as own:
+                    found.append(own.submit(measured, reader, path).result(LONG_S))
             columns = zip(*found, strict=True)
             yield line(reader, *(" / ".join(f"{x:.3g}" for x in column) for column in columns))
-
-
-if __name__ == "__main__":
-    read, times = READERS[sys.argv[1]]
-    spent = []
-    for _ in range(times):
-        began = time.perf_counter()
-        read(Path(sys.argv[2]))
-        spent.append(time.perf_counter() - began)
-    # ru_maxrss would have the memory of the parent before the start in it.
-    peak = re.findall(r"VmHWM:\s+(\d+)", Path("/proc/self/status").read_text(encoding="utf-8"))
-    print(json.dumps([min(spent), int(peak[0]) / 1024]))

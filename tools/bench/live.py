@@ -7,6 +7,7 @@ The parts are independent: --only loss latency kill soak. ``--seconds`` is the l
 from __future__ import annotations
 
 import argparse
+import itertools
 import json
 import math
 import subprocess
@@ -14,17 +15,18 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
+from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from checks.children import LEAVE_S, LONG_S, child, free_udp_port, resident_mb
 from flights.long_log import write_log
-from flights.send_tlog import send
 from flights.surgery import Record, split
+from flights.telemetry import send
 from mcap.records import Metadata
 
 from bench.frame import head, line, options_of
@@ -38,19 +40,27 @@ from yawid.sources.link.endpoints import Endpoint
 from yawid.sources.link.udp import UdpTap
 from yawid.sources.mavlink.decoder import Decoder
 
-TOOLS = Path(__file__).resolve().parents[1]
-LOG = TOOLS.parent / "replay_logs" / "sitl_fbwa_50hz" / "log.tlog"
+LOG = Path(__file__).resolve().parents[2] / "replay_logs" / "sitl_fbwa_50hz" / "log.tlog"
 QUIET_S = 0.5
 ENDING_S = 300.0
 """Time limit in s for the end of a session, which estimates each of its vehicles then."""
 SOAK_SPEED, HOUR_S, WARM_S = 50.0, 3600.0, 60.0
 
 
-def sender(port: int, log: Path, *options: object) -> AbstractContextManager[subprocess.Popen[str]]:
-    """Start a process that sends the frames of a log to a port on loopback."""
-    program = (sys.executable, "-m", "flights.send_tlog")
-    command = [*program, log.resolve(), f"127.0.0.1:{port}", *options]
-    return child([*map(str, command)], LONG_S, stdout=subprocess.PIPE, text=True, cwd=TOOLS)
+def sent(log: Path, port: int, rate: float = 0.0, count: int = 0) -> None:
+    """Send the frames of a log to a port on loopback, or ``count`` at ``rate`` a second."""
+    records: Iterable[Record] = split(log.read_bytes())
+    if rate:
+        frames = zip(range(count), itertools.cycle(records), strict=False)
+        records = ((round(1e6 * i / rate), frame) for i, (_, frame) in frames)
+    send(records, ("127.0.0.1", port))
+
+
+def vehicle(*arguments: object) -> Any:
+    """Start a process that sends as :func:`sent` does."""
+    process = get_context("spawn").Process(target=sent, args=arguments, daemon=True)
+    process.start()
+    return process
 
 
 @contextmanager
@@ -71,12 +81,11 @@ def of_loss(options: argparse.Namespace) -> Iterator[str]:
         count = int(rate * seconds)
         with UdpTap(Endpoint("127.0.0.1", 0)) as tap:
             decoder, cpu_s = Decoder(WANTED), time.process_time()
-            with sender(tap.address[1], options.log, "--rate", rate, "--count", count) as process:
-                heard_s = time.monotonic()
-                while process.poll() is None or time.monotonic() - heard_s < QUIET_S:
-                    if data := tap.read(0.2):
-                        heard_s = time.monotonic()
-                        decoder.feed(data)
+            process, heard_s = vehicle(options.log, tap.address[1], rate, count), time.monotonic()
+            while process.is_alive() or time.monotonic() - heard_s < QUIET_S:
+                if data := tap.read(0.2):
+                    heard_s = time.monotonic()
+                    decoder.feed(data)
             cpu_us = 1e6 * (time.process_time() - cpu_s) / max(tap.inbox.received, 1)
             lost = count - tap.inbox.received
             yield f"{rate} msg/s for {seconds:g} s: {lost} of {count} lost, {cpu_us:.1f} us each"
@@ -85,8 +94,7 @@ def of_loss(options: argparse.Namespace) -> Iterator[str]:
 def of_latency(options: argparse.Namespace) -> Iterator[str]:
     """Measure the latency of the whole program at a 50 Hz mix."""
     with tempfile.TemporaryDirectory() as name, session(Path(name)) as (process, port):
-        with sender(port, options.log) as vehicle:
-            vehicle.wait(LONG_S)
+        vehicle(options.log, port).join(LONG_S)
         process.terminate()
         summary = json.loads(process.communicate(timeout=ENDING_S)[0])
     shown = ", ".join(f"{name} {ms:g}" for name, ms in summary["live"]["latency_ms"].items())
@@ -132,11 +140,11 @@ def of_soak(options: argparse.Namespace) -> Iterator[str]:
         assert process.stderr is not None
         threading.Thread(target=process.stderr.read, daemon=True).start()
         to = (hours(SOAK_SPEED * options.soak), ("127.0.0.1", port), SOAK_SPEED)
-        vehicle = threading.Thread(target=send, args=to, daemon=True)
+        flight = threading.Thread(target=send, args=to, daemon=True)
         start_s = time.monotonic()
-        vehicle.start()
-        while vehicle.is_alive():
-            vehicle.join(LEAVE_S)
+        flight.start()
+        while flight.is_alive():
+            flight.join(LEAVE_S)
             memory.append((time.monotonic() - start_s, resident_mb(process.pid)))
         process.terminate()
         assert process.stdout is not None

@@ -30,9 +30,9 @@ from flights.ordinary import LAWS, fly_ordinary
 from flights.ordinary_kinds import SECONDS, hostile, jsbsim, small
 from flights.plan import sealed_places
 
-from bench.figures import COLUMNS as FIGURES
-from bench.figures import FAR, IN_2_PCT, LEAST_ROW, MOST_Z, cells, errors, estimates
 from bench.frame import FLOWN, all_rows, begin, head, known, line, options_of, rms, within
+from bench.truth import COLUMNS as FIGURES
+from bench.truth import FAR, IN_2_PCT, LEAST_ROW, MOST_Z, cells, errors, estimates
 from yawid.answers.ordinary import OrdinaryAnswer
 from yawid.answers.reasons import Verdict
 from yawid.config.run import RunConfig
@@ -96,7 +96,7 @@ def groups(rows: Rows) -> Iterator[tuple[str, Rows]]:
 
 
 def shown(rows: Rows) -> dict[str, str]:
-    """Return the cells of a row by name; the figures of errors are those of bench/figures.py."""
+    """Return the cells of a row by name; the figures of errors are those of bench/truth.py."""
     by_name = dict(zip(FIGURES, cells(rows, KIND), strict=True))
     off = [np.abs(errors(estimates(rows, KIND), name)[:, 1]) for name in ("wn", "zeta")]
     return {

@@ -157,7 +157,7 @@ def _stored(node: ast.AST) -> set[str]:
 
 
 def _is_door(node: ast.AST) -> bool:
-    """Return whether a statement is what a module says of itself: its names, or how it is run."""
+    """Return whether a statement names what a module gives to others, or runs it as a program."""
     match node:
         case ast.If(test=ast.Compare(left=ast.Name(id="__name__"))):
             return True

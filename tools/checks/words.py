@@ -13,9 +13,8 @@ from __future__ import annotations
 import re
 import sys
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import NamedTuple
 
 ROOT = Path(__file__).resolve().parents[2]
 READ = (
@@ -40,45 +39,25 @@ _NAMES = re.compile(r"``[^`]*``|`[^`\n]*`|\{(?:[^{}\n]|\{[^{}\n]*\})*\}")
 """What of prose is code: between backquotes, or a field of an f-string, perhaps with another."""
 
 
-class Word(NamedTuple):
-    """A word or phrase that is not written."""
-
-    pattern: re.Pattern[str]
-    better: str
-    """What to write instead."""
-
-
-class Finding(NamedTuple):
-    """A word that is left."""
-
-    path: str
-    line: int
-    text: str
-    better: str
-
-    def __str__(self) -> str:
-        return f"{self.path}:{self.line}: {self.text!r}: write {self.better}"
-
-
-def rules() -> list[Word]:
-    """Return the words of words.toml."""
+def rules() -> list[tuple[re.Pattern[str], str]]:
+    """Return the words of words.toml as patterns, each with what to write instead."""
     found = tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8"))
     return [
         # A comment's next line begins with a number sign.
-        Word(re.compile(w["pattern"].replace(" ", r"(?:\s+(?:# )?)"), re.IGNORECASE), w["better"])
+        (re.compile(w["pattern"].replace(" ", r"(?:\s+(?:# )?)"), re.IGNORECASE), w["better"])
         for w in found["word"]
     ]
 
 
-def left(path: str, text: str, words: list[Word]) -> Iterator[Finding]:
-    """Yield the words that are left in a file's ``text``."""
-    words = [word for word in words if word.pattern.search(text)]
+def left(path: str, text: str, words: Sequence[tuple[re.Pattern[str], str]]) -> Iterator[str]:
+    """Yield the words that are left in a file's ``text``: the place, the word, and a better one."""
+    words = [word for word in words if word[0].search(text)]
     for part in _PARTS[Path(path).suffix].finditer(text) if words else ():
         prose = _NAMES.sub(lambda name: "`" * len(name[0]), part[0])
-        for word in words if " " in prose else ():
-            for match in word.pattern.finditer(prose):
+        for pattern, better in words if " " in prose else ():
+            for match in pattern.finditer(prose):
                 line = text.count("\n", 0, part.start() + match.start()) + 1
-                yield Finding(path, line, " ".join(match[0].split()), word.better)
+                yield f"{path}:{line}: {' '.join(match[0].split())!r}: write {better}"
 
 
 def main(below: list[str]) -> int:

@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import importlib
 import math
-from collections.abc import Iterator
+import socket
+import time
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
 
 from flights.plan import FOOT, KNOT, FlightPlan, Servo
-from flights.surgery import Encoder
+from flights.surgery import Encoder, Record
 
+BURST_S = 0.001
 EPOCH_US = 1_700_000_000_000_000  # the receive clock when the flight starts
 GCS = (255, 190)
 FBWA, GCS_MODE = 5, 0
@@ -200,3 +203,20 @@ class Messages:
             flight["position/h-sl-ft"] * FOOT,
             flight["velocities/h-dot-fps"] * FOOT,
         )
+
+
+def send(frames: Iterable[Record], endpoint: tuple[str, int], speedup: float = 1.0) -> int:
+    """Send each frame as a datagram at the pace of its stamps; return how many were sent.
+
+    Those of a millisecond are sent together.
+    """
+    count, first_us, start_s = 0, None, time.monotonic()
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
+        for stamp_us, frame in frames:
+            first_us = stamp_us if first_us is None else first_us
+            ahead_s = (stamp_us - first_us) / (1e6 * speedup) - (time.monotonic() - start_s)
+            if ahead_s > 0.0:
+                time.sleep(max(ahead_s, BURST_S))
+            sock.sendto(frame, endpoint)
+            count += 1
+    return count
