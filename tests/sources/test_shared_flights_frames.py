@@ -13,18 +13,6 @@ from sources.tlog_records import ALL_NAMES, decode, run
 
 SHARED = pytest.mark.skipif(not FLIGHTS.is_dir(), reason="the recorded flights are not here")
 
-FRAMES = {
-    "alfa_carbonz_engine_failure": 26183,
-    "copter_sik_radio": 163851,
-    "sitl_auto_25hz": 89989,
-    "sitl_fbwa_50hz": 82131,
-    "sitl_fbwa_stock_33hz": 68800,
-    "sitl_auto_mavproxy_4hz": 61949,
-    "sitl_fbwa_gcs_4hz": 20062,
-    "skywalker_manual_a": 2560,
-    "vtol_quadplane": 23894,
-}
-
 
 def walked(data: bytes) -> Counter[str]:
     """Count messages by pymavlink's decoder, walking from frame to frame.
@@ -51,21 +39,13 @@ def walked(data: bytes) -> Counter[str]:
 def test_every_message_type_is_found_as_often_as_pymavlink_finds_it(log: Path) -> None:
     data = log.read_bytes()
     blocks, decoder = run(data, cuts=[100_000, 100_001, 654_321])
-    found: Counter[str] = Counter()
+    link, found = decoder.link, Counter[str]()
     for block in blocks:
         found.update({key: len(messages) for key, messages in block.messages.items()})
     assert found == walked(data)
-    assert decoder.link.skipped_bytes == 0
-
-
-@SHARED
-@pytest.mark.parametrize("name", FRAMES)
-def test_every_frame_of_a_flight_is_counted(name: str) -> None:
-    _, decoder = run((FLIGHTS / f"{name}.tlog").read_bytes())
-    link = decoder.link
-    assert link.frames == sum(link.senders.values()) == FRAMES[name]
+    assert link.frames == sum(link.senders.values())
     assert (link.bad_crc, link.unknown, link.duplicates, link.signed) == (0, 0, 0, 0)
-    assert all(s.bad_crc == s.unknown == 0 for s in link.by_sender.values())
+    assert link.skipped_bytes == 0
 
 
 @SHARED

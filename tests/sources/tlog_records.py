@@ -72,30 +72,17 @@ def random_records(
 
 
 def run(
-    data: bytes, cuts: list[int] | None = None, wanted: frozenset[str] = ALL_NAMES
+    data: bytes,
+    cuts: list[int] | None = None,
+    wanted: frozenset[str] = ALL_NAMES,
+    decoder: Decoder | None = None,
 ) -> tuple[list[FrameBlock], Decoder]:
     """Feed ``data`` cut at the given places and return the blocks and the finished decoder."""
-    decoder = Decoder(wanted)
+    decoder = decoder or Decoder(wanted)
     edges = [0, *sorted(cuts or []), len(data)]
     blocks = [decoder.feed(data[a:b]) for a, b in pairwise(edges)]
     blocks.append(decoder.finish())
     return [block for block in blocks if block is not None], decoder
-
-
-def damaged(rng: np.random.Generator, whole: bytes, damage: list[tuple[float, str]]) -> bytearray:
-    """Return a log with bytes changed (x) or cut out (d), garbage (g) or magics (i) put in."""
-    data = bytearray(whole)
-    for where, kind in damage:
-        at = int(where * (len(data) - 1))
-        if kind == "x":
-            data[at] = int(rng.integers(256))
-        elif kind == "g":
-            data[at:at] = rng.bytes(int(rng.integers(1, 400)))
-        elif kind == "i":
-            data[at : at + 3] = b"\xfd\xfe\xfd"
-        else:
-            del data[at : at + int(rng.integers(1, 30))]
-    return data
 
 
 def rows(blocks: list[FrameBlock]) -> list[tuple[Any, ...]]:

@@ -66,7 +66,7 @@ class FuzzFlight:
             records.append((stamp, encoder.frame(message)))
         data = bytearray(join(records))
         for where, kind, seed in self.damage:
-            _damage(data, int(where * max(len(data) - 1, 0)), kind, np.random.default_rng(seed))
+            damage(data, where, kind, np.random.default_rng(seed))
         return bytes(data)
 
     def _timeline(self, rng: np.random.Generator) -> list[tuple[float, Any]]:
@@ -109,11 +109,11 @@ def _payload(name: str, boot_s: float, t: float, swing: float) -> bytes:
     return struct.pack("<I6f", ms, 0.1, 0.0, np.sin(t), 0.0, 0.0, rate)
 
 
-def _damage(data: bytearray, at: int, kind: str, rng: np.random.Generator) -> None:
+def damage(data: bytearray, where: float, kind: str, rng: np.random.Generator) -> None:
     """Damage bytes: change some, insert garbage, cut some out, repeat a stretch, cut the end."""
-    size = int(rng.integers(1, 3000))
+    at, size = int(where * max(len(data) - 1, 0)), int(rng.integers(1, 3 + len(data) // 10))
     if kind == "flip":
-        for place in rng.integers(0, max(len(data), 1), size // 20).tolist():
+        for place in rng.integers(0, max(len(data), 1), 1 + size // 20).tolist():
             data[place : place + 1] = rng.bytes(len(data[place : place + 1]))
     elif kind == "garbage":
         data[at:at] = rng.bytes(size)
@@ -127,6 +127,7 @@ def _damage(data: bytearray, at: int, kind: str, rng: np.random.Generator) -> No
         del data[at:]
 
 
+KINDS = st.sampled_from(["flip", "garbage", "cut", "repeat", "stamp", "torn"])
 _READ = (
     "ATTITUDE", "ATTITUDE_QUATERNION", "SERVO_OUTPUT_RAW", "RC_CHANNELS", "VFR_HUD", "HEARTBEAT",
     "PARAM_VALUE", "SYSTEM_TIME", "ACTUATOR_OUTPUT_STATUS", "ACTUATOR_CONTROL_TARGET",
@@ -149,7 +150,6 @@ def flights(draw: st.DrawFn) -> FuzzFlight:
     names = st.sampled_from(NAMES) | st.text("SERVO_MAXIN14 \x7f\n", max_size=16)
     leaps = st.sampled_from([-1e4, -10.0, -1.4, 0.05, 3.0, 447.0, 5000.0, 4e6])
     payloads = st.binary(max_size=60) | st.sampled_from([b"\xff" * 60, b"\xff\xff\xff\x7f" * 15])
-    kinds = st.sampled_from(["flip", "garbage", "cut", "repeat", "stamp", "torn"])
     return FuzzFlight(
         kind=draw(st.sampled_from([1, 2, 6, 22, 255] if odd else [1])),
         autopilot=draw(st.sampled_from([3, 12, 0, 8, 255] if odd else [3, 3, 12])),
@@ -161,7 +161,7 @@ def flights(draw: st.DrawFn) -> FuzzFlight:
         parameters=draw(_tuples(st.tuples(_FRACTION, names, numbers()), 6)),
         steps=draw(_tuples(st.tuples(_FRACTION, leaps), 2)),
         fields=draw(_tuples(st.tuples(_FRACTION, st.sampled_from(_READ), payloads), 4)),
-        damage=draw(_tuples(st.tuples(_FRACTION, kinds, st.integers(0, 99)), 3)),
+        damage=draw(_tuples(st.tuples(_FRACTION, KINDS, st.integers(0, 99)), 3)),
         seed=draw(st.integers(0, 99)),
     )
 

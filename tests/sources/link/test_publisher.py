@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import socket
-import time
 from collections.abc import Iterator
 from contextlib import ExitStack
 from itertools import pairwise
@@ -51,35 +50,30 @@ def decoded(frames: list[bytes]) -> list[object]:
     return [message for frame in frames for message in parser.parse_buffer(frame) or []]
 
 
+class Ground:
+    """A ground station, and a publisher to it."""
+
+    def __init__(self, stack: ExitStack) -> None:
+        self.station = stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
+        self.station.bind(("127.0.0.1", 0))
+        self.station.settimeout(0.0)
+        self.address = self.station.getsockname()
+        way = OverUdp(Endpoint(*self.address, "udpout"), stack)
+        self.publisher = Publisher({"there": way}, 194)
+
+    def received(self) -> list[bytes]:
+        frames: list[bytes] = []
+        try:
+            while True:
+                frames.append(self.station.recv(2048))
+        except BlockingIOError:
+            return frames
+
+
 @pytest.fixture
-def ground() -> Iterator[socket.socket]:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as station:
-        station.bind(("127.0.0.1", 0))
-        station.settimeout(0.0)
-        yield station
-
-
-def received(station: socket.socket) -> list[bytes]:
-    frames: list[bytes] = []
-    try:
-        while True:
-            frames.append(station.recv(2048))
-    except BlockingIOError:
-        return frames
-
-
-OPENED = ExitStack()
-
-
-@pytest.fixture(autouse=True)
-def _closed() -> Iterator[None]:
-    with OPENED:
-        yield
-
-
-def published(to: socket.socket, key: bytes | None = None) -> Publisher:
-    way = OverUdp(Endpoint(*to.getsockname(), "udpout"), OPENED)
-    return Publisher({"there": way}, 194, None if key is None else SigningKey(key))
+def stack() -> Iterator[ExitStack]:
+    with ExitStack() as opened:
+        yield opened
 
 
 STEPS = st.lists(
@@ -138,85 +132,60 @@ def test_what_was_sent_counts_for_ten_seconds_both_ends_of_them_included() -> No
     assert [limiter.admits(t) for t in (10.01, 10.02, 14.0, 14.01)] == [True, False, False, True]
 
 
-def test_rounds_once_a_second_leave_room_for_texts_and_always_have_their_own() -> None:
-    for key in (None, SigningKey(KEY)):
-        way = Noted()
-        publisher = Publisher({"there": way}, 194, key)
-        for second in range(60):
-            way.now_s = float(second)
-            for number in range(2 * MOST_WAITING):
-                publisher.say(1, INFO, f"{second} {number} " + 50 * "x")
-            assert publisher.send_round(1, 0, VALUES, way.now_s)
-            publisher.send_texts(way.now_s)
-        texts = [m for m in decoded([f for _, f in way.sent]) if m.get_type() == "STATUSTEXT"]
-        assert len(texts) > 40
-        assert int(texts[-1].text.split()[0]) >= 48  # of the newest, not what piled up
+@pytest.mark.parametrize("key", [None, SigningKey(KEY)])
+def test_rounds_once_a_second_leave_room_for_texts_and_always_have_their_own(
+    key: SigningKey | None,
+) -> None:
+    way = Noted()
+    publisher = Publisher({"there": way}, 194, key)
+    for second in range(60):
+        way.now_s = float(second)
+        for number in range(2 * MOST_WAITING):
+            publisher.say(1, INFO, f"{second} {number} " + 50 * "x")
+        assert publisher.send_round(1, 0, VALUES, way.now_s)
+        publisher.send_texts(way.now_s)
+    texts = [m for m in decoded([f for _, f in way.sent]) if m.get_type() == "STATUSTEXT"]
+    assert len(texts) > 40
+    assert int(texts[-1].text.split()[0]) >= 48  # of the newest, not what piled up
 
 
 def test_a_round_is_what_a_ground_station_reads_of_a_component_of_the_vehicle(
-    ground: socket.socket,
+    stack: ExitStack,
 ) -> None:
-    publisher = published(ground)
-    publisher.send_round(7, (1 << 32) + 1234, VALUES | {"yaw_z_sd": math.nan}, 0.0)
-    publisher.say(7, NOTICE, "yawid: usable, \u03c9n 10.06")
-    publisher.send_texts(0.0)
-    beat, *values, text = decoded(received(ground))
+    ground = Ground(stack)
+    ground.publisher.send_round(7, (1 << 32) + 1234, VALUES | {"yaw_z_sd": math.nan}, 0.0)
+    ground.publisher.say(7, NOTICE, "yawid: usable, \u03c9n 10.06")
+    ground.publisher.send_texts(0.0)
+    beat, *values, text = decoded(ground.received())
     assert (beat.type, beat.autopilot) == (18, 8)
     assert {(m.get_srcSystem(), m.get_srcComponent()) for m in (beat, *values, text)} == {(7, 194)}
-    assert {m.name: m.value for m in values} == pytest.approx(
-        {name: value for name, value in VALUES.items() if name != "yaw_z_sd"}
-    )
+    known = {name: value for name, value in VALUES.items() if name != "yaw_z_sd"}
+    assert {m.name: m.value for m in values} == pytest.approx(known)
     assert {m.time_boot_ms for m in values} == {1234}
     assert (text.severity, text.text) == (5, "yawid: usable, ?n 10.06")
 
 
-def test_with_a_key_every_frame_is_accepted_with_it_and_refused_with_another(
-    ground: socket.socket,
+def test_udpin_answers_who_sent_last_and_a_peer_that_is_gone_is_said_once_until_it_is_back(
+    stack: ExitStack,
 ) -> None:
-    publisher = published(ground, KEY)
-    before = int((time.time() - 1_420_070_400) * 100_000)
+    ground = Ground(stack)
+    way = OverUdp(Endpoint("127.0.0.1", 0), stack)
+    here = Publisher({"here": way}, 194)
+    here.send_round(1, 0, VALUES, 0.0)
+    ground.station.sendto(3000 * b"x", way.socket.getsockname())
+    here.send_round(1, 0, VALUES, 1.0)
+    assert len(ground.received()) == 6
+
+    ground.station.close()
     for second in range(3):
-        publisher.send_round(1, 0, VALUES, float(second))
-    publisher.say(1, INFO, "yawid m1: wn 10.06")
-    publisher.send_texts(3.0)
-    frames = received(ground)
-    station, other = mavlink.MAVLink(None), mavlink.MAVLink(None)
-    station.signing.secret_key, station.signing.timestamp = KEY, before - 1
-    other.signing.secret_key = bytes(32)
-    assert len([station.decode(bytearray(frame)) for frame in frames]) == 19
-    for frame in frames:
-        with pytest.raises(mavlink.MAVError, match="signature"):
-            other.decode(bytearray(frame))
-    stamps = [int.from_bytes(frame[-12:-6], "little") for frame in frames]
-    assert all(b > a for a, b in pairwise(stamps))
-    assert before <= stamps[0] <= stamps[-1] < before + 60 * 100_000
-
-
-def test_udpin_answers_who_sent_last_and_sends_nothing_before(ground: socket.socket) -> None:
-    ground.sendto(b"", ground.getsockname())  # its own port is not the publisher's
-    assert received(ground) == [b""]
-    way = OverUdp(Endpoint("127.0.0.1", 0), OPENED)
-    publisher = Publisher({"here": way}, 194)
-    publisher.send_round(1, 0, VALUES, 0.0)
-    ground.sendto(3000 * b"x", way.socket.getsockname())
-    publisher.send_round(1, 0, VALUES, 1.0)
-    assert len(received(ground)) == 6
-
-
-def test_that_nobody_takes_it_is_said_once_and_who_comes_later_gets_it() -> None:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as gone:
-        gone.bind(("127.0.0.1", 0))
-        address = gone.getsockname()
-        publisher = published(gone)
-    for second in range(3):
-        publisher.send_round(1, 0, VALUES, float(second))
-    [line] = publisher.news
+        ground.publisher.send_round(1, 0, VALUES, float(second))
+    [line] = ground.publisher.news
     assert "nothing receives what is published to there" in line
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as back:
-        back.bind(address)
-        back.settimeout(0.0)
-        publisher.send_round(1, 0, VALUES, 10.0)
-        assert len(received(back)) == 6
+    ground.station = stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
+    ground.station.bind(ground.address)
+    ground.station.settimeout(0.0)
+    ground.publisher.send_round(1, 0, VALUES, 10.0)
+    assert len(ground.received()) == 6
 
 
 def test_a_tcp_peer_that_does_not_read_holds_nothing_up_and_gets_whole_frames() -> None:

@@ -1,51 +1,54 @@
-"""Who sends from where, and what is odd about it."""
+"""To which address frames for a vehicle are sent."""
 
 from __future__ import annotations
 
-import pickle
+import pytest
 
 from yawid.sources.link.inbox import Addresses
 
+VEHICLE, FORGER, MOVED = (("127.0.0.1", port) for port in (1, 2, 3))
+S = 1_000_000
 
-def test_a_sender_that_moves_to_another_port_is_not_called_a_second_one() -> None:
+
+def first_of(*heard: tuple[int, dict[tuple[str, int], bool]]) -> tuple[str, int] | None:
+    """Return the first address of system 1 after what was heard: (time in us, trust by address)."""
     addresses = Addresses()
-    old, new = ("127.0.0.1", 1), ("127.0.0.1", 2)
-    assert addresses.observe({(1, old): True}, 0) == []
-    assert addresses.observe({(1, new): True}, 6_000_000) == []
-    [line] = addresses.observe({(1, old): True}, 7_000_000)
-    assert "127.0.0.1:1 and 127.0.0.1:2" in line or "127.0.0.1:2 and 127.0.0.1:1" in line
+    for at_us, trust in heard:
+        addresses.observe(
+            {(1, address): is_trusted for address, is_trusted in trust.items()}, at_us
+        )
+    return addresses.first.get(1)
 
 
-def test_a_flood_from_ever_new_ports_is_told_once_and_not_remembered() -> None:
-    addresses = Addresses()
-    lines = [
-        addresses.observe({(1, ("127.0.0.1", port)): True}, 10 * port) for port in range(60_000)
-    ]
-    assert sum(map(len, lines)) == 1
-    assert addresses.first == {1: ("127.0.0.1", 0)}
-    assert len(pickle.dumps(addresses)) < 1000
+BOTH = {VEHICLE: True, FORGER: True}
+FIVE_SECONDS = [(second * S, BOTH) for second in range(6)]
 
 
-def test_the_address_first_heard_from_stays_until_it_has_been_silent_for_ten_seconds() -> None:
-    addresses = Addresses()
-    vehicle, forger = ("127.0.0.1", 1), ("127.0.0.1", 2)
-    addresses.observe({(1, vehicle): True, (1, forger): True}, 0)
-    for second in range(1, 6):
-        addresses.observe({(1, forger): True, (1, vehicle): True}, 1_000_000 * second)
-        assert addresses.first == {1: vehicle}
-    addresses.observe({(1, forger): True}, 14_999_999)
-    assert addresses.first == {1: vehicle}
-    addresses.observe({(1, forger): True}, 15_000_000)
-    assert addresses.first == {1: forger}
+@pytest.mark.parametrize(
+    ("later", "expected"),
+    [((), VEHICLE), ((15 * S - 1,), VEHICLE), ((15 * S,), FORGER)],
+)
+def test_the_address_first_heard_from_stays_until_it_has_been_silent_for_ten_seconds(
+    later: tuple[int, ...], expected: tuple[str, int]
+) -> None:
+    forged = [(at_us, {FORGER: True}) for at_us in (*range(6 * S, 15 * S - 1, S), *later)]
+    assert first_of(*FIVE_SECONDS, *forged) == expected
 
 
-def test_who_is_not_trusted_is_never_sent_to_and_keeps_nobody_s_place() -> None:
-    addresses = Addresses()
-    vehicle, forger, moved = (("127.0.0.1", port) for port in (1, 2, 3))
-    addresses.observe({(1, forger): False}, 0)
-    assert addresses.first == {}
-    addresses.observe({(1, forger): False, (1, vehicle): True}, 1)
-    assert addresses.first == {1: vehicle}
-    addresses.observe({(1, vehicle): False}, 9_000_000)  # forged with the vehicle's address
-    addresses.observe({(1, forger): False, (1, moved): True}, 10_000_001)
-    assert addresses.first == {1: moved}
+FORGED = (0, {FORGER: False})
+KNOWN = (1, {FORGER: False, VEHICLE: True})
+
+
+@pytest.mark.parametrize(
+    ("heard", "expected"),
+    [
+        ([FORGED], None),
+        ([FORGED, KNOWN], VEHICLE),
+        # At 9 s somebody forged the vehicle's address.
+        ([FORGED, KNOWN, (9 * S, {VEHICLE: False}), (10 * S + 1, {MOVED: True})], MOVED),
+    ],
+)
+def test_an_address_that_is_not_trusted_is_never_sent_to_and_keeps_no_place(
+    heard: list[tuple[int, dict[tuple[str, int], bool]]], expected: tuple[str, int] | None
+) -> None:
+    assert first_of(*heard) == expected

@@ -14,6 +14,7 @@ from sources.logs.onboard_flight import TRAVEL, Flight, flown, telemetry_of, us
 
 from yawid.sources.logs.dataflash import DataflashReader
 
+READER = DataflashReader
 GPS_WEEK, GPS_MS = 2200, 345_600_000
 UNIX_S = 315_964_800 + GPS_WEEK * 604_800 + GPS_MS / 1000 - 18
 """Unix time of the first fix, at the first instant of the flight."""
@@ -73,10 +74,20 @@ def with_imu() -> DataflashLog:
     return logged(flight())
 
 
+def whole() -> bytes:
+    return with_imu().data
+
+
 def written(folder: Path, data: bytes, name: str = "flight.bin") -> Path:
     path = folder / name
     path.write_bytes(data)
     return path
+
+
+def change(log: DataflashLog, t_us: int) -> None:
+    """Append a parameter that changes in flight."""
+    log.add("PARM", t_us, "SERVO4_TRIM", 2000, 0)
+    log.add("RCOU", t_us + 10_000, 1500)
 
 
 def columns(path: Path) -> dict[str, np.ndarray]:

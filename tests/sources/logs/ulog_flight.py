@@ -14,6 +14,7 @@ from sources.logs.ulog_writer import ULogFile
 
 from yawid.sources.logs.ulog import UlogReader
 
+READER = UlogReader
 UNIX_S = 1_700_000_000
 PARAMETERS = {
     "MAV_TYPE": 1,
@@ -76,6 +77,12 @@ def written(folder: Path, data: bytes, name: str = "flight.ulg") -> Path:
     path = folder / name
     path.write_bytes(data)
     return path
+
+
+def change(log: ULogFile, t_us: int) -> None:
+    """Append a parameter that changes in flight."""
+    log.change("PWM_MAIN_MAX3", 2000)
+    log.add("actuator_outputs", t_us, [1500])
 
 
 def columns(path: Path) -> dict[str, np.ndarray]:

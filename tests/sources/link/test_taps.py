@@ -1,0 +1,254 @@
+"""Every way to a vehicle, on real sockets and lines: what was sent comes out as a tlog."""
+
+from __future__ import annotations
+
+import os
+import socket
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from checks.children import free_udp_port
+from live_link import heard, tlog_size
+from sources.tlog_records import BY_NAME, message, pack, random_records, rows, run, sender
+
+from yawid.errors import SourceError
+from yawid.sources.link.endpoints import Endpoint
+from yawid.sources.link.receiver import _address
+from yawid.sources.link.tap import Tap
+from yawid.sources.link.tcp_serial import StreamTap, complete_until
+from yawid.sources.link.udp import UdpTap
+
+FRAMES = [rec[8:] for rec in random_records(np.random.default_rng(0), 200)]
+HOSTS = {"4": "127.0.0.1", "6": "::1"}
+FAMILIES = {"4": socket.AF_INET, "6": socket.AF_INET6}
+
+
+def has_ipv6() -> bool:
+    try:
+        with socket.socket(socket.AF_INET6, socket.SOCK_DGRAM) as probe:
+            probe.bind(("::1", 0))
+    except OSError:
+        return False
+    return True
+
+
+@dataclass
+class Way:
+    """A tap, and what its vehicle does: ``send`` sends bytes, ``receive`` returns what it got."""
+
+    tap: Tap
+    send: Callable[[bytes], Any]
+    receive: Callable[[], bytes]
+    silent: Callable[[], Any]
+    """Have ``receive`` return at once; it raises BlockingIOError where nothing was received."""
+
+
+def udp(name: str, stack: ExitStack, may_transmit: bool) -> Way:
+    kind, number = name.rstrip("46"), name[-1] if name[-1] in "46" else "4"
+    vehicle = stack.enter_context(socket.socket(FAMILIES[number], socket.SOCK_DGRAM))
+    vehicle.settimeout(60.0)
+    if kind == "udpout":
+        vehicle.bind((HOSTS[number], 0))
+        endpoint = Endpoint(HOSTS[number], vehicle.getsockname()[1], kind)
+        tap = stack.enter_context(UdpTap(endpoint, may_transmit=may_transmit))
+        to = tap.address
+    elif kind == "udpin":
+        tap = stack.enter_context(UdpTap(Endpoint(HOSTS[number], 0), may_transmit=may_transmit))
+        to = tap.address
+    else:
+        vehicle.setsockopt(socket.SOL_SOCKET, socket.SO_BROADCAST, 1)
+        host = {"mcast": "239.255.145.50", "udpbcast": "127.255.255.255"}[kind]
+        tap = stack.enter_context(UdpTap(Endpoint(host, free_udp_port(), kind)))
+        to = tap.endpoint.host, tap.endpoint.port
+    return Way(
+        tap,
+        lambda data: vehicle.sendto(data, to),
+        lambda: vehicle.recv(2048),
+        lambda: vehicle.settimeout(0.0),
+    )
+
+
+def tcp(name: str, stack: ExitStack, may_transmit: bool) -> Way:
+    host, family = HOSTS[name[-1]], FAMILIES[name[-1]]
+    server = stack.enter_context(socket.create_server((host, 0), family=family))
+    server.settimeout(60.0)
+    endpoint = Endpoint(host, server.getsockname()[1], "tcp")
+    tap = stack.enter_context(StreamTap(endpoint, may_transmit=may_transmit))
+    vehicle, _ = server.accept()
+    stack.enter_context(vehicle).settimeout(60.0)
+    return Way(tap, vehicle.sendall, lambda: vehicle.recv(2048), lambda: vehicle.settimeout(0.0))
+
+
+@contextmanager
+def serial_line(device: Path) -> Iterator[int]:
+    """A serial line whose one end is the device, the other the descriptor that is yielded."""
+    vehicle, line = os.openpty()
+    device.unlink(missing_ok=True)
+    device.symlink_to(os.ttyname(line))
+    try:
+        yield vehicle
+    finally:
+        os.close(line)
+        os.close(vehicle)
+
+
+@pytest.fixture
+def opened() -> Iterator[Callable[..., Way]]:
+    with ExitStack() as stack:
+
+        def open_way(name: str, *, may_transmit: bool = False) -> Way:
+            if name.endswith("6") and not has_ipv6():
+                pytest.skip("no IPv6 here")
+            return (tcp if name.startswith("tcp") else udp)(name, stack, may_transmit)
+
+        yield open_way
+
+
+WAYS = ("udpin4", "udpin6", "udpout4", "mcast", "udpbcast", "tcp4", "tcp6")
+
+
+@pytest.mark.parametrize("name", WAYS)
+def test_every_frame_comes_out_as_a_record_and_nothing_is_sent_back(
+    name: str, opened: Callable[..., Way]
+) -> None:
+    way = opened(name)
+    step = 3 if "udp" in name or name == "mcast" else 200
+    for i in range(0, len(FRAMES), step):
+        try:
+            way.send(b"".join(FRAMES[i : i + step]))
+        except OSError as error:
+            pytest.skip(f"this machine has no {name}: {error}")
+    data = heard(way.tap, tlog_size(FRAMES))
+    blocks, decoder = run(data)
+    assert decoder.link.frames == len(FRAMES)
+    assert decoder.link.skipped_bytes == way.tap.skipped_bytes == way.tap.inbox.dropped == 0
+    stamps = [row[2] for row in rows(blocks)]
+    assert stamps == sorted(stamps)
+    if step == 3:
+        assert all(len(set(stamps[i : i + 3])) == 1 for i in range(0, len(stamps), 3))
+        assert way.tap.socket_dropped == 0
+    with pytest.raises(RuntimeError, match="passive"):
+        way.tap.transmit(FRAMES[0], FRAMES[0][5])
+    way.silent()
+    with pytest.raises(BlockingIOError):
+        way.receive()
+
+
+@pytest.mark.parametrize("name", ["udpin4", "udpin6", "udpout4", "udpout6", "tcp4", "tcp6"])
+def test_an_answer_goes_back_to_who_was_heard(name: str, opened: Callable[..., Way]) -> None:
+    way = opened(name, may_transmit=True)
+    if name.startswith("udpout"):  # it waits to be spoken to
+        assert way.tap.transmit(b"hello", 1)
+        assert way.receive() == b"hello"
+    way.send(FRAMES[0])
+    assert heard(way.tap, 1)[8:] == FRAMES[0]
+    assert way.tap.transmit(b"hello", next(iter(way.tap.senders.first)))
+    assert way.receive() == b"hello"
+
+
+def lost_and_back(tap: Tap) -> bool:
+    return [("lost" in line, "back" in line) for line in tap.news] == [(True, False), (False, True)]
+
+
+def test_a_connection_that_is_lost_is_sought_again_and_both_are_said() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        server.settimeout(60.0)
+        with StreamTap(Endpoint(*server.getsockname(), "tcp")) as tap:
+            for frame in FRAMES[:2]:
+                with server.accept()[0] as vehicle:
+                    vehicle.sendall(frame)
+                    assert heard(tap, 1)[8:] == frame
+            assert lost_and_back(tap)
+
+
+def test_a_serial_device_that_is_pulled_out_is_sought_again_and_both_are_said(
+    tmp_path: Path,
+) -> None:
+    device = tmp_path / "tty"
+    with ExitStack() as stack:
+        with serial_line(device) as vehicle:
+            tap = stack.enter_context(StreamTap(Endpoint(str(device), 57600, "serial")))
+            os.write(vehicle, FRAMES[0])
+            assert heard(tap, 1)[8:] == FRAMES[0]
+        vehicle = stack.enter_context(serial_line(device))
+        patience = time.monotonic() + 60.0
+        while not any("back" in news for news in tap.news) and time.monotonic() < patience:
+            time.sleep(0.05)
+        os.write(vehicle, FRAMES[1])
+        assert heard(tap, 1)[8:] == FRAMES[1]
+        assert lost_and_back(tap)
+
+
+def test_what_cannot_be_opened_is_one_line_with_the_remedy(
+    opened: Callable[..., Way], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    in_use = opened("udpin4").tap.address[1]
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        gone = server.getsockname()[1]
+    for kind, host, port, text in (
+        ("udpin", "127.0.0.1", in_use, f"port {in_use} is in use: end the program"),
+        ("udpin", "203.0.113.7", 14560, r"use 127\.0\.0\.1 or 0\.0\.0\.0"),
+        ("udpin", "no host", 14560, r"use 127\.0\.0\.1 or 0\.0\.0\.0"),
+        ("udpin", "2001:db8::7", 14560, r"not an address of this machine: use ::1 or ::$|no IPv6"),
+        ("tcp", "127.0.0.1", gone, "nothing listens there"),
+        ("serial", "/dev/ttyNone", 57600, "no such device"),
+        ("extra", "/dev/ttyUSB0", 57600, r"/dev/ttyUSB0,57600: .*pip install 'yawid\[serial\]'"),
+    ):
+        if kind == "extra":
+            monkeypatch.setitem(sys.modules, "serial", None)
+        made = UdpTap if kind == "udpin" else StreamTap
+        with pytest.raises(SourceError, match=text) as caught:
+            made(Endpoint(host, port, kind.replace("extra", "serial")))
+        assert "\n" not in str(caught.value)
+
+
+def test_bytes_that_are_no_frame_stay_out_and_are_counted(opened: Callable[..., Way]) -> None:
+    way = opened("udpin4")
+    torn = FRAMES[2][:-1]
+    for datagram in (b"hello", b"ab" + FRAMES[0] + b"cde" + FRAMES[1] + torn, b""):
+        way.send(datagram)
+    assert len(heard(way.tap, tlog_size(FRAMES[:2]))) == tlog_size(FRAMES[:2])
+    assert way.tap.skipped_bytes == 5 + 2 + 3 + len(torn)
+    assert way.tap.read(0.01) == b""
+
+
+def test_closing_ends_the_thread_and_frees_the_port() -> None:
+    before, port = threading.active_count(), 0
+    for _ in range(2):
+        with UdpTap(Endpoint("127.0.0.1", port)) as tap:
+            port = tap.address[1]
+        assert threading.active_count() == before
+
+
+@pytest.mark.skipif(not has_ipv6(), reason="no IPv6 here")
+def test_all_addresses_of_ipv6_leave_the_port_free_for_ipv4_and_are_named_in_brackets() -> None:
+    beat = pack(message(BY_NAME["HEARTBEAT"], b"\1\2\3\4\5\6\7\x08\x03"), sender())
+    with (
+        UdpTap(Endpoint("::", 0)) as tap,
+        UdpTap(Endpoint("0.0.0.0", tap.address[1])) as other,
+        socket.socket(socket.AF_INET6, socket.SOCK_DGRAM) as one,
+        socket.socket(socket.AF_INET6, socket.SOCK_DGRAM) as two,
+    ):
+        assert tap.address[1] == other.address[1]
+        for link in (one, two):
+            link.sendto(beat, ("::1", tap.address[1]))
+        heard(tap, tlog_size([beat, beat]))
+        [said] = tap.news
+        assert f"[::1]:{one.getsockname()[1]}" in said
+    assert _address("fe80::1", 14550, 0, 2) == ("fe80::1%2", 14550)
+
+
+def test_bytes_before_an_unfinished_frame_are_complete() -> None:
+    frame = FRAMES[0]
+    for size in range(1, len(frame)):
+        assert complete_until(b"ab" + frame[:size]) == 2
+    assert complete_until(b"ab" + frame) == 2 + len(frame)
+    assert complete_until(b"abc") == 3
