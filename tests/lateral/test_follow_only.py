@@ -24,17 +24,12 @@ def answer(seed: int, folder: Path) -> tuple[Bare, Truth]:
     data, truth = flown(seed)
     (folder / "flight.tlog").write_bytes(data)
     run = yawid.replay(folder / "flight.tlog", lateral="auto", servo_lag=round(truth.lag_s, 4))
-    assert run.bare is not None
     return run.bare, truth
 
 
 def errors(bare: Bare, of: Truth) -> dict[str, tuple[float, float]]:
     """Return (estimate - truth) / sigma of each number, and the same without the floors."""
     roll, pole = bare.dutch_roll, bare.roll_mode
-    assert roll is not None
-    assert pole is not None
-    assert pole.std is not None
-    assert bare.derivatives is not None
     found = -1.0 / pole.time_constant_s
     L_p = bare.derivatives["L_p"]
     rows = {
@@ -45,7 +40,6 @@ def errors(bare: Bare, of: Truth) -> dict[str, tuple[float, float]]:
     }
     z = {}
     for name, (value, std, true) in rows.items():
-        assert std is not None
         share, least = FLOORS[name]
         rest = np.sqrt(max(std**2 - (share * value) ** 2 - least**2, 1e-12))
         z[name] = (value - true) / std, (value - true) / rest

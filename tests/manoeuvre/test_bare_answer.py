@@ -56,67 +56,57 @@ def test_airframes_of_other_airspeeds_are_brought_to_the_middle_one_by_their_law
 
     bare = bare_of(each, None)
 
-    assert bare is not None
-    assert bare.dutch_roll is not None
-    assert bare.roll_mode is not None
-    assert bare.derivatives is not None
-    assert bare.airspeed_m_s == 50.0
-    assert bare.dutch_roll.wn_rad_s == pytest.approx(2.5)
     linear = 0.008 * 2.5  # what a linear model is worth, whatever the number of manoeuvres
-    assert bare.dutch_roll.wn_std == pytest.approx(math.sqrt((0.05**2 + 2.0 * linear**2) / 3.0))
+    std = math.sqrt((0.05**2 + 2.0 * linear**2) / 3.0)
+    assert (bare.used, bare.airspeed_m_s) == ([1, 2, 3], 50.0)
+    assert (bare.dutch_roll.wn_rad_s, bare.dutch_roll.wn_std) == pytest.approx((2.5, std))
     assert bare.roll_mode.time_constant_s == pytest.approx(0.2)
     assert bare.derivatives["N_beta"].value == pytest.approx(5000.0)
     assert bare.derivatives["N_r"].value == pytest.approx(-0.5)
-    assert bare.used == [1, 2, 3]
 
 
-def test_a_scatter_beyond_their_sigmas_makes_sigma_larger():
-    """2.32 and 2.48 with .03 each: the mean is 2.4, and sigma .08 as their half difference.
+UNSETTLED, GATES = {"not_settled": 1.0}, {"coloured": 0.67, "too_slow": 0.49}
+STOPPED = airframe(wn=9.0, failed={"coloured": 0.5})
 
-    Half of the variance of a linear model, 0.8 % of wn, is common to both and added.
-    """
-    each = [found(n, airframe(wn=wn, std=0.03)) for n, wn in ((1, 2.32), (2, 2.48))]
+
+@pytest.mark.parametrize(
+    ("airframes", "used", "wn", "said"),
+    [
+        # The mean is 2.4, and sigma .08 as their half difference. Half of the variance of a linear
+        # model, 0.8 % of wn, is common to both and added.
+        pytest.param(
+            [airframe(wn=2.32, std=0.03), airframe(wn=2.48, std=0.03)], [1, 2],
+            (2.4, math.hypot(0.08, 0.008 * 2.4 * math.sqrt(0.5))), "",
+            id="a scatter beyond their sigmas makes sigma larger",
+        ),
+        pytest.param(
+            [STOPPED, airframe(), None], [2], (2.4, 0.02), "", id="those that pass are used"
+        ),
+        # It was that of the fewest gates: a hand-flown log's was an unusable manoeuvre's.
+        pytest.param(
+            [airframe(std=100.0, failed=UNSETTLED), airframe(std=0.5, failed=GATES), None],
+            [2], None, "in one sample the fastest mode turns",
+            id="where none passes the cause is that of the best known",
+        ),
+        pytest.param(
+            [STOPPED], [1], None, "the innovations predict 0.50 of those 40 ms later (limit 0.35)",
+            id="a gate has its words",
+        ),
+    ],
+)  # fmt: skip
+def test_several_airframes_are_pooled_of_those_that_pass(
+    airframes: list[Airframe | None], used: list[int], wn: tuple[float, float] | None, said: str
+):
+    each = [found(n, of, MOTION if of else "no attitude") for n, of in enumerate(airframes, 1)]
     bare = bare_of(each, None)
 
-    assert bare is not None
-    assert bare.dutch_roll is not None
-    assert bare.dutch_roll.wn_rad_s == pytest.approx(2.4)
-    assert bare.dutch_roll.wn_std == pytest.approx(math.hypot(0.08, 0.008 * 2.4 * math.sqrt(0.5)))
-
-
-def test_only_manoeuvres_that_pass_are_used():
-    failed = airframe(wn=9.0, failed={"coloured": 0.5})
-
-    bare = bare_of([found(1, failed), found(2, airframe()), found(3, None, "no attitude")], None)
-
-    assert bare is not None
-    assert bare.dutch_roll is not None
-    assert bare.used == [2]
-    assert bare.dutch_roll.wn_rad_s == 2.4
-
-
-def test_where_none_passes_the_cause_is_that_of_the_best_known():
-    """It was that of the fewest gates: a hand-flown log's was an unusable manoeuvre's."""
-    noise = airframe(std=100.0, failed={"not_settled": 1.0})
-    gates = {"coloured": 0.67, "too_slow": 0.49}
-    seen = airframe(std=0.5, failed=gates)
-
-    bare = bare_of([found(1, noise), found(2, seen), found(3, None, "no attitude")], None)
-
-    assert bare is not None
-    assert bare.used == [2]
-    assert bare.verdict.reasons[0].text.startswith("in one sample the fastest mode turns")
-
-
-def test_a_manoeuvre_that_a_gate_stops_has_its_words_and_no_number():
-    told = lateral_of(found(4, airframe(failed={"coloured": 0.5})))
-
-    assert told.dutch_roll is None
-    assert told.derivatives is None
-    assert not told.verdict.usable
-    said = "the innovations predict 0.50 of those 40 ms later (limit 0.35)"
-    assert told.verdict.reasons[0].text == said
-    assert told.verdict.next is not None
+    assert (bare.used, bare.verdict.usable) == (used, wn is not None)
+    if wn is None:
+        assert (bare.dutch_roll, bare.derivatives) == (None, None)
+        assert bare.verdict.reasons[0].text.startswith(said)
+        assert bare.verdict.next
+    else:
+        assert (bare.dutch_roll.wn_rad_s, bare.dutch_roll.wn_std) == pytest.approx(wn)
 
 
 @pytest.mark.parametrize(("damper", "refused"), [(0.0, False), (0.5, True)])
@@ -146,20 +136,18 @@ def test_as_it_was_flown_the_airframe_must_be_within_one_and_a_half_times_both_s
 
     Such a model sees 2.6 +- .03 / .4 of it, although its own pair is another.
     """
-    flown = hand_flights.manoeuvre(1, wn, loop=loop, inputs=["rudder"])
-    [name] = [each for each in flown.estimates if each == flown.verdict.method]
     roll = DutchRoll(wn_rad_s=wn, wn_std=0.04, zeta=zeta, zeta_std=0.01)
-    estimates = flown.estimates | {name: msgspec_replace(flown.estimates[name], dutch_roll=roll)}
+    flown = hand_flights.manoeuvre(1, wn, loop=loop, inputs=["rudder"])
     verdict = msgspec_replace(flown.verdict, usable=usable)
-    flown = msgspec_replace(flown, estimates=estimates, verdict=verdict)
+    its = {verdict.method: msgspec_replace(flown.estimates[verdict.method], dutch_roll=roll)}
+    flown = msgspec_replace(flown, estimates=its, verdict=verdict)
     motion = MOTION_OF_20_S
     rudder = np.interp(np.arange(len(motion.r)) * motion.sample_time_s, motion.command_times_s(),
                        motion.rudder)  # fmt: skip
     plant = lti([-1.5], [complex(-1.04, 2.383), complex(-1.04, -2.383), -9.0], 20.0)
     steps = plant.to_ss().to_discrete(motion.sample_time_s)
     _, yaw_rate, _ = dlsim(steps, rudder)
-    share = 0.03 / 2.6
-    seen = AsFlown(Known(2.9, 2.9 * share), Known(0.3, 0.01), rudder, yaw_rate[:, 0])
+    seen = AsFlown(Known(2.9, 2.9 * 0.03 / 2.6), Known(0.3, 0.01), rudder, yaw_rate[:, 0])
 
     told = lateral_of(against_flown(found(1, airframe(std=0.03, as_flown=seen), motion), flown))
 
@@ -182,12 +170,6 @@ def test_a_rudder_that_did_not_drive_the_yaw_shows_no_airframe(reason: str, know
         assert told.verdict.reasons[0].text.endswith(f"the answer as flown is {reason}")
 
 
-def test_a_motion_that_is_missing_is_the_cause():
-    told = lateral_of(fitted(1, "the airspeed is not known", None))
-
-    assert [reason.text for reason in told.verdict.reasons] == ["the airspeed is not known"]
-
-
 @pytest.mark.parametrize(
     ("gate", "together"), [("lag_unknown", True), ("rudder_copies_aileron", False)]
 )
@@ -206,12 +188,18 @@ def test_manoeuvres_whose_lag_is_unknown_are_fitted_together(
 
     bare = bare_of([found(1, failed), found(2, failed)], None)
 
-    assert bare is not None
     assert asked == ([2] if together else [])
     assert bare.verdict.usable == together
 
 
-def test_a_fit_that_fails_is_a_cause_and_no_error(monkeypatch: pytest.MonkeyPatch):
+@pytest.mark.parametrize(
+    ("motion", "said"),
+    [(MOTION, "the fit failed: nothing there"),
+     ("the airspeed is not known", "the airspeed is not known")],
+)  # fmt: skip
+def test_a_fit_that_fails_and_a_motion_that_is_missing_are_causes_and_no_errors(
+    monkeypatch: pytest.MonkeyPatch, motion: Motion | str, said: str
+):
     """The answer as flown must not fail with it."""
 
     def fails(motions: list[Motion], *, servo_lag_s: float | None) -> Airframe:
@@ -219,6 +207,4 @@ def test_a_fit_that_fails_is_a_cause_and_no_error(monkeypatch: pytest.MonkeyPatc
 
     monkeypatch.setattr(bare_answer, "fit_airframe", fails)
 
-    told = lateral_of(fitted(1, MOTION, None))
-
-    assert told.verdict.reasons[0].text == "the fit failed: nothing there"
+    assert [each.text for each in lateral_of(fitted(1, motion, None)).verdict.reasons] == [said]

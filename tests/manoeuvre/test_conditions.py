@@ -11,7 +11,7 @@ from manoeuvre.streams import HZ, doublets, joined, rest, stream
 from pymavlink import mavutil
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from yawid.blocks import Noted
+from yawid.blocks import Noted, SampleBlock
 from yawid.config.run import RunConfig
 from yawid.manoeuvre.conditions import conditions, loop_of
 from yawid.quantities.airspeed import Kind
@@ -57,37 +57,23 @@ def test_no_mode_of_arduplane_is_without_a_loop():
 
 
 def test_a_manoeuvre_reports_when_how_fast_and_how_high_it_was_flown():
+    """Samples that are held do not count, and what is unknown is left out"""
     rudder = doublets(10)
     airspeed = np.where(np.arange(len(rudder)) % 2, 19.0, 23.0)
+    rudder[50:100], airspeed[50:100] = np.nan, 90.0
     found, _ = conditions(stream(rudder, first_k=100 * HZ, airspeed=airspeed, mode=FBWA), 1, PLANE)
 
-    assert (found.from_s, found.to_s) == (100.0, 100.0 + 199 / HZ)
-    assert found.duration_s == pytest.approx(199 / HZ)
+    times = (found.from_s, found.to_s, found.duration_s)
+    assert times == pytest.approx((100.0, 100.0 + 199 / HZ, 199 / HZ))
     assert found.date == "2023-11-14T22:15:00.000Z"
     assert (found.mode, found.loop) == ("FBWA", "with_roll_loop")
-    assert found.airspeed_m_s == pytest.approx(21.0)
-    assert found.airspeed_std_m_s == pytest.approx(2.0)
-    assert found.airspeed_source == "airspeed"
-    assert found.altitude_m == 100.0
-
-
-def test_samples_that_are_held_do_not_count():
-    rudder = doublets(10)
-    rudder[50:100] = np.nan
-    airspeed = np.where(np.isnan(rudder), 90.0, 20.0)
-    found, _ = conditions(stream(rudder, airspeed=airspeed), 1, PLANE)
-
-    assert found.airspeed_m_s == 20.0
-
-
-def test_what_is_unknown_is_left_out():
-    found, _ = conditions(stream(doublets(10), airspeed=np.nan, mode=np.nan), 1, PLANE)
-
-    assert (found.mode, found.loop) == (None, "unknown")
-    assert (found.airspeed_m_s, found.airspeed_std_m_s, found.airspeed_source) == (None, None, None)
+    assert (found.airspeed_m_s, found.airspeed_std_m_s) == pytest.approx((21.0, 2.0))
+    assert (found.airspeed_source, found.altitude_m) == ("airspeed", 100.0)
+    blind, _ = conditions(stream(doublets(10), airspeed=np.nan, mode=np.nan), 1, PLANE)
+    assert (blind.mode, blind.loop) == (None, "unknown")
+    assert (blind.airspeed_m_s, blind.airspeed_std_m_s, blind.airspeed_source) == (None, None, None)
     held, _ = conditions(stream(rest(10, np.nan)), 1, PLANE)
-    assert held.airspeed_m_s is None
-    assert held.altitude_m is None
+    assert (held.airspeed_m_s, held.altitude_m) == (None, None)
 
 
 def test_a_stretch_of_two_modes_is_of_one_loop_only_where_both_are():
@@ -100,37 +86,48 @@ def test_a_stretch_of_two_modes_is_of_one_loop_only_where_both_are():
         assert " and " in found.mode
 
 
-@pytest.mark.parametrize(("share", "source"), [(0.4, "airspeed"), (0.6, "ground speed")])
-def test_the_airspeed_is_the_ground_speed_where_most_of_it_is(share: float, source: str):
-    rudder = doublets(10)
-    first = round(share * len(rudder))
-    by_ground = stream(rudder[:first], noted=int(Noted.GROUND_SPEED | Noted.SATURATED))
-    samples = joined(by_ground, stream(rudder[first:], first_k=first, noted=int(Noted.SATURATED)))
+@pytest.mark.parametrize(
+    ("share", "source", "kind"),
+    [(0.0, "airspeed", "calibrated"), (0.4, "airspeed", "true"), (0.6, "ground speed", None)],
+)
+def test_the_airspeed_is_the_ground_speed_where_most_of_it_is(
+    share: float, source: str, kind: str | None
+):
+    """Its kind is that of most of it: true of .6, calibrated of .7"""
+    samples = stream(doublets(10))
+    by_ground = np.arange(len(samples)) < share * len(samples)
+    noted = Noted.SATURATED | np.where(by_ground, int(Noted.GROUND_SPEED), 0)
+    true = np.arange(len(samples)) < (0.6 if share else 0.3) * len(samples)
+    kinds = np.where(true, float(Kind.TRUE), float(Kind.CALIBRATED))
+    found, _ = conditions(replace(samples, noted=noted, airspeed_kind=kinds), 1, PLANE)
 
-    assert conditions(samples, 1, PLANE)[0].airspeed_source == source
+    assert (found.airspeed_source, found.airspeed_kind) == (source, kind)
+
+
+def flown(groundspeed: float, autopilot: int = ARDUPILOT) -> SampleBlock:
+    """A log in which the airspeed is 20 m/s."""
+    log = FlightLog()
+    log.heartbeat(10.0, autopilot=autopilot)
+    for i in range(500):
+        t = 10.0 + 0.02 * i
+        if i % 25 == 0:
+            log.add(t, mavlink.MAVLink_vfr_hud_message(20.0, groundspeed, 0, 50, 100.0, 0.0))
+        log.attitude(t, 0.1)
+        log.servos(t + 0.004, [1500, 1500, 1500, 1500 + 10 * (i % 7)])
+    return joined(*samples_of(log.data, RunConfig(rudder="servo:4")).blocks)
 
 
 @pytest.mark.parametrize(("groundspeed", "noted"), [(20.0, True), (20.5, False)])
 def test_an_airspeed_equal_to_the_ground_speed_is_noted_in_the_samples(
     groundspeed: float, noted: bool
 ):
-    log = FlightLog()
-    log.heartbeat(10.0)
-    for i in range(500):
-        t = 10.0 + 0.02 * i
-        if i % 25 == 0:
-            hud = mavlink.MAVLink_vfr_hud_message(20.0, groundspeed, 0, 50, 100.0, 0.0)
-            log.add(t, hud)
-        log.attitude(t, 0.1)
-        log.servos(t + 0.004, [1500, 1500, 1500, 1500 + 10 * (i % 7)])
-    samples = samples_of(log.data)
+    samples = flown(groundspeed)
 
     used = samples.held == 0
     assert used.sum() > 100
     known = np.isfinite(samples.airspeed) & used
     flagged = samples.noted & Noted.GROUND_SPEED.value != 0
-    assert flagged[known].all() == noted
-    assert flagged[known].any() == noted
+    assert set(flagged[known]) == {noted}
     assert not flagged[~used].any()
 
 
@@ -139,32 +136,9 @@ def test_an_airspeed_equal_to_the_ground_speed_is_noted_in_the_samples(
 )
 def test_which_airspeed_it_is_goes_by_the_autopilot_that_sends_it(autopilot: int, kind: str):
     """ArduPlane's VFR_HUD has the equivalent one, PX4's the calibrated; MAVLink asks for either."""
-    log = FlightLog()
-    log.heartbeat(10.0, autopilot=autopilot)
-    for i in range(400):
-        t = 10.0 + 0.02 * i
-        if i % 25 == 0:
-            log.add(t, mavlink.MAVLink_vfr_hud_message(20.0, 23.5, 0, 50, 100.0, 0.0))
-        log.attitude(t, 0.1)
-        log.servos(t + 0.004, [1500, 1500, 1500, 1500 + 10 * (i % 7)])
-    found = samples_of(log.data, RunConfig(rudder="servo:4"))
+    samples = flown(23.5, autopilot)
 
-    flown, _ = conditions(joined(*found.blocks), 1, (autopilot, 1))
-    assert (flown.airspeed_source, flown.airspeed_kind) == ("airspeed", kind)
-    over_ground = found.ground_speed[np.isfinite(found.ground_speed)]
+    found, _ = conditions(samples, 1, (autopilot, 1))
+    assert (found.airspeed_source, found.airspeed_kind) == ("airspeed", kind)
+    over_ground = samples.ground_speed[np.isfinite(samples.ground_speed)]
     np.testing.assert_array_equal(over_ground, 23.5)
-
-
-def test_a_ground_speed_is_of_no_kind():
-    samples = stream(doublets(5.0), noted=int(Noted.GROUND_SPEED))
-
-    assert conditions(samples, 1, PLANE)[0].airspeed_kind is None
-
-
-def test_the_kind_of_an_airspeed_is_that_of_most_of_it():
-    samples = stream(doublets(5.0))
-    kinds = np.where(np.arange(len(samples)) < 30, float(Kind.TRUE), float(Kind.CALIBRATED))
-
-    assert (
-        conditions(replace(samples, airspeed_kind=kinds), 1, PLANE)[0].airspeed_kind == "calibrated"
-    )

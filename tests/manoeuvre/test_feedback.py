@@ -46,7 +46,6 @@ def sweep() -> Floats:
 def test_the_gain_of_a_damper_is_found_between_the_movements(gain: float, noise: float) -> None:
     found = rate_feedback(*flown(gain, doublets(), noise), WN, TS)
 
-    assert found is not None
     assert math.isclose(found.gain, -gain, rel_tol=0.15)
     # |r / rudder| at WN is 1 / (2 ZETA), less on both sides of it.
     assert 0.3 * gain / (2.0 * ZETA) < found.share < 1.05 * gain / (2.0 * ZETA)

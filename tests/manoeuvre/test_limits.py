@@ -1,4 +1,4 @@
-"""The reasons and the limits of the room, counted from its code.
+"""The limits of the room, counted from its code.
 
 A limit is a number of a module against which something is compared. A constant that is only
 calculated with is none; bounds of memory and of a search are.
@@ -15,7 +15,7 @@ from places import SRC
 TREES = {
     path.stem: ast.parse(path.read_text(encoding="utf-8")) for path in SRC.glob("manoeuvre/*.py")
 }
-MOST_REASONS, MOST_LIMITS = 19, 40
+MOST_LIMITS = 40
 
 
 def constants(tree: ast.Module) -> Iterator[tuple[str, str]]:
@@ -47,26 +47,7 @@ def limits() -> dict[tuple[str, str], str]:
     return {place: text for place, text in own.items() if place[1] in compared}
 
 
-def test_the_room_has_few_reasons_and_its_limits_do_not_grow() -> None:
-    strings = {
-        name.id: node.value.value
-        for tree in TREES.values()
-        for node in tree.body
-        if isinstance(node, ast.AnnAssign) and isinstance(node.value, ast.Constant)
-        for name in ast.walk(node.target)
-        if isinstance(name, ast.Name)
-    }
-    first = [
-        node.args[0]
-        for tree in TREES.values()
-        for node in ast.walk(tree)
-        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name)
-        if node.func.id == "Reason"
-    ]
-    reasons = {x.value if isinstance(x, ast.Constant) else strings[x.id] for x in first}
-    assert len(reasons) <= MOST_REASONS
-    assert len(limits()) <= MOST_LIMITS
-
-
-def test_every_limit_says_what_it_is_for() -> None:
-    assert [place for place, text in limits().items() if not text] == []
+def test_the_limits_of_the_room_do_not_grow_and_each_says_what_it_is_for() -> None:
+    found = limits()
+    assert len(found) <= MOST_LIMITS
+    assert [place for place, text in found.items() if not text] == []

@@ -86,31 +86,23 @@ def test_blocks_are_a_share_of_the_period_whatever_the_rate():
     assert block_size(short, 0.5, 16, 80) == 1
 
 
-def test_the_turn_is_taken_off_where_asked() -> None:
-    turning = stream(np.zeros(50), y=np.ones(50), turn=np.linspace(0.0, 0.3, 50))
-    for removed, expected in ((True, 1.0 - turning.turn_rate), (False, turning.y)):
-        y = inputs_and_rate(turning, ["rudder"], measured=False, turn_removed=removed)[2]
-        np.testing.assert_array_equal(y, expected)
-
-
-def test_a_measured_rudder_moves_within_every_sample() -> None:
-    steps = stream(np.repeat([0.0, 0.2, -0.2, 0.0], 10))
-    for measured, near in ((False, 0), (True, 6)):  # both samples at each of three steps
-        u, held, _ = inputs_and_rate(steps, ["rudder"], measured=measured, turn_removed=False)
-        assert np.count_nonzero(u != held) == near
-
-
 def test_a_row_without_one_of_its_signals_is_a_gap_in_all() -> None:
-    lacks = np.arange(50) // 10
+    """The turn is taken off where asked; a measured rudder moves within each sample of a step."""
+    lacks = np.arange(60) // 10
     samples = stream(
-        np.where(lacks == 0, np.nan, 0.1), aileron=np.where(lacks == 1, np.nan, 0.2),
-        y=np.ones(50), turn=np.where(lacks == 2, np.nan, 0.0),
+        np.where(lacks == 0, np.nan, 0.2 * (lacks == 5)), y=np.ones(60),
+        aileron=np.where(lacks == 1, np.nan, 0.2), turn=np.where(lacks == 2, np.nan, 0.3),
     )  # fmt: skip
     roll = np.where(lacks == 3, np.nan, 0.0)
-    found = inputs_and_rate(samples, ["rudder", "aileron"], roll, measured=False, turn_removed=True)
-    for each in found:
-        assert np.isnan(each[:40]).all()
-        assert np.isfinite(each[40:]).all()
+    for turn, measured, moved in ((True, False, 0), (False, True, 2)):
+        u, held, y = inputs_and_rate(
+            samples, ["rudder", "aileron"], roll, measured=measured, turn_removed=turn
+        )
+        known = lacks > 3 if turn else (lacks > 3) | (lacks == 2)
+        for each in (u[:, 0], u[:, 1], held[:, 0], held[:, 1], y):
+            np.testing.assert_array_equal(np.isfinite(each), known)
+        np.testing.assert_allclose(y[known], 0.7 if turn else 1.0)
+        assert np.count_nonzero(u[known, 0] != held[known, 0]) == moved
 
 
 @pytest.mark.parametrize("step_s", [0.025, 0.05, 0.1])
@@ -124,7 +116,6 @@ def test_a_mean_yaw_rate_has_the_poles_and_the_gain_of_the_yaw_rate_itself(step_
     seen = fitted(averaged(flown, measured=False))
     found = answer_of(seen.fits)
     assert seen.roll_left_out == ""
-    assert found is not None
     assert found.wn_rad_s.value == pytest.approx(2.0, rel=1e-3)
     assert found.zeta.value == pytest.approx(0.1, abs=1e-3)
     assert found.eq_23.yaw_acceleration.value == pytest.approx(0.96, rel=2e-3)
