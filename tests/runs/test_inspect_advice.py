@@ -2,78 +2,76 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import numpy as np
+import pytest
 from flightlog import FlightLog
 from inspecting import inspected
 
 
-def advice_for(log: FlightLog, tmp_path: Path, capsys, *options: str) -> str:
-    _, report = inspected(log.data, tmp_path, capsys, *options)
-    return " | ".join(report.get("record", []))
-
-
-def test_a_slow_log_is_told_the_rates_to_ask_its_autopilot_for(tmp_path: Path, capsys):
-    def slow(autopilot: int) -> FlightLog:
-        log = FlightLog()
-        log.heartbeat(10.0, autopilot=autopilot)
-        for t in np.arange(10.0, 40.0, 0.3).tolist():
-            log.attitude(t, 0.1)
-            log.servos(t, [1500] * 8)
-        return log
-
-    options = ("--rudder", "servo:4")
-    assert "SRn_EXTRA1 = 25" in advice_for(slow(3), tmp_path, capsys, *options)
-    assert "mavlink stream" in advice_for(slow(12), tmp_path, capsys, *options)
-    assert "MAV_CMD_SET_MESSAGE_INTERVAL" in advice_for(slow(0), tmp_path, capsys, *options)
-
-
-def test_what_a_log_without_rudder_is_told_depends_on_why(tmp_path: Path, capsys):
-    attitudes = np.arange(10.0, 20.0, 0.05).tolist()
-    multirotor, functions, silent, unnamed = (FlightLog() for _ in range(4))
-    multirotor.heartbeat(9.0, kind=2)
-    unnamed.heartbeat(9.0, kind=0)
-    for log in (functions, silent):
-        log.heartbeat(9.0)
-    functions.parameter(9.5, "SERVO4_FUNCTION", 4.0)
-    for log in (multirotor, functions, silent, unnamed):
-        for t in attitudes:
-            log.attitude(t, 0.1)
-
-    assert "has no rudder: record an aircraft that has one" in advice_for(
-        multirotor, tmp_path, capsys
-    )
-    assert "SERVOn_FUNCTION = 21" in advice_for(functions, tmp_path, capsys)
-    assert "ask for SERVO_OUTPUT_RAW" in advice_for(silent, tmp_path, capsys)
-    assert "download the parameters" in advice_for(unnamed, tmp_path, capsys)
-
-
-def test_a_rudder_that_only_follows_the_aileron_is_told_how_to_part_them(tmp_path: Path, capsys):
+def flown(
+    kind: int = 1, autopilot: int = 3, step_s: float = 0.05, servos: str = "", **parameters: float
+) -> FlightLog:
+    """A flight of 30 s; its servos are at ``rest``, ``mixed`` with the aileron, or not there."""
     log = FlightLog()
-    log.heartbeat(10.0)
-    for t in np.arange(10.0, 40.0, 0.05).tolist():
-        stick = round(200 * np.sin(1.3 * t) * np.cos(0.4 * t))
+    log.heartbeat(10.0, kind=kind, autopilot=autopilot)
+    for name, value in parameters.items():
+        log.parameter(10.0, name, value)
+    for t in np.arange(10.0, 40.0, step_s).tolist():
+        stick = round(200 * np.sin(1.3 * t) * np.cos(0.4 * t)) if servos == "mixed" else 0
         log.attitude(t, 0.3 * np.sin(1.3 * t - 0.5))
-        log.servos(t, [1500 + stick, 1500, 1500, 1500 + stick // 2])
-
-    code, report = inspected(log.data, tmp_path, capsys, "--inputs", "rudder,aileron")
-    told = advice_for(log, tmp_path, capsys, "--inputs", "rudder,aileron")
-
-    assert code == 5
-    ids = [reason["id"] for reason in report["verdict"]["reasons"]]
-    assert ids[:1] == ["mixed_rudder"]
-    assert "KFF_RDDRMIX = 0" in told  # parameter
-    assert "3-2-1-1" in told  # manoeuvre
-    assert "download the parameters" in told  # the channel was assumed
+        if servos:
+            log.servos(t, [1500 + stick, 1500, 1500, 1500 + stick // 2])
+    return log
 
 
-def test_nobody_heard_and_no_yaw_are_told_what_to_ask_for(tmp_path: Path, capsys):
-    ground, blind = FlightLog(), FlightLog()
-    ground.heartbeat(1.0, kind=6, autopilot=8)
-    ground.heartbeat(2.0, kind=6, autopilot=8)
-    blind.heartbeat(1.0)
-    blind.servos(2.0, [1500] * 8)
+def blind() -> FlightLog:
+    log = FlightLog()
+    log.heartbeat(1.0)
+    log.servos(2.0, [1500] * 8)
+    return log
 
-    assert "HEARTBEAT" in advice_for(ground, tmp_path, capsys)
-    assert "ATTITUDE (30)" in advice_for(blind, tmp_path, capsys)
+
+def ground() -> FlightLog:
+    log = FlightLog()
+    for t in (1.0, 2.0):
+        log.heartbeat(t, kind=6, autopilot=8)
+    return log
+
+
+RUDDER = ("--rudder", "servo:4")
+SLOW = {"step_s": 0.3, "servos": "rest"}
+
+
+@pytest.mark.parametrize(
+    ("log", "options", "words"),
+    [
+        # A slow log is told the rates to ask its autopilot for.
+        (partial(flown, **SLOW), RUDDER, ["SRn_EXTRA1 = 25"]),
+        (partial(flown, autopilot=12, **SLOW), RUDDER, ["mavlink stream"]),
+        (partial(flown, autopilot=0, **SLOW), RUDDER, ["MAV_CMD_SET_MESSAGE_INTERVAL"]),
+        # What a log without a rudder is told depends on why.
+        (partial(flown, kind=2), (), ["has no rudder: record an aircraft that has one"]),
+        (partial(flown, SERVO4_FUNCTION=4.0), (), ["SERVOn_FUNCTION = 21"]),
+        (flown, (), ["ask for SERVO_OUTPUT_RAW"]),
+        (partial(flown, kind=0), (), ["download the parameters"]),
+        # A rudder that only follows the aileron is told how to part them.
+        (
+            partial(flown, servos="mixed"), ("--inputs", "rudder,aileron"),
+            ["KFF_RDDRMIX = 0", "3-2-1-1", "download the parameters"],
+        ),
+        (ground, (), ["HEARTBEAT"]),
+        (blind, (), ["ATTITUDE (30)"]),
+    ],
+)  # fmt: skip
+def test_the_advice_names_what_was_missing_and_where_to_ask_for_it(
+    log: Callable[[], FlightLog], options: tuple[str, ...], words: list[str], tmp_path: Path, capsys
+) -> None:
+    code, report = inspected(log().data, tmp_path, capsys, *options)
+    told = " | ".join(report["record"])
+    assert [each for each in words if each not in told] == []
+    if "KFF_RDDRMIX = 0" in words:
+        assert (code, report["verdict"]["reasons"][0]["id"]) == (5, "mixed_rudder")

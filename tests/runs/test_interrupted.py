@@ -5,17 +5,15 @@ from __future__ import annotations
 import json
 import os
 import signal
-import socket
 import subprocess
 import sys
-import time
 from pathlib import Path
 from typing import Any
 
 import pytest
 from checks.children import child
 from finished_runs import replayed
-from interrupting import SLOW_TO_END, repeated, yawid_with
+from interrupting import repeated, yawid_with
 from places import C172P
 from printed import printed
 
@@ -26,7 +24,7 @@ from yawid.runs.stop import Interrupted, StopFlag
 from yawid.sinks.base import Sink
 
 CODES = {"SIGINT": 130, "SIGTERM": 143}
-Ended = tuple[str, subprocess.CompletedProcess[str], Path]
+ENV = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
 
 
 @pytest.fixture(scope="module")
@@ -34,46 +32,28 @@ def long(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return repeated(C172P, tmp_path_factory.mktemp("long") / "long.tlog", 4)
 
 
-@pytest.fixture(scope="module", params=list(CODES))
-def ended(
-    request: pytest.FixtureRequest, long: Path, tmp_path_factory: pytest.TempPathFactory
-) -> Ended:
-    """A replay of three logs that got a signal in the first."""
-    folder = tmp_path_factory.mktemp("ended")
-    options = ("--out", folder, "--rerun", "save", "--json", "--manoeuvres", "off")
-    done = yawid_with(request.param, 3, "replay", long, C172P, "x.tlog", *options)
-    return request.param, done, folder
-
-
+@pytest.mark.parametrize("name", CODES)
 def test_a_replay_that_was_stopped_is_not_usable_and_bears_its_own_name(
-    ended: Ended, long: Path
+    name: str, long: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    name, done, folder = ended
+    """Of three logs it gets the signal in the first; what was kept is replayed, and no answer."""
+    options = ("--out", tmp_path, "--rerun", "save", "--json", "--manoeuvres", "off")
+    done = yawid_with(name, 3, "replay", long, C172P, "x.tlog", *options)
 
     assert done.returncode == CODES[name], done.stderr
+    assert done.stderr == f"yawid: {name}: not reached: {C172P}, x.tlog\n"
     summary = printed("replay", done.stdout)
-    assert summary["verdict"]["usable"] is False
     reason = summary["verdict"]["reasons"][0]
     assert (reason["id"], reason["weight"]) == ("interrupted", "fatal")
     assert name in reason["text"]
+    assert (summary["verdict"]["usable"], "sha256" in summary) == (False, False)
     assert 0 < summary["bytes_read"] < long.stat().st_size
-    assert "sha256" not in summary
     names = ["long.interrupted.mcap", "long.interrupted.rrd"]
-    assert sorted(path.name for path in folder.iterdir()) == names
+    assert sorted(path.name for path in tmp_path.iterdir()) == names
     assert sorted(Path(path).name for path in summary["files"].values()) == names
-
-
-def test_the_logs_not_reached_are_named(ended: Ended) -> None:
-    name, done, _ = ended
-    assert done.stderr == f"yawid: {name}: not reached: {C172P}, x.tlog\n"
-
-
-def test_what_was_kept_can_be_replayed_and_is_still_no_answer(
-    ended: Ended, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    kept = str(ended[2] / "long.interrupted.mcap")
-    assert main(["replay", kept, "--out", str(tmp_path), "--orders", "2,2,2,1"]) == 130
-    assert f"interrupted: {ended[0]} after" in capsys.readouterr().out
+    again = ["replay", str(tmp_path / names[0]), "--out", str(tmp_path), "--orders", "2,2,2,1"]
+    assert main(again) == 130
+    assert f"interrupted: {name} after" in capsys.readouterr().out
 
 
 def test_a_signal_that_comes_when_all_is_read_changes_nothing(tmp_path: Path) -> None:
@@ -152,102 +132,49 @@ def stopped(name: str, arguments: list[str]) -> subprocess.CompletedProcess[str]
         text=True,
         check=False,
         timeout=120,
-        env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)},
+        env=ENV,
     )
 
 
-def test_a_second_signal_ends_at_once() -> None:
-    """Also what never looks whether it is to stop, as a loop of numba's does not."""
-    script = (
-        "import signal, sys, time\n"
-        "from yawid.runs.stop import StopFlag\n"
-        "with StopFlag().installed() as stop:\n"
-        "    print('ready', flush=True)\n"
-        "    while not stop.is_set: time.sleep(0.01)\n"
-        "    print('told', flush=True)\n"
-        "    time.sleep(60)\n"
-    )
-    for second, code in ((signal.SIGINT, -signal.SIGINT), (signal.SIGTERM, -signal.SIGTERM)):
-        with child(
-            [sys.executable, "-c", script],
-            stdout=subprocess.PIPE,
-            text=True,
-            env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)},
-        ) as process:
-            assert process.stdout is not None
-            assert process.stdout.readline() == "ready\n"
-            process.send_signal(signal.SIGINT)
-            assert process.stdout.readline() == "told\n"
-            process.send_signal(second)
-            assert process.wait(60.0) == code
+STOPS = """
+import time
+from yawid.runs.stop import StopFlag
+with StopFlag().installed() as stop:
+    print("ready", flush=True)
+    while not stop.is_set: time.sleep(0.01)
+    print(stop.name, flush=True)
+    time.sleep(60)
+"""
 
 
-def test_a_second_signal_ends_a_live_session_that_is_finishing(tmp_path: Path) -> None:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
-        free.bind(("127.0.0.1", 0))
-        endpoint = f"udpin:127.0.0.1:{free.getsockname()[1]}"
-    with child(
-        [sys.executable, "-c", SLOW_TO_END, "live", endpoint, "--out", str(tmp_path)],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)},
-    ) as process:
-        assert process.stdout is not None
-        assert process.stderr is not None
-        assert "listening" in process.stderr.readline()
-        process.send_signal(signal.SIGINT)
-        assert process.stdout.readline() == "finishing\n"
-        process.send_signal(signal.SIGINT)
-        assert process.wait(60.0) == -signal.SIGINT
+@pytest.mark.parametrize(
+    ("ignored", "first", "second"),
+    [("", "SIGINT", "SIGINT"), ("", "SIGINT", "SIGTERM"), ("INT", "SIGTERM", "SIGTERM")],
+)
+def test_a_second_signal_ends_at_once_and_one_that_is_ignored_from_the_start_stays_so(
+    ignored: str, first: str, second: str
+) -> None:
+    """Also what never looks whether it is to stop, as a loop of numba's does not.
 
-
-def test_a_sigint_that_is_ignored_from_the_start_stays_so_and_sigterm_stops() -> None:
-    """A shell starts a script's jobs in the background so: a ctrl-C is not meant for them."""
-    script = (
-        "import signal, sys, time\n"
-        "from yawid.runs.stop import StopFlag\n"
-        "with StopFlag().installed() as stop:\n"
-        "    print('ready', flush=True)\n"
-        "    sys.stdin.readline()\n"
-        "    print(stop.is_set, flush=True)\n"
-        "    while not stop.is_set: time.sleep(0.01)\n"
-        "    print(stop.name, flush=True)\n"
-        "    sys.stdin.readline()\n"
-        "    print(signal.getsignal(signal.SIGINT) is signal.SIG_IGN, flush=True)\n"
-        "    time.sleep(60)\n"
-    )
-    with child(
-        ["bash", "-c", "trap '' INT; exec \"$@\"", "bash", sys.executable, "-c", script],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        text=True,
-        env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)},
-    ) as process:
-        said = iter(process.stdout.readline, "")
-        assert next(said) == "ready\n"
-        process.send_signal(signal.SIGINT)
-        process.stdin.write("\n")
-        process.stdin.flush()
-        assert next(said) == "False\n"
-        process.terminate()
-        assert next(said) == "SIGTERM\n"
-        process.send_signal(signal.SIGINT)
-        process.stdin.write("\n")
-        process.stdin.flush()
-        assert next(said) == "True\n"
-        process.terminate()
-        assert process.wait(60.0) == -signal.SIGTERM
+    A shell starts a script's jobs in the background so: a ctrl-C is not meant for them.
+    """
+    python = [sys.executable, "-c", STOPS]
+    shell = ["bash", "-c", f"trap '' {ignored}; exec \"$@\"", "bash"] if ignored else []
+    with child([*shell, *python], stdout=subprocess.PIPE, text=True, env=ENV) as process:
+        assert process.stdout.readline() == "ready\n"
+        for name, said in ((first, f"{first}\n"), (second, "")):
+            if ignored:
+                process.send_signal(signal.SIGINT)
+            process.send_signal(signal.Signals[name])
+            assert process.stdout.readline() == said
+        assert process.wait(60.0) == -signal.Signals[second]
 
 
 def test_the_flag_is_looked_at_or_raises_and_leaves_the_handlers_as_they_were() -> None:
     before = [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)]
     with StopFlag().installed() as stop:
         assert not stop.is_set
-        os.kill(os.getpid(), signal.SIGTERM)
-        deadline = time.monotonic() + 60.0
-        while not stop.is_set and time.monotonic() < deadline:
-            time.sleep(0.001)
+        signal.raise_signal(signal.SIGTERM)
         assert (stop.is_set, stop.exit_code, stop.name) == (True, 143, "SIGTERM")
         with pytest.raises(Interrupted), stop.raising():
             pytest.fail("it has been told before")

@@ -177,18 +177,22 @@ def test_measured_deflections_are_exported_as_held_means_and_give_the_same_answe
     assert abs(held.zeta - lines.zeta) < 0.02 * lines.zeta_std
 
 
-def test_its_sign_is_the_options_and_inspect_says_the_command(
+def test_its_sign_is_the_options_inspect_says_the_command_and_a_log_has_other_options(
     flight: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    inspected = ["inspect", str(flight), "--json", *NAMES]
-    assert main(inspected) == 0
-    left = json.loads(capsys.readouterr().out)
+    inspected, out = ["inspect", str(flight), "--json", *NAMES], ["--out", str(tmp_path)]
+    assert main(inspected) == main([*inspected[:-1], "nose-right"]) == 0
+    left, right = map(json.loads, capsys.readouterr().out.splitlines())
     assert "--columns rudder=delta_r_deg,r=YawRate" in left["command"]
     assert "--rudder-sign nose-left" in left["command"]
-
-    assert main([*inspected[:-1], "nose-right"]) == 0
-    right = json.loads(capsys.readouterr().out)
     assert "wrong_sign" in [reason["id"] for reason in right["verdict"]["reasons"]]
+
+    assert main(["replay", str(GAPS), "--units", "deg", *out]) == 2
+    assert main(["replay", str(flight), "--rudder", "servo:4", *out]) == 2
+    of_log, of_record = capsys.readouterr().err.splitlines()
+    assert "--units is for CSV and Parquet" in of_log
+    assert "--columns rudder=COLUMN" in of_record
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_rudder_at_rest_is_not_excited_whatever_its_travel(
@@ -202,17 +206,6 @@ def test_a_rudder_at_rest_is_not_excited_whatever_its_travel(
     reason = json.loads(capsys.readouterr().out)["verdict"]["reasons"][0]
     assert reason["id"] == "not_excited"
     assert "its travel is not known" in reason["text"]
-
-
-def test_options_of_records_and_of_logs_are_not_mixed(
-    flight: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    out = "--out", str(tmp_path)
-    assert main(["replay", str(GAPS), "--units", "deg", *out]) == 2
-    assert "--units is for CSV and Parquet" in capsys.readouterr().err
-    assert main(["replay", str(flight), "--rudder", "servo:4", *out]) == 2
-    assert "--columns rudder=COLUMN" in capsys.readouterr().err
-    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize(
