@@ -5,24 +5,19 @@ The samples are the same, so are manoeuvres and answers, to the bit.
 
 from __future__ import annotations
 
-import socket
 from pathlib import Path
 from typing import Any
 
 import pytest
 from finished_runs import replayed
-from live_link import listening, send, tlog_size, wait_for_size
-from places import REPLAY_LOGS
-from pymavlink import mavutil
+from flights.surgery import split
+from live_link import listening
+from places import C172P
 
 from yawid.answers.run_summary import RunSummary
 from yawid.cli.main import main
 from yawid.config.run import RunConfig
 from yawid.sinks.mcap.reader import open_run
-
-FLIGHT = REPLAY_LOGS / "c172p_3211" / "log.tlog"
-AT_ONCE = 1000
-"""Frames on their way at a time: more than the socket holds would be lost."""
 
 
 def answers(summary: RunSummary) -> dict[str, Any]:
@@ -36,7 +31,7 @@ def answers(summary: RunSummary) -> dict[str, Any]:
 
 @pytest.fixture(scope="module")
 def through_the_tlog(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return replayed(FLIGHT, tmp_path_factory.mktemp("tlog"))
+    return replayed(C172P, tmp_path_factory.mktemp("tlog"))
 
 
 @pytest.mark.parametrize("door", ["csv", "parquet", "mcap"])
@@ -59,16 +54,8 @@ def test_a_flight_gives_the_same_answers_through_its_tables(
 def test_a_flight_gives_the_same_answers_over_a_live_link(
     through_the_tlog: Path, tmp_path: Path
 ) -> None:
-    log = mavutil.mavlink_connection(str(FLIGHT))
-    frames = [bytes(message.get_msgbuf()) for message in iter(log.recv_match, None)]
-    log.close()
-    with (
-        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as vehicle,
-        listening(tmp_path, RunConfig()) as session,
-    ):
-        for first in range(0, len(frames), AT_ONCE):
-            send(frames[first : first + AT_ONCE], session.port, vehicle)
-            wait_for_size(session.part("tlog"), tlog_size(frames[: first + AT_ONCE]))
+    with listening(tmp_path, RunConfig()) as session:
+        session.fly([frame for _, frame in split(C172P.read_bytes())])
 
-    assert session.ended is not None
-    assert answers(session.ended[0].summary) == answers(open_run(through_the_tlog).summary)
+    [(summary, _)] = session.ended
+    assert answers(summary) == answers(open_run(through_the_tlog).summary)

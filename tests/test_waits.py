@@ -117,18 +117,16 @@ def test_a_test_that_stands_is_ended_and_named_and_the_others_run(tmp_path: Path
     assert 'test_one.py", line 2 in test_that_stands' in done.stderr
 
 
-def test_a_child_that_heeds_no_sigterm_is_killed(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    ("command", "most_s"),
+    [(["bash", "-c", "trap '' TERM; echo ready; exec sleep 60"], 60.0), (["sleep", "60"], 0.2)],
+)
+def test_a_child_that_heeds_no_sigterm_or_says_nothing_in_its_time_is_killed(
+    command: list[str], most_s: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr("checks.children.LEAVE_S", 0.2)
-    command = ["bash", "-c", "trap '' TERM; echo ready; exec sleep 60"]
-    with child(command, stdout=subprocess.PIPE) as process:
+    with child(command, most_s, stdout=subprocess.PIPE) as process:
         process.stdout.readline()
-
-    assert process.returncode == -signal.SIGKILL
-
-
-def test_a_child_that_says_nothing_is_killed_when_its_time_is_over() -> None:
-    with child(["sleep", "60"], 0.2, stdout=subprocess.PIPE) as process:
-        assert process.stdout.readline() == b""
 
     assert process.returncode == -signal.SIGKILL
 

@@ -37,7 +37,6 @@ DATA |= {f"yawid/manual/{path.name}" for path in (SRC / "yawid" / "manual").iter
 OF_SDIST = {"LICENSE", "PKG-INFO", "README.md", "pyproject.toml", "setup.cfg"}
 TESTS = (
     "tests/test_replay_logs.py",
-    "tests/test_pipeline.py",
     "tests/estimation",
     "tests/sinks/mcap",
     "tests/cli/test_completion.py",
