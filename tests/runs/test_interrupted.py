@@ -51,8 +51,8 @@ def test_a_replay_that_was_stopped_is_not_usable_and_bears_its_own_name(
     names = ["long.interrupted.mcap", "long.interrupted.rrd"]
     assert sorted(path.name for path in tmp_path.iterdir()) == names
     assert sorted(Path(path).name for path in summary["files"].values()) == names
-    again = ["replay", str(tmp_path / names[0]), "--out", str(tmp_path), "--orders", "2,2,2,1"]
-    assert main(again) == 130
+    again = ["replay", str(tmp_path / names[0]), "--orders", "2,2,2,1"]
+    assert main([*again, "--out", str(tmp_path / "again")]) == 130
     assert f"interrupted: {name} after" in capsys.readouterr().out
 
 
