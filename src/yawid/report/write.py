@@ -4,7 +4,6 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
-from yawid.answers.reasons import Reason
 from yawid.answers.run_summary import RunSummary
 from yawid.quantities.units import HALF_TRAVEL
 from yawid.report.airspeed_picture import airspeed_picture
@@ -116,11 +115,11 @@ def _sigma(summary: RunSummary) -> str:
     return f"± is one sigma{means}. Bands in the pictures are 2 sigma." if means else ""
 
 
-def _advised(summary: RunSummary) -> list[tuple[Reason, str]]:
-    """Return each reason with what to do about it; what to do next is stated once, below them."""
-    reasons, step = summary.deciding.reasons, summary.deciding.next
-    advice = [reason.to_do for reason in reasons]
-    return list(zip(reasons, ("" if each == step else each for each in advice), strict=True))
+def _advised(summary: RunSummary) -> Iterator[tuple[str, str, str, str]]:
+    """Yield each reason with what to do about it; what to do next is stated once, below them."""
+    for each in summary.deciding.reasons:
+        to_do = "" if each.to_do == summary.deciding.next else each.to_do
+        yield each.weight, each.called, each.text, to_do
 
 
 def _origin(run: McapRun) -> str:
