@@ -32,26 +32,30 @@ def test_every_reference_comes_back_with_its_keys_in_their_order(path: Path):
     assert list(after) == list(before)
 
 
-def test_what_does_not_apply_has_no_key_and_what_is_empty_has():
-    told = summary(estimates={"els": estimate({})}).to_json()
+def test_what_does_not_apply_has_no_key_what_is_empty_has_and_numpys_numbers_are_numbers():
+    found = summary(duration_s=np.float64(2.5), estimates={"els": estimate({"a1": np.float64(1)})})
+    told = json.loads(json.dumps(found.to_json()))
 
     assert set(told) == {"log", "duration_s", "link", "channels", "estimates", "verdict"}
     assert told["link"] == {}
     assert "dutch_roll" not in told["estimates"]["els"]
+    assert told["estimates"]["els"]["theta"] == {"a1": 1.0}
     assert told["estimates"]["els"]["theta_std"] == {}
     assert told["verdict"] == {"usable": True, "reasons": []}
 
 
-def test_total_and_noise_sigma_come_back():
-    both = four_of_a_flight()
+def test_sigmas_and_the_first_method_come_back_and_keys_of_a_newer_version_are_left_out():
+    roll = DutchRoll(wn_rad_s=2.0, zeta=0.1)
+    both = summary(estimates={"rml": estimate({}, roll), "els": estimate({})})
+    warned = summary(verdict=None, warnings=[Reason("rudder_assumed", "servo 4")])
+    for found in (four_of_a_flight(), both, warned):
+        newer = found.to_json() | {"weather": {"wind_m_s": 2.0}}
+        assert RunSummary.from_json(json.dumps(newer).encode()) == found
 
-    assert RunSummary.from_json(json.dumps(both.to_json()).encode()) == both
-
-
-def test_scalars_of_numpy_are_numbers_in_json():
-    found = summary(duration_s=np.float64(2.5), estimates={"els": estimate({"a1": np.float64(1)})})
-
-    assert json.loads(json.dumps(found.to_json()))["estimates"]["els"]["theta"] == {"a1": 1.0}
+    assert (both.answer, both.dutch_roll) == (both.estimates["rml"], roll)
+    deciding = warned.deciding  # nothing was judged
+    assert (warned.exit_code, deciding.usable, deciding.word) == (0, False, "not judged")
+    assert deciding.reasons == warned.warnings
 
 
 def test_a_dutch_roll_without_frequency_or_damping_is_none():
@@ -60,13 +64,6 @@ def test_a_dutch_roll_without_frequency_or_damping_is_none():
     )
     for row in ([np.nan] * 4, [2.0, 0.1, np.nan, np.nan], [0.0, 0.1, 1.0, 0.1], [np.inf, 0, 0, 0]):
         assert DutchRoll.of(row) is None
-
-
-def test_keys_of_a_newer_version_are_left_out():
-    newer = summary().to_json() | {"weather": {"wind_m_s": 2.0}}
-    newer["verdict"]["colour"] = "green"
-
-    assert RunSummary.from_json(json.dumps(newer).encode()) == summary()
 
 
 @pytest.mark.parametrize(
@@ -85,20 +82,3 @@ def test_a_wrong_value_is_refused_by_its_field(change: dict[str, Any], place: st
 
     with pytest.raises(ValueError, match=f"^{place}"):
         RunSummary.from_json(data)
-
-
-def test_the_streams_number_is_that_of_the_method_asked_for_which_is_the_first():
-    roll = DutchRoll(wn_rad_s=2.0, zeta=0.1)
-    both = summary(estimates={"rml": estimate({}, roll), "els": estimate({})})
-
-    assert (both.answer, both.dutch_roll) == (both.estimates["rml"], roll)
-    assert (summary().answer, summary().dutch_roll) == (None, None)
-
-
-def test_where_nothing_was_judged_there_is_no_verdict_and_the_word_says_so():
-    found = summary(verdict=None, warnings=[Reason("rudder_assumed", "servo 4")])
-
-    assert "verdict" not in found.to_json()
-    assert RunSummary.from_json(json.dumps(found.to_json()).encode()) == found
-    assert (found.exit_code, found.deciding.usable, found.deciding.word) == (0, False, "not judged")
-    assert found.deciding.reasons == found.warnings

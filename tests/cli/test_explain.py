@@ -10,7 +10,7 @@ import pytest
 
 from yawid.answers.reasons import KINDS, Reason, Verdict
 from yawid.cli import main as command_line
-from yawid.cli.explain import explained, listed, parts_of
+from yawid.cli.explain import explained, parts_of
 from yawid.config.run import KEPT_ONLY, RunConfig
 from yawid.damper.refusals import OF_DAMPER
 from yawid.errors import EXIT_CODES
@@ -37,30 +37,6 @@ def test_every_reason_says_what_it_means_and_what_to_do():
             assert line in text, kind.id
 
 
-def test_every_reason_of_the_damper_has_its_part_with_its_exit_code():
-    assert words_of("reasons of yawid damper") == set(OF_DAMPER)
-    for word in OF_DAMPER:
-        assert f"`{word}`" in PARTS["reasons of yawid damper", word]
-    assert "Exit code 2." in explained(PARTS, "loop_rate_unknown")
-    assert "A warning." in explained(PARTS, "gain_changed")
-
-
-def test_every_exit_code_has_its_part():
-    assert words_of("exit codes") == {f"exit code {code}" for code in EXIT_CODES}
-    for code, says in EXIT_CODES.items():
-        text = " ".join(PARTS["exit codes", f"exit code {code}"].split())
-        assert says[1:] in text
-        assert len(text) > len(says) + 20
-        assert all(k.id in text for k in KINDS.values() if code and k.exit_code == code)
-
-
-def test_every_command_has_its_part_with_an_example():
-    assert words_of("commands") == {f"yawid {name}" for name in command_line.COMMANDS}
-    for word in words_of("commands"):
-        (block,) = re.findall(r"```sh\n(.*?)```", PARTS["commands", word], re.DOTALL)
-        assert word in block
-
-
 def test_every_option_has_its_part_and_those_of_a_run_their_default():
     options = {o for each in command_line.every().values() for o in each.options} - {"--maneuvers"}
     assert words_of("options") == {option for option in options if option.startswith("--")}
@@ -74,17 +50,6 @@ def test_every_option_has_its_part_and_those_of_a_run_their_default():
             assert comment.endswith("."), name
 
 
-def test_every_quantity_has_its_part_with_its_unit():
-    assert words_of("quantities") == QUANTITIES.keys()
-    assert words_of("keys of --json") >= {"dutch_roll", "next", "weight"}
-    for row in QUANTITIES.values():
-        text = " ".join(PARTS["quantities", row.name].split())
-        assert row.words[1:] in text
-        assert "{" not in text
-        if row.unit not in ("", "1") and "{" not in row.unit:
-            assert f"unit: {row.unit.replace('^2', '²')}." in text
-
-
 @pytest.mark.parametrize(
     ("asked", "told"),
     [
@@ -94,10 +59,13 @@ def test_every_quantity_has_its_part_with_its_unit():
         ("Dutch roll", "yaws and rolls"),
         ("dutch_roll", "yaws and rolls"),
         ("5", "not_excited"),
+        ("loop_rate_unknown", "Exit code 2."),
+        ("gain_changed", "A warning."),
         ("exit code 5", "not_excited"),
         ("replay", "yawid replay flight.tlog"),
         ("yawid replay", "yawid replay flight.tlog"),
         ("whiteness_p", "Ljung-Box"),
+        ("kappa_rad_m", "unit: rad/m."),
         ("a_z_beta", "1 / T"),
         ("settings.md", "```toml"),
     ],
@@ -107,38 +75,34 @@ def test_a_word_is_found_however_it_is_written(asked: str, told: str, capsys):
     assert told in capsys.readouterr().out
 
 
-def test_a_word_of_several_kinds_has_all_its_parts():
-    text = explained(PARTS, "orders")
-
-    heads = re.findall(r"^\S.*? \((.*)\)$", text, re.MULTILINE)
-    assert [head for head in heads if "default" not in head] == [
-        "commands", "options", "keys of --json", "terms",
-    ]  # fmt: skip
-
-
-def test_an_unknown_word_is_answered_by_the_nearest_ones(capsys):
-    assert command_line.main(["explain", "not_exited"]) == 2
-    said = capsys.readouterr().err
-    assert said.count("\n") == 1
-    assert "not_excited" in said
-
-    assert command_line.main(["explain", "xyzzy"]) == 2
-    assert "no word is similar" in capsys.readouterr().err
-
-
-def test_without_a_word_all_words_are_listed(capsys):
-    assert command_line.main(["explain"]) == 0
-    told = capsys.readouterr().out
-
-    assert told == listed(PARTS)
-    assert max(map(len, told.splitlines())) <= 80
-    joined = " ".join(told.split())
-    assert all(word in joined for _, word in PARTS)
-
-
 def test_what_to_do_next_names_the_command_that_explains_why():
     against = Reason("not_excited", "the rudder rested", weight="fatal")
     verdict = Verdict(usable=False, reasons=[against], next="Fly doublets.")
 
     assert next_step(verdict) == "Fly doublets. (yawid explain not_excited)"
     assert next_step(Verdict(usable=True, reasons=[])) is None
+
+
+def test_every_reason_of_the_damper_exit_code_command_and_quantity_has_its_part():
+    assert words_of("reasons of yawid damper") == set(OF_DAMPER)
+    assert words_of("exit codes") == {f"exit code {code}" for code in EXIT_CODES}
+    assert words_of("commands") == {f"yawid {name}" for name in command_line.COMMANDS}
+    assert words_of("quantities") == QUANTITIES.keys()
+    assert words_of("keys of --json") >= {"dutch_roll", "next", "weight"}
+    for code in EXIT_CODES:
+        text = " ".join(PARTS["exit codes", f"exit code {code}"].split())
+        assert all(k.id in text for k in KINDS.values() if code and k.exit_code == code)
+    for word in words_of("commands"):
+        (block,) = re.findall(r"```sh\n(.*?)```", PARTS["commands", word], re.DOTALL)
+        assert word in block
+
+
+def test_without_a_word_all_words_are_listed_and_a_word_of_several_kinds_has_all_parts(capsys):
+    assert command_line.main(["explain"]) == 0
+    told = capsys.readouterr().out
+    assert max(map(len, told.splitlines())) <= 80
+    assert all(word in " ".join(told.split()) for _, word in PARTS)
+    for head in ("commands", "options", "keys of --json", "terms"):
+        assert f"({head})\n" in explained(PARTS, "orders")
+    assert command_line.main(["explain", "xyzzy"]) == 2
+    assert "no word is similar" in capsys.readouterr().err

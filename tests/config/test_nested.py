@@ -1,4 +1,4 @@
-"""Files that are nested thousands deep: one line, and the exit code of their kind."""
+"""A data set that is nested thousands deep: one line, and the exit code of its kind."""
 
 from __future__ import annotations
 
@@ -7,30 +7,12 @@ import sqlite3
 from pathlib import Path
 
 import pytest
-from places import C172P, REPLAY_LOGS
+from places import REPLAY_LOGS
 
 from yawid.cli.main import main
 from yawid.dataset.files import DATABASE, DataSet
 
 DEEP = 100_000
-
-
-def one_line(capsys: pytest.CaptureFixture[str]) -> str:
-    """Return the only line on stderr; stdout has none."""
-    said = capsys.readouterr()
-    assert said.out == ""
-    assert said.err.count("\n") == 1
-    return said.err
-
-
-def test_a_configuration_that_is_nested_too_deeply_is_one_line_and_exit_code_2(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    config = tmp_path / "deep.toml"
-    config.write_text(f"orders = {'[' * DEEP}", encoding="utf-8")
-
-    assert main(["replay", str(C172P), "--config", str(config), "--out", str(tmp_path)]) == 2
-    assert f"{config}: not a readable TOML file" in one_line(capsys)
 
 
 @pytest.mark.parametrize("depth", [1_500, DEEP])

@@ -54,16 +54,9 @@ def test_the_newest_outcome_of_a_log_replaces_the_older_one_with_all_its_rows(
     assert read_table(tmp_path, "logs")["outcome"].to_pylist() == ["ok", "crashed", "ok"]
 
 
-def test_logs_of_the_same_bytes_have_their_flight_once(tmp_path: Path) -> None:
-    merge(tmp_path, [entry("/a", "A", MAY), entry("/copy/a", "A", MAY)])
-    merge(tmp_path, [entry("/other/a", "A", MAY)])
-    merge(tmp_path, [entry("/a", None)])
-
-    assert read_table(tmp_path, "flights")["log_sha256"].to_pylist() == ["A"]
-    assert len(read_table(tmp_path, "logs")) == 3
-
-
-def test_of_a_log_and_its_mcap_the_log_tells_whichever_was_run_first(tmp_path: Path) -> None:
+def test_logs_of_the_same_bytes_have_their_flight_once_that_of_an_mcap_only_if_it_is_alone(
+    tmp_path: Path,
+) -> None:
     log, mcap = entry("/b.tlog", "A", MAY, zeta=0.25), entry("/a.mcap", "A", MAY, zeta=0.5)
     log["logs"][0]["kind"], mcap["logs"][0]["kind"] = "tlog", "mcap"
     for name, order in (
@@ -74,6 +67,10 @@ def test_of_a_log_and_its_mcap_the_log_tells_whichever_was_run_first(tmp_path: P
         for entries in order:
             merge(tmp_path / name, entries)
         assert read_table(tmp_path / name, "flights")["zeta"].to_pylist() == [0.25]
+    merge(tmp_path / "one", [entry("/other/b.tlog", "A", MAY, zeta=0.25)])
+    merge(tmp_path / "one", [entry("/b.tlog", None)])
+    assert read_table(tmp_path / "one", "flights")["log_sha256"].to_pylist() == ["A"]
+    assert len(read_table(tmp_path / "one", "logs")) == 3
 
 
 def test_tables_larger_than_a_part_are_whole_and_in_order(

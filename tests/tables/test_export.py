@@ -11,7 +11,6 @@ import pyarrow.parquet as pq
 import pytest
 from finished_runs import replayed
 from flights.surgery import join, split
-from mcap.reader import make_reader
 from places import C172P
 
 import yawid
@@ -101,32 +100,14 @@ def test_what_cannot_be_written_is_one_line_and_leaves_nothing(
     out, torn = tmp_path / "run.csv", tmp_path / "torn.mcap"
     out.write_text("mine", encoding="utf-8")
     data = bytearray(mcap.read_bytes())
-    with mcap.open("rb") as stream:
-        summary = make_reader(stream).get_summary()
-    assert summary is not None
-    largest = max(summary.chunk_indexes, key=lambda chunk: chunk.chunk_length)
-    # Within the rows: it is found when some are written.
-    data[largest.chunk_start_offset + largest.chunk_length // 2] ^= 255
+    data[data.index(b"zstd", len(data) // 3) + 200] ^= 255  # found when some rows are written
     torn.write_bytes(data)
 
     assert main(["export", str(mcap), "-o", str(out)]) == 6
-    with pytest.raises(SystemExit, match="2"):
-        main(["export", str(mcap), "-o", str(tmp_path / "run.xlsx")])
     assert main(["export", str(torn), "-o", str(tmp_path / "torn.csv")]) == 6
     assert main(["export", str(tmp_path / "absent.tlog"), "-o", str(tmp_path / "log.csv")]) == 6
-
     said = capsys.readouterr().err.splitlines()
-    assert [line for line in said if "yawid: " not in line] == []
-    for line, words in zip(
-        said,
-        (
-            "--force",
-            "must end with .parquet or .csv or .npz",
-            "what is left of it",
-            "does not exist",
-        ),
-        strict=True,
-    ):
+    for line, words in zip(said, ("--force", "what is left of it", "does not exist"), strict=True):
         assert words in line
     assert out.read_text(encoding="utf-8") == "mine"
     assert {path.name for path in tmp_path.iterdir()} == {"run.csv", "torn.mcap"}

@@ -49,12 +49,21 @@ def run() -> Run:
 
 
 def test_every_table_in_memory_gives_what_its_file_gives(tmp_path: Path) -> None:
-    runs = {
-        name: yawid.replay(data, **SAID, manoeuvres="off")
-        for name, data in shapes(tmp_path).items()
-    }
+    data = shapes(tmp_path)
+    hidden = np.arange(len(data["dict"]["t"])) % 300 // 3 == 13
+    r = data["dict"]["r [rad/s]"]
+    below = np.where(hidden, 9.0, r)  # which means nothing
+    data["masked"] = data["dict"] | {"r [rad/s]": np.ma.masked_array(below, hidden)}
+    data["missing"] = data["dict"] | {"r [rad/s]": np.where(hidden, np.nan, r)}
+    degrees = {"t": data["dict"]["t"], "rudder": data["dict"]["rudder"], "gyro": np.degrees(r)}
+    runs = {name: yawid.replay(each, **SAID, manoeuvres="off") for name, each in data.items()}
+    named = yawid.replay(degrees, columns={"r": "gyro[deg/s]"}, **SAID, manoeuvres="off")
 
-    whole = runs.pop("path")
+    whole, masked, missing = (runs.pop(name) for name in ("path", "masked", "missing"))
+    np.testing.assert_array_equal(masked.samples.r, missing.samples.r)
+    assert np.isnan(masked.samples.r).sum() > np.isnan(whole.samples.r).sum()
+    assert masked.summary.estimates == missing.summary.estimates
+    np.testing.assert_allclose(named.samples.r, whole.samples.r, atol=1e-12)
     assert whole.samples.r.std() > 0.05
     for name, each in runs.items():
         np.testing.assert_array_equal(each.samples.r, whole.samples.r, name)
@@ -63,22 +72,17 @@ def test_every_table_in_memory_gives_what_its_file_gives(tmp_path: Path) -> None
     assert runs["index"].path == Path("DataFrame")
 
 
-def test_polars_too() -> None:
-    polars = pytest.importorskip("polars")
-    modes = ["FBWA"] * 2400
-    frame = polars.DataFrame(record() | {"mode": modes})
-
-    found = yawid.replay(frame, **SAID, manoeuvres="off")
-
-    assert found.samples.r.tolist() == yawid.replay(record(), **SAID).samples.r.tolist()
-    assert found.path == Path("DataFrame")
-
-
-def test_the_samples_of_a_run_are_a_record(run: Run) -> None:
+def test_the_samples_of_a_run_are_a_record_and_its_file_is_the_same_run(
+    run: Run, tmp_path: Path
+) -> None:
     again = yawid.replay(run.samples, also="none")
+    compared = yawid.diff(run, run.mcap(tmp_path))
 
     np.testing.assert_allclose(again.samples.r, run.samples.r, atol=1e-12)
     assert again.flight.dutch_roll == run.flight.dutch_roll
+    assert compared.judged > 0
+    assert compared.a.endswith("/dict")
+    assert {each.difference for each in compared.numbers} == {0.0}
 
 
 def test_each_option_is_a_keyword_with_a_type() -> None:
@@ -97,6 +101,7 @@ def test_each_option_is_a_keyword_with_a_type() -> None:
     ("left_out", "given", "said", "but_not"),
     [
         ("", {"rudder_is": "held"}, "rudder_is must be one of", "--"),
+        ("", {"rate": "10"}, "yawid.replay: rate must lie in 0.1 to 1000 Hz, got '10'", "--"),
         ("", {"from_s": 5, "to_s": 3}, "from_s 5.0 must lie before to_s 3.0", "--from"),
         ("", {"columns": {"p": "P"}}, "columns p=P: no column is called P in the dict", "/tmp"),
         ("r [rad/s]", {}, "the dict: no column is r .*: name it by columns .r=COLUMN.", "--"),
@@ -110,15 +115,6 @@ def test_a_mistake_is_named_as_python_names_it(
     with pytest.raises(yawid.YawidError, match=said) as caught:
         yawid.replay(data, **SAID | given)
     assert but_not not in str(caught.value)
-
-
-def test_columns_by_a_dict(run: Run) -> None:
-    data = record()
-    data["gyro"] = np.degrees(data.pop("r [rad/s]"))
-
-    found = yawid.replay(data, columns={"r": "gyro[deg/s]"}, **SAID, manoeuvres="off")
-
-    np.testing.assert_allclose(found.samples.r, run.samples.r, atol=1e-12)
 
 
 @pytest.mark.parametrize("wrong", [5, {"t": np.zeros((3, 2))}, {"t": [1.0], "r": [1.0, 2.0]}])
@@ -163,18 +159,3 @@ def test_the_manoeuvres_have_every_derivative_with_its_sigma(run: Run) -> None:
         assert run.manoeuvres[name].tolist() == [each.value for each in values]
         assert run.manoeuvres[f"{name}_std"].tolist() == [each.std for each in values]
         assert run.manoeuvres.units[name] == unit
-
-
-@pytest.mark.long  # its pictures take seconds
-def test_a_replay_gives_a_report(run: Run, tmp_path: Path) -> None:
-    page = run.report(tmp_path / "flight.html")
-
-    assert f"{run.flight.dutch_roll.wn_rad_s:.2f}" in page.read_text(encoding="utf-8")
-
-
-def test_a_replay_gives_a_file_to_compare(run: Run, tmp_path: Path) -> None:
-    found = yawid.diff(run, run.mcap(tmp_path))
-    assert not found.changed
-    assert found.judged > 0
-    assert found.a.endswith("/dict")
-    assert {each.difference for each in found.numbers} == {0.0}
