@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +13,6 @@ from places import REPLAY_LOGS
 from yawid.channels.survey import Survey
 from yawid.cli.main import main
 from yawid.config.run import RunConfig
-from yawid.config.settings import check_settings
 from yawid.pipeline import Pipeline
 from yawid.runs.job import feed_all, open_log
 
@@ -113,12 +111,6 @@ def test_what_the_log_does_not_cover_is_a_usage_error(options, text, log, tmp_pa
         assert main([*command, *options]) == 2
         assert text in capsys.readouterr().err
     assert not [*tmp_path.glob("out/*")]
-
-
-def test_the_boot_can_stand_in_a_file():
-    config = RunConfig(**check_settings({"boot": 2}, "a file"))
-    assert config.boot == 2
-    assert RunConfig(**check_settings(tomllib.loads(config.to_toml()), "a file")) == config
 
 
 @pytest.mark.parametrize(("sysid", "answered"), [([], "2/1"), (["--sysid", "1"], "1/1")])

@@ -8,21 +8,15 @@ from typing import Any
 
 import numpy as np
 import pytest
-from flightlog import Samples, beat, every, fly, hud, reasons_of, samples_of, summary_of, told
-from hypothesis import given
-from hypothesis import strategies as st
-from places import SHARED_FLIGHTS as FLIGHTS
+from flightlog import beat, every, fly, hud, reasons_of, samples_of, summary_of, told
 from printed import printed
 from pymavlink import mavutil
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from yawid.blocks import Held
 from yawid.channels.flight_state import SlowFlight, TakeOff
-from yawid.channels.stage import Channels
 from yawid.cli.main import main
-from yawid.config.run import RunConfig
 from yawid.quantities.vehicles import ARDUPILOT, ARDUPLANE_HOVER, PX4
-from yawid.runs.job import open_log
 
 NAN = float("nan")
 FORWARD, HALFWAY_S, SECONDS = 5, 10.0, 20.0
@@ -147,22 +141,6 @@ def test_where_every_sample_is_held_the_verdict_says_why():
     assert "every sample" not in half.get("not_excited", "")
 
 
-@pytest.mark.skipif(not FLIGHTS.is_dir(), reason="the recorded flights are not here")
-def test_a_real_tilt_rotor_is_learned_from_on_its_wings_alone():
-    channels = Channels(RunConfig(rudder="servo:1"))
-    blocks = []
-    for _, frames in open_log(FLIGHTS / "vtol_quadplane.tlog").read():
-        blocks += [] if frames is None else channels.feed_frames(frames)
-    found = Samples(channels, blocks + channels.finish())
-    hovering = np.isin(found.mode, ARDUPLANE_HOVER)
-
-    assert hovering.any()
-    assert (found.held[hovering & (found.held < Held.HOVER)] != 0).all()
-    # Motors 1 and 2 tilt and pull in forward flight; the others start before a hover mode does.
-    assert (found.held[~hovering] & Held.LIFT_MOTORS).any()
-    assert (found.held[~hovering] == 0).sum() > 100
-
-
 UNDEFINED, LANDED, IN_AIR, TAKING_OFF = range(4)
 
 
@@ -233,22 +211,6 @@ def test_a_take_off_roll_ends_with_5_degrees_or_5_m():
         (unknown, LEVEL, ALTITUDE, unknown),
     ):
         np.testing.assert_array_equal(TakeOff().rolls(ground, roll, altitude), rolls)
-
-
-VALUES = st.sampled_from([0.0, 0.05, 0.1, 1.0, 3.0, 6.0, 12.0, 40.0, NAN])
-
-
-@given(
-    rows=st.lists(st.tuples(VALUES, VALUES, VALUES), min_size=2, max_size=30), cut=st.floats(0, 1)
-)
-def test_no_row_of_either_depends_on_how_they_were_cut(rows: list[tuple[float, ...]], cut: float):
-    columns, at = np.array(rows).T, 1 + int(cut * (len(rows) - 2))
-    for whole, parts in (
-        (TakeOff().rolls, TakeOff().rolls),
-        (SlowFlight().shows, SlowFlight().shows),
-    ):
-        pieces = [parts(*columns[:, :at]), parts(*columns[:, at:])]
-        np.testing.assert_array_equal(np.concatenate(pieces), whole(*columns))
 
 
 def test_the_samples_of_a_roll_are_held_until_it_has_climbed():

@@ -39,48 +39,38 @@ def rows_of(path: Path, head: str, cells: str, asked: Asked | None = None) -> Re
     return RecordBlock.joined(list(record._rows.pieces()))
 
 
-EXACT = {
-    "airspeed [m/s]": 1.0,
-    "airspeed [km/h]": 1.0 / 3.6,
-    "airspeed [ft/s]": 0.3048,
-    "airspeed [mph]": 1609.344 / 3600.0,
-    "airspeed [kt]": KNOT_M_S,
-    "airspeed [keas]": KNOT_M_S,
-    "airspeed_kn": KNOT_M_S,
-    "airspeed [knots EAS]": KNOT_M_S,
-    "airspeed [kcas]": KNOT_M_S,
-    "airspeed [kias]": KNOT_M_S,
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("head", EXACT)
-def test_a_unit_is_what_it_is_by_definition(tmp_path: Path, head: str) -> None:
-    found = rows_of(tmp_path / "a.csv", head, "36")
-
-    np.testing.assert_allclose(found.airspeed, 36.0 * EXACT[head], rtol=1e-12)
-
-
-KINDS = {
-    "airspeed [m/s]": Kind.EQUIVALENT,
-    "airspeed [keas]": Kind.EQUIVALENT,
-    "airspeed [kcas]": Kind.CALIBRATED,
-    "airspeed [m/s IAS]": Kind.INDICATED,
-    "airspeed_kias": Kind.INDICATED,
+TRUE_AT_4000_M = KNOT_M_S * np.sqrt(0.81913 / 1.2250)
+"""100 ktas at 4000 m are 81.8 keas: 18 % less."""
+AIRSPEEDS = {
+    "airspeed [m/s]": (1.0, Kind.EQUIVALENT),
+    "airspeed [km/h]": (1.0 / 3.6, Kind.EQUIVALENT),
+    "airspeed [ft/s]": (0.3048, Kind.EQUIVALENT),
+    "airspeed [mph]": (1609.344 / 3600.0, Kind.EQUIVALENT),
+    "airspeed [kt]": (KNOT_M_S, Kind.EQUIVALENT),
+    "airspeed_kn": (KNOT_M_S, Kind.EQUIVALENT),
+    "airspeed [keas]": (KNOT_M_S, Kind.EQUIVALENT),
+    "airspeed [knots EAS]": (KNOT_M_S, Kind.EQUIVALENT),
+    "airspeed [kcas]": (KNOT_M_S, Kind.CALIBRATED),
+    "airspeed [kias]": (KNOT_M_S, Kind.INDICATED),
+    "airspeed_kias": (KNOT_M_S, Kind.INDICATED),
+    "airspeed [m/s IAS]": (1.0, Kind.INDICATED),
 }
 
 
-@pytest.mark.parametrize("head", KINDS)
-def test_the_unit_says_which_airspeed_it_is(tmp_path: Path, head: str) -> None:
-    assert set(rows_of(tmp_path / "a.csv", head, "36").airspeed_kind) == {float(KINDS[head])}
+@pytest.mark.parametrize("head", AIRSPEEDS)
+def test_a_unit_is_what_it_is_by_definition_and_says_which_airspeed_it_is(
+    tmp_path: Path, head: str
+) -> None:
+    found = rows_of(tmp_path / "a.csv", head, "36")
+    m_s, kind = AIRSPEEDS[head]
+    np.testing.assert_allclose(found.airspeed, 36.0 * m_s, rtol=1e-12)
+    assert set(found.airspeed_kind) == {float(kind)}
 
 
 @pytest.mark.parametrize("head", ["airspeed [ktas]", "airspeed_ktas", "airspeed [kt TAS]"])
 def test_a_true_airspeed_is_converted_by_the_altitude(tmp_path: Path, head: str) -> None:
-    """100 ktas at 4000 m are 100 sqrt(.81913/1.225) = 81.8 keas: 18 % less."""
     found = rows_of(tmp_path / "a.csv", f"{head},altitude [m]", "100,4000")
-
-    expected = 100.0 * KNOT_M_S * np.sqrt(0.81913 / 1.2250)
-    np.testing.assert_allclose(found.airspeed, expected, rtol=1e-4)
+    np.testing.assert_allclose(found.airspeed, 100.0 * TRUE_AT_4000_M, rtol=1e-4)
     assert set(found.airspeed_kind) == {float(Kind.TRUE)}
 
 

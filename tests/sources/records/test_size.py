@@ -32,22 +32,16 @@ def written(path: Path, rows: int) -> Path:
     return path
 
 
-def help_mb() -> int:
-    """Return the most memory that ``yawid --help`` takes."""
-    code = (
+@pytest.mark.long
+@pytest.mark.parametrize(("rows", "megabytes"), [(10**6, 230), (10**7, 1000)])
+def test_a_million_rows_take_230_mb_more_than_the_help_page_and_ten_a_gigabyte(
+    rows: int, megabytes: int, tmp_path: Path
+) -> None:
+    page = (
         "from yawid.cli.main import main\ntry:\n    main(['--help'])\nexcept SystemExit:\n    pass"
     )
-    return int(run_limited(code, 1000).stdout.split()[-1])
-
-
-@pytest.mark.long
-def test_a_million_rows_take_230_mb_more_than_the_help_page(tmp_path: Path) -> None:
-    run_limited(CODE, help_mb() + 230, written(tmp_path / "a.csv", 10**6), tmp_path)
-
-
-@pytest.mark.long
-def test_ten_million_rows_take_a_gigabyte(tmp_path: Path) -> None:
-    run_limited(CODE, help_mb() + 1000, written(tmp_path / "a.csv", 10**7), tmp_path, within_s=900)
+    most = int(run_limited(page, 1000).stdout.split()[-1]) + megabytes
+    run_limited(CODE, most, written(tmp_path / "a.csv", rows), tmp_path, within_s=900)
 
 
 def test_a_hundred_million_rows_in_a_megabyte_are_refused_before_they_are_read(
