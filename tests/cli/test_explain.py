@@ -8,14 +8,13 @@ from string import ascii_uppercase
 
 import pytest
 
-from yawid.answers.reasons import KINDS, Reason, Verdict
+from yawid.answers.reasons import KINDS
 from yawid.cli import main as command_line
 from yawid.cli.explain import explained, parts_of
 from yawid.config.run import KEPT_ONLY, RunConfig
 from yawid.damper.refusals import OF_DAMPER
 from yawid.errors import EXIT_CODES
 from yawid.quantities.table import QUANTITIES
-from yawid.sinks.words import next_step
 
 PARTS = parts_of(command_line.every())
 
@@ -73,14 +72,6 @@ def test_every_option_has_its_part_and_those_of_a_run_their_default():
 def test_a_word_is_found_however_it_is_written(asked: str, told: str, capsys):
     assert command_line.main(["explain", *asked.split()]) == 0
     assert told in capsys.readouterr().out
-
-
-def test_what_to_do_next_names_the_command_that_explains_why():
-    against = Reason("not_excited", "the rudder rested", weight="fatal")
-    verdict = Verdict(usable=False, reasons=[against], next="Fly doublets.")
-
-    assert next_step(verdict) == "Fly doublets. (yawid explain not_excited)"
-    assert next_step(Verdict(usable=True, reasons=[])) is None
 
 
 def test_every_reason_of_the_damper_exit_code_command_and_quantity_has_its_part():
