@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from finished_runs import replayed
 from places import C172P, ROOT, SRC
 
 import yawid
@@ -42,14 +43,7 @@ def command_lines() -> list[str]:
 
 def commands_of(line: str) -> list[list[str]]:
     """Return the arguments of each command of yawid in a line."""
-    words = shlex.split(line, comments=True)
-    found: list[list[str]] = []
-    for word in ["|", *words]:
-        if word == "|":
-            found.append([])
-        else:
-            found[-1].append(word)
-    return found
+    return [shlex.split(each, comments=True) for each in line.partition("  #")[0].split(" | ")]
 
 
 def test_every_command_line_is_one_of_yawids():
@@ -149,16 +143,13 @@ def test_python_on_a_page_runs_and_does_what_it_shows(name: str, tmp_path: Path,
 
 
 def test_the_first_flight_says_which_logs_inspect_takes(tmp_path: Path, capsys):
-    run = yawid.replay(C172P).mcap(tmp_path)
     (section,) = re.findall(r"## 1\. (.*?)\n## 2", PAGES["first_flight.md"], re.DOTALL)
     (log,) = re.findall(r"A log is .*?\.\s", section, re.DOTALL)
-    assert command_line.main(["inspect", str(C172P)]) == 0
-    assert ".tlog" in log
+    run = replayed(C172P, tmp_path)
 
     assert command_line.main(["inspect", str(run)]) == 6
-
     assert "is an MCAP file, not a telemetry log" in capsys.readouterr().err
-    assert "MCAP" not in log
+    assert (".tlog" in log, "MCAP" in log) == (True, False)
     assert "MCAP of an earlier run; `inspect` needs the log" in " ".join(section.split())
 
 
@@ -226,50 +217,41 @@ LIMITS = {
 """The numbers that each reason is judged by."""
 
 
-@pytest.mark.parametrize("reason", LIMITS)
-def test_the_limits_of_a_reason_are_those_of_the_code(reason: str):
-    (part,) = re.findall(rf"### `{reason}`\n(.*?)\n##", PAGES["reasons.md"], re.DOTALL)
+OF_A_MANOEUVRE = {
+    "Where a manoeuvre is": (
+        100 * find.MOVES, 100 * excitation.LEAST_STROKE, excitation.REACH_S, find.REST,
+        find.PERIODS, find.LONGEST_PERIOD_S, find.DECAY, find.LONGEST_S, find.LONGEST_GAP_S,
+        find.LONGEST_STATED_S, 100 * AIRSPEED_SHARE,
+    ),
+    "Inputs and outputs": (signals.WORTH_BIC,),
+    "The fit": (fit.PER_PERIOD,),
+    "wn, zeta and their sigma": (
+        answer.INFLATED, answer.INFLATED_ROLL, answer.FEW_PERIODS, 100 * answer.FLOOR_WN,
+        answer.FLOOR_ZETA, 100 * answer.HIDDEN_ZETA, 100 * answer.FLOOR_GAIN,
+    ),
+    "K, T, and what a doublet shows": (answer.LOWEST, answer.HIGHEST),
+    "What is judged": (
+        judge.LEAST_DRIVEN, *judge.NEAR_PERIODS, judge.FAR, judge.FAR_PERIODS, *KNOWN,
+        judge.LEAST_PCT,
+    ),
+    "The flight": (
+        100 * flight.TAU_WN_SHARE, flight.TAU_ZETA, flight.SIGMAS, 100 * flight.DISAGREE_WN,
+    ),
+}  # fmt: skip
+"""The numbers below each heading of the page on manoeuvres."""
+
+
+@pytest.mark.parametrize(
+    ("page", "heading"),
+    [*(("reasons.md", f"### `{each}`") for each in LIMITS),
+     *(("manoeuvre.md", f"## {each}") for each in OF_A_MANOEUVRE)],
+)  # fmt: skip
+def test_the_limits_on_a_page_are_those_of_the_code(page: str, heading: str):
+    (part,) = re.findall(rf"{heading}\n(.*?)(?:\n##|\Z)", PAGES[page], re.DOTALL)
+    limits = (LIMITS | OF_A_MANOEUVRE)[heading.strip("# `")]
 
     numbers = {float(number) for number in re.findall(r"\d+(?:\.\d+)?", part)}
-    assert {round(limit, 6) for limit in LIMITS[reason]} <= numbers
-
-
-def numbers_of(heading: str) -> set[float]:
-    """Return the numbers below a heading of the page on manoeuvres."""
-    (part,) = re.findall(rf"## {heading}\n(.*?)(?:\n## |\Z)", PAGES["manoeuvre.md"], re.DOTALL)
-    return {float(number) for number in re.findall(r"\d+(?:\.\d+)?", part)}
-
-
-def test_a_manoeuvre_begins_and_ends_as_the_code_has_it():
-    assert {
-        *(100 * find.MOVES, 100 * excitation.LEAST_STROKE, excitation.REACH_S, find.REST),
-        *(find.PERIODS, find.LONGEST_PERIOD_S, find.DECAY, find.LONGEST_S, find.LONGEST_GAP_S),
-        *(find.LONGEST_STATED_S, 100 * AIRSPEED_SHARE),
-    } <= numbers_of("Where a manoeuvre is")
-
-
-def test_the_limits_of_a_manoeuvres_answer_are_those_of_the_code():
-    assert signals.WORTH_BIC in numbers_of("Inputs and outputs")
-    assert fit.PER_PERIOD in numbers_of("The fit")
-    assert {
-        *(
-            answer.INFLATED,
-            answer.INFLATED_ROLL,
-            answer.FEW_PERIODS,
-            100 * answer.FLOOR_WN,
-            answer.FLOOR_ZETA,
-        ),
-        *(100 * answer.HIDDEN_ZETA, 100 * answer.FLOOR_GAIN),
-    } <= numbers_of("wn, zeta and their sigma")
-    assert {answer.LOWEST, answer.HIGHEST} <= numbers_of("K, T, and what a doublet shows")
-    assert {
-        *(judge.LEAST_DRIVEN, *judge.NEAR_PERIODS, judge.FAR, judge.FAR_PERIODS),
-        *(*KNOWN, judge.LEAST_PCT),
-    } <= numbers_of("What is judged")
-    assert {
-        *(100 * flight.TAU_WN_SHARE, flight.TAU_ZETA, flight.SIGMAS),
-        100 * flight.DISAGREE_WN,
-    } <= numbers_of("The flight")
+    assert {round(limit, 6) for limit in limits} <= numbers
 
 
 def test_what_the_manual_names_exists():

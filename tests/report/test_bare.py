@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 
-import msgspec
 import numpy as np
 import pytest
 from msgspec.structs import replace
@@ -38,53 +37,42 @@ def plain(html: str) -> str:
     return re.sub(r"\s+", " ", re.sub(r"<[^>]+>", " ", html))
 
 
-def test_the_report_has_modes_and_derivatives_with_their_sigmas():
-    said = plain("".join(bare_section(summary(KNOWN))))
-
-    for row in bare_rows(summary(KNOWN)):
-        assert row.text[1:] in said, row
-    assert "5.70 ± 0.20" in said
-    assert "a_my^β" in said
+WHY = Reason("bare_unknown", "the aileron is a copy", weight="warning")
+UNKNOWN = Bare(used=[1], verdict=Verdict(usable=False, reasons=[WHY], next="Move the rudder."))
+GUESSED = replace(
+    KNOWN, derivatives={"Y_beta": Value(-0.07, 0.05)}, from_prior=["Y_beta", "alpha_rad"]
+)
 
 
-def test_the_report_names_the_derivatives_that_only_the_prior_gives():
-    guessed = msgspec.structs.replace(
-        KNOWN, derivatives={"Y_beta": Value(-0.07, 0.05)}, from_prior=["Y_beta", "alpha_rad"]
-    )
+@pytest.mark.parametrize(
+    ("bare", "page", "rows"),
+    [
+        (KNOWN, ["5.70 ± 0.20", "a_my^β"], [
+            "wn 2.410 ± 0.030 rad/s, zeta 0.1200 ± 0.0080, level 1",
+            "roll mode 0.250 ± 0.030 s, spiral -40 ± 12 s, servo lag 0.1400 ± 0.0050 s",
+            "this is the airframe without its roll loop at 50.0 m/s (true airspeed), "
+            "from 2 manoeuvres",
+        ]),
+        (GUESSED, ["What is known of aircraft beforehand gives Y_β/V, not the flight."], None),
+        (UNKNOWN, ["not known: the aileron is a copy. Next: Move the rudder. (yawid explain"], [
+            "the bare airframe is not known: the aileron is a copy",
+            "next: Move the rudder. (yawid explain bare_unknown)",
+        ]),
+        (None, [""], []),
+    ],
+)  # fmt: skip
+def test_page_and_terminal_say_what_is_known_of_the_bare_airframe(
+    bare: Bare | None, page: list[str], rows: list[str] | None
+) -> None:
+    run = summary(bare)
+    said, found = plain("".join(bare_section(run))), [row.text for row in bare_rows(run)]
 
-    said = plain("".join(bare_section(summary(guessed))))
-
-    assert "What is known of aircraft beforehand gives Y_β/V, not the flight." in said
-    assert "beforehand" not in plain("".join(bare_section(summary(KNOWN))))
-
-
-def test_the_terminal_has_them_in_three_lines():
-    rows = [row.text for row in bare_rows(summary(KNOWN))]
-
-    assert rows == [
-        "wn 2.410 ± 0.030 rad/s, zeta 0.1200 ± 0.0080, level 1",
-        "roll mode 0.250 ± 0.030 s, spiral -40 ± 12 s, servo lag 0.1400 ± 0.0050 s",
-        "this is the airframe without its roll loop at 50.0 m/s (true airspeed), from 2 manoeuvres",
-    ]
-
-
-def test_an_airframe_that_is_not_known_has_its_cause_and_no_number():
-    why = Reason("bare_unknown", "the aileron is a copy", weight="warning")
-    verdict = Verdict(usable=False, reasons=[why], next="Move the rudder.")
-    unknown = Bare(used=[1], verdict=verdict)
-
-    said = plain("".join(bare_section(summary(unknown))))
-
-    assert "not known: the aileron is a copy. Next: Move the rudder. (yawid explain" in said
-    assert [row.text for row in bare_rows(summary(unknown))] == [
-        "the bare airframe is not known: the aileron is a copy",
-        "next: Move the rudder. (yawid explain bare_unknown)",
-    ]
-
-
-def test_without_the_option_there_is_nothing():
-    assert list(bare_section(summary(None))) == []
-    assert list(bare_rows(summary(None))) == []
+    assert [each for each in page if each not in said] == []
+    assert rows in (None, found)
+    assert bool(said) == bool(found) == ("\n    bare  " in to_text(summary_page(run)))
+    assert ("beforehand" in said) == (bare is GUESSED)
+    if bare is KNOWN:
+        assert [row[1:] for row in found if row[1:] not in said] == []
 
 
 @pytest.mark.parametrize(("y_beta", "explained"), [(-0.3, True), (-0.6, False)])
@@ -108,8 +96,3 @@ def test_the_acceleration_is_that_of_the_side_force_at_the_sensor_s_place(
     assert found is not None
     left = np.std((ay - found)[1:-1]) / np.std(ay)  # a difference quotient is one-sided at the ends
     assert left < 0.01 if explained else left > 0.1
-
-
-def test_the_viewers_text_and_python_have_it_next_to_the_answer():
-    assert "\n    bare  wn 2.410 ± 0.030 rad/s" in to_text(summary_page(summary(KNOWN)))
-    assert "bare" not in to_text(summary_page(summary(None)))

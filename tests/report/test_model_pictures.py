@@ -4,28 +4,30 @@ from __future__ import annotations
 
 import dataclasses
 import re
-from pathlib import Path
 
 import numpy as np
 import pytest
 from finished_runs import replayed
 from matplotlib.collections import FillBetweenPolyCollection
+from matplotlib.contour import QuadContourSet
 from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse
 from models.answers_by_hand import manoeuvre, response, run_of
+from msgspec.structs import replace
 from places import C172P
+from report_page import Page
 
 from yawid.answers.run_summary import DutchRoll
 from yawid.estimation.fit import fit_percent
 from yawid.estimation.grids import as_held
 from yawid.models.flown import Flown
 from yawid.report.data import Drawn, ReportData, gather
+from yawid.report.likelihood_picture import likelihood_picture
 from yawid.report.model_pictures import (
     bode_picture,
     poles_picture,
     residuals_picture,
     step_band,
-    step_picture,
 )
 from yawid.report.picture import Picture
 from yawid.report.time_pictures import manoeuvre_picture, modes_picture
@@ -53,19 +55,14 @@ def exact(u: np.ndarray) -> np.ndarray:
 
 
 @pytest.fixture(scope="module")
-def by_hand(tmp_path_factory: pytest.TempPathFactory) -> McapRun:
+def data(tmp_path_factory: pytest.TempPathFactory) -> ReportData:
     """Return a run with one manoeuvre of which everything is known, and 1 % of noise."""
     u = rudder()
     noise = np.random.default_rng(2).normal(0.0, 0.005, len(u))
     found = manoeuvre(1, response([PAIR], {"rudder": [R]}, STD))
     run = run_of({"rudder": u, "r [rad/s]": exact(u) + noise}, [found])
     mcap = open_run(run.mcap(tmp_path_factory.mktemp("by_hand")))
-    return dataclasses.replace(mcap, summary=run.summary)
-
-
-@pytest.fixture(scope="module")
-def data(by_hand: McapRun) -> ReportData:
-    return gather(by_hand)  # type: ignore[return-value]  # it has rows
+    return gather(dataclasses.replace(mcap, summary=run.summary))
 
 
 @pytest.fixture(scope="module")
@@ -97,7 +94,7 @@ def test_a_step_is_that_of_the_poles_and_has_the_sigma_of_its_numbers(drawn: Dra
                                rtol=1e-4, atol=1e-9)  # fmt: skip
 
 
-def test_the_band_of_the_response_ends_where_the_model_does(drawn: Drawn, by_hand: McapRun) -> None:
+def test_the_band_of_the_response_ends_where_the_model_does(drawn: Drawn) -> None:
     picture = bode_picture(drawn, "half-travel")
     upper, lower = axes_of(picture)[:2]
 
@@ -140,9 +137,7 @@ def steps_of_the_rudder(moves: bool) -> tuple[np.ndarray, np.ndarray]:
 
 
 @pytest.mark.parametrize("moves", [False, True])
-def test_the_points_of_an_exact_record_lie_on_the_line(
-    moves: bool, by_hand: McapRun, drawn: Drawn
-) -> None:
+def test_the_points_of_an_exact_record_lie_on_the_line(moves: bool, drawn: Drawn) -> None:
     """As they are the samples turn the phase by w Ts / 2: by seven degrees at the Dutch roll."""
     mean, y = steps_of_the_rudder(moves)
     t, held = np.arange(1000) * 0.05, as_held(mean[:, None], np.full(1000, moves))
@@ -162,8 +157,11 @@ def test_the_points_of_an_exact_record_lie_on_the_line(
     assert np.median(np.abs(G / true)[near & (w > 15.0)]) == pytest.approx(1.0, abs=0.03)
 
 
-def test_the_poles_have_ellipses_of_two_sigma(drawn: Drawn) -> None:
-    (ax,) = axes_of(poles_picture(drawn))
+def test_the_poles_have_ellipses_of_two_sigma_and_the_bare_airframes_stand_next_to_them(
+    drawn: Drawn,
+) -> None:
+    picture = poles_picture(drawn, DutchRoll(wn_rad_s=4.2, zeta=0.3))
+    (ax,) = axes_of(picture)
 
     (ellipse,) = [patch for patch in ax.patches if isinstance(patch, Ellipse)]
     assert ellipse.get_center() == pytest.approx((PAIR.real, PAIR.imag))
@@ -172,17 +170,9 @@ def test_the_poles_have_ellipses_of_two_sigma(drawn: Drawn) -> None:
     assert sorted((ellipse.width, ellipse.height)) == pytest.approx(
         sorted((4.0 * STD[0], 4.0 * across)), rel=0.02
     )
-    crosses = [line for line in ax.lines if line.get_marker() == "x"]
-    assert crosses[0].get_xydata().tolist() == [pytest.approx([PAIR.real, PAIR.imag])]
-
-
-def test_the_dutch_roll_of_the_bare_airframe_stands_next_to_the_poles(drawn: Drawn) -> None:
-    bare = DutchRoll(wn_rad_s=4.2, zeta=0.3)
-    picture = poles_picture(drawn, bare)
-    (ax,) = axes_of(picture)
-
-    (cross,) = [line for line in ax.lines if line.get_marker() == "+"]
-    assert cross.get_xydata()[0].tolist() == pytest.approx([-1.26, 4.2 * np.sqrt(1.0 - 0.09)])
+    at = {line.get_marker(): line.get_xydata()[0].tolist() for line in ax.lines}
+    assert at["x"] == pytest.approx([PAIR.real, PAIR.imag])
+    assert at["+"] == pytest.approx([-1.26, 4.2 * np.sqrt(1.0 - 0.09)])
     assert "without its roll loop" in picture.look
 
 
@@ -197,21 +187,8 @@ def test_what_is_left_is_the_noise(drawn: Drawn) -> None:
     assert (measured.get_ydata()[near] > power[near] + 20.0).all()
 
 
-def test_no_caption_speaks_of_orders_or_contradicts_the_verdict(
-    by_hand: McapRun, drawn: Drawn
-) -> None:
-    pictures = [
-        bode_picture(drawn, "rad"), poles_picture(drawn), step_picture(drawn, "rad"),
-        residuals_picture(drawn), manoeuvre_picture(drawn, "rad"),
-    ]  # fmt: skip
-
-    for each in pictures:
-        assert each.svg
-        assert re.findall(r"order|raise n|one step|not fully modelled", each.look) == []
-
-
 def test_what_explodes_leaves_the_picture_and_takes_no_axis_with_it(
-    by_hand: McapRun, data: ReportData, drawn: Drawn
+    data: ReportData, drawn: Drawn
 ) -> None:
     """A warning of the drawing is an error in these tests."""
     rows = np.arange(len(drawn.measured.t))
@@ -229,18 +206,69 @@ def test_what_explodes_leaves_the_picture_and_takes_no_axis_with_it(
         assert not re.findall(r"[0-9]{5,}\.[0-9]", picture.svg)
 
 
-def test_a_manoeuvre_is_drawn_by_the_very_model_that_answered_it(tmp_path: Path) -> None:
-    run = open_run(replayed(C172P, tmp_path))
-    data = gather(run)
-    assert data is not None
-    (found,) = run.summary.manoeuvres or []
-    (drawn,) = data.drawn
+@pytest.fixture(scope="module")
+def fitted(tmp_path_factory: pytest.TempPathFactory) -> McapRun:
+    """Return the run of a recorded flight with one manoeuvre."""
+    return open_run(replayed(C172P, tmp_path_factory.mktemp("fitted")))
 
-    pct = fit_percent(drawn.measured.y, drawn.measured.simulated)
-    assert pct == pytest.approx(found.answer.fit.simulation_pct, abs=1.0)  # type: ignore[union-attr]  # it has one
-    text = report(run)
-    assert f'<figure id="manoeuvre{found.n}">' in text
-    assert all(
-        f'<figure id="{key}">' in text
-        for key in ("likelihood", "bode", "poles", "step", "residuals")
+
+@pytest.fixture(scope="module")
+def answered(fitted: McapRun) -> Drawn:
+    (found,) = gather(fitted).drawn
+    return found
+
+
+def test_a_manoeuvre_is_drawn_by_the_very_model_that_answered_it(
+    fitted: McapRun, answered: Drawn
+) -> None:
+    (found,) = fitted.summary.manoeuvres
+    pct = fit_percent(answered.measured.y, answered.measured.simulated)
+    assert pct == pytest.approx(found.answer.fit.simulation_pct, abs=1.0)
+
+    text = report(fitted)
+    page, keys = Page(text), set(re.findall(r'<figure id="([^"]+)">', text))
+    assert {"manoeuvre1", "likelihood", "bode", "poles", "step", "residuals"} <= keys
+    assert len(page.ids) == len(set(page.ids))
+    assert "N β = a my β weathercock stability, 1/s²" in page.text
+    assert "M. T. Vu" in page.text
+    looks = re.findall("<figcaption>(.*?)</figcaption>", text)
+    assert re.findall(r"order|raise n|one step|not fully modelled", " ".join(looks)) == []
+
+
+def test_contours_points_and_ellipse_are_those_of_the_answer(answered: Drawn) -> None:
+    answer = answered.found.answer
+    (ax,) = axes_of(likelihood_picture(answered))
+
+    structures, roll = answer.structures, answer.dutch_roll
+    points = [each.lines[0].get_xydata()[0].tolist() for each in ax.containers]
+    assert points == [[each.wn_rad_s, each.zeta] for each in structures.values()]
+    (ellipse,) = [each for each in ax.patches if isinstance(each, Ellipse)]
+    turn, halves = np.radians(ellipse.angle), np.array([ellipse.width, ellipse.height]) / 2.0
+    wide = np.hypot(*halves * (np.cos(turn), np.sin(turn)))
+    high = np.hypot(*halves * (np.sin(turn), np.cos(turn)))
+    assert (wide, high) == pytest.approx((2.0 * roll.wn_std, 2.0 * roll.zeta_std), rel=1e-9)
+    assert ellipse.get_center() == pytest.approx((roll.wn_rad_s, roll.zeta))
+
+    # The contours of 1, 2 and 3 sigma lie around their structure's point, one in the other.
+    (contours,) = [each for each in ax.collections if isinstance(each, QuadContourSet)]
+    best = structures[answer.structure]
+    low, high = (
+        np.array([f(path.vertices, axis=0) for path in contours.get_paths()])
+        for f in (np.min, np.max)
     )
+    at = np.array([best.wn_rad_s, best.zeta])
+    assert ((low < at) & (high > at)).all()
+    reach = (high - low) / 2.0
+    np.testing.assert_allclose(reach / reach[0], [[1, 1], [2, 2], [3, 3]], rtol=0.05)
+    np.testing.assert_allclose(reach[0], [best.wn_std, best.zeta_std], rtol=0.15)
+
+
+def test_without_what_the_fit_saw_there_is_no_picture(answered: Drawn) -> None:
+    answer = replace(answered.found.answer, structures=None)
+    found = replace(answered.found, estimates={"ct": answer})
+    older = dataclasses.replace(answered.answered, found=found)
+    lost = dataclasses.replace(answered.measured, y=np.full_like(answered.measured.y, np.nan))
+    unseen = dataclasses.replace(answered.model, measured=lost)
+
+    assert likelihood_picture(dataclasses.replace(answered, answered=older)) is None
+    assert likelihood_picture(dataclasses.replace(answered, model=unseen)) is None

@@ -7,12 +7,17 @@ import re
 from pathlib import Path
 
 import pytest
+from finished_runs import replayed
 from PIL import Image
 from places import REPLAY_LOGS, ROOT, SRC
 from report_page import Page, first_screen
+from sinks.mcap.mcap_reading import decoded
+from sinks.rerun.rerun_reading import recorded, statics
 
 import yawid
 from yawid.cli.main import main
+from yawid.report.write import report
+from yawid.sinks.mcap.reader import open_run
 
 PHRASES = (
     "else 'nowhere'", "which does not show the servo's lag",
@@ -23,40 +28,19 @@ PHRASES = (
 """Sentences without a subject, or in the terms of the code."""
 
 
-@pytest.fixture(scope="module")
-def three_speeds(tmp_path_factory: pytest.TempPathFactory) -> tuple[yawid.Run, str]:
-    """A flight with twelve manoeuvres, usable, and its report."""
+def test_the_page_of_a_usable_flight_contradicts_nothing_and_numbers_every_manoeuvre(
+    tmp_path: Path,
+) -> None:
+    """A flight with twelve manoeuvres."""
     run = yawid.replay(REPLAY_LOGS / "c172p_three_speeds" / "log.tlog")
-    assert run.usable
-    assert run.flight.method == "ct"
-    page = run.report(tmp_path_factory.mktemp("report") / "R.html")
-    return run, page.read_text(encoding="utf-8")
-
-
-def captions(html: str) -> list[str]:
-    return [Page(each).text for each in re.findall(r"<figcaption.*?</figcaption>", html, re.DOTALL)]
-
-
-def test_no_caption_asks_for_noise_parameters_that_the_answer_does_not_have(
-    three_speeds: tuple[yawid.Run, str],
-) -> None:
-    assert [each for each in captions(three_speeds[1]) if "raise nc" in each] == []
-
-
-def test_no_caption_of_a_usable_answer_says_that_its_order_is_wrong(
-    three_speeds: tuple[yawid.Run, str],
-) -> None:
-    assert "Can I use it? Yes" in first_screen(three_speeds[1])
-    assert [each for each in captions(three_speeds[1]) if "wrong order" in each] == []
-
-
-def test_every_manoeuvre_has_its_number_in_the_picture_of_the_flight(
-    three_speeds: tuple[yawid.Run, str],
-) -> None:
-    run, html = three_speeds
+    html = run.report(tmp_path / "R.html").read_text(encoding="utf-8")
+    captions = re.findall(r"<figcaption.*?</figcaption>", html, re.DOTALL)
     (figure,) = re.findall(r'<figure id="whole">.*?</figure>', html, re.DOTALL)
     written = {text.strip() for text in re.findall(r"<text[^>]*>([^<]*)<", figure)}
 
+    assert run.flight.method == "ct"
+    assert "Can I use it? Yes" in first_screen(html)
+    assert re.findall("raise nc|wrong order", Page("".join(captions)).text) == []
     assert {str(each.n) for each in run.summary.manoeuvres} - written == set()
 
 
@@ -102,3 +86,30 @@ def test_a_picture_of_the_readmes_shows_the_answer_that_is_given_today(name: str
     shown, mode = source["dutch_roll"], run.flight.dutch_roll
     for key in ("wn_rad_s", "wn_std", "zeta", "zeta_std"):
         assert shown[key] == pytest.approx(getattr(mode, key), rel=2e-3)
+
+
+LOG = REPLAY_LOGS / "sitl_fbwa_50hz" / "log.tlog"
+OPTIONS = ("--rate", 25, "--memory", "inf", "--rudder-max-deg", 25)
+
+
+def test_a_run_says_the_unit_of_its_rudder_and_its_modes_wherever_it_is_read(
+    tmp_path: Path,
+) -> None:
+    in_rad = replayed(LOG, tmp_path / "rad", *OPTIONS)
+    assert main(["replay", str(in_rad), "--orders", "3,3,3,1", "--out", str(tmp_path)]) == 0
+    again, screen = tmp_path / "log.mcap", tmp_path / "a.rrd"
+    assert main(["view", str(again), "--out", str(screen)]) == 0
+
+    runs = [open_run(path) for path in (in_rad, again)]
+    for run in runs:
+        grid, units = run.grid, run.metadata["units"]
+        assert (grid.rudder_unit, grid.autopilot, grid.vehicle_type) == ("rad", 3, 1)
+        assert [mode.name for _, mode in decoded(run.path)["/yawid/mode"]] == ["FBWA"]
+        named = {name for name, unit in units.items() if "half" in unit}
+        assert named == {"Sample.u", "Sample.aileron", "Commands.aileron"}  # the aileron's stays
+        assert units["Modes.K"].startswith("rad/s per rad")
+    text = Page(report(runs[0])).text
+    assert all(each in text for each in ("rad/s per rad", "1/s² per rad", "steps by 1 rad"))
+    assert "per half-travel" not in text
+    assert statics(screen, "/input", "SeriesLines:names") == [["rudder [rad]"]]
+    assert recorded(screen)["/state/flight_mode"]["StateChange:state"] == [["FBWA"]]

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from flightlog import run_through
 from hypothesis import given
 from hypothesis import strategies as st
 from places import REPLAY_LOGS
 
+from yawid.config.run import RunConfig
 from yawid.results.excitation import LEAST_STROKE, around, excitation, own_part
 from yawid.results.judge_samples import excitation_reasons
 
@@ -41,15 +43,9 @@ def test_the_rudder_is_excited_if_it_moved_within_some_five_seconds():
     assert ids(doublet, np.full(len(doublet), np.nan)) == []
     assert ids(step_after_a_hole, np.full(400, np.nan)) == []
     assert ids(np.full(10, np.nan), np.full(10, np.nan)) == ["not_excited"]
-
-
-@pytest.mark.parametrize("unit", [1.0, 0.35])
-@pytest.mark.parametrize(("stroke", "expected"), [(0.09, ["not_excited"]), (0.11, [])])
-def test_a_tenth_of_half_the_travel_is_needed(stroke, expected, unit):
-    rudder = np.zeros(2000)
-    rudder[500:520] = stroke * unit
-
-    assert ids(rudder, UNKNOWN, unit) == expected
+    for unit, stroke in ((1.0, 0.09), (1.0, 0.11), (0.35, 0.09), (0.35, 0.11)):
+        least = np.where((doublet > 0.0)[:2000], stroke * unit, 0.0)
+        assert ids(least, UNKNOWN, unit) == (["not_excited"] if stroke < 0.1 else [])
 
 
 @given(
@@ -76,24 +72,19 @@ def test_a_rudder_that_moves_on_top_of_the_mix_is_excited(share, seed):
     assert ids(share * aileron + moving(seed + 50, 0.15), aileron) == []
 
 
-def test_the_mix_is_found_anew_when_the_mode_changes():
+def test_the_mix_is_found_again_when_the_mode_changes():
     aileron = moving(3, 0.6, 8 * 1200)
     mode = np.repeat([0.0, 10.0], [4321, 8 * 1200 - 4321])
 
     assert ids(0.05 * mode * aileron, aileron, mode=mode) == ["mixed_rudder"]
 
 
-def test_an_aileron_that_nobody_tells_or_that_stands_still_leaves_the_whole_rudder():
-    rudder = moving(1, 0.3)
+@pytest.mark.parametrize("aileron", [UNKNOWN, np.zeros(2000)])
+def test_an_aileron_that_is_unknown_or_stands_still_leaves_the_whole_rudder(aileron):
+    found = excitation(moving(1, 0.3), aileron, UNKNOWN, 1.0, TS)
 
-    np.testing.assert_array_equal(
-        excitation(rudder, UNKNOWN, UNKNOWN, 1.0, TS).own,
-        excitation(rudder, UNKNOWN, UNKNOWN, 1.0, TS).whole,
-    )
-    assert not excitation(rudder, UNKNOWN, UNKNOWN, 1.0, TS).aileron_known
-    still = excitation(rudder, np.zeros(2000), UNKNOWN, 1.0, TS)
-    np.testing.assert_array_equal(still.own, still.whole)
-    assert still.aileron_known
+    np.testing.assert_array_equal(found.own, found.whole)
+    assert found.aileron_known == (aileron is not UNKNOWN)
 
 
 def test_the_own_part_is_what_least_squares_on_the_ailerons_lags_leaves():
@@ -125,10 +116,6 @@ def test_around_is_five_seconds_before_and_after():
 
 
 def test_the_aileron_of_a_real_log_is_read_though_it_is_no_input():
-    from flightlog import run_through
-
-    from yawid.config.run import RunConfig
-
     log = REPLAY_LOGS / "c172p_aileron" / "log.tlog"
     alone = run_through(log, RunConfig(rate=10.0))[0].bank.history()
     both = run_through(log, RunConfig(rate=10.0, inputs=("rudder", "aileron")))[0].bank.history()

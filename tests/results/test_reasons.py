@@ -1,14 +1,21 @@
-"""One table holds every reason; whoever names one, names a row of it."""
+"""One table holds every reason; each fits what was found, and says what to do now."""
 
 from __future__ import annotations
 
-import ast
+import math
 
 import msgspec
+import numpy as np
 import pytest
-from places import SRC
+from hand_flights import four_of_a_flight
+from hypothesis import given
+from hypothesis import strategies as st
 
+from yawid.answers.heard import VehicleSeen
 from yawid.answers.reasons import KINDS, Reason, Verdict
+from yawid.quantities.vehicles import ARDUPILOT, PX4
+from yawid.results.advice import advised, with_remedies
+from yawid.results.judge_samples import changed_rates, closeness, message_rate_reasons
 
 CONTRACT = {
     "interrupted": 130,
@@ -34,54 +41,33 @@ def test_the_table_is_the_contracts_in_its_order():
     assert KINDS.keys() - fatal.keys() == WARNINGS
 
 
-@pytest.mark.parametrize("kind", KINDS.values(), ids=lambda kind: kind.id)
-def test_every_reason_says_what_to_do(kind):
-    reason = Reason(kind.id, "so it was", kind.now)
-
-    assert kind.now.endswith(".")
-    assert (reason.to_do, reason.weight) == (kind.now, kind.weight)
-    assert kind.origin in ("run", "log", "samples", "estimate")
-
-
-def test_every_reason_given_in_the_code_is_in_the_table():
-    given = {
-        node.args[0].value
-        for path in SRC.rglob("*.py")
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
-        if isinstance(node, ast.Call)
-        and isinstance(node.func, ast.Name)
-        and node.func.id == "Reason"
-        and isinstance(node.args[0], ast.Constant)
-        and not any(keyword.arg == "weight" for keyword in node.keywords)  # a damper's own
-    }
-
-    assert len(given) > 10
-    assert given <= KINDS.keys()
+def test_every_reason_says_what_to_do_and_none_names_orders_a_band_or_an_estimator():
+    """For none of these changes a verdict."""
+    words = {"--orders", "orders", "--band", "nc", "RML", "ELS"}
+    for kind in KINDS.values():
+        reason = Reason(kind.id, "so it was", kind.now)
+        assert kind.now.endswith(".")
+        assert (reason.to_do, reason.weight) == (kind.now, kind.weight)
+        assert not words & {*kind.now.split(), *kind.record.split()}, kind.id
 
 
-def test_the_first_fatal_reason_of_the_table_decides_the_code():
-    ids = list(KINDS)
-    verdict = Verdict.of([Reason(id_, "") for id_ in reversed(ids)])
+@pytest.mark.parametrize(
+    ("given", "stand", "code"),
+    [
+        (list(KINDS)[::-1], list(CONTRACT), 130),
+        (["poor_fit", "rudder_assumed", "rate_too_low"],
+         ["rate_too_low", "poor_fit", "rudder_assumed"], 4),
+        (["rudder_assumed", "rudder_assumed"], ["rudder_assumed"], 0),
+    ],
+)  # fmt: skip
+def test_reasons_stand_once_in_the_contracts_order_and_the_first_fatal_one_decides(
+    given: list[str], stand: list[str], code: int
+):
+    verdict = Verdict.of([Reason(id_, f"{i}") for i, id_ in enumerate(given)])
 
-    assert [r.id for r in verdict.reasons][: len(CONTRACT)] == list(CONTRACT)
-    assert verdict.exit_code == 130
-    assert not verdict.usable
-
-
-def test_the_first_fatal_reason_in_the_contracts_order_decides():
-    reasons = [Reason("poor_fit", ""), Reason("rudder_assumed", ""), Reason("rate_too_low", "")]
-    verdict = Verdict.of(reasons)
-
-    assert [r.id for r in verdict.reasons] == ["rate_too_low", "poor_fit", "rudder_assumed"]
-    assert verdict.exit_code == 4
-    assert not verdict.usable
-
-
-def test_warnings_alone_are_usable_and_each_stands_once():
-    verdict = Verdict.of([Reason("rudder_assumed", "a"), Reason("rudder_assumed", "b")])
-
-    assert verdict.usable
-    assert [reason.text for reason in verdict.reasons] == ["a"]
+    assert [r.id for r in verdict.reasons][: len(CONTRACT)] == stand
+    assert (verdict.exit_code, verdict.usable) == (code, code == 0)
+    assert code or verdict.reasons[0].text == "0"
 
 
 def test_a_fatal_reason_stands_before_a_warning_of_the_same_kind():
@@ -115,12 +101,80 @@ def test_what_a_reason_says_itself_is_not_said_again():
     assert Reason("rate_changed", "yaw came slower", rate).to_do == rate
 
 
-def test_no_advice_names_orders_or_a_band_for_they_change_no_verdict():
-    words = ("--orders", "yawid orders", "--band", "nc")
-    said = [text for kind in KINDS.values() for text in (kind.now, kind.record)]
-
-    assert [text for text in said if any(word in text.split() for word in words)] == []
+PLANE = 1
 
 
-def test_no_advice_names_the_estimator_to_take_for_the_verdict_does():
-    assert not [kind.id for kind in KINDS.values() if "RML" in kind.now or "ELS" in kind.now]
+def remedies(reason: Reason, autopilot: int = ARDUPILOT, flown: int = 0) -> str | None:
+    vehicle = VehicleSeen(1, 1, PLANE, autopilot)
+    return with_remedies(Verdict.of([reason]), vehicle, flown).next
+
+
+@pytest.mark.parametrize(
+    ("reason", "given", "says"),
+    [
+        (Reason("not_converged", ""), {"flown": 1}, KINDS["not_converged"].now),
+        (Reason("not_converged", ""), {"flown": 3}, "The rudder moved enough: choose"),
+        (Reason("rate_too_low", ""), {}, "SRn_EXTRA1 = 25"),
+        (Reason("rate_too_low", ""), {"autopilot": PX4}, "mavlink stream -d"),
+        (Reason("no_yaw", "none came", "Turn it on."), {}, "Turn it on."),
+    ],
+)
+def test_the_next_step_fits_the_reason_the_autopilot_and_what_was_flown(
+    reason: Reason, given: dict[str, int], says: str
+) -> None:
+    assert says in str(remedies(reason, **given))
+
+
+def test_the_next_step_is_that_of_the_first_fatal_reason() -> None:
+    said = [Reason("saturated", ""), Reason("no_yaw", ""), Reason("poor_fit", "")]
+
+    assert with_remedies(Verdict.of(said), None, 0).next == KINDS["no_yaw"].now
+    assert with_remedies(Verdict.of(said[:1]), None, 0).next is None
+
+
+def test_every_verdict_that_is_not_usable_says_what_to_do_next_and_no_other() -> None:
+    run = advised(four_of_a_flight())
+    verdicts = [run.deciding, run.flight.verdict, *(each.verdict for each in run.manoeuvres)]
+
+    assert len({each.usable for each in verdicts}) == 2
+    assert [each.next is None for each in verdicts] == [each.usable for each in verdicts]
+    assert all(reason.remedy for each in verdicts for reason in each.reasons)
+
+
+def ids(reasons) -> set[str]:
+    return {reason.id for reason in reasons}
+
+
+@pytest.mark.parametrize(
+    ("yaw", "rudder", "expected"),
+    [
+        (50.0, 50.0, set()),
+        (4.0, 50.0, {"rate_too_low"}),
+        (50.0, 4.95, {"rate_low"}),  # a stream of 5 Hz has 4.95
+        (50.0, 8.0, {"rate_low"}),
+        (10.0, 12.0, set()),
+    ],
+)
+def test_message_rates_are_judged_by_the_slower_of_the_two(yaw, rudder, expected):
+    assert ids(message_rate_reasons(yaw, rudder)) == expected
+
+
+def test_a_rate_that_changes_after_the_first_seconds_is_said():
+    assert ids(changed_rates(1.0, 10.0, 4.0, 10.0)) == {"rate_changed"}
+    assert ids(changed_rates(10.0, 10.0, 9.0, 11.0)) == set()
+    assert ids(changed_rates(10.0, 10.0, math.nan, math.nan)) == set()
+
+
+@given(scale=st.floats(1e-3, 1e3), offset=st.floats(-1.0, 1.0), held=st.integers(0, 900))
+def test_closeness_does_not_depend_on_units_trims_or_held_samples(scale, offset, held):
+    rng = np.random.default_rng(8)
+    a, noise = rng.standard_normal((2, 1000))
+    b = 0.7 * a + noise
+    holes = a.copy()
+    holes[held : held + 50] = np.nan
+
+    whole = closeness(a, b)
+    assert 0.4 < whole < 0.8
+    assert closeness(a, offset + scale * b) == pytest.approx(whole, rel=1e-6)
+    assert closeness(b, a) == pytest.approx(whole, rel=1e-9)
+    assert closeness(holes, b) == pytest.approx(whole, abs=0.05)

@@ -3,13 +3,9 @@
 from __future__ import annotations
 
 import math
-from itertools import pairwise
 
 import numpy as np
 import pytest
-from drawn import examples
-from hypothesis import given
-from hypothesis import strategies as st
 from scipy.signal import cont2discrete, lfilter
 
 from yawid.blocks import SampleBlock
@@ -40,10 +36,9 @@ def samples(u: np.ndarray, y: np.ndarray) -> SampleBlock:
     return SampleBlock(TS, *columns)
 
 
-def bank_of(u: np.ndarray, y: np.ndarray, config: RunConfig, cuts: list[int] = ()) -> Bank:
-    whole, bank = samples(u, y), Bank(config, TS)
-    for first, last in pairwise(sorted({0, *cuts, len(y)})):
-        bank.run(whole.select(slice(first, last)))
+def bank_of(u: np.ndarray, y: np.ndarray) -> Bank:
+    bank = Bank(KEEPS_ALL, TS)
+    bank.run(samples(u, y))
     return bank
 
 
@@ -52,7 +47,7 @@ def test_theta_sigma_and_fits_are_those_of_the_recursion_by_itself(method):
     u, y = flown(900)
     y[100:110] = np.nan
 
-    found = of_stream(bank_of(u, y, KEEPS_ALL))[method]
+    found = of_stream(bank_of(u, y))[method]
 
     armax = RecursiveArmax(KEEPS_ALL.estimator(method, TS))
     block = armax.run(u, y)
@@ -65,7 +60,7 @@ def test_theta_sigma_and_fits_are_those_of_the_recursion_by_itself(method):
 
 
 def test_the_modes_and_the_numbers_of_eq_22_and_23_are_the_plants_to_their_sigma_of_noise():
-    found = of_stream(bank_of(*flown(3000), KEEPS_ALL))["rml"]
+    found = of_stream(bank_of(*flown(3000)))["rml"]
 
     roll, physics = found.dutch_roll, found.physics
     assert abs(roll.wn_rad_s - 2.4) < 4.0 * roll.wn_std < 0.1
@@ -77,19 +72,8 @@ def test_the_modes_and_the_numbers_of_eq_22_and_23_are_the_plants_to_their_sigma
         assert physics[name].value == pytest.approx(true, rel=0.05), name
 
 
-@given(cuts=st.lists(st.integers(1, 699), max_size=8), memory=st.sampled_from([60.0, 15.0]))
-@examples(10)
-def test_it_does_not_depend_on_how_the_stream_was_cut(cuts, memory):
-    u, y = flown(700)
-    config = RunConfig(memory=memory)
-
-    whole, parts = (of_stream(bank_of(u, y, config, each)) for each in ([], cuts))
-
-    assert whole == parts
-
-
 def test_a_bank_without_a_dutch_roll_has_none():
-    bank = bank_of(np.zeros(300), np.zeros(300), KEEPS_ALL)
+    bank = bank_of(np.zeros(300), np.zeros(300))
 
     assert dutch_roll_of_stream(bank, "els") is None
     assert of_stream(bank)["els"].dutch_roll is None

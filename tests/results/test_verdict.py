@@ -1,25 +1,25 @@
-"""A run has one verdict: the flight's, or why the log has no answer."""
+"""A run has one verdict, the flight's or why there is none; reasons are true of the record."""
 
 from __future__ import annotations
 
+import csv
+import json
 from pathlib import Path
 
 import numpy as np
 import pytest
-from flightlog import FlightLog, finished, fly, summarised
+from flightlog import FlightLog, finished, summarised
 from flights import quiet as corpus_quiet
+from flights.records import SAID, Leg, record
 from gate import one_in
 from places import C172P, REPLAY_LOGS
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from yawid.answers.run_summary import RunSummary
+import yawid
+from yawid.cli.main import main
 from yawid.config.run import RunConfig
 
-OFF = RunConfig(manoeuvres="off")
-
-
-def texts(summary: RunSummary) -> dict[str, str]:
-    return {reason.id: reason.text for reason in summary.deciding.reasons}
+AUTO, OFF = RunConfig(), RunConfig(manoeuvres="off")
 
 
 def wings_level(
@@ -29,7 +29,8 @@ def wings_level(
     copies: float = 0.0,
     hz: float = 20.0,
     speed: float | None = None,
-) -> FlightLog:
+    yaw: bool = True,
+) -> bytes:
     """Return a log in which the rudder (servo 4) swings by itself, and copies the aileron."""
     log = FlightLog()
     log.heartbeat(10.0)
@@ -37,32 +38,23 @@ def wings_level(
         if speed is not None:
             log.add(t, mavlink.MAVLink_vfr_hud_message(speed, speed, 0, 50, 0.0, 0.0))
         stick = aileron * np.sin(1.3 * t) * np.cos(0.4 * t)
-        own = rudder * np.sin(2.0 * t)
-        log.attitude(t, 0.02 * np.sin(2.4 * t))
-        pwm = [1500 + round(400 * stick), 1500, 1500, 1500 + round(400 * (own + copies * stick))]
-        log.servos(t + 0.004, pwm)
-    return log
+        if yaw:
+            log.attitude(t, 0.02 * np.sin(2.4 * t))
+        own = rudder * np.sin(2.0 * t) + copies * stick
+        log.servos(t + 0.004, [1500 + round(400 * stick), 1500, 1500, 1500 + round(400 * own)])
+    return log.data
 
 
-def test_of_a_flight_the_verdict_is_the_flights_and_estimates_have_none() -> None:
-    summary = summarised(C172P, RunConfig())
+def test_of_a_flight_the_verdict_is_the_flights_whatever_the_settings_of_the_stream() -> None:
+    other = RunConfig(memory=5.0, method="rml", also="none")
+    usual, changed = (summarised(C172P, config) for config in (AUTO, other))
 
-    assert summary.flight is not None
-    assert summary.verdict == summary.flight.verdict
-    assert summary.verdict.usable
-    assert summary.exit_code == 0
-    assert set(summary.estimates or {}) == {"els", "rml"}
-    assert "verdict" not in summary.to_json()["estimates"]["els"]
-
-
-def test_settings_of_the_stream_change_no_verdict() -> None:
-    usual, other = (
-        summarised(C172P, config)
-        for config in (RunConfig(), RunConfig(memory=5.0, method="rml", also="none"))
-    )
-
-    assert usual.estimates != other.estimates
-    assert usual.verdict == other.verdict
+    assert usual.verdict == usual.flight.verdict == changed.verdict
+    assert usual.verdict.usable
+    assert usual.exit_code == 0
+    assert set(usual.estimates) == {"els", "rml"}
+    assert usual.estimates != changed.estimates
+    assert "verdict" not in usual.to_json()["estimates"]["els"]
 
 
 def test_without_a_search_for_manoeuvres_there_are_numbers_and_no_verdict() -> None:
@@ -71,71 +63,40 @@ def test_without_a_search_for_manoeuvres_there_are_numbers_and_no_verdict() -> N
     assert summary.verdict is None
     assert "verdict" not in summary.to_json()
     assert (summary.exit_code, summary.deciding.word) == (0, "not judged")
-    roll = summary.dutch_roll
-    assert roll is not None
-    assert roll.wn_rad_s == pytest.approx(2.404, rel=0.03)  # by JSBSim's own linearisation
+    # By JSBSim's own linearisation.
+    assert summary.dutch_roll.wn_rad_s == pytest.approx(2.404, rel=0.03)
+    # An ArduPilot plane without parameters: servo 4 is only assumed.
+    doubted = finished(wings_level(30.0, rudder=0.25), OFF)
+    assert doubted.verdict is None
+    assert [reason.id for reason in doubted.warnings] == ["disarmed", "rudder_assumed"]
 
 
-def test_what_a_log_is_doubted_for_is_not_lost_where_nothing_is_judged() -> None:
-    log = FlightLog()  # an ArduPilot plane without parameters: servo 4 is only assumed
-    log.heartbeat(10.0)
-    for t in np.arange(10.0, 40.0, 0.05).tolist():
-        log.attitude(t, 0.1 * np.sin(t))
-        log.servos(t, [1500, 1500, 1500, 1500 + round(100 * np.sin(2.0 * t))])
-    summary = finished(log.data, OFF)
-
-    assert summary.verdict is None
-    assert [reason.id for reason in summary.warnings or []] == [
-        "disarmed",
-        "rudder_assumed",
-    ]
-
-
-@pytest.mark.parametrize("config", [RunConfig(), OFF], ids=["auto", "off"])
-def test_a_log_without_rudder_or_yaw_is_refused_either_way(config: RunConfig) -> None:
-    for case, id_ in (("no_rudder", "no_rudder"),):
-        summary = summarised(REPLAY_LOGS / case / "log.tlog", config)
-        assert summary.exit_code == 3
-        assert summary.deciding.why == id_
-    blind = FlightLog()
-    blind.heartbeat(10.0)
-    for t in np.arange(10.0, 40.0, 0.05).tolist():
-        blind.servos(t, [1500] * 4)
-    assert finished(blind.data, config).deciding.why == "no_yaw"
-
-
-@pytest.mark.parametrize("config", [RunConfig(), OFF], ids=["auto", "off"])
-def test_a_rate_below_5_hz_is_exit_4_either_way(config: RunConfig) -> None:
-    summary = finished(wings_level(hz=3.0).data, config)
-
-    assert summary.exit_code == 4
-    assert "at least 5 Hz are needed" in texts(summary)["rate_too_low"]
-    assert "SRn_EXTRA1" in str(summary.deciding.next)
-
-
-def test_a_rudder_that_rests_is_not_excited_and_how_far_it_moved_is_said() -> None:
-    summary = finished(wings_level(rudder=0.02).data)
-
-    assert summary.exit_code == 5
-    assert summary.flight is None
-    said = texts(summary)["not_excited"]
-    assert "within 5 s is 4.0 % of half its travel: at least 10 % is needed" in said
-
-
-def test_a_rudder_that_copies_the_aileron_is_mixed() -> None:
-    summary = finished(wings_level(aileron=0.5, copies=0.6).data)
-
-    assert summary.exit_code == 5
-    assert "the rudder follows the aileron" in texts(summary)["mixed_rudder"]
-    assert "--card" in str(summary.deciding.next)
-
-
-def test_a_log_on_the_ground_says_that_its_samples_are_held_and_how_to_take_them() -> None:
-    summary = finished(wings_level(rudder=0.3, speed=0.5).data)
-
-    assert summary.exit_code == 5
-    assert "on ground" in texts(summary)["not_excited"]
-    assert "--airborne all" in texts(summary)["not_excited"]
+@pytest.mark.parametrize(
+    ("log", "configs", "code", "why", "says", "to_do"),
+    [
+        (REPLAY_LOGS / "no_rudder" / "log.tlog", (AUTO, OFF), 3, "no_rudder", "", ""),
+        (wings_level(30.0, yaw=False), (AUTO, OFF), 3, "no_yaw", "", ""),
+        (wings_level(hz=3.0), (AUTO, OFF), 4, "rate_too_low", "at least 5 Hz are needed",
+         "SRn_EXTRA1"),
+        (wings_level(3.0, rudder=0.02), (AUTO, OFF), 5, "not_excited", "", ""),
+        (wings_level(rudder=0.02), (AUTO,), 5, "not_excited",
+         "within 5 s is 4.0 % of half its travel: at least 10 % is needed", ""),
+        (wings_level(aileron=0.5, copies=0.6), (AUTO,), 5, "mixed_rudder",
+         "the rudder follows the aileron", "--card"),
+        (wings_level(rudder=0.3, speed=0.5), (AUTO,), 5, "not_excited", "on ground", ""),
+        (wings_level(rudder=0.3, speed=0.5), (AUTO,), 5, "not_excited", "--airborne all", ""),
+    ],
+    ids=["no rudder", "no yaw", "3 Hz", "short", "rests", "copies", "ground", "how to take it"],
+)  # fmt: skip
+def test_a_log_that_cannot_answer_is_refused_and_says_why_and_what_to_do(
+    log: Path | bytes, configs: tuple[RunConfig, ...], code: int, why: str, says: str, to_do: str
+) -> None:
+    for config in configs:
+        run = summarised if isinstance(log, Path) else finished
+        summary = run(log, config)
+        assert (summary.exit_code, summary.deciding.why, summary.flight) == (code, why, None)
+        assert says in summary.deciding.reasons[0].text
+        assert to_do in summary.deciding.next
 
 
 @pytest.mark.slow
@@ -151,13 +112,50 @@ def test_what_nobody_excited_is_not_usable(
     log = tmp_path / "quiet.tlog"
     log.write_bytes(corpus_quiet.unexcited(kind).log)
 
-    assert not summarised(log, RunConfig()).deciding.usable
+    assert not summarised(log, AUTO).deciding.usable
 
 
-def test_a_log_in_which_nothing_could_be_estimated_is_refused_either_way() -> None:
-    short = fly(lambda t: 0.1 * np.sin(2.0 * t), lambda t: 1500 + round(20 * t), 3.0)
+OPTIONS = ["--units", "rad", "--rudder-unit", "half-travel", "--rudder-is", "commanded"]
 
-    for config in (RunConfig(), OFF):
-        summary = finished(short.data, config)
-        assert summary.exit_code == 5
-        assert summary.deciding.why == "not_excited"
+
+@pytest.mark.parametrize("wn", [1.0, 2.0])
+def test_a_slow_light_mode_that_is_right_is_not_said_to_be_of_another_rudder(wn: float) -> None:
+    """A doublet, hands off, 50 Hz, noise of 3 % of the peak: wn and zeta are found to a percent."""
+    leg = Leg(wn=wn, zeta=0.02 if wn == 1.0 else 0.03, unit_s=1.5 / wn, seconds=25.0 + 3.0 / wn)
+    columns = record([leg], hz=50)
+    rate = leg.yaw_rate(columns["rudder"], 50)
+    noise = np.random.default_rng(1).standard_normal(len(rate))
+    columns["r"] = rate + 0.03 * np.abs(rate).max() * noise
+
+    [found] = yawid.replay(columns, **SAID, from_s=9.0).summary.manoeuvres
+
+    assert found.dutch_roll.wn_rad_s == pytest.approx(wn, rel=0.01)
+    assert found.dutch_roll.zeta == pytest.approx(leg.zeta, abs=0.002)
+    assert not [r for r in found.verdict.reasons if "does not belong to this yaw rate" in r.text]
+    assert found.verdict.usable
+
+
+def test_a_movement_of_one_second_before_the_log_ends_does_not_decide() -> None:
+    flown = yawid.replay(record([Leg(seconds=40.0, noise=0.3), Leg(seconds=11.0)]), **SAID)
+
+    whole, *cut = flown.summary.manoeuvres
+    assert not whole.verdict.usable
+    assert all(each.to_s - each.from_s < 2.1 for each in cut)  # with the second of rest before
+    for reason in flown.flight.verdict.reasons:
+        assert not reason.text.startswith("manoeuvre 2, ")
+
+
+def test_replay_and_inspect_refuse_a_log_for_the_same_reasons(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    log, columns = tmp_path / "noisy.csv", record([Leg(seconds=30.0, noise=0.3)] * 2)
+    with log.open("w", newline="", encoding="utf-8") as file:
+        csv.writer(file).writerows([columns, *zip(*columns.values(), strict=True)])
+    said = []
+    for command in (["replay", "--out", str(tmp_path / "out")], ["inspect"]):
+        assert main([*command, str(log), *OPTIONS, "--json"]) == 5
+        said.append(json.loads(capsys.readouterr().out))
+
+    replayed, inspected = said[0]["verdict"], said[1]["verdict"]
+    assert not inspected["usable"]
+    assert inspected == replayed == said[0]["flight"]["verdict"]

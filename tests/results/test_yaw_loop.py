@@ -31,13 +31,11 @@ def flown(
 def test_every_place_says_that_the_answer_is_without_the_yaw_damper() -> None:
     run = flown("with_roll_loop", "YAW2SRV_DAMP 0.2")
     whole = f"the aircraft with its roll loop, {OF_A_SERVO}"
-    assert run.flight is not None
 
     assert whole in headline(run)
     assert cards(run)[0].notes[-1] == whole
     assert f"this is {whole}" in [row.text for row in answer_rows(run)]
-    assert whole in table_notes(run.manoeuvres or (), [run.flight])
-    assert run.manoeuvres is not None
+    assert whole in table_notes(run.manoeuvres, [run.flight])
     assert run.manoeuvres[0].yaw_loop == run.flight.yaw_loop == OF_A_SERVO
 
 
@@ -89,7 +87,4 @@ def test_a_gain_that_changed_in_flight_is_that_of_each_manoeuvre() -> None:
 def test_it_depends_on_the_mode_the_gain_and_the_channel(
     loop: str, yaw_loop: str | None, source: str, said: str | None
 ) -> None:
-    run = flown(loop, yaw_loop, source)
-
-    assert run.flight is not None
-    assert run.flight.yaw_loop == said
+    assert flown(loop, yaw_loop, source).flight.yaw_loop == said

@@ -9,6 +9,8 @@ from flightlog import START_US, FlightLog
 from numpy.typing import NDArray
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from yawid.sources.mavlink.crc import crc_of_frames
+
 Floats = NDArray[np.float64]
 _HEADER = [("magic", "u1"), ("length", "u1"), ("seq", "u1"), ("ids", "u1", 2), ("message", "u1")]
 _ATTITUDE = [("boot_ms", "<u4"), ("angles", "<f4", 3), ("rates", "<f4", 3)]
@@ -17,14 +19,6 @@ _KINDS: dict[str, tuple[Any, list[Any]]] = {
     "ATTITUDE": (mavlink.MAVLink_attitude_message, _ATTITUDE),
     "SERVO_OUTPUT_RAW": (mavlink.MAVLink_servo_output_raw_message, _SERVOS),
 }
-
-
-def _crc_table() -> NDArray[np.uint16]:
-    """Return CRC-16/MCRF4XX of each byte value (256,), computed bit by bit."""
-    table = np.arange(256, dtype=np.uint16)
-    for _ in range(8):
-        table = np.where(table & 1, table >> 1 ^ 0x8408, table >> 1).astype(np.uint16)
-    return table
 
 
 def _records(name: str, t_us: NDArray[np.int64], seq: NDArray[np.int64]) -> NDArray[Any]:
@@ -41,11 +35,10 @@ def _records(name: str, t_us: NDArray[np.int64], seq: NDArray[np.int64]) -> NDAr
 def _sealed(name: str, found: NDArray[Any]) -> NDArray[np.uint8]:
     """Return the records as bytes (n, size), with their CRCs."""
     rows = found.view(np.uint8).reshape(len(found), -1)
-    table, crc = _crc_table(), np.full(len(found), 0xFFFF, np.uint16)
-    extra = np.full(len(found), _KINDS[name][0].crc_extra, np.uint8)
-    for column in (*rows[:, 9:-2].T, extra):
-        crc = crc >> 8 ^ table[(crc ^ column) & 0xFF]
-    found["crc"] = crc
+    begins, extra = np.arange(len(found)) * found.itemsize, _KINDS[name][0].crc_extra
+    ends = begins + found.itemsize - 2
+    extras = np.full(len(found), extra, np.uint8)
+    found["crc"] = crc_of_frames(rows.ravel(), begins + 9, ends, extras)
     return rows
 
 

@@ -27,6 +27,7 @@ def forge(
     schema: Callable[[str, bytes], bytes] = lambda name, data: data,
     keeps: Callable[[str], bool] = lambda topic: True,
     log_time: Callable[[str, int], int] = lambda topic, time: time,
+    attached: Callable[[str, bytes], bytes] = lambda name, data: data,
 ) -> Path:
     """Copy an MCAP, applying a function to each kind of part; ``keeps`` chooses topics.
 
@@ -53,7 +54,7 @@ def forge(
             if (changed := metadata(each.name, dict(each.metadata))) is not None:
                 writer.add_metadata(each.name, changed)
         for attachment in reader.iter_attachments():
-            data = attachment.data
+            data = attached(attachment.name, attachment.data)
             if attachment.name == "summary.json":
                 made = summary(json.loads(data))
                 data = made if isinstance(made, bytes) else json.dumps(made).encode()

@@ -21,7 +21,6 @@ from yawid.answers.run_summary import (
 )
 
 ORDERS = Orders(3, 3, 2, 1)
-BOOT = "2026-03-05T12:14:02"
 NOT_CONVERGED = Reason(
     "not_converged",
     "the natural frequency went from 9.1 to 12.4 rad/s between the two halves of the manoeuvre",

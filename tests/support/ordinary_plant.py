@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 from flightlog import START_US
-from linear_flights import airframe
+from linear_flights import airframe, modes
 from numpy.typing import NDArray
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from scipy.linalg import expm
@@ -20,7 +20,7 @@ from scipy.linalg import expm
 from yawid.blocks import MotionBlock, SampleBlock, StampedRows
 
 Floats = NDArray[np.float64]
-AIRSPEED_M_S, GRAVITY = 50.0, 9.80665
+AIRSPEED_M_S = 50.0
 DERIVATIVES = {
     "Y_beta": -0.25, "L_beta": -9.0, "L_p": -4.0, "L_r": 1.2, "L_delta_a": 8.0, "L_delta_r": 0.0,
     "N_beta": 4.0, "N_p": -0.15, "N_r": -0.6, "N_delta_a": 0.1, "N_delta_r": 0.0,
@@ -37,9 +37,7 @@ PARAMETERS = {
 
 def truth(derivatives: dict[str, float] = DERIVATIVES) -> tuple[float, float]:
     """Return wn and zeta of the bare airframe."""
-    poles = np.linalg.eigvals(airframe(derivatives, 0.0, AIRSPEED_M_S)[0])
-    pair = poles[poles.imag > 1e-6][0]
-    return float(abs(pair)), float(-pair.real / abs(pair))
+    return modes(airframe(derivatives, 0.0, AIRSPEED_M_S)[0])[:2]
 
 
 def flown(

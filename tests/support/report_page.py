@@ -6,12 +6,13 @@ from html.parser import HTMLParser
 
 
 class Page(HTMLParser):
-    """The text of a page, its tags and ids, and the addresses in it."""
+    """The text of a page, its tags, attributes and ids, and the addresses in it."""
 
     def __init__(self, html: str) -> None:
         super().__init__()
         self.tags: list[str] = []
         self.ids: list[str] = []
+        self.attributes: list[str] = []
         self.addresses: list[str] = []
         self.texts: list[str] = []
         self.feed(html)
@@ -19,6 +20,7 @@ class Page(HTMLParser):
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
         self.tags.append(tag)
+        self.attributes += [name for name, _ in attrs]
         for name, value in attrs:
             if name == "id" and value is not None:
                 self.ids.append(value)

@@ -7,7 +7,8 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -25,6 +26,15 @@ LIMIT_S, MORE_S = 1.0, 5.0
 def to_self(number: int) -> Callable[[], Any]:
     """Return a call that sends a signal to its own process."""
     return partial(signal.raise_signal, number)
+
+
+@contextmanager
+def in_time(kind: type[Exception]) -> Iterator[pytest.ExceptionInfo[Exception]]:
+    """Assert that a call raises this, soon after its limit."""
+    begin_s = time.monotonic()
+    with pytest.raises(kind) as said:
+        yield said
+    assert time.monotonic() - begin_s < LIMIT_S + MORE_S
 
 
 @pytest.fixture
@@ -51,10 +61,8 @@ def test_a_call_that_kills_stops_or_hangs_its_process_ends_in_time_and_the_next_
     worker: Worker, act: Callable[[], Any], kind: type[DiedError], how: str
 ) -> None:
     first = worker.call(os.getpid, 60.0)
-    begin_s = time.monotonic()
-    with pytest.raises(kind) as said:
+    with in_time(kind) as said:
         worker.call(act, LIMIT_S)
-    assert time.monotonic() - begin_s < LIMIT_S + MORE_S
     assert (type(said.value), str(said.value)) == (kind, how)
     assert not psutil.pid_exists(first)
     assert worker.call(os.getpid, 60.0) != first
@@ -65,10 +73,8 @@ def test_a_process_that_is_stopped_or_killed_between_two_calls_ends_in_time(
     worker: Worker, number: signal.Signals
 ) -> None:
     os.kill(worker.call(os.getpid, 60.0), number)
-    begin_s = time.monotonic()
-    with pytest.raises(DiedError):
+    with in_time(DiedError):
         worker.call(os.getpid, LIMIT_S)
-    assert time.monotonic() - begin_s < LIMIT_S + MORE_S
     assert worker.call(partial(int, "7"), 60.0) == 7
 
 
@@ -76,10 +82,8 @@ def test_a_call_is_ended_from_another_thread_and_none_is_made_after_it(worker: W
     worker.start()
     threading.Timer(0.2, worker.end).start()
     for _ in range(2):
-        begin_s = time.monotonic()
-        with pytest.raises(DiedError):
+        with in_time(DiedError):
             worker.call(partial(time.sleep, 3600), 3600.0)
-        assert time.monotonic() - begin_s < MORE_S
 
 
 PARENT = """

@@ -1,4 +1,4 @@
-"""A file that bears .part is somebody's: who opened it removes it, and nobody else."""
+"""A file whose name ends in .part is somebody's: who opened it removes it, and no other run."""
 
 from __future__ import annotations
 
@@ -11,18 +11,32 @@ from places import C172P
 from yawid.cli.main import main
 from yawid.errors import SinkError
 from yawid.runs.live.guarded_sink import TlogRecorder
+from yawid.runs.stop import Interrupted
+from yawid.runs.view import view
 from yawid.system.part_file import write_whole, written_whole
 
 
-def test_a_replay_that_cannot_begin_leaves_another_runs_recording_alone(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize(
+    ("name", "line"),
+    [
+        ("log.rrd", f"replay {C172P} --out OUT --rerun save"),
+        ("log.rrd", "view RUN --out OUT/log.rrd"),
+        ("a.csv", "simulate yaw --seconds 5 --out OUT/a.csv"),
+    ],
+)
+def test_a_command_that_cannot_begin_leaves_anothers_part_alone(
+    name: str, line: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    other = tmp_path / "log.rrd.part"
+    other, run = tmp_path / "out" / f"{name}.part", tmp_path / "run"
+    other.parent.mkdir()
     other.write_bytes(b"being written")
+    if "RUN" in line:
+        run = replayed(C172P, run, "--rate", 10)
 
-    assert main(["replay", str(C172P), "--out", str(tmp_path), "--rerun", "save"]) == 6
+    words = line.replace("OUT", str(other.parent)).replace("RUN", str(run)).split()
+    assert main(words) == 6
     assert f"{other} exists" in capsys.readouterr().err
-    assert [(path, path.read_bytes()) for path in tmp_path.iterdir()] == [(other, b"being written")]
+    assert {path: path.read_bytes() for path in other.parent.iterdir()} == {other: b"being written"}
 
 
 def test_where_nothing_can_be_written_one_line_says_what_to_do(
@@ -43,37 +57,19 @@ def test_a_replay_that_fails_removes_its_own_parts(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_view_of_a_damaged_run_removes_its_own_part_and_no_others(tmp_path: Path) -> None:
-    run = replayed(C172P, tmp_path / "run", "--rate", 10)
-    data = bytearray(run.read_bytes())
+def test_a_view_of_a_damaged_run_and_a_simulation_remove_their_own_parts(tmp_path: Path) -> None:
+    data = bytearray(replayed(C172P, tmp_path / "run", "--rate", 10).read_bytes())
     data[len(data) // 2] ^= 0xFF  # in a chunk: found when the rows are read
     (tmp_path / "bad.mcap").write_bytes(data)
-    other = tmp_path / "theirs.rrd.part"
-    other.write_bytes(b"being written")
 
     assert main(["view", str(tmp_path / "bad.mcap"), "--out", str(tmp_path / "mine.rrd")]) == 6
-    assert main(["view", str(run), "--out", str(tmp_path / "theirs.rrd")]) == 6
-    assert other.read_bytes() == b"being written"
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["bad.mcap", "run", other.name]
-
-
-def test_a_simulation_neither_takes_anothers_part_nor_leaves_its_own(tmp_path: Path) -> None:
-    other = tmp_path / "a.csv.part"
-    other.write_bytes(b"being written")
-    arguments = ["simulate", "yaw", "--seconds", "5", "--out"]
-
-    assert main([*arguments, str(tmp_path / "a.csv")]) == 6
-    assert other.read_bytes() == b"being written"
-    assert main([*arguments, str(tmp_path / "b.csv")]) == 0
-    assert sorted(path.name for path in tmp_path.iterdir()) == [other.name, "b.csv"]
+    assert main(["simulate", "yaw", "--seconds", "5", "--out", str(tmp_path / "b.csv")]) == 0
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["b.csv", "bad.mcap", "run"]
 
 
 def test_a_view_told_to_stop_while_it_opens_leaves_no_part(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from yawid.runs.stop import Interrupted
-    from yawid.runs.view import view
-
     run = replayed(C172P, tmp_path / "run", "--rate", 10)
 
     def stopped(target: object, name: str) -> None:

@@ -1,4 +1,4 @@
-"""Two runs that write one name at the same time, as two processes: one is refused, none mixes."""
+"""Two runs that write one name at the same time, in two processes: one is refused, none mixes."""
 
 from __future__ import annotations
 
@@ -19,6 +19,7 @@ from checks.children import child
 from places import REPLAY_LOGS
 
 import yawid
+from yawid.cli.main import main
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="it stops a process by SIGSTOP")
 LONG, SHORT = (
@@ -28,25 +29,21 @@ FORCED = ["--out", "out", "--manoeuvres", "off", "--json", "--force"]
 
 
 @pytest.fixture
-def place(tmp_path: Path) -> Path:
-    """Two flights of one name in two folders."""
+def part(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Two flights of one name in two folders; return where a run of one is written."""
     for folder, log in (("a", LONG), ("b", SHORT)):
         (tmp_path / folder).mkdir()
         shutil.copy(log, tmp_path / folder / "day.tlog")
-    return tmp_path
-
-
-def command(*words: str) -> list[str]:
-    return [sys.executable, "-m", "yawid", "replay", *words]
+    monkeypatch.chdir(tmp_path)
+    return Path("out/day.mcap.part")
 
 
 @contextmanager
-def halfway(place: Path) -> Iterator[subprocess.Popen[str]]:
-    """A forced replay of the first flight, stopped while it writes its files."""
-    with child(
-        command("a/day.tlog", *FORCED), cwd=place, stdout=subprocess.PIPE, text=True
-    ) as running:
-        part, end_s = place / "out" / "day.mcap.part", time.monotonic() + 30.0
+def halfway(part: Path) -> Iterator[subprocess.Popen[str]]:
+    """A forced replay of the first flight, in a process that is stopped while it writes."""
+    command = [sys.executable, "-m", "yawid", "replay", "a/day.tlog", *FORCED]
+    with child(command, stdout=subprocess.PIPE, text=True) as running:
+        end_s = time.monotonic() + 120.0
         while not part.exists() and time.monotonic() < end_s:
             time.sleep(0.002)
         os.kill(running.pid, signal.SIGSTOP)
@@ -54,47 +51,39 @@ def halfway(place: Path) -> Iterator[subprocess.Popen[str]]:
         yield running
 
 
-def second(place: Path, *words: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        command("b/day.tlog", *words), cwd=place, capture_output=True, text=True, timeout=60.0
-    )
-
-
-def flight_in(mcap: Path) -> str:
-    """Return the hash of the log that a run was made from; every row of it can be read."""
-    run = yawid.load(mcap)
+def assert_is_alone_of(log: Path) -> None:
+    """Assert that one run was written, of this log, and that every row of it can be read."""
+    run = yawid.load(Path("out/day.mcap"))
     assert len(run.samples) > 100
-    return str(run.summary.sha256)
+    assert run.summary.sha256 == sha256(log.read_bytes()).hexdigest()
+    assert [path.name for path in Path("out").iterdir()] == ["day.mcap"]
 
 
 def test_of_two_forced_runs_of_one_name_the_second_is_refused_and_the_first_has_its_own_flight(
-    place: Path,
+    part: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    with halfway(place) as first:
-        other = second(place, *FORCED)
+    with halfway(part) as first:
+        assert main(["replay", "b/day.tlog", *FORCED]) == 6
         os.kill(first.pid, signal.SIGCONT)
-        said, _ = first.communicate(timeout=60.0)
+        said, _ = first.communicate(timeout=120.0)
 
     assert first.returncode == 0
     assert json.loads(said)["sha256"] == sha256(LONG.read_bytes()).hexdigest()
-    assert flight_in(place / "out" / "day.mcap") == sha256(LONG.read_bytes()).hexdigest()
-    assert other.returncode == 6
-    assert other.stderr.count("\n") == 1
-    part = place / "out" / "day.mcap.part"
-    assert f"another run is writing {part}: wait until it has ended" in other.stderr
-    assert [path.name for path in (place / "out").iterdir()] == ["day.mcap"]
+    refused = capsys.readouterr().err
+    assert refused.count("\n") == 1
+    assert f"another run is writing {part.absolute()}: wait until it has ended" in refused
+    assert_is_alone_of(LONG)
 
 
-def test_what_a_killed_run_left_stops_no_forced_run(place: Path) -> None:
-    with halfway(place) as first:
+def test_what_a_killed_run_left_stops_no_forced_run(
+    part: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with halfway(part) as first:
         first.kill()
         first.wait(30.0)
-    assert (place / "out" / "day.mcap.part").exists()
-    refused = second(place, "--out", "out")
-    assert refused.returncode == 6
-    assert "move it away or use --force" in refused.stderr
+    assert part.exists()
+    assert main(["replay", "b/day.tlog", "--out", "out"]) == 6
+    assert "move it away or use --force" in capsys.readouterr().err
 
-    forced = second(place, *FORCED)
-    assert forced.returncode == 0, forced.stderr
-    assert flight_in(place / "out" / "day.mcap") == sha256(SHORT.read_bytes()).hexdigest()
-    assert [path.name for path in (place / "out").iterdir()] == ["day.mcap"]
+    assert main(["replay", "b/day.tlog", *FORCED]) == 0
+    assert_is_alone_of(SHORT)

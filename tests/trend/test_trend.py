@@ -12,9 +12,10 @@ from checks.judge_trend import START_US, Plan, flight
 from fleets import FALLS, draw_fleet, write_fleet
 from printed import printed
 
+import yawid
 from yawid.cli.main import main
 from yawid.trend.days import DAY_US, HOUR_US, YEAR_US
-from yawid.trend.trend import trend
+from yawid.trend.trend import Trend, trend
 
 
 @pytest.fixture(scope="module")
@@ -44,48 +45,27 @@ def steady(vehicle: int, count: int, **more: Any) -> list[dict[str, Any]]:
     ]  # fmt: skip
 
 
-def test_the_fall_is_found_nothing_else_is_and_the_exit_code_is_7(
+def test_the_fall_is_found_and_said_first_nothing_else_is_and_the_exit_code_is_7(
     fallen: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     code, said = told(capsys, "trend", fallen)
 
-    assert code == 7
-    assert said["changed"] is True
-    assert said["false_alarm_rate"] == 0.01
-    assert said["histories_tested"] == 60
-    assert said["numbers_tested"] == 3600
-    changed = [each for each in said["followed"] if "change" in each]
-    assert [(each["vehicle"], each["quantity"]) for each in changed] == [(FALLS, "zeta")]
-    change = changed[0]["change"]
+    assert (code, said["changed"], said["false_alarm_rate"]) == (7, True, 0.01)
+    assert (said["histories_tested"], said["numbers_tested"]) == (60, 3600)
+    (found,) = [each for each in said["followed"] if "change" in each]
+    assert (found["vehicle"], found["quantity"]) == (FALLS, "zeta")
+    change, slope = found["change"], found["slope_per_year"]
     assert change["kind"] == "slope"
     assert change["percent"] == pytest.approx(-20.0, abs=6.0)
     assert change["sigmas"] < -4.0
     assert change["p"] < 0.01
     assert change["measured_otherwise"] == ["config_hash: c before, d after"]
-    slope = changed[0]["slope_per_year"]
     assert slope["value"] < -3.0 * slope["std"]
-    assert changed[0]["beside"]["vehicles"] == 20
+    assert found["beside"]["vehicles"] == 20
     outliers = [one for each in said["followed"] for one in each["outliers"]]
     assert 0.02 < len(outliers) / said["numbers_tested"] < 0.06
 
-
-def test_one_vehicle_is_judged_among_all_and_exits_by_its_own_changes(
-    fallen: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    code, said = told(capsys, "trend", fallen, "--vehicle", "sysid:2")
-
-    assert code == 0
-    assert {each["vehicle"] for each in said["followed"]} == {"sysid:2"}
-    assert said["histories_tested"] == 60
-    assert main(["trend", str(fallen), "--vehicle", "sysid:99"]) == 2
-    assert "sysid:99: not in" in capsys.readouterr().err
-
-
-def test_the_terminal_tells_what_changed_first_and_at_which_rate_it_errs(
-    fallen: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
     assert main(["trend", str(fallen)]) == 7
-
     lines = capsys.readouterr().out.splitlines()
     assert lines[1] == "verdict  1 CHANGED"
     assert lines[2].startswith(f"  {FALLS} (airframe) zeta fell by ")
@@ -93,41 +73,50 @@ def test_the_terminal_tells_what_changed_first_and_at_which_rate_it_errs(
     assert "false alarms: 1 % of data" in " ".join(lines)
 
 
-def test_the_page_stands_alone_and_shows_the_vehicle_that_changed_first(
+def test_one_vehicle_is_judged_among_all_and_its_page_stands_alone(
     fallen: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     page = tmp_path / "r.html"
-    argv = ["trend", str(fallen), "--vehicle", FALLS, "-o", str(page)]
-    assert main(argv) == 7
-    assert main(argv) == 6, "it must not be overwritten"
-    assert "--force" in capsys.readouterr().err
+    of_falls = ["trend", str(fallen), "--vehicle", FALLS, "-o", str(page)]
+    code, said = told(capsys, "trend", fallen, "--vehicle", "sysid:2")
 
+    assert (code, said["histories_tested"]) == (0, 60)
+    assert {each["vehicle"] for each in said["followed"]} == {"sysid:2"}
+    assert main(["trend", str(fallen), "--vehicle", "sysid:99"]) == 2
+    assert "sysid:99: not in" in capsys.readouterr().err
+    assert [main(of_falls) for _ in range(2)] == [7, 6]
+    assert "--force" in capsys.readouterr().err
     text = page.read_text(encoding="utf-8")
-    assert "1 of 3 histories changed." in text
-    assert f"<b>{FALLS} ζ</b>fell by " in text
-    assert text.count("<svg") == 1
-    assert "<script" not in text
+    shown = ("1 of 3 histories changed.", f"<b>{FALLS} ζ</b>fell by ", "What this cannot do",
+             "12 days flown", "count as one", "4 % either way", "a campaign, a pilot")  # fmt: skip
+    assert [words for words in shown if words not in text] == []
+    assert (text.count("<svg"), text.count("<script")) == (1, 0)
+
+
+def followed(folder: Path, rows: list[dict[str, Any]]) -> Trend:
+    write_fleet(folder, rows)
+    return trend(folder)[0]
 
 
 def test_what_cannot_be_followed_is_left_out_and_counted(tmp_path: Path) -> None:
-    rows = steady(1, 14)
-    for i, bad in enumerate(
-        (
-            {"zeta": 0.4, "zeta_std": 0.01, "usable": False},
-            {"zeta": 0.4, "zeta_std": 0.01, "date": None},
-            {"zeta": 0.4},
-            {"zeta": None, "zeta_std": None},
-        )
-    ):
-        rows.append(flight(1, 20 + i, START_US) | bad)
-    write_fleet(tmp_path, rows)
+    bad = [
+        {"zeta": 0.4, "zeta_std": 0.01, "usable": False},
+        {"zeta": 0.4, "zeta_std": 0.01, "date": None},
+        {"zeta": 0.4},
+        {"zeta": None, "zeta_std": None},
+    ]
+    rows = [flight(1, 20 + i, START_US) | each for i, each in enumerate(bad)]
+    old = steady(2, 2, kappa_rad_m=None, kappa_std=None)
 
-    said, _ = trend(tmp_path)
+    said = followed(tmp_path, steady(1, 14) + rows + old)
 
     assert said.left_out == {
         "not usable": 1, "without a date": 1, "without a number and its sigma": 2,
     }  # fmt: skip
-    assert [each.flights for each in said.followed] == [14, 14, 14]
+    assert {(each.vehicle, each.quantity): each.flights for each in said.followed} == {
+        ("sysid:1", "kappa_rad_m"): 14, ("sysid:1", "zeta"): 14, ("sysid:1", "K_per_V"): 14,
+        ("sysid:2", "zeta"): 2, ("sysid:2", "K_per_V"): 2,
+    }  # fmt: skip
 
 
 def test_the_bare_airframe_has_a_history_of_its_own(tmp_path: Path) -> None:
@@ -142,9 +131,8 @@ def test_the_bare_airframe_has_a_history_of_its_own(tmp_path: Path) -> None:
                 "bare_zeta": (0.30 if i < 18 else 0.20) + 0.01 * (-1) ** i,
                 "bare_zeta_std": 0.01}  # fmt: skip
     rows.append(rows[4] | {"loop": "airframe"})
-    write_fleet(tmp_path, rows)
 
-    said, _ = trend(tmp_path)
+    said = followed(tmp_path, rows)
 
     bare = {each.quantity: each for each in said.followed if each.loop == "bare"}
     assert {name: each.flights for name, each in bare.items()} == {"kappa_rad_m": 30, "zeta": 30}
@@ -165,57 +153,13 @@ def test_ordinary_flights_have_a_history_of_their_own_without_any_manoeuvre(tmp_
                 "ordinary_zeta": (0.30 if i < 18 else 0.20) + 0.01 * (-1) ** i,
                 "ordinary_zeta_std": 0.01}  # fmt: skip
 
-    write_fleet(tmp_path, rows)
-    said, _ = trend(tmp_path)
+    said = followed(tmp_path, rows)
 
     assert {each.loop for each in said.followed} == {"ordinary"}
     found = {each.quantity: each for each in said.followed}
     assert found["kappa_rad_m"].now.value == pytest.approx(0.048)
     assert found["kappa_rad_m"].change is None
     assert found["zeta"].change is not None
-
-
-def test_an_old_flight_without_kappa_still_tells_its_damping(tmp_path: Path) -> None:
-    rows = steady(1, 3) + steady(2, 2, kappa_rad_m=None, kappa_std=None)
-    rows[0] |= {"kappa_rad_m": None, "kappa_std": None}
-    write_fleet(tmp_path, rows)
-
-    said, _ = trend(tmp_path)
-
-    found = {(each.vehicle, each.quantity): each.flights for each in said.followed}
-    assert found == {
-        ("sysid:1", "kappa_rad_m"): 2, ("sysid:1", "zeta"): 3, ("sysid:1", "K_per_V"): 3,
-        ("sysid:2", "zeta"): 2, ("sysid:2", "K_per_V"): 2,
-    }  # fmt: skip
-
-
-def test_a_vehicle_with_two_flights_has_a_level_and_neither_slope_nor_test(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    write_fleet(tmp_path, steady(1, 2))
-
-    code, said = told(capsys, "trend", tmp_path)
-
-    assert code == 5
-    for each in said["followed"]:
-        assert each["now"]["std"] > 0.0
-        assert each["tested"] is False
-        assert not {"slope_per_year", "between_std", "change"} & set(each)
-    assert main(["trend", str(tmp_path), "-o", str(tmp_path / "r.html")]) == 5
-    assert "too few days" in capsys.readouterr().out
-
-
-@pytest.mark.parametrize("span_us", [3_000_000, 1092 * DAY_US])  # 3 s, 3 years
-def test_a_page_has_dates_whatever_they_span_and_says_what_an_id_is(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], span_us: int
-) -> None:
-    rows = steady(1, 2)
-    for row in rows:
-        row["vehicle"] = "sysid:1"
-    rows[1]["date"] = rows[0]["date"] + span_us
-    write_fleet(tmp_path, rows)
-    assert main(["trend", str(tmp_path), "-o", str(tmp_path / "r.html")]) == 5
-    assert "several aircraft may share" in " ".join(capsys.readouterr().out.split())
 
 
 def test_flights_that_agree_better_than_their_sigmas_are_known_no_better_than_those(
@@ -225,9 +169,8 @@ def test_flights_that_agree_better_than_their_sigmas_are_known_no_better_than_th
     for i, row in enumerate(rows):
         row |= {"zeta": 0.15 + (0.006 if i == 9 else 0.0001 * (-1) ** i)}
         row["date"] = START_US + i * DAY_US
-    write_fleet(tmp_path, rows)
 
-    said, _ = trend(tmp_path)
+    said = followed(tmp_path, rows)
 
     zeta = next(each for each in said.followed if each.quantity == "zeta")
     assert zeta.outliers == []
@@ -237,62 +180,21 @@ def test_flights_that_agree_better_than_their_sigmas_are_known_no_better_than_th
     assert zeta.slope_per_year is None, "they were flown within a month"
 
 
-def test_the_airframe_and_the_same_aircraft_with_its_roll_loop_are_two_histories(
-    tmp_path: Path,
-) -> None:
-    rows = steady(1, 28)
-    for row in rows[14:]:
+def test_two_loops_are_two_histories_and_flights_of_one_day_are_none(tmp_path: Path) -> None:
+    loops, day = steady(1, 28), steady(2, 16)
+    for row in loops[14:]:
         row |= {"loop": "with_roll_loop", "zeta": row["zeta"] * 1.5}
-    write_fleet(tmp_path, rows)
-
-    said, _ = trend(tmp_path)
-
-    assert {each.loop for each in said.followed} == {"airframe", "with_roll_loop"}
-    assert not said.changed
-
-
-def test_a_vehicles_name_is_shown_and_never_obeyed(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    rows = steady(1, 2)
-    for row in rows:
-        row |= {"vehicle": "[red]:x:<b>\x1b[2J"}
-    write_fleet(tmp_path, rows)
-
-    assert main(["trend", str(tmp_path), "-o", str(tmp_path / "r.html")]) == 5
-    out, page = capsys.readouterr().out, (tmp_path / "r.html").read_text(encoding="utf-8")
-    assert "[red]:x:<b>" in out
-    assert "[red]:x:&lt;b&gt;" in page
-    assert "\x1b" not in out + page
-    assert "<b>" not in page
-
-
-def test_a_folder_that_is_no_data_set_is_one_line_and_6_an_empty_one_is_5(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["trend", str(tmp_path)]) == 6
-    assert "is not a data set" in capsys.readouterr().err
-    write_fleet(tmp_path, [])
-    assert main(["trend", str(tmp_path), "-o", str(tmp_path / "r.html")]) == 5
-    assert "0 flights" in capsys.readouterr().out
-
-
-def test_a_drawn_fleet_in_which_nothing_changes_is_not_changed(tmp_path: Path) -> None:
-    write_fleet(tmp_path, draw_fleet(4, Plan()))
-    assert not trend(tmp_path)[0].changed
-
-
-def test_flights_of_one_day_are_one_number_and_no_history(tmp_path: Path) -> None:
-    rows = steady(1, 16)
-    for i, row in enumerate(rows):
+    for i, row in enumerate(day):
         row |= {"date": START_US + i * HOUR_US, "zeta": 0.15 if i < 8 else 0.25}
-    write_fleet(tmp_path, rows)
 
-    said, _ = trend(tmp_path)
+    said = followed(tmp_path, loops + day)
 
-    assert [(each.flights, each.days, each.tested) for each in said.followed] == [
-        (16, 1, False)
-    ] * 3
+    of = {(each.vehicle, each.loop): (each.flights, each.days, each.tested)
+          for each in said.followed}  # fmt: skip
+    assert of == {
+        ("sysid:1", "airframe"): (14, 14, True), ("sysid:1", "with_roll_loop"): (14, 14, True),
+        ("sysid:2", "airframe"): (16, 1, False),
+    }  # fmt: skip
     assert not said.changed
 
 
@@ -322,15 +224,11 @@ def test_what_a_season_may_do_is_no_alarm_before_two_years_are_there(
         assert "a season may do the same: two years of" in " ".join(words.split())
 
 
+@pytest.mark.parametrize(("apart", "fall"), [(7, 0.25), (1, 0.06)])
 def test_a_fall_larger_than_a_season_is_an_alarm_and_a_quick_one_needs_not_be(
-    tmp_path: Path,
+    tmp_path: Path, apart: int, fall: float
 ) -> None:
-    for name, rows in (
-        ("large", yearly(24, 7, swing=0.0, fall=0.25)),
-        ("quick", yearly(24, 1, swing=0.0, fall=0.06)),
-    ):
-        write_fleet(tmp_path / name, rows)
-        assert trend(tmp_path / name)[0].changed, name
+    assert followed(tmp_path, yearly(24, apart, swing=0.0, fall=fall)).changed
 
 
 def test_two_years_show_the_season_and_what_changes_next_to_it(
@@ -346,20 +244,10 @@ def test_two_years_show_the_season_and_what_changes_next_to_it(
     assert zeta["season"]["peak"] in ("12-30", "12-31", "01-01", "01-02", "01-03")
     assert zeta["now"]["value"] == pytest.approx(0.15, abs=0.001)
 
-    write_fleet(tmp_path / "fallen", yearly(110, 7, swing=0.1, fall=0.05))
-    change = trend(tmp_path / "fallen")[0].followed[0].change
+    change = followed(tmp_path / "fallen", yearly(110, 7, swing=0.1, fall=0.05)).followed[0].change
     assert change is not None
     assert change.percent == pytest.approx(-5.0, abs=1.0)
     assert abs(change.from_flight - 55) <= 3
-
-
-def test_the_page_says_what_trend_cannot_do(fallen: Path, tmp_path: Path) -> None:
-    main(["trend", str(fallen), "--vehicle", "sysid:2", "-o", str(tmp_path / "r.html")])
-    page = (tmp_path / "r.html").read_text(encoding="utf-8")
-
-    assert "What this cannot do" in page
-    for words in ("12 days flown", "count as one", "4 % either way", "a campaign, a pilot"):
-        assert words in page, words
 
 
 def test_outliers_and_who_stands_out_are_judged_over_all_numbers(tmp_path: Path) -> None:
@@ -385,3 +273,139 @@ def test_outliers_and_who_stands_out_are_judged_over_all_numbers(tmp_path: Path)
         p_one = 2.0 * scipy.stats.t.sf(abs(each.followed.beside.sigmas), 5)
         assert each.followed.beside.p == pytest.approx(min(1.0, 6 * p_one))
     assert said.numbers_tested == 66
+
+
+SMALL = {"autopilot": 3, "airspeed_m_s": 22.0, "airspeed_source": "airspeed",
+         "kappa_rad_m": 0.46, "kappa_std": 0.01, "zeta": 0.61, "zeta_std": 0.03}  # fmt: skip
+LARGE = SMALL | {"airspeed_m_s": 50.0, "kappa_rad_m": 0.048, "kappa_std": 0.001, "zeta": 0.23}
+"""Flights of a model aircraft and of a Cessna 172, as two that share sysid 1 have had them."""
+
+
+def write(folder: Path, flights: list[dict[str, Any]], **more: Any) -> Path:
+    """Write flights of sysid 1, one a day, as a data set."""
+    days = enumerate(flights)
+    write_fleet(folder, [flight(1, i, START_US + i * DAY_US, **each, **more) for i, each in days])
+    return folder
+
+
+def judged(capsys: pytest.CaptureFixture[str], *argv: object) -> tuple[int, Any, str]:
+    """Return a command's exit code, its JSON object and its text in one line."""
+    arguments = [*map(str, argv)]
+    code = main([*arguments, "--json"])
+    said = printed(arguments[0], capsys.readouterr().out)
+    assert main(arguments) == code
+    return code, said, " ".join(capsys.readouterr().out.split())
+
+
+@pytest.mark.parametrize(
+    ("days", "apart_us"), [(0, 0), (2, 3_000_000), (2, 1092 * DAY_US), (11, DAY_US)]
+)
+def test_a_trend_that_tested_nothing_is_not_steady_and_exits_5(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], days: int, apart_us: int
+) -> None:
+    """Of flights that are seconds or years apart, of a vehicle whose name is markup."""
+    name, dataset, page = "[red]:x:<b>\x1b[2J", tmp_path / "data", tmp_path / "r.html"
+    rows = [flight(1, i, START_US + i * apart_us, vehicle=name, **SMALL) for i in range(days)]
+    write_fleet(dataset, rows)
+
+    code, said, text = judged(capsys, "trend", dataset)
+
+    flown = 1 if apart_us == 3_000_000 else days
+    assert (code, said["changed"], said["judged"]) == (5, False, 0)
+    needed = f"nothing was tested: 12 days flown are needed, there are {flown}"
+    assert f"verdict {needed}" in text
+    assert [words for words in ("steady", "false alarms", "over all 0") if words in text] == []
+    for each in said["followed"]:
+        assert each["now"]["std"] > 0.0
+        assert each["tested"] is False
+        assert not {"slope_per_year", "change"} & set(each)
+    assert main(["trend", str(dataset), "-o", str(page)]) == 5
+    shown = page.read_text(encoding="utf-8")
+    assert f"N{needed[1:]}." in shown
+    assert "Nothing changed" not in shown
+    assert 'header class="unusable"' in shown
+    assert ("[red]:x:<b>" in text) == ("[red]:x:&lt;b&gt;" in shown) == (days > 0)
+    assert "\x1b" not in text + shown
+    assert "<b>" not in shown
+
+
+def test_twelve_days_are_tested_and_steady(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code, said, text = judged(capsys, "trend", write(tmp_path, [SMALL] * 12))
+
+    assert (code, said["judged"], said["warnings"]) == (0, 2, [])
+    assert "verdict steady" in text
+    assert "over all 2 histories tested" in text
+    assert "several aircraft may share" in text
+
+
+def test_several_aircraft_under_one_id_are_a_warning(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    both = [SMALL, LARGE] * 6
+    _, said, text = judged(capsys, "trend", write(tmp_path / "speeds", both))
+    (warning,) = said["warnings"]
+    assert (warning["id"], warning["weight"]) == ("several_aircraft", "warning")
+    assert "sysid:1 may be several aircraft, at 22 m/s and 50 m/s: name them" in warning["text"]
+    assert "--vehicle-from folder" in warning["text"]
+    assert f"warning several_aircraft: {warning['text']}" in text
+
+    assert main(["explain", "several_aircraft"]) == 0
+    assert "a gap of a factor of 1.5" in " ".join(capsys.readouterr().out.split())
+
+    px4 = [SMALL, SMALL | {"autopilot": 12}] * 6
+    _, said, _ = judged(capsys, "trend", write(tmp_path / "autopilots", px4))
+    assert "on ArduPilot and a fixed wing on PX4" in said["warnings"][0]["text"]
+
+
+def test_one_aircraft_over_its_airspeeds_and_named_ones_are_no_warning(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    speeds = (39.0, 48.0, 55.0, 62.0) * 3  # of one flight of a Cessna 172
+    own = [LARGE | {"airspeed_m_s": each} for each in speeds]
+    unknown = [LARGE | {"airspeed_m_s": 9.0, "airspeed_source": "ground speed", "autopilot": None}]
+    _, said, _ = judged(capsys, "trend", write(tmp_path / "one", own + unknown))
+    assert said["warnings"] == []
+
+    _, said, _ = judged(capsys, "trend", write(tmp_path / "named", [SMALL, LARGE], vehicle="plane"))
+    assert said["warnings"] == []
+
+
+def test_a_side_that_scatters_so_far_that_no_change_would_show_agrees_with_nothing(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    small, large = SMALL | {"zeta": None}, LARGE | {"zeta": None}
+    steady = write(tmp_path / "steady", [small] * 6)
+    wide = write(tmp_path / "wide", [small, large, small, small, large, large])
+
+    code, said, text = judged(capsys, "diff", steady, wide)
+
+    (kappa,) = said["numbers"]
+    percent = 100.0 * kappa["b"]["std"] / kappa["b"]["value"]
+    assert percent > 20.0
+    assert kappa["not_judged"] == f"cannot tell: B has a sigma of {percent:.0f} %"
+    assert not kappa["changed"]
+    assert "verdict cannot tell" in text
+    assert "agrees" not in text
+    assert "over all 0" not in text
+    assert "warning several_aircraft in B: sysid:1" in text
+    assert (code, said["judged"]) == (5, 0)
+    found = yawid.diff(steady, wide)
+    assert (found.changed, found.judged) == (False, 0)
+    assert found.numbers[0].not_judged == kappa["not_judged"]
+
+
+def test_a_rough_number_that_is_known_from_0_is_judged(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rough = {"zeta": 0.2, "zeta_std": 0.06, "kappa_std": None}
+    one = write(tmp_path / "one", [SMALL | rough] * 8)
+    other = write(tmp_path / "other", [SMALL | rough | {"zeta": 0.6}] * 8)
+    alike = write(tmp_path / "alike", [SMALL | rough | {"zeta": 0.22}] * 8)
+
+    code, said, _ = judged(capsys, "diff", one, other)
+    assert (code, said["judged"]) == (7, 1)
+    code, said, text = judged(capsys, "diff", one, alike)
+    assert (code, said["judged"]) == (0, 1)
+    assert "agrees" in text
