@@ -40,6 +40,8 @@ from yawid.sinks.base import Found, FoundBare, Grid, RunRows, Sink
 
 BLOCK = 4096
 """The samples estimated and written at once: each row has a covariance, so blocks are large."""
+MARGIN_US = 1_000_000
+"""The motion kept before --from and after --to: the commands before a manoeuvre belong to it."""
 
 
 class Pipeline:
@@ -184,7 +186,10 @@ class Pipeline:
             self.estimate(samples)
 
     def _move(self, motion: MotionBlock) -> None:
-        """Pass lateral motion on; it waits until the first samples open the sinks."""
+        """Pass lateral motion on, if it is asked for; it waits until samples open the sinks."""
+        low, high = self.config.window_us
+        if not (motion := motion.between(low - MARGIN_US, high + MARGIN_US)):
+            return
         if self.bank is None:
             self._motion.append(motion)
             return

@@ -98,15 +98,9 @@ def test_accelerations_are_in_si_at_the_sensor_s_own_times():
 
 
 def test_without_the_option_there_is_no_motion_and_samples_are_the_same():
-    off, on = (samples_of(flown(), config) for config in (RunConfig(), LATERAL))
+    off, on = (samples_of(flown(), config) for config in (RunConfig(ordinary="off"), LATERAL))
 
     assert off.motion == []
     for a, b in zip(off.blocks, on.blocks, strict=True):
         for name in a.__slots__:
             assert np.array_equal(getattr(a, name), getattr(b, name), equal_nan=True), name
-
-
-def test_rows_before_from_and_after_to_are_left_out_but_for_a_second():
-    attitude = motion(config=replace(LATERAL, from_s=14.0, to_s=16.0)).attitude
-
-    assert (attitude.t_us[0], attitude.t_us[-1]) == (13_000_000, 17_000_000)

@@ -64,7 +64,7 @@ def replayed(log: Path, folder: Path, *options: object) -> Replayed:
 
 @pytest.fixture(scope="session")
 def next_to(log: Path, tmp_path_factory: pytest.TempPathFactory) -> Replayed:
-    return replayed(log, tmp_path_factory.mktemp("auto"), "--ordinary", "auto")
+    return replayed(log, tmp_path_factory.mktemp("auto"))
 
 
 @pytest.fixture(scope="session")
@@ -74,7 +74,7 @@ def alone(log: Path, tmp_path_factory: pytest.TempPathFactory) -> Replayed:
 
 @pytest.fixture(scope="session")
 def without(log: Path, tmp_path_factory: pytest.TempPathFactory) -> Replayed:
-    return replayed(log, tmp_path_factory.mktemp("off"))
+    return replayed(log, tmp_path_factory.mktemp("off"), "--ordinary", "off")
 
 
 @pytest.fixture(scope="session")
@@ -124,7 +124,7 @@ def test_alone_a_short_log_is_refused_with_what_is_needed(short: Replayed) -> No
     assert "dutch_roll" not in short.told["ordinary"]
 
 
-def test_without_the_option_nothing_of_it_is_there(without: Replayed, next_to: Replayed) -> None:
+def test_switched_off_nothing_of_it_is_there(without: Replayed, next_to: Replayed) -> None:
     added = {"ordinary"}
 
     assert next_to.told.keys() - without.told.keys() == added
@@ -225,7 +225,7 @@ def test_short_flights_of_one_day_answer_together_where_none_alone_can(
     for i, later_s in enumerate(days_s):  # the last one is alone on its day
         flight = as_tlog(flown(20 + i, seconds=170.0, gust=0.005), later_s)
         (logs / f"{i}.tlog").write_bytes(flight)
-    words = "fleet", logs, "--ordinary", "auto", "--out", tmp_path / "set"
+    words = "fleet", logs, "--out", tmp_path / "set"
     main([str(word) for word in words])
     capsys.readouterr()
 
@@ -263,13 +263,13 @@ def test_inspect_says_whether_the_log_can_give_it_and_what_is_missing(
 
 def test_a_live_session_ends_with_the_answer_of_the_replay(log: Path, tmp_path: Path) -> None:
     sent = [frame for _, frame in split(log.read_bytes())]
-    config = RunConfig(ordinary="auto")
+    config = RunConfig()
     with listening(tmp_path, config) as session:
         for i in range(0, len(sent), 64):
             send([b"".join(sent[i : i + 64])], session.port)
         wait_for_size(session.part("tlog"), tlog_size(sent))
     [ended] = session.ended
-    again = yawid.replay(tmp_path / "live.tlog", ordinary="auto")
+    again = yawid.replay(tmp_path / "live.tlog")
 
     assert ended.summary.ordinary
     assert ended.summary.ordinary == again.ordinary
@@ -278,7 +278,7 @@ def test_a_live_session_ends_with_the_answer_of_the_replay(log: Path, tmp_path: 
 
 def test_a_live_session_has_a_number_of_ordinary_flight_while_it_runs(log: Path) -> None:
     """Its worker fits once a window, and what is published has names of its own."""
-    decoder, config = Decoder(WANTED), RunConfig(ordinary="auto")
+    decoder, config = Decoder(WANTED), RunConfig()
     with ThreadPoolExecutor(1) as fits, ThreadPoolExecutor(1) as lateral:
         pipeline = Pipeline(config, worker=fits, lateral_worker=lateral)
         data = log.read_bytes()

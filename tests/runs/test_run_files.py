@@ -95,7 +95,7 @@ FOXGLOVE, PLOTJUGGLER = (SRC / "layouts" / name for name in ("foxglove.json", "p
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("run")
-    return replayed(C172P, folder, "--rate", 10, "--rerun", "save")
+    return replayed(C172P, folder, "--rate", 10, "--rerun", "save", "--ordinary", "off")
 
 
 def test_the_view_of_a_run_is_the_recording_the_run_would_have_saved(

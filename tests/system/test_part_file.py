@@ -58,7 +58,8 @@ def test_a_replay_that_fails_removes_its_own_parts(tmp_path: Path) -> None:
 
 
 def test_a_view_of_a_damaged_run_and_a_simulation_remove_their_own_parts(tmp_path: Path) -> None:
-    data = bytearray(replayed(C172P, tmp_path / "run", "--rate", 10).read_bytes())
+    run = replayed(C172P, tmp_path / "run", "--rate", 10, "--ordinary", "off")
+    data = bytearray(run.read_bytes())
     data[len(data) // 2] ^= 0xFF  # in a chunk: found when the rows are read
     (tmp_path / "bad.mcap").write_bytes(data)
 

@@ -152,7 +152,7 @@ TABLES: dict[str, Callable[[], str]] = {
     "truth_short": truth_short,
     "answer": partial(_output, _FLIGHT("c172p_3211", "answer"), "n from-to"),
     "good": partial(_output, _FLIGHT("c172p_3211", "answer"), "  rudder"),
-    "refusal": partial(_output, _FLIGHT("turns_calm", "refusal --ordinary auto"), "± is one sigma"),
+    "refusal": partial(_output, _FLIGHT("turns_calm", "refusal"), "± is one sigma"),
     "bare": partial(_shown, "bare", "n from-to"),
     "gain": partial(_shown, "gain", "mix "),
     "mix": partial(_shown, "mix", "± is one sigma", "mix "),

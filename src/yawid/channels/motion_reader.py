@@ -23,8 +23,6 @@ ACCELERATIONS = {
 }  # fmt: skip
 """The messages with ``yacc``, and its unit in m/s^2; RAW_IMU is in mg as ArduPilot sends it. The
 first is that of on-board logs."""
-MARGIN_US = 1_000_000
-"""The rows kept before --from and after --to: the commands before a manoeuvre belong to it."""
 APART_US = 2_000_000
 """An acceleration that is further than this from the next attitude is on another clock."""
 ABSURD_M_S2 = 500.0
@@ -108,9 +106,7 @@ class MotionReader:
             self._ready.append(MotionBlock(*made))
 
     def _stamped(self, i: int, piece: Piece, rows: Series) -> StampedRows:
-        """Return the rows that --from and --to choose, with Unix times that never decrease."""
-        low, high = self.config.window_us
-        rows = rows.select((rows.t_us >= low - MARGIN_US) & (rows.t_us <= high + MARGIN_US))
+        """Return the rows with Unix times that never decrease."""
         unix_ns = (rows.t_us + piece.offset.at(rows.order)) * 1000 if len(rows) else rows.t_us
         unix_ns = np.maximum.accumulate(np.append(self._unix_ns[i], unix_ns))[1:]
         if len(rows):

@@ -38,8 +38,6 @@ Rudder = Annotated[str, Meta(pattern=_VTAIL, description=f"be vtail:L,R, {_SAID}
 DEFAULT_RATE_HZ = 20.0
 DEFAULT_MEMORY_S = 60.0
 LEAST_STROKE_DEG = 1.0
-ORDINARY = "off"
-"""What ``ordinary`` is where it is not given."""
 RATE_SLACK = 0.98
 """The part of a rate limit that is enough: message rates jitter, so that 4.95 Hz counts as 5."""
 BINDING = ("orders", "inputs", "turn")
@@ -264,7 +262,8 @@ class RunConfig:
         metadata=option(
             ANSWER,
             "auto|only|off",
-            "answer flight without a manoeuvre, too; only: that is the verdict (default: off)",
+            "answer flight without a manoeuvre, too; only: that is the verdict "
+            "(default: auto, of a CSV or Parquet file off)",
         ),
     )
     given: tuple[str, ...] = ()
@@ -276,8 +275,13 @@ class RunConfig:
 
     @property
     def is_ordinary(self) -> bool:
-        """Whether flight without a manoeuvre is answered."""
-        return (self.ordinary or ORDINARY) != "off"
+        """Whether flight without a manoeuvre is answered; of a record only where it is asked."""
+        return (self.ordinary or ("off" if self.rudder_unit else "auto")) != "off"
+
+    @property
+    def asks_motion(self) -> bool:
+        """Whether an answer that needs the lateral motion was asked for."""
+        return self.lateral == "auto" or self.ordinary in ("auto", "only")
 
     @property
     def keeps_motion(self) -> bool:

@@ -6,7 +6,7 @@ of the estimators can, and the result is that of a replay of the log itself.
 
 import hashlib
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -69,10 +69,11 @@ class FinishedRun:
         """
         config = changed(self._run, settings)
         self._has_motion = config.keeps_motion and self._run.has_motion
-        is_asked = config.lateral == "auto" or config.ordinary not in (None, "off")
-        if is_asked and not self._run.has_motion:
+        if self._run.has_motion:
+            return config
+        if config.asks_motion:
             self._said = [f"{self.path} holds no lateral motion: for that, replay the log itself"]
-        return config
+        return replace(config, ordinary=config.ordinary or "off")
 
     def read(self) -> Iterator[tuple[int, SampleBlock | MotionBlock]]:
         """Yield (bytes, samples or motion); each sample counts for the same part of the size."""

@@ -68,10 +68,7 @@ def inspect(
 
 def _inspected(source: RecordedLog, config: RunConfig, bar: Bar, *, with_card: bool) -> Inspection:
     kept, survey = KeptSamples(), Survey()
-    looking = config
-    if source.record is None:  # the columns of a record are those that were asked for
-        looking = replace(config, ordinary=config.ordinary or "auto")
-    job = run(source, looking, [kept], advance=bar, survey=survey)
+    job = run(source, config, [kept], advance=bar, survey=survey)
     log, link, channels = source.path, source.link, job.pipeline.channels
     summary, samples, rates = job.conclude(), kept.joined(), survey.rates()
     found: list[Span] = []

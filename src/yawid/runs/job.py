@@ -76,8 +76,7 @@ class RecordedLog(Log):
         said = config.columns, config.units, config.rudder_unit, sign, config.rudder_max_deg
         from yawid.sources.records.find_columns import Asked  # only records need it
 
-        is_lateral = config.keeps_motion
-        found = record.settle(Asked(*said, tuple(needs), config.rudder_is, is_lateral))
+        found = record.settle(Asked(*said, tuple(needs), config.rudder_is, config.asks_motion))
         return replace(
             config,
             rudder_unit=found.rudder_unit,

@@ -281,9 +281,12 @@ def _unknown(name: str, text: str, verdict: Verdict) -> Iterator[Row]:
 
 
 def ordinary_rows(summary: RunSummary) -> Iterator[Row]:
-    """Yield the rows of ordinary flight, nothing where it was not looked for."""
+    """Yield the rows of ordinary flight, nothing where it was not looked for.
+
+    Next to a usable answer it is no news that there was none.
+    """
     found = summary.ordinary
-    if found is None:
+    if found is None or (found.dutch_roll is None and summary.deciding.usable):
         return
     if found.dutch_roll is None:
         text = "from ordinary flight the aircraft's mode is not known"

@@ -7,6 +7,7 @@ import time
 import tracemalloc
 from dataclasses import fields
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -188,9 +189,12 @@ class KeptMotion(Sink):
             self.blocks.append(event)
 
 
-def written(folder: Path, lateral: str | None, size: int = len(DATA)) -> tuple[Path, KeptMotion]:
+def written(
+    folder: Path, lateral: str | None, size: int = len(DATA), **how: Any
+) -> tuple[Path, KeptMotion]:
     """Write the run's file of a log read in pieces of ``size`` bytes."""
-    config, outputs = RunConfig(lateral=lateral), Outputs(folder, "run", force=True)
+    config = RunConfig(lateral=lateral, ordinary="off", **how)
+    outputs = Outputs(folder, "run", force=True)
     kept = KeptMotion()
     pipeline = Pipeline(config, [open_mcap(config, outputs), kept])
     source = TlogReader([DATA[at : at + size] for at in range(0, len(DATA), size)], Decoder(WANTED))
@@ -230,6 +234,13 @@ def test_motion_is_read_back_to_the_bit_in_short_chunks_before_the_samples_it_is
     run = FinishedRun(path)
     run.settled({"lateral": "auto"})
     assert run.left_open(Pipeline(RunConfig())) == []
+
+
+def test_motion_before_from_and_after_to_is_left_out_but_for_a_second(tmp_path: Path) -> None:
+    _, kept = written(tmp_path, "auto", from_s=14.0, to_s=16.0)
+    t_us = MotionBlock.joined(kept.blocks).attitude.t_us
+
+    assert (t_us[0], t_us[-1]) == (13_000_000, 17_000_000)
 
 
 def test_a_file_has_the_topics_only_where_they_were_asked_for_and_else_asks_for_the_log(

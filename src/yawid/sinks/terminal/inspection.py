@@ -65,7 +65,7 @@ def _rows(report: Inspection) -> Iterator[tuple[str, str]]:
         )
     for name, can in (report.can or {}).items():
         lacks = f"does not show the aircraft's mode: {'; '.join(can.lacks)}"
-        yield name, "shows the aircraft's mode: --ordinary auto" if can.yes else lacks
+        yield name, "shows the aircraft's mode, as a replay says" if can.yes else lacks
     for line in report.record or ():
         yield "record", line
 
@@ -227,7 +227,7 @@ def _flight(card: FlightTestCard) -> Iterator[Line]:
     if not flown.modes:
         yield "mode", f"[ ] {BLANK}: one in which the pedals move the rudder directly"
     turns = "twelve minutes at one airspeed with turns of 20 deg bank show wn and zeta alone"
-    yield "or", f"{turns}, of the bare airframe, without any rudder: --ordinary auto"
+    yield "or", f"{turns}, of the bare airframe, without any rudder"
 
 
 def _manoeuvre(card: FlightTestCard) -> Iterator[Line]:
