@@ -102,7 +102,7 @@ def cluster(env: dict[str, str], folder: Path, workers: int = 2) -> Iterator[Clu
     told = folder / "scheduler.json"
     options = ["--no-dashboard", "--host", "127.0.0.1", "--scheduler-file", str(told)]
     with _process("dask_scheduler", [*options, "--port", "0"], env, folder) as scheduler:
-        while not told.exists():
+        while not (told.exists() and told.read_bytes().rstrip().endswith(b"}")):
             assert scheduler.poll() is None
             time.sleep(0.05)
         options += ["--nworkers", str(workers), "--nthreads", "1", "--local-directory", str(folder)]
