@@ -56,16 +56,13 @@ def moving_seconds(name: str) -> Iterator[float]:
 
 @EXCITED
 def test_every_second_in_which_a_segment_moves_the_rudder_lies_in_a_manoeuvre(name: str):
-    seconds = np.array(list(moving_seconds(name)))
+    """And none has more than six seconds of rest at either end"""
+    flight, seconds = samples(name), np.array(list(moving_seconds(name)))
     covered = np.concatenate([each.boot_us for each in found(name)])
     assert len(seconds) > 100
     for low in seconds:
-        inside = (samples(name).boot_us >= low) & (samples(name).boot_us < low + 1e6)
-        assert np.isin(samples(name).boot_us[inside], covered).all(), low / 1e6
-
-
-@EXCITED
-def test_none_has_more_than_six_seconds_of_rest_at_either_end(name: str):
+        inside = (flight.boot_us >= low) & (flight.boot_us < low + 1e6)
+        assert np.isin(flight.boot_us[inside], covered).all(), low / 1e6
     for each in found(name):
         first, last = float(each.boot_us[0]), float(each.boot_us[-1])
         assert moves_in(each, first, first + 1e6 * MOST_REST_S)
@@ -88,18 +85,17 @@ def test_nothing_is_usable_in_a_mission_that_excited_nothing():
 
 @EXCITED
 def test_the_flights_answer_is_right_and_its_sigma_covers_it(name: str):
-    """CATALOG.md: 10.22 rad/s and 0.630 as flown, closed with the roll loop of FBWA"""
+    """CATALOG.md: 10.22 rad/s and 0.630 as flown, closed with the roll loop of FBWA
+
+    A steep turn of five seconds at the end draws the stream away from it, and not the answer.
+    """
     summary = summarised(SHARED_FLIGHTS / f"{name}.tlog", RunConfig())
 
-    flight = summary.flight
+    flight, roll = summary.flight, summary.flight.dutch_roll
     assert summary.deciding.usable
-    assert flight.loop == "with_roll_loop"
-    assert flight.dutch_roll.level is None
+    assert (flight.loop, roll.level) == ("with_roll_loop", None)
     assert flight.airspeed_m_s == pytest.approx(22.0, abs=0.2)
-    assert flight.dutch_roll.wn_rad_s == pytest.approx(10.22, rel=0.04)
-    assert flight.dutch_roll.zeta == pytest.approx(0.630, abs=0.04)
-    assert abs(flight.dutch_roll.wn_rad_s - 10.22) < 3.0 * flight.dutch_roll.wn_std
-    assert abs(flight.dutch_roll.zeta - 0.630) < 3.0 * flight.dutch_roll.zeta_std
-    for each in summary.manoeuvres:
-        assert each.verdict.usable
-        assert each.mode == "FBWA"
+    assert (roll.wn_rad_s, roll.zeta) == pytest.approx((10.22, 0.630), rel=0.04)
+    assert abs(roll.wn_rad_s - 10.22) < 3.0 * roll.wn_std < 3.0 * 0.05 * 10.22
+    assert abs(roll.zeta - 0.630) < 3.0 * roll.zeta_std
+    assert {(each.verdict.usable, each.mode) for each in summary.manoeuvres} == {(True, "FBWA")}
