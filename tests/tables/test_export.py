@@ -22,7 +22,8 @@ from yawid.tables.run import Run
 @pytest.fixture(scope="module")
 def mcap(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("run")
-    return replayed(C172P, folder, "--rate", 10, "--also", "none", "--manoeuvres", "off")
+    options = ("--also", "none", "--manoeuvres", "off", "--rudder-max-deg", 25)
+    return replayed(C172P, folder, "--rate", 10, *options)
 
 
 @pytest.fixture(scope="module")
@@ -58,7 +59,7 @@ def test_parquet_has_every_number_its_unit_and_null_for_the_unknown(mcap: Path, 
     assert facts["log_sha256"] == run.summary.sha256
     assert facts["sign"].startswith("positive rudder = nose right")
     assert [facts[name] for name in ("rudder_unit", "orders", "method", "autopilot")] == [
-        "half-travel", "3,3,2,1", "els", "ArduPilot",
+        "rad", "3,3,2,1", "els", "ArduPilot",
     ]  # fmt: skip
 
 
@@ -72,7 +73,8 @@ def test_csv_has_a_row_of_units_and_numbers_that_come_back_to_the_bit(
     names, units, *rows = csv.reader(data.decode().splitlines())
     assert b"\r" not in data
     assert names == list(run.record)
-    assert units == list(run.record.units.values())
+    held = {"rudder": "rad nose-right held"}  # which a record must say
+    assert dict(zip(names, units, strict=True)) == run.record.units | held
     assert len(rows) == len(run.record)
     for name, column in zip(names, zip(*rows, strict=True), strict=True):
         ours = run.record[name]

@@ -85,6 +85,16 @@ def test_the_samples_of_a_run_are_a_record_and_its_file_is_the_same_run(
     assert {each.difference for each in compared.numbers} == {0.0}
 
 
+def test_a_ground_speed_is_not_called_an_airspeed() -> None:
+    data = record()
+    data["ground_speed"] = data.pop("airspeed [m/s EAS]")
+    found = yawid.replay(data, **SAID, manoeuvres="off").samples
+
+    assert np.isnan(found.airspeed).all()
+    assert {*found.ground_speed} == {20.0}
+    assert {*found.airspeed_kind} == {"ground"}
+
+
 def test_each_option_is_a_keyword_with_a_type() -> None:
     keywords = inspect.signature(yawid.replay).parameters
     options = {field.name for field in fields(RunConfig)} - KEPT_ONLY

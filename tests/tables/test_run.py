@@ -15,11 +15,18 @@ import pyarrow as pa
 import pytest
 from finished_runs import replayed
 from forged_runs import forge
+from hand_flights import manoeuvre, summary
+from msgspec.structs import replace
 from places import C172P, REPLAY_LOGS
 
 import yawid
+from yawid.answers.reasons import Verdict
+from yawid.answers.run_summary import Bare, DutchRoll, Value
+from yawid.config.run import RunConfig
 from yawid.errors import ConfigError, SourceError, YawidError
+from yawid.sinks.base import Grid
 from yawid.sinks.mcap import reader
+from yawid.tables.columns import Units, manoeuvre_columns
 from yawid.tables.run import Run
 from yawid.tables.table import Column, Table
 
@@ -209,3 +216,17 @@ def test_the_repr_of_a_forged_run_has_no_command_to_a_terminal(mcap: Path, tmp_p
     for text in (repr(forged), forged._repr_html_()):
         assert r"low \x1b[31mUSABLE\x1b[0m\u202e" in text
         assert not set("\x1b\u202e") & set(text)
+
+
+def test_the_bare_airframe_of_a_manoeuvre_has_columns_of_its_own() -> None:
+    usable = Verdict(usable=True, reasons=[])
+    roll = DutchRoll(wn_rad_s=10.3, wn_std=0.2, zeta=0.63, zeta_std=0.02)
+    bare = Bare(dutch_roll=roll, derivatives={"N_r": Value(-0.7, 0.1)}, used=[1], verdict=usable)
+    two = summary([replace(manoeuvre(1), lateral=bare), manoeuvre(2)], None)
+    known = Units(Grid((), ("rudder",), (), 0.05, "half-travel"), RunConfig())
+    found = Table.of("manoeuvres", [*manoeuvre_columns(two, known)])
+
+    for name, value, unit in (("bare_wn_rad_s", 10.3, "rad/s"), ("N_r", -0.7, "1/s")):
+        np.testing.assert_array_equal(found[name], [value, np.nan])
+        assert found.units[name] == unit
+    assert found.N_r_std[0] == 0.1
