@@ -158,7 +158,8 @@ def test_the_settings_file_has_every_option_with_its_default():
     of_run = {field.name.removesuffix("_s"): field.default for field in fields(RunConfig)}
     of_commands = {}
     for line in ("replay x", "live x", "inspect x", "fleet x --out yawid-out"):
-        of_commands |= vars(command_line.parsed(line.split()))
+        for name, value in vars(command_line.parsed(line.split())).items():
+            of_commands[name.removeprefix("as_").removesuffix("_s")] = value
     actions = {name for name in of_commands if name not in of_run} - {
         *("every", "run", "settings", "config", "logs", "log", "paths", "endpoint"),
     }

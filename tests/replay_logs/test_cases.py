@@ -99,7 +99,8 @@ def test_what_differs_is_said_and_drawn_alike_each_time_and_goes_when_it_matches
 def test_another_log_and_too_few_updates_are_noticed_and_never_become_references(
     case: Path,
 ) -> None:
-    before, toml = (case / "expected.json").read_bytes(), (case / "case.toml").read_text("utf-8")
+    before = (case / "expected.json").read_bytes()
+    toml = (case / "case.toml").read_text(encoding="utf-8")
     with (case / "log.tlog").open("ab") as log:
         log.write(b"\0")
     (case / "case.toml").write_text(toml.replace("floor = 500", "floor = 50000"), encoding="utf-8")

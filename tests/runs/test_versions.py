@@ -19,11 +19,12 @@ def test_the_versions_are_those_that_the_packages_first_on_the_path_tell_of_them
     assert versions() == told | {"python": platform.python_version()}
 
     first, second = tmp_path / "first", tmp_path / "second"
-    egg = first / "numpy-8.1.egg-info"
+    egg = first / "of_an_egg-8.1.egg-info"
     for folder in (first / "rerun_sdk-9.1.dist-info", second / "Rerun.SDK-9.0.dist-info", egg):
         folder.mkdir(parents=True)
-    (egg / "PKG-INFO").write_text("Metadata-Version: 2.1\nName: numpy\nVersion: 8.1\n", "utf-8")
+    text = "Metadata-Version: 2.1\nName: of-an-egg\nVersion: 8.1\n"
+    (egg / "PKG-INFO").write_text(text, encoding="utf-8")
     monkeypatch.setattr(sys, "path", [str(first), str(second), *sys.path])
-    monkeypatch.setattr("yawid.runs.versions.LIBRARIES", ("rerun-sdk", "scipy", "numpy"))
-    expected = {"rerun-sdk": "9.1", "scipy": metadata.version("scipy"), "numpy": "8.1"}
+    monkeypatch.setattr("yawid.runs.versions.LIBRARIES", ("rerun-sdk", "scipy", "of-an-egg"))
+    expected = {"rerun-sdk": "9.1", "scipy": metadata.version("scipy"), "of-an-egg": "8.1"}
     assert expected.items() <= versions().items()

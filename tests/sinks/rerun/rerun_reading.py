@@ -62,9 +62,10 @@ def _columns(chunk: Any) -> dict[str, list[Any]]:
 
 def statics(path: Path, entity: str, component: str) -> list[Any]:
     return [
-        _columns(chunk)[component][-1]
+        row
         for chunk in RrdReader(path).stream().to_chunks()
         if chunk.is_static and chunk.entity_path == entity
+        for row in _columns(chunk)[component]
     ]
 
 
