@@ -6,7 +6,7 @@ and that which ``--ordinary`` finds.
 """
 
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path
@@ -88,39 +88,36 @@ def read_flights(folder: Path, without_sha: str | None = None) -> Flights:
     rows = [row | {"date": date} for row, date in zip(table.to_pylist(), dates, strict=True)]
     if without_sha is not None:
         rows = [row for row in rows if row["log_sha256"] != without_sha]
-    return flights_of([*rows, *_bare_rows(rows), *_ordinary_rows(rows)])
+    each = {(row["log_sha256"], row["sysid"], row["boot"]): row for row in reversed(rows)}
+    flights = [*each.values()][::-1]
+    return flights_of([*rows, *_bare_rows(flights), *_ordinary_rows(flights)])
 
 
-def _bare_rows(rows: Sequence[FlightRow]) -> list[FlightRow]:
-    """Return a row for the bare airframe of each flight that has one, whatever its loops.
+def _bare_rows(flights: Iterable[FlightRow]) -> Iterator[FlightRow]:
+    """Yield a row for the bare airframe of each flight that has one, whatever its loops.
 
     It has no K / V. Its wn / V is by the equivalent airspeed, as that of the others.
     """
-    found: dict[tuple[Any, ...], FlightRow] = {}
-    for row in rows:
-        whose = tuple(row[name] for name in ("log_sha256", "sysid", "boot"))
-        if row["bare_wn_rad_s"] is None or whose in found:
-            continue
-        height = row["altitude_m"]
-        ratio = np.nan if height is None else float(density_ratio(np.array([height]))[0])
-        per_wn = 1.0 / (row["bare_airspeed_m_s"] * np.sqrt(ratio))
-        kappa = row["bare_wn_rad_s"] * per_wn, row["bare_wn_std"] * per_wn
-        numbers = {
-            "zeta": row["bare_zeta"], "zeta_std": row["bare_zeta_std"], "K_per_V": None,
-            "kappa_rad_m": kappa[0] if np.isfinite(ratio) else None, "kappa_std": kappa[1],
-        }  # fmt: skip
-        found[whose] = {**row, **numbers, "loop": BARE_AIRFRAME, "usable": True}
-    return list(found.values())
+    for row in flights:
+        if row["bare_wn_rad_s"] is not None:
+            height = row["altitude_m"]
+            ratio = np.nan if height is None else float(density_ratio(np.array([height]))[0])
+            per_wn = 1.0 / (row["bare_airspeed_m_s"] * np.sqrt(ratio))
+            numbers = {
+                "zeta": row["bare_zeta"], "zeta_std": row["bare_zeta_std"], "K_per_V": None,
+                "kappa_rad_m": row["bare_wn_rad_s"] * per_wn if np.isfinite(ratio) else None,
+                "kappa_std": row["bare_wn_std"] * per_wn,
+            }  # fmt: skip
+            yield {**row, **numbers, "loop": BARE_AIRFRAME, "usable": True}
 
 
-def _ordinary_rows(rows: Sequence[FlightRow]) -> Iterator[FlightRow]:
+def _ordinary_rows(flights: Sequence[FlightRow]) -> Iterator[FlightRow]:
     """Yield a row for each flight whose ordinary part shows the mode; it has no K / V.
 
     Short flights of one day answer together.
     """
-    flights = {(row["log_sha256"], row["sysid"], row["boot"]): row for row in rows}
     own = {"loop": ORDINARY_FLIGHT, "usable": True, "K_per_V": None}
-    for row in (*flights.values(), *_days_of_short_flights(flights.values())):
+    for row in (*flights, *_days_of_short_flights(flights)):
         if row["ordinary_wn_rad_s"] is not None:
             yield {**row, **{name: row[f"ordinary_{name}"] for name in _OF_ORDINARY}, **own}
 
@@ -152,19 +149,14 @@ def _days_of_short_flights(rows: Iterable[FlightRow]) -> Iterator[FlightRow]:
 
 def flights_of(rows: Sequence[FlightRow]) -> Flights:
     """Return the histories in rows of ``flights_by_loop``, whose dates are in us since 1970."""
-    left_out = {"not usable": 0, "without a date": 0, "without a number and its sigma": 0}
+    left_out = dict.fromkeys(_LEFT_OUT, 0)
     by_whose: dict[tuple[str, str], list[int]] = {}
     for i, row in enumerate(rows):
-        has_number = any(_known(row, quantity) for quantity in FOLLOWED)
-        if not row["usable"]:
-            left_out["not usable"] += 1
-        elif row["date"] is None:
-            left_out["without a date"] += 1
-        elif not has_number:
-            left_out["without a number and its sigma"] += 1
-        else:
+        if (why := next((why for why, holds in _LEFT_OUT.items() if holds(row)), None)) is None:
             key = (shown(row["vehicle"]), row["loop"] or NO_LOOP)
             by_whose.setdefault(key, []).append(i)
+        else:
+            left_out[why] += 1
     histories = []
     for (vehicle, loop), found in sorted(by_whose.items(), key=lambda each: _natural(each[0])):
         found.sort(key=lambda i: (rows[i]["date"], rows[i]["log_sha256"] or "", rows[i]["boot"]))
@@ -226,6 +218,14 @@ def _known(row: FlightRow, quantity: str) -> bool:
     return row[quantity] is not None and row[FOLLOWED[quantity]] is not None
 
 
+_LEFT_OUT: Final[dict[str, Callable[[FlightRow], bool]]] = {
+    "not usable": lambda row: not row["usable"],
+    "without a date": lambda row: row["date"] is None,
+    "without a number and its sigma": lambda row: not any(_known(row, name) for name in FOLLOWED),
+}
+"""Why a flight is left out: the first that holds."""
+
+
 def _history(
     vehicle: str, loop: str, quantity: str, rows: Sequence[FlightRow], known: list[int]
 ) -> History:
@@ -251,12 +251,8 @@ def measured_otherwise(flights: Flights, history: History, first: int, last: int
     """
     before = [flights.rows[i] for i in history.flights[: first + 1]]
     after = [flights.rows[i] for i in history.flights[last:]]
-    said = []
-    for name in MADE:
-        one, other = _most(before, name), _most(after, name)
-        if one != other:
-            said.append(f"{name}: {one} before, {other} after")
-    return said
+    made = ((name, _most(before, name), _most(after, name)) for name in MADE)
+    return [f"{name}: {one} before, {other} after" for name, one, other in made if one != other]
 
 
 def _most(rows: list[FlightRow], name: str) -> object:
