@@ -178,8 +178,9 @@ def _model(
         )
     run = run_of(log, **({"lateral": "auto"} if which == "bare" else {}))
     given = {name.replace("-", "_"): aircraft.get(name) for name in OF_AIRCRAFT}
-    of = int(which) if which.isdigit() else which
-    path, model = write_model(run, of, out, given, force=force)
+    path, model = write_model(
+        run, int(which) if which.isdigit() else which, out, given, force=force
+    )
     for reason in model.reasons:
         say(f"{'warning' if model.usable else 'not usable'} {reason}")
     return path

@@ -6,9 +6,8 @@ import webbrowser
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
-from typing import Annotated, TextIO
+from typing import TYPE_CHECKING, Annotated, TextIO
 
-from yawid.answers.run_summary import RunSummary
 from yawid.cli.main import code_of
 from yawid.cli.options import (
     ALL,
@@ -27,6 +26,9 @@ from yawid.runs.stop import Interrupted, StopFlag
 from yawid.sinks.door import print_answer, print_line, say
 from yawid.sources.formats import RUN, recorded
 from yawid.system.stores import Place, place_of
+
+if TYPE_CHECKING:
+    from yawid.answers.run_summary import RunSummary
 
 DEFAULT_OUT = "yawid-out"
 INTERRUPTED = 130
@@ -112,13 +114,13 @@ def replay(
     return max(codes, default=0)
 
 
-def _print_summary(summary: RunSummary, stream: TextIO) -> None:
+def _print_summary(summary: "RunSummary", stream: TextIO) -> None:
     from yawid.sinks.run_page import print_summary  # --json needs nothing of it
 
     print_summary(summary, stream)
 
 
-def _write_report(summary: RunSummary, *, force: bool, as_json: bool, is_only: bool) -> None:
+def _write_report(summary: "RunSummary", *, force: bool, as_json: bool, is_only: bool) -> None:
     """Write the report of a run; open it in the browser if somebody waits for one log's."""
     from yawid.report.write import write_report
     from yawid.system.processes import has_desktop

@@ -270,8 +270,7 @@ class RunConfig:
 
     def binds(self, name: str) -> bool:
         """Return whether the user gave this setting, which then applies to every manoeuvre."""
-        default = next(each.default for each in fields(self) if each.name == name)
-        return name in self.given or getattr(self, name) != default
+        return name in self.given or getattr(self, name) != getattr(RunConfig(), name)
 
     @property
     def is_ordinary(self) -> bool:
