@@ -314,8 +314,7 @@ class RunConfig:
         if unknown := set(self.given) - set(GIVEN):
             raise ConfigError(f"given must name some of {', '.join(GIVEN)}, got {min(unknown)!r}")
         if self.inputs not in INPUTS:
-            given = ",".join(self.inputs)
-            raise ConfigError(f"--inputs must {INPUT}, got {given}")
+            raise ConfigError(f"--inputs must {INPUT}, got {','.join(self.inputs)}")
         if self.band is not None and not self.band[0] < self.band[1]:
             raise ConfigError(f"--band must {BAND}, got {self.band[0]:g},{self.band[1]:g}")
 
