@@ -98,10 +98,10 @@ class Inbox:
         """Queue the datagrams, n >= 1, for which there is room; count the others."""
         self.last_us = arrived[-1][0]
         fits = [each for each in arrived if len(each[1]) <= LONGEST]
-        self.too_long += len(arrived) - len(fits)
         sizes = list(accumulate(len(datagram) for _, datagram, _ in fits))
         room = bisect_right(sizes, self._most_bytes - self._waiting_bytes)
         taken = fits[: min(max(self._size - len(self), 0), room)]
+        self.too_long += len(arrived) - len(fits)
         self.dropped += len(fits) - len(taken)
         if taken:
             self._bytes_put += sizes[len(taken) - 1]
