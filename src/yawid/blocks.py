@@ -334,11 +334,6 @@ class MotionBlock(Columns):
     def __len__(self) -> int:
         return len(self.attitude) + len(self.commands) + len(self.acceleration)
 
-    def between(self, low_us: float, high_us: float) -> "MotionBlock":
-        """Return the rows of these times since boot, the ends included."""
-        rows = self.attitude, self.commands, self.acceleration
-        return MotionBlock(*(x.select((x.t_us >= low_us) & (x.t_us <= high_us)) for x in rows))
-
 
 Y_HAT, INNOVATION, RESIDUAL, NOISE_STD, STATUS, SCALARS = range(6)
 """The places of the scalars in a row of an :class:`EstimateBlock`, after theta and theta_std."""

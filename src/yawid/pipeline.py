@@ -188,7 +188,10 @@ class Pipeline:
     def _move(self, motion: MotionBlock) -> None:
         """Pass lateral motion on, if it is asked for; it waits until samples open the sinks."""
         low, high = self.config.window_us
-        if not (motion := motion.between(low - MARGIN_US, high + MARGIN_US)):
+        parts = motion.attitude, motion.commands, motion.acceleration
+        inside = [(x.t_us >= low - MARGIN_US) & (x.t_us <= high + MARGIN_US) for x in parts]
+        motion = MotionBlock(*(x.select(at) for x, at in zip(parts, inside, strict=True)))
+        if not motion:
             return
         if self.bank is None:
             self._motion.append(motion)

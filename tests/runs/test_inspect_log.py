@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from flightlog import FlightLog, fly, summarised
+from flights.surgery import join, rewrite, split
 from gate import one_in
 from hypothesis import given
 from hypothesis import strategies as st
@@ -19,7 +20,7 @@ from inspecting import assert_is_read_in_ten_seconds, inspected
 from places import C172P, ROOT
 from places import SHARED_FLIGHTS as FLIGHTS
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
-from sources.mavlink.test_signed_sessions import PASSPHRASE, signed, signer
+from sources.mavlink.test_signed_sessions import KEY, PASSPHRASE
 
 from yawid.channels.series import Series
 from yawid.channels.survey import Survey
@@ -201,20 +202,18 @@ def test_inspect_says_the_options_asked_for_and_the_card_has_the_answer_of_that_
 
 
 def test_with_a_key_only_the_signed_vehicle_is_inspected(tmp_path: Path, capsys):
-    key, log, link, mixed, at = tmp_path / "key", FlightLog(), signer(), [], 0
+    key, log = tmp_path / "key", FlightLog()
     key.write_text(PASSPHRASE, encoding="utf-8")
     for t in np.arange(10.0, 20.0, 0.05).tolist():
         log.heartbeat(t)
         log.attitude(t, 0.1)
         log.servos(t, [1500] * 8)
-    while at < len(log.data):
-        record = log.data[at : at + 8 + 12 + log.data[at + 9]]
-        mixed += [signed(record, link), record]
-        at += len(record)
+    plain = split(bytes(log.data))
+    both = [each for pair in zip(rewrite(plain, key=KEY), plain, strict=True) for each in pair]
 
-    _, report = inspected(b"".join(mixed), tmp_path, capsys, "--signing-key-file", str(key))
+    _, report = inspected(join(both), tmp_path, capsys, "--signing-key-file", str(key))
 
-    assert report["link"]["unsigned_rejected"] == len(mixed) // 2
+    assert report["link"]["unsigned_rejected"] == len(plain)
     assert report["rates"]["yaw"]["messages"] == 200
     assert PASSPHRASE not in json.dumps(report)
 

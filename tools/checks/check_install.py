@@ -31,7 +31,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[2]
 SRC = ROOT / "src"
 LOG = ROOT / "replay_logs" / "c172p_3211" / "log.tlog"
-DATA = {"yawid/py.typed", "yawid/report/report.css"}
+DATA = {"yawid/py.typed", *(f"yawid/report/{name}" for name in ("report.css", "page.html"))}
 DATA |= {f"yawid/layouts/{name}" for name in ("plotjuggler.xml", "foxglove.json")}
 DATA |= {f"yawid/manual/{path.name}" for path in (SRC / "yawid" / "manual").iterdir()}
 OF_SDIST = {"LICENSE", "PKG-INFO", "README.md", "pyproject.toml", "setup.cfg"}
