@@ -18,6 +18,7 @@ from report_page import Page, first_screen
 
 from yawid.blocks import Noted
 from yawid.cli.main import main
+from yawid.report.html import note
 from yawid.report.write import report
 from yawid.sinks.mcap.reader import open_run
 
@@ -145,3 +146,11 @@ def test_the_browser_would_notice_a_script_error_and_a_request(tmp_path: Path) -
         browser.listen(0.5)
         assert "http://127.0.0.1:9/x.png" in browser.requests
         assert browser.complaints
+
+
+def test_characters_that_html_does_not_allow_are_replaced_in_texts_and_in_sentences() -> None:
+    shown = note("a\x1b", "--b \x00 \ud800 \x85")
+
+    assert shown.count("\ufffd") == 4
+    assert not any(ord(each) < 32 and each != "\n" for each in shown)
+    shown.encode("utf-8")
