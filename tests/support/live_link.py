@@ -176,6 +176,16 @@ def listening(
         thread.join(60.0)
 
 
+def received(link: socket.socket) -> list[bytes]:
+    """Return the datagrams that wait at a socket which does not block."""
+    found: list[bytes] = []
+    try:
+        while True:
+            found.append(link.recv(2048))
+    except BlockingIOError:
+        return found
+
+
 def send(sent: list[bytes], port: int, own: socket.socket | None = None) -> None:
     """Send each frame as a datagram."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as fresh:

@@ -118,7 +118,7 @@ class Inspection(Origin, Judged, frozen=True, kw_only=True):
         dict[str, Can] | None,
         says(
             "whether the log gives an answer that has to be asked for",
-            **named(ordinary="of the mode from ordinary flight: --ordinary"),
+            **named(ordinary="of the mode from ordinary flight"),
         ),
     ] = None
     record: Annotated[list[str] | None, says("what to record next time, in words")] = None

@@ -393,9 +393,7 @@ class RunSummary(Origin, Judged, frozen=True, kw_only=True):
     ] = None
     ordinary: Annotated[
         OrdinaryAnswer | None,
-        says(
-            "from ordinary flight, with --ordinary: the aircraft without its autopilot, mode only"
-        ),
+        says("from ordinary flight: the aircraft without its autopilot, mode only"),
     ] = None
     live: Annotated[LiveFacts | None, says("what a live session adds")] = None
     files: Annotated[

@@ -90,7 +90,7 @@ ORDINARY: Final = (
     ("ordinary_sums", TEXT, "sums of a flight that is too short, which add up; NULL of others"),
     ("ordinary_why", ID, "why it is not known: the first reason"),
 )
-"""The bare airframe's mode from ordinary flight, for which ``--ordinary`` asks."""
+"""The bare airframe's mode from ordinary flight."""
 CONDITION: Final = (
     *_columns(ID, "loop"),
     *_columns(NUMBER, "airspeed_m_s"),

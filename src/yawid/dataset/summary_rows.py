@@ -6,9 +6,7 @@ The columns follow from the fields: a row has every field whose name is a column
 from collections.abc import Iterator
 from datetime import datetime
 
-from yawid.answers.model_parts import flat as flat
-from yawid.answers.model_parts import flat_answer, with_sigmas
-from yawid.answers.model_parts import with_sigmas as _value
+from yawid.answers.model_parts import flat, flat_answer, with_sigmas
 from yawid.answers.ordinary import OrdinaryAnswer
 from yawid.answers.reasons import Verdict
 from yawid.answers.run_summary import Bare, Manoeuvre, MethodSummary, RunSummary, Value
@@ -109,7 +107,8 @@ def ordinary_row(found: OrdinaryAnswer | None) -> Row:
         return row | {"ordinary_why": found.verdict.reasons[0].id}
     row |= flat(roll, "ordinary_") | {"ordinary_airspeed_m_s": found.airspeed_m_s}
     if is_known and (speed := found.equivalent_airspeed_m_s):
-        row |= _value("ordinary_kappa_rad_m", Value(roll.wn_rad_s, roll.wn_std), 1.0 / speed)
+        wn = Value(roll.wn_rad_s, roll.wn_std)
+        row |= with_sigmas("ordinary_kappa_rad_m", wn, 1.0 / speed)
     return row
 
 

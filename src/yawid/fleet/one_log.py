@@ -13,11 +13,12 @@ from typing import Any
 
 import numpy as np
 
+from yawid.answers.model_parts import flat
 from yawid.answers.reasons import Reason
 from yawid.answers.run_summary import RunSummary
 from yawid.config.run import OF_RECORDS, RunConfig
 from yawid.dataset.schema import LOGS
-from yawid.dataset.summary_rows import flat, flight_rows, manoeuvre_rows, of_table, run_rows
+from yawid.dataset.summary_rows import flight_rows, manoeuvre_rows, of_table, run_rows
 from yawid.dataset.values import FAILED, USAGE, ReadRow, Row, failed, known_date, plain, serial_of
 from yawid.errors import ConfigError, SourceError, YawidError
 from yawid.fleet.spec import Spec

@@ -2,7 +2,7 @@
 
 A vehicle flown with its roll loop responds differently from the airframe alone, so each loop is a
 history of its own. So is the bare airframe that ``--lateral auto`` finds under a roll loop,
-and that which ``--ordinary`` finds.
+and that which ordinary flight shows.
 """
 
 import re

@@ -143,7 +143,7 @@ def wait_until(wanted: bool) -> bool:
 
 @pytest.fixture
 def screen() -> Iterator[str]:
-    """The name of a display that nobody sees; a viewer on it ends with it."""
+    """The name of a display that is not seen; a viewer on it ends with it."""
     if listens():
         pytest.skip(f"somebody listens on port {PORT} already")
     read, write = os.pipe()

@@ -11,6 +11,7 @@ from itertools import pairwise
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from live_link import received
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from yawid.errors import ConfigError
@@ -62,12 +63,7 @@ class Ground:
         self.publisher = Publisher({"there": way}, 194)
 
     def received(self) -> list[bytes]:
-        frames: list[bytes] = []
-        try:
-            while True:
-                frames.append(self.station.recv(2048))
-        except BlockingIOError:
-            return frames
+        return received(self.station)
 
 
 @pytest.fixture

@@ -7,6 +7,7 @@ import time
 from collections.abc import Iterator
 
 import pytest
+from live_link import received
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from yawid.sources.link.endpoints import Endpoint
@@ -60,12 +61,7 @@ class Link:
 
     def frames(self) -> list[bytes]:
         """Return what the vehicle has received since."""
-        found: list[bytes] = []
-        try:
-            while True:
-                found.append(self.vehicle.recv(2048))
-        except BlockingIOError:
-            return found
+        return received(self.vehicle)
 
     def asked(self) -> list[int]:
         """Return for which messages the vehicle has been asked since, at 50 Hz."""
@@ -90,7 +86,7 @@ def test_both_messages_are_asked_for_one_after_the_other_and_again_after_ten_sec
     link: Link,
 ) -> None:
     link.requests.tick(0.0, None)
-    assert link.asked() == []  # of nobody
+    assert link.asked() == []  # of no vehicle
     link.say(HEARTBEAT)
     for t, asked in ((0.0, [ATTITUDE]), (0.5, []), (2.0, [SERVOS]), (9.9, []), (10.0, [ATTITUDE])):
         link.tick(t)

@@ -33,7 +33,7 @@ class Answer(NamedTuple):
     ``verdict`` is the flight's; before a manoeuvre is answered it says what the log lacks, and is
     None where it lacks nothing. ``flights`` are the flight's answers. ``running`` is the stream's
     Dutch roll until the flight has a usable answer, None while it is not known well enough.
-    ``ordinary`` is that of ordinary flight of the last quarter of an hour, with ``--ordinary``.
+    ``ordinary`` is that of ordinary flight of the last quarter of an hour.
     """
 
     verdict: Verdict | None
