@@ -177,8 +177,9 @@ def listening(
 
 
 def received(link: socket.socket) -> list[bytes]:
-    """Return the datagrams that wait at a socket which does not block."""
+    """Return the datagrams that wait at a socket, which does not block from here on."""
     found: list[bytes] = []
+    link.setblocking(False)
     try:
         while True:
             found.append(link.recv(2048))
