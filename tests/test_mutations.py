@@ -7,6 +7,7 @@ from collections import Counter
 from itertools import islice
 
 import pytest
+from checks import mutants
 from checks.mutants import GROUPS, KINDS, Mutant, drawn, sites
 from mutate import DEFECTS, ROOT, Copy, Defect, misplaced
 
@@ -72,11 +73,15 @@ def test_a_mutant_changes_a_number_a_sign_a_comparison_or_a_statement_and_no_tex
     }
 
 
-def test_a_draw_is_the_same_for_a_seed_and_each_room_and_kind_has_its_share():
+def test_a_draw_is_the_same_for_a_seed_and_each_room_and_kind_has_its_share(
+    monkeypatch: pytest.MonkeyPatch,
+):
     package = ROOT / "src/yawid"
     found = list(islice(drawn(package, 1), 400))
 
-    assert found == list(islice(drawn(package, 1), 400))
+    monkeypatch.setattr(mutants, "GROUPS", {"physics": ("physics",)})
+    one, same, other = (list(islice(drawn(package, seed), 20)) for seed in (1, 1, 2))
+    assert one == same != other
     assert len(set(found)) == 400
     assert set(Counter(each.group for each in found).values()) == {400 // len(GROUPS)}
     assert min(Counter(each.kind for each in found)[kind] for kind in KINDS) >= 50

@@ -33,6 +33,7 @@ from pathlib import Path
 from checks.children import child
 
 ROOT = Path(__file__).resolve().parents[1]
+PACKAGE = ROOT / "src" / "yawid"
 COPIED = ("src", "tests", "tools", "replay_logs")
 KERNEL = "estimation/kernel/"
 PLAIN = (KERNEL, "estimation/machine/")
@@ -142,12 +143,11 @@ class Copy:
 
 def misplaced(defects: Sequence[Defect]) -> list[str]:
     """Return in words the defects whose pattern is not exactly once in its file."""
-    found = []
-    for defect in defects:
-        count = (ROOT / "src" / "yawid" / defect.file).read_text(encoding="utf-8").count(defect.old)
-        if count != 1:
-            found.append(f"{defect.what}: {count} times in {defect.file}: {defect.old!r}")
-    return found
+    return [
+        f"{each.what}: {count} times in {each.file}: {each.old!r}"
+        for each in defects
+        if (count := (PACKAGE / each.file).read_text(encoding="utf-8").count(each.old)) != 1
+    ]
 
 
 def seed(defects: Sequence[Defect], copy: Copy) -> int:
@@ -163,51 +163,45 @@ def seed(defects: Sequence[Defect], copy: Copy) -> int:
     return missed
 
 
-def draw(count: int, seed: int, tests: Sequence[str]) -> int:
-    """Hunt ``count`` mutants of the commit, print the table, and return 0."""
+def draw(count: int, seed: int, tests: Sequence[str]) -> None:
+    """Hunt ``count`` mutants of the commit, and print the table."""
     from checks import mutants  # the library coverage is not needed for a single defect
 
-    asked = ["git", "log", "-1", "--format=%h %cs", "--", "src", "tests"]
+    asked = ["git", "log", "-1", "--format=%h of %cs", "--", "src", "tests"]
     said = subprocess.run(asked, cwd=ROOT, capture_output=True, text=True, check=True).stdout
-    commit, date = said.split()
-    folder = Path(tempfile.gettempdir()) / f"yawid-mutants-{commit}"
+    folder = Path(tempfile.gettempdir()) / f"yawid-mutants-{said.split()[0]}"
     shutil.rmtree(folder / "tree", ignore_errors=True)  # a run that was killed leaves its mutant
-    copy = Copy(folder / "tree")
     print(f"mutate: {folder}", file=sys.stderr, flush=True)
     found = sorted(path.relative_to(ROOT).as_posix() for path in ROOT.glob("tests/**/test_*.py"))
-    reach = mutants.Reach(copy, folder, tests or [*found, "src"])
-    rows = mutants.hunt(copy, folder, reach, seed=seed, count=count)
+    copy = Copy(folder / "tree")
+    rows = mutants.hunt(copy, folder, tests or [*found, "src"], seed=seed, count=count)
     left = [f"{row['where']} {row['kind']}: {row['old']} -> {row['new']}, {len(row['tests'])} files"
             for row in rows if not row["killer"]]  # fmt: skip
     (folder / f"survivors_{seed}.txt").write_text("\n".join(sorted(left)), encoding="utf-8")
-    print(mutants.table(rows, f"`--draw {count} --seed {seed}`, {commit} of {date}"))
-    return 0
+    print(mutants.table(rows, f"`--draw {count} --seed {seed}`, {said.strip()}"))
 
 
-def main(argv: Sequence[str]) -> int:
-    """Return 0 if all defects are caught, 1 if not, and 2 if they cannot be seeded."""
+def main(argv: Sequence[str]) -> None:
+    """Draw mutants, or seed the defects; end with 1 if one is missed or cannot be seeded."""
     parser = argparse.ArgumentParser(prog="mutate.py", description=(__doc__ or "").split("\n")[0])
-    parser.add_argument("--only", metavar="WORD", default="", help="defects whose text has it")
-    parser.add_argument("--draw", metavar="N", type=int, help="N mutants drawn at random")
-    parser.add_argument("--seed", metavar="S", type=int, default=0, help="which ones (--draw)")
-    parser.add_argument(
-        "--tests", nargs="+", metavar="FILE", default=(), help="only these (--draw)"
-    )
+    add = parser.add_argument
+    add("--only", metavar="WORD", default="", help="defects whose text has it")
+    add("--draw", metavar="N", type=int, help="N mutants drawn at random")
+    add("--seed", metavar="S", type=int, default=0, help="which ones (--draw)")
+    add("--tests", nargs="+", metavar="FILE", default=(), help="only these (--draw)")
     options = parser.parse_args(argv)
     if options.draw:
-        return draw(options.draw, options.seed, options.tests)
+        draw(options.draw, options.seed, options.tests)
+        return
     defects = [defect for defect in DEFECTS if options.only.lower() in defect.what.lower()]
     if wrong := misplaced(defects):
-        print("mutate: " + "\nmutate: ".join(wrong), file=sys.stderr)
-        return 2
+        raise SystemExit("mutate: " + "\nmutate: ".join(wrong))
     with tempfile.TemporaryDirectory() as scratch:
         copy = Copy(Path(scratch) / "tree")
         code, output = copy.run_all(defects)
-        if code != 0:
-            print(f"mutate: without any defect:\n{output}", file=sys.stderr)
-            return 2
-        return int(seed(defects, copy) > 0)
+        if code or seed(defects, copy):
+            raise SystemExit(f"mutate: without any defect:\n{output}" if code else "")
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    main(sys.argv[1:])

@@ -161,6 +161,12 @@ def test_a_figure_misses_its_limit_only_by_more_than_its_own_error() -> None:
     assert "wn, turbulence: RMS" not in near  # nothing was flown in it
 
 
+def answering(of: Response) -> Manoeuvre:
+    """A manoeuvre whose answer has this response."""
+    made = found(1, 40.0, 2.0, verdict())
+    return replace(made, estimates={"ct": replace(made.estimates["ct"], response=of)})
+
+
 def test_a_gain_and_its_sigma_are_those_of_the_transfer_function() -> None:
     # 4 (s + .5) / (s^2 + .8 s + 4) has the residue 2 + .6j / (2 w) at -.4 + j w, w^2 = 3.84
     w = math.sqrt(3.84)
@@ -171,13 +177,13 @@ def test_a_gain_and_its_sigma_are_those_of_the_transfer_function() -> None:
         covariance=covariance.tolist(),
     )  # fmt: skip
 
-    at = judge.gain(of, 2.0)
+    (value,), (std,) = judge.gains(answering(of), np.array([2.0]))
 
     s = 2.0j
     G = 4.0 * (s + 0.5) / (s**2 + 0.8 * s + 4.0)
     slope = (G.conjugate() * (2.0 * s + 0.8) / (s**2 + 0.8 * s + 4.0)).real / abs(G)
-    assert at.value == pytest.approx(abs(G))
-    assert at.std == pytest.approx(0.1 * abs(slope), rel=1e-5)
+    assert value == pytest.approx(abs(G))
+    assert std == pytest.approx(0.1 * abs(slope), rel=1e-5)
 
 
 @pytest.mark.parametrize("turn_removed", [False, True])

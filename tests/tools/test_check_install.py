@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import re
+import tomllib
 from importlib.metadata import version
 
-from checks.check_install import DATA, newest_allowed, oldest_allowed
+from checks.check_install import newest_allowed
 from places import ROOT, SRC
 
 from yawid.version import __version__
 
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+
 
 def test_every_library_has_a_lower_bound_that_can_be_tried():
-    assert [each for each in oldest_allowed() if not re.fullmatch(r"[\w-]+==\d[\d.]*", each)] == []
+    bound = re.compile(r"[\w-]+>=\d[\d.]*(,<[\d.]+)?")
+    assert [each for each in PROJECT["project"]["dependencies"] if not bound.fullmatch(each)] == []
 
 
 def test_numba_and_its_llvmlite_have_upper_bounds_and_the_newest_pair_is_the_one_tested_here():
@@ -20,11 +24,16 @@ def test_numba_and_its_llvmlite_have_upper_bounds_and_the_newest_pair_is_the_one
     assert newest_allowed() == here
 
 
-def test_what_the_package_holds_besides_modules_is_known_and_packed():
+def test_what_the_package_holds_besides_modules_is_packed_and_nothing_else():
+    packed = {
+        path
+        for package, patterns in PROJECT["tool"]["setuptools"]["package-data"].items()
+        for pattern in patterns
+        for path in (SRC.parent / package.replace(".", "/")).glob(pattern)
+    }
     files = {path for path in SRC.rglob("*") if path.is_file() and "__pycache__" not in path.parts}
-    others = {path for path in files if path.suffix != ".py"}
 
-    assert {path.relative_to(SRC.parent).as_posix() for path in others} == DATA
+    assert {path for path in files if path.suffix != ".py"} == packed
 
 
 def test_version_py_alone_has_the_version_and_the_changes_begin_with_it():

@@ -1,20 +1,18 @@
 """Installs yawid as users do and replays a flight with it; tools/check.py --long runs this.
 
-    python -m checks.check_install [built|oldest|newest|platforms]
+    python -m checks.check_install [built] [oldest] [platforms]
 
 The steps, all of which run if none is named, are
 built: the sdist and the wheel have the right files and no others, and the installed wheel replays a
-flight outside of the clone, without git, compiler and display.
-oldest: the cases of replay_logs/ and some tests pass with the oldest libraries that pyproject.toml
-allows.
-newest: the newest numba and llvmlite that it allows compile the estimators, whose tests pass.
+flight outside of the clone, without git, compiler and display; sizes and times are printed. The
+newest numba and llvmlite that pyproject.toml allows compile the estimators, whose tests pass.
+oldest: the cases of replay_logs/ and some tests pass with the oldest libraries that it allows.
 platforms: every library, those of the extras as well, has a wheel for aarch64, Windows and macOS.
-They need the package registry and some minutes.
+They need the package registry and some minutes; uv, which pip installs, builds and installs all.
 """
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import re
@@ -23,203 +21,153 @@ import subprocess
 import sys
 import tarfile
 import tempfile
-import tomllib
+import time
 import zipfile
-from collections.abc import Sequence
+from itertools import product
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
-SRC = ROOT / "src"
-LOG = ROOT / "replay_logs" / "c172p_3211" / "log.tlog"
-DATA = {"yawid/py.typed", *(f"yawid/report/{name}" for name in ("report.css", "page.html"))}
-DATA |= {f"yawid/layouts/{name}" for name in ("plotjuggler.xml", "foxglove.json")}
-DATA |= {f"yawid/manual/{path.name}" for path in (SRC / "yawid" / "manual").iterdir()}
+LOG = ROOT / "replay_logs" / "c172p_reversed" / "log.tlog"
+LEFT_OUT = (".git", "build", "dist", "*.egg-info", "__pycache__", ".*_cache", ".venv")
 OF_SDIST = {"LICENSE", "PKG-INFO", "README.md", "pyproject.toml", "setup.cfg"}
+OF_VIEWER = ("rerun", "pyarrow")
+"""The libraries without which yawid replays, too, by how their names begin."""
+OF_COMPILED = ("tests/estimation",)
 TESTS = (
     "tests/test_replay_logs.py",
-    "tests/estimation",
+    *OF_COMPILED,
     "tests/sinks/mcap",
     "tests/cli/test_completion.py",
     "tests/report/test_report.py",
 )
-COMPILED = ("numba", "llvmlite")
-"""The libraries with an upper bound, whose versions must match each other."""
-OF_COMPILED = ("tests/estimation",)
 VERSIONS = ("3.11", "3.12", "3.13")
 WHEELS_ONLY = "--only-binary=:all:"
-PLATFORMS = {
-    "aarch64": ("manylinux_2_28_aarch64", "manylinux_2_17_aarch64", "manylinux2014_aarch64"),
-    "Windows": ("win_amd64",),
-    "macOS 12": ("macosx_12_0_arm64",),
-}
-"""The platforms without a machine to try them on, by the names that pip has for them."""
-EXTRAS = "ulog,serial,fleet"
+PLATFORMS = ("aarch64-manylinux_2_28", "x86_64-pc-windows-msvc", "aarch64-apple-darwin")
+"""The platforms without a machine to try them on, by the names that uv has for them."""
+EXTRAS = ("--extra=ulog", "--extra=serial", "--extra=fleet")
 
 
-def main() -> int:
-    """Run the step that is named, or all; return 1 if one of them fails."""
-    steps = {"built": built, "oldest": oldest, "newest": newest, "platforms": platforms}
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("step", choices=["all", *steps], nargs="?", default="all")
-    step = parser.parse_args().step
-    names = list(steps) if step == "all" else [step]
+def main(names: list[str]) -> None:
+    """Run the steps that are named, or all."""
+    steps = {"built": built, "oldest": oldest, "platforms": platforms}
     with tempfile.TemporaryDirectory() as folder:
         scratch = Path(folder)
-        try:
-            wheel = build(scratch)
-            for name in names:
-                print(f"{name}: {steps[name](wheel, scratch)}", flush=True)
-        except (AssertionError, subprocess.CalledProcessError) as error:
-            said = (getattr(error, "stdout", ""), getattr(error, "stderr", ""))
-            print(error, *said, sep="\n", file=sys.stderr)
-            return 1
-    return 0
+        shutil.copytree(ROOT, scratch / "clone", ignore=shutil.ignore_patterns(*LEFT_OUT))
+        run(sys.executable, "-m", "venv", scratch / "uv")
+        run(scratch / "uv/bin/python", "-m", "pip", "install", "--quiet", "uv")
+        uv(scratch, "build", "--out-dir", scratch / "dist", scratch / "clone")
+        for name in names or steps:
+            print(f"{name}: {steps[name](scratch)}", flush=True)
 
 
-def build(scratch: Path) -> Path:
-    """Build the sdist, and from it the wheel; return the wheel."""
-    source, out = scratch / "clone", scratch / "dist"
-    leave = shutil.ignore_patterns(
-        ".git", "build", "*.egg-info", "__pycache__", ".*_cache", ".venv"
-    )
-    shutil.copytree(ROOT, source, ignore=leave)
-    python = environment(scratch / "builder", sys.executable)
-    run(python, "-m", "pip", "install", "--quiet", "build")
-    run(python, "-m", "build", "--outdir", out, source)
-    return next(out.glob("*.whl"))
-
-
-def built(wheel: Path, scratch: Path) -> str:
+def built(scratch: Path) -> str:
     """Compare the packed files with the tree, then install the wheel and replay a flight."""
-    package = {path.relative_to(SRC).as_posix() for path in (SRC / "yawid").rglob("*.py")} | DATA
-    packed = {name for name in zipfile.ZipFile(wheel).namelist() if ".dist-info/" not in name}
-    assert packed == package, f"the wheel: {sorted(packed ^ package)}"
-    with tarfile.open(next(wheel.parent.glob("*.tar.gz"))) as archive:
-        files = {member.name.partition("/")[2] for member in archive if member.isfile()}
-    files = {name for name in files if "src/yawid.egg-info/" not in name}
+    (wheel,), (sdist,) = (scratch.glob(f"dist/*{suffix}") for suffix in (".whl", ".tar.gz"))
+    files = [path for path in scratch.glob("clone/src/yawid/**/*") if path.is_file()]
+    tree = {path.relative_to(scratch / "clone").as_posix() for path in files}
+    packed = {f"src/{x}" for x in zipfile.ZipFile(wheel).namelist() if ".dist-info/" not in x}
+    assert packed == tree, f"the wheel: {sorted(packed ^ tree)}"
+    with tarfile.open(sdist) as archive:
+        names = {member.name.partition("/")[2] for member in archive if member.isfile()}
     # setuptools always packs the tests in the root of tests/, too.
-    tests = {f"tests/{path.name}" for path in (ROOT / "tests").glob("test*.py")}
-    wanted = {f"src/{name}" for name in package} | OF_SDIST | tests
-    assert files == wanted, f"the sdist: {sorted(files ^ wanted)}"
-    python = environment(scratch / "bare", sys.executable)
-    install(python, wheel)
-    return f"{len(packed)} files in the wheel; {answers(python, scratch)}"
+    wanted = tree | OF_SDIST | {f"tests/{path.name}" for path in ROOT.glob("tests/test*.py")}
+    other = {name for name in names ^ wanted if "src/yawid.egg-info/" not in name}
+    assert not other, f"the sdist: {sorted(other)}"
+    began_s, pair = time.monotonic(), newest_allowed()
+    python = installed(scratch, "bare", *pair)
+    took_s = time.monotonic() - began_s
+    sizes = f"wheel {wheel.stat().st_size / 1e3:.0f} kB, sdist {sdist.stat().st_size / 1e3:.0f} kB"
+    said = f"{sizes}; {installed_size(scratch / 'bare')} in {took_s:.0f} s; {answers(scratch)}"
+    runner = "from yawid.estimation.machine.runner import RUNNER"
+    run(python, "-c", f"{runner}; RUNNER.compile(); assert RUNNER.is_compiled()")
+    return f"{said}; {', '.join(pair)}: {tested(scratch, python, OF_COMPILED)}"
 
 
-def oldest(wheel: Path, scratch: Path) -> str:
+def installed_size(environment: Path) -> str:
+    """Return the size of an environment, and the part of the libraries for the viewer alone."""
+    (site,) = environment.glob("lib/*/site-packages")
+    sizes = {path.relative_to(site): path.lstat().st_size / 1e6 for path in site.rglob("*")}
+    of_viewer = sum(mb for path, mb in sizes.items() if path.parts[0].startswith(OF_VIEWER))
+    return f"{sum(sizes.values()):.0f} MB, {of_viewer:.0f} of them {' and '.join(OF_VIEWER)},"
+
+
+def answers(scratch: Path) -> str:
+    """Check that script and module report one version; return it with one flight's answer."""
+    script, module = [scratch / "bare/bin/yawid"], [scratch / "bare/bin/python", "-m", "yawid"]
+    first, other = (run(*each, "--version", cwd=scratch, bare=True) for each in (script, module))
+    assert first == other, f"{first!r}, but as a module {other!r}"
+    began_s = time.monotonic()
+    said = json.loads(run(*script, "replay", LOG, "--json", cwd=scratch, bare=True))
+    took_s, roll = time.monotonic() - began_s, said["flight"]["dutch_roll"]
+    answer = f"wn {roll['wn_rad_s']:.4f}, zeta {roll['zeta']:.4f}"
+    size = f"{LOG.stat().st_size / 1e3:.0f} kB"
+    return f"{first.strip()} answers a log of {size} in {took_s:.1f} s, {answer}"
+
+
+def oldest(scratch: Path) -> str:
     """Install the oldest libraries allowed; run the cases of replay_logs/ and some tests."""
     if f"3.{sys.version_info.minor}" != VERSIONS[0]:
         return "not tried: the oldest libraries have wheels for the oldest Python only"
-    return tested(constrained(wheel, scratch / "oldest", oldest_allowed()), scratch, TESTS)
+    return tested(scratch, installed(scratch, "oldest", "--resolution=lowest-direct"), TESTS)
 
 
-def newest(wheel: Path, scratch: Path) -> str:
-    """Install the newest numba and llvmlite allowed; compile, and test the compiled code.
+def newest_allowed() -> list[str]:
+    """Return the requirements with an upper bound of 0.N, each as version 0.(N - 1).
 
-    The last minor version below each bound is required by its number: pip alone would silently
-    install an older pair that matches.
+    They are required by number: an older pair that matches would be installed without a word.
     """
-    python = constrained(wheel, scratch / "newest", newest_allowed())
-    os.environ["XDG_CACHE_HOME"] = str(scratch / "cache")  # where no code is kept by others
-    runner = "from yawid.estimation.machine.runner import RUNNER"
-    run(python, "-c", f"{runner}; RUNNER.compile()")
-    assert run(python, "-c", f"{runner}; print(RUNNER.is_compiled())").strip() == "True"
-    return f"{', '.join(newest_allowed())}; {tested(python, scratch, OF_COMPILED)}"
+    project = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
+    bounds = re.findall(r'^    "(\w+)>=[\d.]+,<0\.(\d+)"', project, re.MULTILINE)
+    return [f"{name}==0.{int(bound) - 1}.*" for name, bound in bounds]
 
 
-def constrained(wheel: Path, folder: Path, versions: Sequence[str]) -> Path:
-    """Install the wheel with libraries of these versions; return the environment's Python."""
-    python = environment(folder, sys.executable)
-    constraints = folder / "constraints.txt"
-    constraints.write_text("\n".join(versions), encoding="utf-8")
-    install(python, wheel, "--constraint", constraints)
+def platforms(scratch: Path) -> str:
+    """Check that there are wheels of all libraries for each of PLATFORMS and VERSIONS."""
+    asked = ("pip", "compile", WHEELS_ONLY, *EXTRAS, ROOT / "pyproject.toml")
+    found = {}
+    for platform, version in product(PLATFORMS, VERSIONS):
+        where = f"--python-platform={platform}", f"--python-version={version}"
+        found[platform] = uv(scratch, *asked, *where).count("==")
+    wheels = ", ".join(f"{platform}: {count} wheels" for platform, count in found.items())
+    return f"{wheels}, for each of Python {', '.join(VERSIONS)}"
+
+
+def installed(scratch: Path, name: str, *options: str) -> Path:
+    """Install the wheel, and libraries from wheels only, by themselves; return their Python."""
+    uv(scratch, "venv", "--python", sys.executable, scratch / name)
+    python, (wheel,) = scratch / name / "bin" / "python", scratch.glob("dist/*.whl")
+    uv(scratch, "pip", "install", "--python", python, WHEELS_ONLY, *options, wheel)
     return python
 
 
-def tested(python: Path, scratch: Path, tests: Sequence[str]) -> str:
+def tested(scratch: Path, python: Path, tests: tuple[str, ...]) -> str:
     """Run tests of the clone with the libraries of an environment; return pytest's last line."""
-    run(python, "-m", "pip", "install", "--quiet", "pytest", "hypothesis", "jsonschema")
+    uv(scratch, "pip", "install", "--python", python, "pytest", "hypothesis", "jsonschema")
     options = ["-q", "-p", "no:cacheprovider", "-m", "not slow and not long"]
     options += ["-o", "filterwarnings="]  # old libraries warn when they use newer ones
     return run(python, "-m", "pytest", *options, *tests, cwd=scratch / "clone").splitlines()[-1]
 
 
-def required() -> list[str]:
-    """Return the requirements of pyproject.toml."""
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    return list(project["dependencies"])
-
-
-def oldest_allowed() -> list[str]:
-    """Return the requirements, each pinned to its lower bound."""
-    return [re.sub(r">=([^,]+).*", r"==\1", each) for each in required()]
-
-
-def newest_allowed() -> list[str]:
-    """Return the requirements with an upper bound of 0.N, each pinned to version 0.(N - 1)."""
-    found = []
-    for each in required():
-        if bound := re.fullmatch(r"([\w-]+).*<0\.(\d+)", each):
-            found.append(f"{bound[1]}==0.{int(bound[2]) - 1}.*")
-    assert [each.partition("=")[0] for each in found] == list(COMPILED), found
-    return found
-
-
-def platforms(wheel: Path, scratch: Path) -> str:
-    """Check that pip finds wheels of all libraries for each of ``PLATFORMS`` and VERSIONS.
-
-    pip judges the markers of requirements by the Python that runs it, not by the other platform.
-    """
-    report, found = scratch / "report.json", []
-    target = ("--target", scratch / "nowhere", "--dry-run", "--report", report, "--quiet")
-    for platform, names in PLATFORMS.items():
-        given = [word for name in names for word in ("--platform", name)]
-        for version in VERSIONS:
-            options = (*given, "--python-version", version, WHEELS_ONLY, *target)
-            run(sys.executable, "-m", "pip", "install", *options, f"{wheel}[{EXTRAS}]")
-        wheels = json.loads(report.read_text(encoding="utf-8"))["install"]
-        found.append(f"{platform}: {len(wheels)} wheels")
-    return f"{'; '.join(found)}, for each of Python {', '.join(VERSIONS)}"
-
-
-def environment(folder: Path, interpreter: str) -> Path:
-    """Make a virtual environment; return its Python."""
-    run(interpreter, "-m", "venv", folder)
-    return folder / "bin" / "python"
-
-
-def install(python: Path, wheel: Path, *options: object) -> None:
-    """Install the wheel and its libraries from wheels only, in an environment without compiler."""
-    run(python, "-m", "pip", "install", "--quiet", WHEELS_ONLY, *options, wheel, bare=True)
-
-
-def answers(python: Path, scratch: Path) -> str:
-    """Check that script and module report one version; return it with one flight's answer."""
-    away, script = scratch / "away", python.parent / "yawid"
-    away.mkdir(exist_ok=True)
-    version = run(script, "--version", cwd=away, bare=True)
-    as_module = run(python, "-m", "yawid", "--version", cwd=away, bare=True)
-    assert version == as_module, f"{version!r}, but as a module {as_module!r}"
-    said = run(script, "replay", LOG, "--json", "--force", cwd=away, bare=True)
-    mode = json.loads(said)["flight"]["dutch_roll"]
-    return f"{version.strip()} answers wn {mode['wn_rad_s']:.4f}, zeta {mode['zeta']:.4f}"
+def uv(scratch: Path, *arguments: object) -> str:
+    """Run uv, which keeps what it downloads in the scratch folder; return its stdout."""
+    return run(scratch / "uv/bin/uv", "--quiet", "--cache-dir", scratch / "cache", *arguments)
 
 
 def run(*command: object, cwd: Path | None = None, bare: bool = False) -> str:
-    """Run a command and return its stdout; ``bare``: with an empty PATH and without a display."""
-    given = {name: text for name, text in os.environ.items() if name != "PYTHONPATH"}
-    kept = {name: text for name, text in given.items() if re.match("PIP_|SSL_|LANG", name)}
-    nowhere = {"PATH": "", "HOME": str(cwd or "/")}
+    """Run a command and return its stdout; ``bare``: with an empty PATH and without a display.
+
+    Raises:
+        SystemExit: it failed.
+    """
+    given = os.environ | ({"PATH": "", "HOME": str(cwd), "DISPLAY": ""} if bare else {})
+    given.pop("PYTHONPATH", None)
     done = subprocess.run(
-        [*map(str, command)],
-        cwd=cwd,
-        env=kept | nowhere if bare else given,
-        capture_output=True,
-        text=True,
-        check=True,
+        [*map(str, command)], cwd=cwd, env=given, capture_output=True, text=True, check=False
     )
+    if done.returncode:
+        raise SystemExit(f"{command} ended with {done.returncode}\n{done.stdout}{done.stderr}")
     return done.stdout
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main(sys.argv[1:])

@@ -29,13 +29,12 @@ from yawid.answers.reasons import Verdict
 from yawid.answers.run_summary import (
     DutchRoll,
     Manoeuvre,
-    MethodSummary,
-    Response,
     RunSummary,
     Value,
 )
 from yawid.config.run import RunConfig
 from yawid.errors import YawidError
+from yawid.models.answered import Answered, changes_of
 from yawid.pipeline import Pipeline
 from yawid.results.summary import summarise
 from yawid.runs.job import feed_all, open_log
@@ -104,34 +103,28 @@ def true_at(truth: Truth, from_s: float, to_s: float, inputs: Sequence[str]) -> 
 
 def compared(summary: RunSummary, truth: Truth, config: RunConfig | None = None) -> list[Row]:
     """Return the rows of one flight; its own row has no estimate if it is refused."""
-    inputs = (config or RunConfig()).inputs
-    rows: list[Row] = []
-    known: dict[int, Known | None] = {}
-    for found in summary.manoeuvres or []:
-        of_answer, of_stream, of_bare = (
-            true_at(truth, found.from_s, found.to_s, some) for some in (found.inputs, inputs, BARE)
-        )
-        known[found.n] = of_answer
-        where: Row = {
-            name: getattr(found, name) for name in ("n", "from_s", "to_s", "turn_removed")
-        }
-        where["inputs"] = "+".join(found.inputs)
-        rows += [where | row for row in _manoeuvre_rows(found, of_answer, of_stream, of_bare)]
+    inputs, found = (config or RunConfig()).inputs, summary.manoeuvres or []
+    known = {each.n: true_at(truth, each.from_s, each.to_s, each.inputs) for each in found}
+    rows = [row for each in found for row in _manoeuvre_rows(each, known[each.n], truth, inputs)]
     return [*rows, _flight_row(summary, truth, known)]
 
 
 def _manoeuvre_rows(
-    found: Manoeuvre, of_answer: Known | None, of_stream: Known | None, of_bare: Known | None
+    found: Manoeuvre, known: Known | None, truth: Truth, inputs: Sequence[str]
 ) -> Iterator[Row]:
     """Yield a manoeuvre's rows: of the stream's methods, its answer, and its bare airframe."""
+    where: Row = {name: getattr(found, name) for name in ("n", "from_s", "to_s", "turn_removed")}
+    where["inputs"] = "+".join(found.inputs)
+    of_stream, of_bare = (true_at(truth, found.from_s, found.to_s, x) for x in (inputs, BARE))
     for method in METHODS:
         estimate = found.estimates.get(method)
         roll = None if estimate is None else estimate.dutch_roll
-        yield {"kind": method} | judged_answer(roll, of_stream, found.verdict)
-    own = {} if of_answer is None else numbers_shown(found.answer, float(of_answer[0][0]))
-    yield {"kind": "manoeuvre"} | judged_answer(found.dutch_roll, of_answer, found.verdict) | own
+        yield where | {"kind": method} | judged_answer(roll, of_stream, found.verdict)
+    own = {} if known is None else numbers_shown(found, float(known[0][0]))
+    answer = judged_answer(found.dutch_roll, known, found.verdict)
+    yield where | {"kind": "manoeuvre"} | answer | own
     if (bare := found.lateral) is not None:
-        yield {"kind": "bare"} | judged_answer(bare.dutch_roll, of_bare, bare.verdict)
+        yield where | {"kind": "bare"} | judged_answer(bare.dutch_roll, of_bare, bare.verdict)
 
 
 def _flight_row(summary: RunSummary, truth: Truth, known: Mapping[int, Known | None]) -> Row:
@@ -153,13 +146,13 @@ def _together(
     wn is scaled to ``at_speed`` in m/s; with None it is not, as all manoeuvres have one truth. The
     result is None if the truth of a manoeuvre is unknown.
     """
-    values, sigmas = [], []
-    for each in used:
-        if (one := known[each.n]) is None:
-            return None
-        scale = at_speed / each.airspeed_m_s if at_speed and each.airspeed_m_s else 1.0
-        values.append([scale, 1.0] * one[0])
-        sigmas.append([scale, 1.0] * one[1])
+    truths = [one for each in used if (one := known[each.n]) is not None]
+    if len(truths) < len(used):
+        return None
+    speeds = [at_speed / each.airspeed_m_s if at_speed and each.airspeed_m_s else 1.0
+              for each in used]  # fmt: skip
+    scales = np.column_stack([speeds, np.ones(len(used))])
+    values, sigmas = (scales * [of[i] for of in truths] for i in (0, 1))
     squares = np.mean(np.square(sigmas), axis=0) + np.var(values, axis=0)
     return np.mean(values, axis=0), np.sqrt(squares)
 
@@ -196,56 +189,31 @@ BAND: Floats = np.linspace(0.6, 1.6, 21)
 """The multiples of wn at which eq. 23 is fitted to a response."""
 SHOWN = (*(f"gain at {each:g} wn" for each in AT), "K", "yaw acceleration")
 """The names of the numbers."""
-STEP = 1e-6
-"""The step of the derivatives of |G| by its numbers, relative to their size."""
 
 
-def gain(of: Response, w: float, name: str = "rudder") -> Value:
-    """Return |G(jw)| of an input at w in rad/s, with its sigma by the covariance of its numbers."""
-    poles = np.array(of.poles) @ (1.0, 1j)
-    paired = poles.imag != 0.0
-    pole_numbers = [x for p in poles for x in ((abs(p), -p.real / abs(p)) if p.imag else (p.real,))]
-    ours = [
-        (each == name, value)
-        for each, residues in of.residues.items()
-        for pair, is_pair in zip(residues, paired, strict=True)
-        for value in pair[: 1 + is_pair]
-    ]
-    mine, values = np.array(ours).T
-    numbers = np.concatenate([pole_numbers, values])
-    own = np.concatenate([np.zeros(len(pole_numbers), bool), mine > 0.0])
+def gains(found: Manoeuvre, w: Floats) -> tuple[Floats, Floats]:
+    """Return |G(jw)| of the rudder at w (k,) in rad/s, and its sigmas by the fit's covariance."""
+    model = Answered.of(found)
+    assert found.answer is not None
+    assert found.answer.response is not None
+    rudder, s = model.inputs.index("rudder"), np.asarray(1j * w, complex)
 
-    def size(x: Floats) -> float:
-        at, G = iter(x[: len(pole_numbers)]), 0j
-        each = iter(x[own])
-        for is_pair in paired:
-            if not is_pair:
-                G += next(each) / (1j * w - next(at))
-                continue
-            wn, zeta = next(at), next(at)
-            p = wn * complex(-zeta, np.sqrt(1.0 - zeta**2))
-            r = complex(next(each), next(each))
-            G += r / (1j * w - p) + r.conjugate() / (1j * w - p.conjugate())
-        return float(abs(G))
+    def size(x: Floats) -> Floats:
+        return np.asarray(np.abs(model.transfers(x[None])[rudder].at(s)[0]))
 
-    steps = STEP * np.maximum(np.abs(numbers), STEP)
-    slopes = np.array([
-        (size(numbers + move) - size(numbers - move)) / (2.0 * step)
-        for step, move in zip(steps, np.diag(steps), strict=True)
-    ])  # fmt: skip
-    return Value(size(numbers), float(np.sqrt(slopes @ np.array(of.covariance) @ slopes)))
+    changes = changes_of(size, model.x, np.array(found.answer.response.covariance))
+    return size(model.x), np.linalg.norm(changes, axis=-1)
 
 
-def numbers_shown(answer: MethodSummary | None, wn_rad_s: float) -> Row:
+def numbers_shown(found: Manoeuvre, wn_rad_s: float) -> Row:
     """Return the numbers of SHOWN and their sigmas; nothing of an answer without a response."""
+    answer = found.answer
     if answer is None or answer.response is None:
         return {}
-    found = [gain(answer.response, each * wn_rad_s) for each in AT]
-    found += [(answer.physics or {})["K"], answer.yaw_acceleration or Value()]
-    row: Row = {}
-    for name, of in zip(SHOWN, found, strict=True):
-        row |= {name: of.value, f"{name}_sigma": of.std}
-    return row
+    shown = [Value(*each) for each in np.transpose(gains(found, wn_rad_s * np.array(AT))).tolist()]
+    shown += [(answer.physics or {})["K"], answer.yaw_acceleration or Value()]
+    row = {name: of.value for name, of in zip(SHOWN, shown, strict=True)}
+    return row | {f"{name}_sigma": of.std for name, of in zip(SHOWN, shown, strict=True)}
 
 
 def less_turn(A: Floats, rudder: Floats, per_roll: float) -> tuple[Floats, Floats]:

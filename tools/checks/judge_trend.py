@@ -1,23 +1,22 @@
 """Judges ``yawid trend`` on drawn fleets: it must find a falling damping, and nothing else.
 
-    python -m checks.judge_trend rates [--draws 2000] [--only nightly]
-    python -m checks.judge_trend diff [--draws 4000]
+    python -m checks.judge_trend [DRAWS]    # 2000
 
 The numbers scatter by 8 % (zeta), 1.5 % (wn/V) and 5 % (K/V). 3/8 to 7/8 of that is the flight's
 own total sigma, which is given; the rest is tau. 5 % of the flights are outliers, off by 25 to 60 %
 in all three numbers.
 
-rates: in how many data sets drawn by each of PLANS a change is reported. The plans have one to
+It counts in how many data sets drawn by each of PLANS a change is reported. The plans have one to
 three flights on a day, which may share an offset, and are tested once or after every day. Where
 zeta falls, it does so by 20 % over 30 days, from a day drawn among the first 31. The plans of
 ordinary flight have its two numbers, with the scatter that ``bench.py ordinary`` has.
-diff: in how many draws one more flight of a vehicle is reported as changed, compared with 3 to 30
-flights.
+Then it counts in how many draws ``yawid diff`` reports one more flight of a vehicle as changed,
+compared with 3 to 30 flights.
 """
 
 from __future__ import annotations
 
-import argparse
+import sys
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Final
@@ -79,7 +78,7 @@ PLANS: Final = {
     "ordinary-nightly": Plan(vehicles=1, days=40, nightly=True, scatter=OF_ORDINARY),
     "ordinary-fall": Plan(vehicles=5, days=60, most=3, share=0.5, falls=True, scatter=OF_ORDINARY),
 }
-"""The plans of ``rates``: a fall should be found, in the others nothing changed."""
+"""A fall should be found, in the others nothing changed."""
 
 
 def draw_history(
@@ -199,25 +198,15 @@ def _off(each: Studied, value: Value) -> float:
     return apart / float(np.hypot(value.std or 0.0, expected.std or 0.0))
 
 
-def main() -> None:
-    """Print the table that the command line asks for."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
-    parser.add_argument("what", choices=("rates", "diff"))
-    parser.add_argument("--draws", type=int, default=2000)
-    parser.add_argument("--only", choices=PLANS)
-    asked = parser.parse_args()
-    per_cent = 100.0 / asked.draws
-    print(f"| `judge_trend {asked.what} --draws {asked.draws}` | fall found % | called changed % |")
-    print("|---|---|---|")
-    for name, plan in PLANS.items() if asked.what == "rates" else ():
-        if asked.only in (None, name):
-            found, wrong = judge_plan(plan, asked.draws)
-            hits = f"{per_cent * found:.1f}" if plan.falls else ""
-            print(f"| {name} | {hits} | {per_cent * wrong:.2f} |", flush=True)
-    for flights in (3, 5, 8, 12, 30) if asked.what == "diff" else ():
-        wrong = judge_diff(flights, asked.draws)
-        print(f"| {flights} flights | | {per_cent * wrong:.2f} |", flush=True)
+def main(draws: int) -> None:
+    """Print how many of so many draws had a reported fall or change, and twice as many of diff."""
+    for name, plan in PLANS.items():
+        found, wrong = judge_plan(plan, draws)
+        print(f"{name}: of {draws} {found} with the fall, {wrong} with a change", flush=True)
+    for flights in (3, 5, 8, 12, 30):
+        wrong = judge_diff(flights, 2 * draws)
+        print(f"one flight after {flights}: of {2 * draws} {wrong} with a change", flush=True)
 
 
 if __name__ == "__main__":
-    main()
+    main(*map(int, sys.argv[1:] or ["2000"]))

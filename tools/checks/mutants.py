@@ -11,16 +11,15 @@ those of its own room first, then the cheapest, up to ``BUDGET_S``.
 from __future__ import annotations
 
 import ast
-import functools
 import json
 import os
 import random
 import re
 import time
-from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import islice
+from functools import lru_cache
+from itertools import accumulate, islice
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -35,6 +34,7 @@ HANG_S = 240.0
 """Time limit in s of the tests of a mutant: if they take longer, they have noticed."""
 GATE = ("-m", "not slow and not long")
 NO_TESTS = 5
+FAILED = re.compile(r"^(?:FAILED|ERROR) (\S+)", re.MULTILINE)
 GROUPS = {
     "estimation": ("estimation",),
     "physics": ("physics",),
@@ -49,13 +49,15 @@ GROUPS = {
 KINDS = ("constant", "off by one", "sign", "comparison", "statement")
 SMALL = 20
 """An integer from here on is a quantity; times 1.1 it is another integer."""
-_LIMIT = {ast.Lt: ast.LtE, ast.LtE: ast.Lt, ast.Gt: ast.GtE, ast.GtE: ast.Gt}
-_INVERTED = {
-    ast.Lt: ast.GtE, ast.LtE: ast.Gt, ast.Gt: ast.LtE, ast.GtE: ast.Lt, ast.Eq: ast.NotEq,
-    ast.NotEq: ast.Eq, ast.Is: ast.IsNot, ast.IsNot: ast.Is, ast.In: ast.NotIn, ast.NotIn: ast.In,
+_OTHER = {
+    ast.Lt: (ast.GtE, ast.LtE), ast.LtE: (ast.Gt, ast.Lt), ast.Gt: (ast.LtE, ast.GtE),
+    ast.GtE: (ast.Lt, ast.Gt), ast.Eq: (ast.NotEq,), ast.NotEq: (ast.Eq,), ast.Is: (ast.IsNot,),
+    ast.IsNot: (ast.Is,), ast.In: (ast.NotIn,), ast.NotIn: (ast.In,),
 }  # fmt: skip
+"""What a comparison becomes: the inverted one, and that with the other kind of limit."""
+_SIGNS = {ast.USub: ast.UAdd, ast.Add: ast.Sub, ast.Sub: ast.Add}
+_CHANGED = (ast.stmt, ast.Constant, ast.UnaryOp, ast.BinOp, ast.Compare)
 _TEXTS = (ast.JoinedStr, ast.List, ast.Tuple, ast.Set, ast.Dict)
-_KEPT = (ast.JoinedStr, ast.Assert, ast.Import, ast.ImportFrom, ast.arg)
 COVERAGE = """
 [run]
 source_pkgs = yawid
@@ -67,68 +69,79 @@ data_file = {}
 
 
 class Site(NamedTuple):
-    """A place of a syntax tree: ``holder[key]`` or ``holder.key`` may become one of ``others``."""
+    """A place of a syntax tree: the ``field`` of ``holder`` may have one of ``others``."""
 
     kind: str
-    holder: Any
-    key: Any
-    others: list[ast.AST]
+    holder: ast.AST
+    field: str
+    others: list[Any]
     lines: range
     """The lines of the statement, of a compound one those of its head."""
     on_import: bool
 
 
+Change = tuple[str, ast.AST, str, list[Any]]
+
+
 def sites(tree: ast.Module) -> Iterator[Site]:
     """Yield what can be changed in a module."""
-    yield from _below(tree, range(0), True, set())
-
-
-def _below(node: ast.AST, lines: range, on_import: bool, bound: set[str]) -> Iterator[Site]:
-    """Yield the sites below a node; ``bound`` has the names that its function knows."""
-    for field, value in ast.iter_fields(node):
-        if field in ("annotation", "returns"):
+    above = {
+        each: (parent, field)
+        for parent in ast.walk(tree)
+        for field, value in ast.iter_fields(parent)
+        for each in (value if isinstance(value, list) else [value])
+        if isinstance(each, ast.AST)
+    }
+    for node in (each for each in ast.walk(tree) if isinstance(each, _CHANGED)):
+        way: list[tuple[ast.AST, str]] = [(node, "")]
+        while way[-1][0] in above:
+            way.append(above[way[-1][0]])
+        own = next((each for each, _ in way if isinstance(each, ast.stmt)), None)
+        if own is None or any(_stays(*each) for each in way):
             continue
-        is_run_later = field == "body" and isinstance(node, ast.FunctionDef | ast.Lambda)
-        inside = on_import and not is_run_later
-        for key, each in enumerate(value) if isinstance(value, list) else [(field, value)]:
-            if not isinstance(each, ast.AST) or isinstance(each, _KEPT) or _is_door(each):
-                continue
-            holder = value if isinstance(value, list) else node
-            own, known = lines, bound
-            if isinstance(each, ast.stmt):
-                body = getattr(each, "body", None)
-                last = body[0].lineno - 1 if body else each.end_lineno
-                own = range(each.lineno, max(last or 0, each.lineno) + 1)
-            if isinstance(each, ast.FunctionDef):
-                known = {part.arg for part in ast.walk(each.args) if isinstance(part, ast.arg)}
-            if found := _others(each, node, known):
-                yield Site(found[0], holder, key, found[1], own, inside)
-            yield from _below(each, own, inside, known)
-            if isinstance(each, ast.stmt) and not isinstance(each, ast.FunctionDef | ast.ClassDef):
-                bound |= _stored(each)
+        later = (ast.FunctionDef, ast.Lambda)
+        on_import = not any(field == "body" and isinstance(each, later) for each, field in way)
+        scope = next((each for each, _ in way[1:] if isinstance(each, ast.FunctionDef)), tree)
+        body = getattr(own, "body", None)
+        last = body[0].lineno - 1 if body else own.end_lineno
+        lines = range(own.lineno, max(last or 0, own.lineno) + 1)
+        for change in _changes(node, *way[1], scope):
+            yield Site(*change, lines, on_import)
 
 
-def _others(each: ast.AST, parent: ast.AST, bound: set[str]) -> tuple[str, list[ast.AST]] | None:
-    """Return the kind of change of a node, and what it may become; None if it stays."""
-    match each:
-        case ast.Constant(value=bool() | str() | bytes() | None):
-            return None
+def _stays(node: ast.AST, field: str) -> bool:
+    """Return whether what ``field`` of a node has stays as it is."""
+    match node:
+        case ast.JoinedStr() | ast.Assert() | ast.Import() | ast.ImportFrom() | ast.arg():
+            return True
+        case ast.If(test=ast.Compare(left=ast.Name(id="__name__"))):
+            return True
+        case ast.Assign(targets=[ast.Name(id="__all__")]):
+            return True
+    return field in ("annotation", "returns")
+
+
+def _changes(node: ast.AST, parent: ast.AST, field: str, scope: ast.AST) -> Iterator[Change]:
+    """Yield the changes of a node, which is in a ``field`` of its parent."""
+    match node:
+        case ast.Constant(value=bool()):
+            return
         case ast.Constant(value=float(x)) if x:
-            return "constant", [ast.Constant(float(f"{1.1 * x:.12g}"))]
+            yield "constant", node, "value", [float(f"{1.1 * x:.12g}")]
         case ast.Constant(value=int(n)) if n >= SMALL:
-            return "constant", [ast.Constant(round(1.1 * n))]
+            yield "constant", node, "value", [round(1.1 * n)]
         case ast.Constant(value=int(n)):
-            return "off by one", [ast.Constant(n - 1), ast.Constant(n + 1)]
-        case ast.USub():
-            return "sign", [ast.UAdd()]
-        case ast.Add() | ast.Sub() if not _is_text(parent):
-            return "sign", [ast.Sub() if isinstance(each, ast.Add) else ast.Add()]
-        case ast.cmpop():
-            kinds = dict.fromkeys([_INVERTED[type(each)], _LIMIT.get(type(each))])
-            return "comparison", [kind() for kind in kinds if kind]
-        case ast.stmt() if _can_go(each, bound):
-            return "statement", [ast.Pass()]
-    return None
+            yield "off by one", node, "value", [n - 1, n + 1]
+        case ast.UnaryOp(op=op) | ast.BinOp(op=op) | ast.AugAssign(op=op):
+            if type(op) in _SIGNS and not _is_text(node):
+                yield "sign", node, "op", [_SIGNS[type(op)]()]
+        case ast.Compare(ops=ops):
+            for i, limit in enumerate(ops):
+                others = [[*ops[:i], other(), *ops[i + 1 :]] for other in _OTHER[type(limit)]]
+                yield "comparison", node, "ops", others
+    if isinstance(node, ast.stmt) and _can_go(node, scope):
+        left = [ast.Pass() if each is node else each for each in getattr(parent, field)]
+        yield "statement", parent, field, [left]
 
 
 def _is_text(node: ast.AST) -> bool:
@@ -139,7 +152,7 @@ def _is_text(node: ast.AST) -> bool:
     return is_text or isinstance(node, _TEXTS)
 
 
-def _can_go(node: ast.stmt, bound: set[str]) -> bool:
+def _can_go(node: ast.stmt, scope: ast.AST) -> bool:
     """Return whether a statement can be dropped and what follows still knows its names."""
     match node:
         case ast.Expr(value=ast.Constant()):
@@ -147,23 +160,20 @@ def _can_go(node: ast.stmt, bound: set[str]) -> bool:
         case ast.Expr() | ast.AugAssign() | ast.Raise() | ast.Continue() | ast.Break():
             return True
         case ast.If(orelse=[]) | ast.Assign() | ast.Delete():
-            return not _stored(node) - bound
+            known = {name for name, line in _bound(scope) if line < node.lineno}
+            return all(name in known for name, _ in _bound(node))
     return False
 
 
-def _stored(node: ast.AST) -> set[str]:
-    names = (each for each in ast.walk(node) if isinstance(each, ast.Name))
-    return {each.id for each in names if isinstance(each.ctx, ast.Store)}
-
-
-def _is_door(node: ast.AST) -> bool:
-    """Return whether a statement names what a module gives to others, or runs it as a program."""
-    match node:
-        case ast.If(test=ast.Compare(left=ast.Name(id="__name__"))):
-            return True
-        case ast.Assign(targets=[ast.Name(id="__all__")]):
-            return True
-    return False
+@lru_cache(maxsize=1000)
+def _bound(node: ast.AST) -> set[tuple[str, int]]:
+    """Return the names that are bound below a node, with their lines; arguments have none."""
+    return {
+        (each.arg, 0) if isinstance(each, ast.arg) else (each.id, each.lineno)
+        for each in ast.walk(node)
+        if isinstance(each, ast.arg)
+        or (isinstance(each, ast.Name) and isinstance(each.ctx, ast.Store))
+    }
 
 
 @dataclass(frozen=True, slots=True)
@@ -182,10 +192,7 @@ class Mutant:
         """Return the file's text with the mutant, as ``ast`` writes it."""
         tree = ast.parse(source)
         site = next(islice(sites(tree), self.site, None))
-        if isinstance(site.holder, list):
-            site.holder[site.key] = site.others[self.other]
-        else:
-            setattr(site.holder, site.key, site.others[self.other])
+        setattr(site.holder, site.field, site.others[self.other])
         return ast.unparse(ast.fix_missing_locations(tree))
 
 
@@ -194,131 +201,107 @@ def drawn(root: Path, seed: int) -> Iterator[Mutant]:
 
     Of a group's mutants, each kind is drawn as often as the others.
     """
-    chance = random.Random(seed)
-    left: dict[str, dict[str, list[tuple[str, int, Site]]]] = {}
+    chance, left = random.Random(seed), dict[str, dict[str, list[Mutant]]]()
     for group, rooms in GROUPS.items():
-        paths = [path for room in rooms for path in sorted((root / room).rglob("*.py"))]
-        found = [
-            (path.relative_to(root).as_posix(), number, site)
-            for path in paths
+        every = [
+            Mutant(group, site.kind, path.relative_to(root).as_posix(), number,
+                   chance.randrange(len(site.others)), site.lines, site.on_import)
+            for room in rooms
+            for path in sorted((root / room).rglob("*.py"))
             for number, site in enumerate(sites(ast.parse(path.read_bytes())))
-        ]
-        left[group] = {kind: [each for each in found if each[2].kind == kind] for kind in KINDS}
+        ]  # fmt: skip
+        chance.shuffle(every)
+        left[group] = {kind: [each for each in every if each.kind == kind] for kind in KINDS}
     while True:
-        for group in GROUPS:
-            kinds = [kind for kind in KINDS if left[group][kind]]
-            if not kinds:
-                return
-            some = left[group][chance.choice(kinds)]
-            file, number, site = some.pop(chance.randrange(len(some)))
-            other = chance.randrange(len(site.others))
-            yield Mutant(group, site.kind, file, number, other, site.lines, site.on_import)
+        for of_kind in left.values():
+            yield of_kind[chance.choice([kind for kind in KINDS if of_kind[kind]])].pop()
 
 
-class Reach:
-    """Which files of tests run, what each costs, and which lines it reaches."""
+class Recorded(NamedTuple):
+    """What a file of tests cost, which of its tests failed, and which lines of each file it ran."""
 
-    def __init__(self, copy: Copy, folder: Path, tests: Sequence[str]) -> None:
-        self.seconds: dict[str, float] = {}
-        self.lines: dict[str, dict[str, set[int]]] = {}
-        for number, test in enumerate(tests):
-            kept = folder / f"reach_{number}.json"
-            if not kept.exists():
-                kept.write_text(json.dumps(self._recorded(copy, folder, test)), encoding="utf-8")
-            test, code, seconds, lines = json.loads(kept.read_text(encoding="utf-8"))
-            if code in (0, 1):
-                self.seconds[test] = seconds
-                self.lines[test] = {file: set(some) for file, some in lines.items()}
+    seconds: float
+    failed: list[str]
+    lines: dict[str, list[int]]
 
-    def _recorded(self, copy: Copy, folder: Path, test: str) -> tuple[str, int, float, Any]:
-        """Run a file of tests; child processes write their lines next to its own."""
-        from coverage import CoverageData
+
+def recorded(copy: Copy, folder: Path, test: str) -> Recorded:
+    """Run a file of tests; child processes write their lines next to its own."""
+    kept = folder / f"{test.replace('/', '.')}.json"
+    if not kept.exists():
+        from coverage import Coverage
 
         settings = folder / "coveragerc"
         settings.write_text(COVERAGE.format(folder / "coverage"), encoding="utf-8")
         under = ("-m", "coverage", "run", f"--rcfile={settings}", "-m", "pytest")
         before = sum(os.times()[:4])
-        asked = (*GATE, "--maxfail=1000", test)
-        code, _ = copy.run(*asked, under=under, COVERAGE_PROCESS_START=str(settings))
-        lines: dict[str, set[int]] = {}
-        for path in folder.glob("coverage.*"):
-            data = CoverageData(str(path))
-            data.read()
-            for file in data.measured_files():
-                name = file.split("/src/yawid/")[-1]
-                lines.setdefault(name, set()).update(data.lines(file) or ())
-            path.unlink()
-        return test, code, sum(os.times()[:4]) - before, {k: sorted(v) for k, v in lines.items()}
-
-    def of(self, mutant: Mutant) -> list[str]:
-        """Return the files that reach a mutant, in the order in which they are tried."""
-        file = RUNNER if mutant.file.startswith(KERNEL) else mutant.file
-        own = tuple(f"{top}/{room}/" for room in GROUPS[mutant.group] for top in ("tests", "src"))
-        by_test = {test: lines[file] for test, lines in self.lines.items() if lines.get(file)}
-        imported = functools.reduce(set.intersection, by_test.values()) if by_test else set()
-        of = set(mutant.lines)
-        found = [test for test, lines in by_test.items() if lines & of]
-        if mutant.on_import or file == RUNNER:
-            found = [test for test, lines in by_test.items() if lines - imported] or list(by_test)
-        spent, chosen, start_s = 0.0, list[str](), min(self.seconds.values(), default=0.0)
-        for test in sorted(found, key=lambda t: (not t.startswith(own), self.seconds[t], t)):
-            spent += self.seconds[test] - start_s  # what pytest needs to start is paid once
-            if not chosen or spent <= BUDGET_S:
-                chosen.append(test)
-        return chosen
+        code, output = copy.run(
+            *GATE, "--maxfail=1000", test, under=under, COVERAGE_PROCESS_START=str(settings)
+        )
+        seconds, cover = sum(os.times()[:4]) - before, Coverage(config_file=str(settings))
+        cover.combine()
+        data = cover.get_data()
+        files = data.measured_files() if code in (0, 1) else ()
+        lines = {file.split("/src/yawid/")[-1]: data.lines(file) for file in files}
+        cover.erase()
+        kept.write_text(json.dumps([seconds, FAILED.findall(output), lines]), encoding="utf-8")
+    return Recorded(*json.loads(kept.read_text(encoding="utf-8")))
 
 
-def killer(copy: Copy, mutant: Mutant, tests: Sequence[str], aside: set[str]) -> str:
-    """Return the test that notices a mutant, "" if it survives.
+def reaching(mutant: Mutant, reach: Mapping[str, Recorded]) -> list[str]:
+    """Return the files of tests that reach a mutant, in the order in which they are tried."""
+    file = RUNNER if mutant.file.startswith(KERNEL) else mutant.file
+    own = tuple(f"{top}/{room}/" for room in GROUPS[mutant.group] for top in ("tests", "src"))
+    by_test = {test: set(of.lines[file]) for test, of in reach.items() if of.lines.get(file)}
+    found = [test for test, lines in by_test.items() if lines & set(mutant.lines)]
+    if by_test and (mutant.on_import or file == RUNNER):
+        imported = set.intersection(*by_test.values())
+        found = [test for test, lines in by_test.items() if lines - imported] or list(by_test)
+    order = sorted(found, key=lambda test: (not test.startswith(own), reach[test].seconds, test))
+    start_s = min((of.seconds for of in reach.values()), default=0.0)  # of pytest: it is paid once
+    spent = accumulate(reach[test].seconds - start_s for test in order)
+    return [test for test, s in zip(order, spent, strict=True) if s <= BUDGET_S] or order[:1]
 
-    A test that fails with the file as ``ast`` writes it, too, is put into ``aside``.
+
+def hunt(copy: Copy, folder: Path, tests: Sequence[str], seed: int, count: int) -> list[Any]:
+    """Draw mutants, hunt each, and return their rows; it goes on where it ended.
+
+    First all files of the copy are written as ``ast`` writes them; a test that fails with them is
+    set aside.
     """
-    source = (copy.package / mutant.file).read_text(encoding="utf-8")
-    same, other = ast.unparse(ast.parse(source)), mutant.seeded(source)
-    while tests:
-        left_out = [f"--deselect={each}" for each in aside]
-        with copy.seeded(mutant.file, other):
-            code, output = copy.run(*GATE, *tests, *left_out, limit_s=HANG_S)
-        if code in (0, NO_TESTS):
-            return ""
-        failed = re.search(r"^(?:FAILED|ERROR) (\S+)", output, re.MULTILINE)
-        name = failed[1] if failed else "none ended"
-        with copy.seeded(mutant.file, same):
-            if not failed or copy.run(*GATE, name)[0] == 0:
-                return name
-        aside.add(name)
-    return ""
-
-
-def hunt(copy: Copy, folder: Path, reach: Reach, *, seed: int, count: int) -> list[dict[str, Any]]:
-    """Draw mutants, hunt each, and return their rows; it goes on where it ended."""
-    path, aside = folder / f"draw_{seed}.jsonl", set[str]()
+    for path in copy.package.rglob("*.py"):
+        path.write_text(ast.unparse(ast.parse(path.read_bytes())), encoding="utf-8")
+    reach = {test: recorded(copy, folder, test) for test in tests}
+    aside = [f"--deselect={name}" for of in reach.values() for name in of.failed]
+    path = folder / f"draw_{seed}.jsonl"
     done = path.read_text(encoding="utf-8").splitlines() if path.exists() else []
     for mutant in islice(drawn(copy.package, seed), len(done), count):
-        began, tests = time.monotonic(), reach.of(mutant)
-        source = (copy.package / mutant.file).read_text(encoding="utf-8")
-        old, new = (ast.unparse(ast.parse(x)).splitlines() for x in (source, mutant.seeded(source)))
+        began, some = time.monotonic(), reaching(mutant, reach)
+        old = (copy.package / mutant.file).read_text(encoding="utf-8")
+        new, code, output = mutant.seeded(old), 0, ""
+        with copy.seeded(mutant.file, new):
+            if some:
+                code, output = copy.run(*GATE, *some, *aside, limit_s=HANG_S)
+        failed = FAILED.findall(output) or ["none ended"]
         row = {
-            "group": mutant.group, "kind": mutant.kind, "tests": tests,
-            "killer": killer(copy, mutant, tests, aside),
+            "group": mutant.group, "kind": mutant.kind, "tests": some,
+            "killer": "" if code in (0, NO_TESTS) else failed[0],
             "where": f"{mutant.file}:{mutant.lines.start}",
-            "old": [x.strip() for x in old if x not in new],
-            "new": [x.strip() for x in new if x not in old],
-            "took_s": round(time.monotonic() - began, 1), "set_aside": sorted(aside),
+            "old": [x.strip() for x in old.splitlines() if x not in new.splitlines()],
+            "new": [x.strip() for x in new.splitlines() if x not in old.splitlines()],
+            "took_s": round(time.monotonic() - began, 1),
         }  # fmt: skip
         done.append(json.dumps(row))
-        with path.open("a", encoding="utf-8") as file:
-            print(done[-1], file=file)
+        path.write_text("\n".join(done), encoding="utf-8")
     return list(map(json.loads, done))
 
 
 def table(rows: Sequence[Any], title: str) -> str:
     """Return the killed share of each room with its binomial sigma, as a Markdown table."""
-    drawn_of = Counter(name for row in rows for name in (row["group"], "all"))
-    killed = Counter(name for row in rows if row["killer"] for name in (row["group"], "all"))
     lines = [f"| {title} | mutants | killed | share % | sigma % |", "|---|---|---|---|---|"]
-    for name, n in ((name, drawn_of[name]) for name in (*GROUPS, "all") if drawn_of[name]):
-        p = killed[name] / n
+    for name in (*GROUPS, "all"):
+        some = [bool(row["killer"]) for row in rows if name in (row["group"], "all")]
+        p, n = sum(some) / max(len(some), 1), max(len(some), 1)
         sigma = 100.0 * (p * (1.0 - p) / n) ** 0.5
-        lines.append(f"| {name} | {n} | {killed[name]} | {100.0 * p:.0f} | {sigma:.0f} |")
+        lines.append(f"| {name} | {len(some)} | {sum(some)} | {100.0 * p:.0f} | {sigma:.0f} |")
     return "\n".join(lines)

@@ -118,45 +118,31 @@ def _printed(line: str) -> list[str]:
     return [line.rstrip() for line in said.stdout.splitlines()[1:]]
 
 
-def _output(line: str, until: str, since: str = "") -> str:
-    """Return what a command prints from a line that begins so, up to one that begins so."""
-    lines = dropwhile(lambda each: not each.startswith(since), _printed(line))
+def _shown(name: str, until: str, since: str = "", line: str = "") -> str:
+    """Return what a line prints, from one that begins with ``since`` to one with ``until``.
+
+    Without ``line`` it is the last of the lines to type in the last block before the marker, after
+    the others were typed.
+    """
+    before = (ROOT / HOMES[name]).read_text(encoding="utf-8").split(f"<!-- {name} -->")[0]
+    blocks = re.findall(r"```sh\n(.*?)```", before, re.DOTALL)
+    for each in [line] if line else blocks[-1].splitlines():
+        printed = _printed(each)
+    lines = dropwhile(lambda each: not each.startswith(since), printed)
     shown = takewhile(lambda each: not each.startswith(until), lines)
     return "\n".join(["```", *shown, "```"])
 
 
-def typed(name: str) -> list[str]:
-    """Return the lines to type in the last block before a marker.
-
-    Raises:
-        SystemExit: no such block stands before it.
-    """
-    before = (ROOT / HOMES[name]).read_text(encoding="utf-8").split(f"<!-- {name} -->")[0]
-    blocks = re.findall(r"```sh\n(.*?)```", before, re.DOTALL)
-    if not blocks:
-        raise SystemExit(f"{HOMES[name]} has no lines to type before {name}")
-    return str(blocks[-1]).splitlines()
-
-
-def _shown(name: str, until: str, since: str = "") -> str:
-    """Return what the last of the lines before a marker prints when all of them are typed."""
-    *before, last = typed(name)
-    for line in before:
-        _printed(line)
-    return _output(last, until, since)
-
-
 _FLIGHT = "yawid replay replay_logs/{}/log.tlog --out {}".format
-TABLES: dict[str, Callable[[], str]] = {
-    "cases": cases, "reasons": reasons, "exit_codes": exit_codes,
-    "truth_short": truth_short,
-    "answer": partial(_output, _FLIGHT("c172p_3211", "answer"), "n from-to"),
-    "good": partial(_output, _FLIGHT("c172p_3211", "answer"), "  rudder"),
-    "refusal": partial(_output, _FLIGHT("turns_calm", "refusal"), "± is one sigma"),
-    "bare": partial(_shown, "bare", "n from-to"),
-    "gain": partial(_shown, "gain", "mix "),
-    "mix": partial(_shown, "mix", "± is one sigma", "mix "),
+_OUTPUTS: dict[str, tuple[str, ...]] = {
+    "answer": ("n from-to", "", _FLIGHT("c172p_3211", "answer")),
+    "good": ("  rudder", "", _FLIGHT("c172p_3211", "answer")),
+    "refusal": ("± is one sigma", "", _FLIGHT("turns_calm", "refusal")),
+    "bare": ("n from-to",), "gain": ("mix ",), "mix": ("± is one sigma", "mix "),
 }  # fmt: skip
+TABLES: dict[str, Callable[[], str]] = {
+    "cases": cases, "reasons": reasons, "exit_codes": exit_codes, "truth_short": truth_short,
+} | {name: partial(_shown, name, *found) for name, found in _OUTPUTS.items()}  # fmt: skip
 
 
 if __name__ == "__main__":

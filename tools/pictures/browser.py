@@ -9,18 +9,18 @@ from __future__ import annotations
 import base64
 import json
 import os
-import select
 import shutil
 import subprocess
 import tempfile
-import time
-from contextlib import ExitStack, suppress
-from dataclasses import dataclass, field
+from collections.abc import Iterator
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
-from checks.children import LEAVE_S, LONG_S, child
+from checks.children import LIMIT_S, child
 
+# The browser reads descriptor 3 and writes to 4.
+CONNECTED = 'exec "$0" "$@" 3<&0 4>&1 >/dev/null'
 OPTIONS = (
     "--headless=new",
     "--no-sandbox",  # needed as root in a container
@@ -32,7 +32,9 @@ OPTIONS = (
     "--enable-unsafe-swiftshader",
     "--remote-debugging-pipe",
 )
-TIMEOUT_S = 60.0
+LOADED = """new Promise(done => document.readyState == "complete" ? done()
+                        : addEventListener("load", () => done()))"""
+COMPLAINTS = ("Log.entryAdded", "Runtime.exceptionThrown", "Runtime.consoleAPICalled")
 
 
 def find_chromium() -> str | None:
@@ -41,57 +43,46 @@ def find_chromium() -> str | None:
     return next((path for name in names if (path := shutil.which(name))), None)
 
 
-@dataclass
 class Browser:
     """A browser with one page.
 
     ``requests`` are the URLs that the page has loaded so far, ``complaints`` its log entries,
-    exceptions and console output.
+    exceptions and console output, as JSON.
 
     Raises:
         RuntimeError: no browser is installed, or it does not answer.
     """
 
-    requests: list[str] = field(default_factory=list)
-    complaints: list[str] = field(default_factory=list)
-
     def __enter__(self) -> Browser:
+        self.requests, self.complaints = list[str](), list[str]()
         chromium = find_chromium()
         if chromium is None:
             raise RuntimeError("no chromium is installed")
-        self._profile = tempfile.TemporaryDirectory(ignore_cleanup_errors=True)
-        theirs_in, self._out = os.pipe()
-        self._in, theirs_out = os.pipe()
-        # The browser reads descriptor 3 and writes to 4; a shell connects them to the pipes.
-        shell = f'exec "$0" "$@" 3<&{theirs_in} 4>&{theirs_out}'
-        options = (*OPTIONS, f"--user-data-dir={self._profile.name}", "about:blank")
-        quiet = subprocess.DEVNULL
+        self._ended, self._count, self._session = ExitStack(), 0, dict[str, str]()
+        profile = tempfile.TemporaryDirectory(ignore_cleanup_errors=True)
+        own = f"--user-data-dir={self._ended.enter_context(profile)}", "about:blank"
         running = child(
-            ["/bin/bash", "-c", shell, chromium, *options], LONG_S,
-            pass_fds=(theirs_in, theirs_out), stdout=quiet, stderr=quiet,
+            ["/bin/bash", "-c", CONNECTED, chromium, *OPTIONS, *own], 10 * LIMIT_S,
+            stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, bufsize=0,
         )  # fmt: skip
-        self._ended = ExitStack()
-        self._process = self._ended.enter_context(running)
-        os.close(theirs_in)
-        os.close(theirs_out)
-        self._buffer = b""
-        self._count = 0
-        self._events: list[str] = []
-        self._session = ""
+        self._process: Any = self._ended.enter_context(running)
+        self._messages = self._read()
         target = self.call("Target.createTarget", url="about:blank")["targetId"]
         attached = self.call("Target.attachToTarget", targetId=target, flatten=True)
-        self._session = attached["sessionId"]
+        self._session = {"sessionId": attached["sessionId"]}
         for domain in ("Page", "Runtime", "Network", "Log"):
             self.call(f"{domain}.enable")
         return self
 
     def __exit__(self, *_: object) -> None:
-        os.close(self._out)
-        with suppress(subprocess.TimeoutExpired):  # it ends when its input closes
-            self._process.wait(LEAVE_S)
         self._ended.close()
-        os.close(self._in)
-        self._profile.cleanup()
+
+    def _read(self) -> Iterator[dict[str, Any]]:
+        """Yield the browser's messages until it ends."""
+        kept = b""
+        while data := os.read(self._process.stdout.fileno(), 1 << 20):
+            *lines, kept = (kept + data).split(b"\0")
+            yield from map(json.loads, lines)
 
     def call(self, method: str, **parameters: Any) -> dict[str, Any]:
         """Send one command and return its result; note the events that come before it.
@@ -100,104 +91,49 @@ class Browser:
             RuntimeError: the browser does not answer, or reports an error.
         """
         self._count += 1
-        message = {"id": self._count, "method": method, "params": parameters}
-        if self._session:
-            message["sessionId"] = self._session
-        os.write(self._out, json.dumps(message).encode() + b"\0")
-        while True:
-            reply = self._read(TIMEOUT_S)
-            if reply is None:
-                raise RuntimeError(f"the browser did not answer {method}")
-            if reply.get("id") == self._count:
-                if "error" in reply:
-                    raise RuntimeError(f"{method}: {reply['error']['message']}")
-                result: dict[str, Any] = reply["result"]
-                return result
+        message = {"id": self._count, "method": method, "params": parameters} | self._session
+        self._process.stdin.write(json.dumps(message).encode() + b"\0")
+        for reply in self._messages:
+            if reply.get("id") == self._count and "result" in reply:
+                return dict(reply["result"])
+            if "error" in reply:
+                break
+            if reply.get("method") == "Network.requestWillBeSent":
+                self.requests.append(reply["params"]["request"]["url"])
+            if reply.get("method") in COMPLAINTS:
+                self.complaints.append(json.dumps(reply["params"]))
+        raise RuntimeError(f"the browser did not do {message}")
 
     def open(self, url: str, width: int = 1280, height: int = 800, *, phone: bool = False) -> None:
         """Open a page in a window of this size in CSS pixels, and wait until it has loaded."""
-        self.call(
-            "Emulation.setDeviceMetricsOverride",
-            width=width,
-            height=height,
-            deviceScaleFactor=1,
-            mobile=phone,
-        )
-        self._events.clear()
+        size = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": phone}
+        self.call("Emulation.setDeviceMetricsOverride", **size)
         self.call("Page.navigate", url=url)
-        self.wait("Page.loadEventFired")
-
-    def wait(self, event: str) -> None:
-        """Wait for an event of this name.
-
-        Raises:
-            RuntimeError: it does not come in time.
-        """
-        while event not in self._events:
-            if self._read(TIMEOUT_S) is None:
-                raise RuntimeError(f"the browser did not say {event}")
+        self.evaluate(LOADED)
 
     def listen(self, seconds: float) -> None:
         """Note the page's events for so many seconds."""
-        end = time.monotonic() + seconds
-        while (left := end - time.monotonic()) > 0.0:
-            self._read(left)
+        self.evaluate(f"new Promise(done => setTimeout(done, {1e3 * seconds}))")
 
     def evaluate(self, expression: str) -> Any:
-        """Return the value of a JavaScript expression in the page.
+        """Return the value of a JavaScript expression in the page, of a promise when it has one.
 
         Raises:
             RuntimeError: the expression raises an exception.
         """
-        found = self.call("Runtime.evaluate", expression=expression, returnByValue=True)
+        asked = {"expression": expression, "returnByValue": True, "awaitPromise": True}
+        found = self.call("Runtime.evaluate", **asked)
         if "exceptionDetails" in found:
             raise RuntimeError(f"{expression}: {found['exceptionDetails']['text']}")
         return found["result"].get("value")
 
-    def screenshot(self, path: Path, *, whole: bool = False) -> None:
-        """Save a picture of the window, or of the whole page, as a PNG."""
-        taken = self.call(
-            "Page.captureScreenshot", captureBeyondViewport=whole, **_clip(self, whole)
-        )
+    def screenshot(self, path: Path) -> None:
+        """Save a picture of the whole page as a PNG."""
+        clip = self.call("Page.getLayoutMetrics")["cssContentSize"] | {"scale": 1}
+        taken = self.call("Page.captureScreenshot", captureBeyondViewport=True, clip=clip)
         path.write_bytes(base64.b64decode(taken["data"]))
 
-    def pdf(self, path: Path) -> int:
-        """Print the page to A4; return the number of sheets."""
-        printed = self.call(
-            "Page.printToPDF", preferCSSPageSize=True, paperWidth=8.27, paperHeight=11.69
-        )
-        data = base64.b64decode(printed["data"])
-        path.write_bytes(data)
-        return data.count(b"/Type /Page\n") or data.count(b"/Type /Page")
-
-    def _read(self, timeout_s: float) -> dict[str, Any] | None:
-        """Return the next message, or None after ``timeout_s`` or when the browser has ended."""
-        while b"\0" not in self._buffer:
-            ready, _, _ = select.select([self._in], [], [], timeout_s)
-            data = os.read(self._in, 1 << 16) if ready else b""
-            if not data:
-                return None
-            self._buffer += data
-        line, _, self._buffer = self._buffer.partition(b"\0")
-        message: dict[str, Any] = json.loads(line)
-        self._note(message)
-        return message
-
-    def _note(self, message: dict[str, Any]) -> None:
-        method, parameters = message.get("method", ""), message.get("params", {})
-        self._events.append(method)
-        if method == "Network.requestWillBeSent":
-            self.requests.append(parameters["request"]["url"])
-        elif method == "Log.entryAdded":
-            self.complaints.append(parameters["entry"]["text"])
-        elif method == "Runtime.exceptionThrown":
-            self.complaints.append(parameters["exceptionDetails"]["text"])
-        elif method == "Runtime.consoleAPICalled":
-            self.complaints.append(str([a.get("value") for a in parameters["args"]]))
-
-
-def _clip(browser: Browser, whole: bool) -> dict[str, Any]:
-    if not whole:
-        return {}
-    size = browser.call("Page.getLayoutMetrics")["cssContentSize"]
-    return {"clip": size | {"x": 0, "y": 0, "scale": 1}}
+    def pdf(self, path: Path) -> None:
+        """Print the page to A4."""
+        paper = {"preferCSSPageSize": True, "paperWidth": 8.27, "paperHeight": 11.69}
+        path.write_bytes(base64.b64decode(self.call("Page.printToPDF", **paper)["data"]))

@@ -14,11 +14,9 @@ import sys
 from pathlib import Path
 
 import matplotlib as mpl
-
-mpl.use("svg")
-import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from yawid.config.estimator import ArmaxOrders
 from yawid.estimation.fit import fit_percent, simulate
@@ -88,22 +86,17 @@ def identified(axes: Axes) -> None:
     axes.legend(fontsize=7)
 
 
-def main() -> int:
+def main(folder: Path) -> None:
     """Draw the four pictures into one SVG and one PNG."""
-    if len(sys.argv) != 2:
-        print(__doc__)
-        return 2
-    folder = Path(sys.argv[1])
     folder.mkdir(parents=True, exist_ok=True)
-    mpl.rcParams["svg.hashsalt"] = "yawid"
-    figure, axes = plt.subplots(2, 2, figsize=(9.0, 6.4), layout="constrained")
+    figure = Figure(figsize=(9.0, 6.4), layout="constrained")
     drawings = (first_order, second_order, reference_model, identified)
-    for draw, place in zip(drawings, axes.flat, strict=True):
+    for draw, place in zip(drawings, figure.subplots(2, 2).flat, strict=True):
         draw(place)
-    figure.savefig(folder / "paper_figures.svg", metadata={"Date": None})
+    with mpl.rc_context({"svg.hashsalt": "yawid"}):
+        figure.savefig(folder / "paper_figures.svg", metadata={"Date": None})
     figure.savefig(folder / "paper_figures.png", dpi=80)
-    return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main(Path(sys.argv[1]))
