@@ -12,14 +12,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from yawid.blocks import Floats
+from yawid.blocks import Floats, Ints
 from yawid.estimation.machine.products import cross
-from yawid.lateral.model import AT, PARAMETERS, Guess, system
+from yawid.lateral.model import AILERON, AT, PARAMETERS, RUDDER, Guess, system
 from yawid.lateral.predictor import Predictor, whitened
 from yawid.lateral.record import Record
 
 _RIDGE = 1e-13
 """Of start and trims, as a share of their power: it holds what the record does not show."""
+COMMANDS = (AILERON, RUDDER, AILERON + 4, RUDDER + 4)
+"""The columns of the commands' means and slopes among the inputs of a step."""
 _DIFFERENCE = 1e-5
 """Step of the slopes in scales."""
 
@@ -129,30 +131,56 @@ class Point:
     surprise: Floats
     parts: list[Part]
 
+    @property
+    def power(self) -> float:
+        """The sum of squares of ``e``, the same whatever the number of threads."""
+        return float(np.square(self.e).sum())
+
     def loss(self, variance: float) -> float:
         """Return the criterion for a given scale of the noise."""
-        return float(self.e @ self.e) / variance + float(self.surprise @ self.surprise)
+        return self.power / variance + float(self.surprise @ self.surprise)
 
 
 def _part(record: Record, theta: Floats) -> Part:
     """Return one manoeuvre at the parameters ``theta`` (1, len(PARAMETERS))."""
     pair = _pair(theta[0])
-    inputs, later = record.inputs(*pair), record.later(*pair)
     model = system(theta, record.motion.airspeed_m_s, record.pitch)
     predictor = Predictor.of(model, record.sample_time_s)
-    y, u = (np.zeros((9 + len(later), *x.shape)) for x in (record.y, inputs))
-    y[0], u[0], u[9:] = record.y, inputs, later
-    units = np.eye(9 + len(later), 8, -1)  # one run with the record, one of each unit
-    runs = whitened(predictor, y, u, record.unused, units[:, :4], units[:, 4:]).reshape(len(u), -1)
+    count, n = len(record.jumps), len(record.y)
+    y, u, units = np.zeros((13, n, 3)), np.zeros((13, n, 8)), np.eye(13, 8, -1)
+    y[0], u[0] = record.y, record.inputs(*pair)  # then a run of each unit of start and trim, and
+    u[range(9, 13), 0, COMMANDS] = 1.0  # of an impulse of each command's mean and slope
+    runs = whitened(predictor, y, u, units[:, :4], units[:, 4:])
+    runs = np.concatenate([runs[:9], _moved(runs[9:], *record.later(*pair))])
+    runs[:, record.unused] = 0.0
+    runs = runs.reshape(len(runs), -1)
     e, columns = runs[0], np.ascontiguousarray(runs[1:].T)
     power, slope = cross(columns, columns), cross(columns, e)
     power += np.diag(_RIDGE * np.diag(power) + np.finfo(float).tiny)
     noise = math.sqrt(float(np.mean((e - columns @ np.linalg.solve(power, slope)) ** 2)))
-    known = np.eye(len(later), len(power), 8) * noise / record.jump_std_s
-    e, columns = np.append(e, np.zeros(len(later))), np.vstack([columns, known])
+    known = np.eye(count, len(power), 8) * noise / record.jump_std_s
+    e, columns = np.append(e, np.zeros(count)), np.vstack([columns, known])
     power += known.T @ known
     own = np.asarray(-np.linalg.solve(power, slope), np.float64)
     return Part(predictor, own, columns, power, e + columns @ own)
+
+
+def _moved(impulses: Floats, surface: Ints, first: Ints, added: Floats) -> Floats:
+    """Return what jumps that are later by 1 s add to the innovations (j, n, 3).
+
+    ``impulses`` (4, n, 3) are the innovations of an impulse of each command's mean, then of its
+    slope, and the others are as ``Record.later`` returns them.
+    """
+    from scipy import fft  # it takes long to load, and few runs need it
+
+    n, size = impulses.shape[1], fft.next_fast_len(impulses.shape[1] + added.shape[2], real=True)
+    of_impulse = fft.rfft(impulses.reshape(2, 2, n, 3).swapaxes(2, 3), size)[:, surface]
+    of_jump = fft.rfft(added, size)[:, :, None]
+    moved = fft.irfft((of_impulse * of_jump).sum(axis=0), size).swapaxes(1, 2)
+    found = np.zeros((len(first), n, 3))
+    for row, at, each in zip(found, first, moved, strict=True):
+        row[at:] = each[: n - at]
+    return found
 
 
 def _pair(theta: Floats) -> tuple[float, float]:
@@ -166,9 +194,10 @@ def _slopes(record: Record, theta: Floats, part: Part) -> Floats:
     u, own = np.stack([inputs[pair] for pair in pairs]), np.tile(part.own[:8], (len(theta), 1))
     model = system(theta, record.motion.airspeed_m_s, record.pitch)
     predictor = Predictor.of(model, record.sample_time_s, part.predictor)
-    runs = whitened(predictor, record.y[None], u, record.unused, own[:, :4], own[:, 4:])
+    runs = whitened(predictor, record.y[None], u, own[:, :4], own[:, 4:])
+    runs[:, record.unused] = 0.0
     found = (runs.reshape(len(theta), -1) - part.e[: record.y.size]).T / _DIFFERENCE
     slopes = np.pad(
         found, ((0, len(record.jumps)), (0, 0))
     )  # times stay: their distances have none
-    return slopes - part.columns @ np.linalg.solve(part.power, part.columns.T @ slopes)
+    return slopes - part.columns @ np.linalg.solve(part.power, cross(part.columns, slopes))

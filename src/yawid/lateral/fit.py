@@ -100,7 +100,7 @@ def fit(criterion: Criterion) -> Fit:
     """
     at, damping = criterion.at(criterion.start()), _DAMPING
     for step in range(ITERATIONS + 1):
-        variance = float(at.e @ at.e) / criterion.count
+        variance = at.power / criterion.count
         H, score = _curvature(criterion, at, variance)
         free = (at.x > criterion.least) | (score <= 0.0)
         while (below := free & (at.x <= criterion.least) & (_step(H, score, free) < 0.0)).any():
@@ -122,7 +122,7 @@ def fit(criterion: Criterion) -> Fit:
 
 
 def _ended(criterion: Criterion, at: Point, H: Floats, settled: bool) -> Fit:
-    variance, n = float(at.e @ at.e) / criterion.count, len(at.x)
+    variance, n = at.power / criterion.count, len(at.x)
     size = np.sqrt(np.diag(H))
     inverse = np.linalg.inv(H / np.outer(size, size) + 1e-12 * np.eye(n))
     unbiased = criterion.count / max(criterion.count - n, 1)

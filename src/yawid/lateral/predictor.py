@@ -47,8 +47,9 @@ class Predictor:
         """
         from scipy.linalg import solve_discrete_are  # it takes long to load, and few runs need it
 
-        Phi, area, moment = exponential(model.A, sample_time_s)
-        half, *_ = exponential(model.A, sample_time_s / 2.0)
+        half, area, moment = exponential(model.A, sample_time_s / 2.0)
+        Phi, moment = half @ half, moment + half @ (moment + 0.5 * sample_time_s * area)
+        area = area + half @ area
         Q = model.Q + 4.0 * _around(half, model.Q) + _around(Phi, model.Q)  # Simpson's rule
         Q = Q * sample_time_s / 6.0
         if not (np.isfinite(Q).all() and np.isfinite(model.R).all()):
@@ -111,10 +112,8 @@ def unused(missing: Flags) -> Flags:
     return found
 
 
-def whitened(
-    of: Predictor, y: Floats, u: Floats, unused: Flags, start: Floats, trim: Floats
-) -> Floats:
-    """Return the whitened innovations (v, n, 3), 0 where ``unused`` (n,).
+def whitened(of: Predictor, y: Floats, u: Floats, start: Floats, trim: Floats) -> Floats:
+    """Return the whitened innovations (v, n, 3).
 
     ``y`` (v, n, 3) are p, r and roll, ``u`` (v, n, 8) the inputs' means and slopes over each step,
     ``start`` (v, 4) are the first four states of the first sample and ``trim`` (v, 4) the trims,
@@ -146,6 +145,4 @@ def whitened(
         states[i + 1] += each
     whiten = (of.whiten * np.exp(of.log_det / 3.0)[:, None, None]).swapaxes(1, 2)
     found = (known[..., 8:] - states @ of.C.swapaxes(1, 2)) @ whiten
-    found = found.transpose(1, 2, 0, 3).reshape(v, -1, 3)[:, :n]
-    found[:, unused] = 0.0
-    return np.asarray(found, np.float64)
+    return np.asarray(found.transpose(1, 2, 0, 3).reshape(v, -1, 3)[:, :n], np.float64)

@@ -11,7 +11,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from yawid.blocks import Floats
+from yawid.blocks import Floats, Ints
 from yawid.estimation.all_pole import all_pole
 from yawid.lateral.model import AILERON, RUDDER
 from yawid.lateral.motion import COMMAND_STEP_S, Flags, Motion
@@ -32,6 +32,8 @@ slow."""
 SURELY_LATE = 10.0
 """The least delay in sigmas of white noise. Noise that is integrated has up to four of them by
 chance, where roll hardly moves; in SITL it is over a hundred."""
+FORGOTTEN = 36.0
+"""Lags after which a jump adds no more than the last bit of a float."""
 _DRIFT = 5
 """The powers of time in a slow drift of roll from the integral of its rates."""
 _NO_LAG_S = 1e-9
@@ -159,34 +161,50 @@ class Record:
         commands = self.commands.copy()
         for by_s, (surface, late, _) in zip(later_s, self.jumps, strict=False):
             commands[surface] += by_s * late
-        mean, slope = self._lines(commands, lag_s, delay_s)
+        mean, slope = self._lines(commands, lag_s, self._cells(delay_s)[None])
         return np.hstack([mean.T, self.turn[0], slope.T, self.turn[1]])
 
-    def later(self, lag_s: float, delay_s: float) -> Floats:
-        """Return what a jump that is later by 1 s adds to the inputs (j, n, 8), for each jump."""
-        found, j = np.zeros((len(self.jumps), len(self.times_s), 8)), np.arange(len(self.jumps))
-        late = np.array([row for _, row, _ in self.jumps]).reshape(len(j), self.commands.shape[1])
-        at = np.array([surface for surface, *_ in self.jumps], int)
-        mean, slope = self._lines(late, lag_s, delay_s)
-        found[j, :, at], found[j, :, at + 4] = mean, slope
-        return found
+    def later(self, lag_s: float, delay_s: float) -> tuple[Ints, Ints, Floats]:
+        """Return what jumps that are later by 1 s add to their surfaces, for each jump.
 
-    def _lines(self, signals: Floats, lag_s: float, delay_s: float) -> tuple[Floats, Floats]:
-        """Return means and slopes (s, n) over each step of signals (s, m) after delay and lag.
-
-        They are those of the line with the signal's area and first moment over the step. The lag is
-        exact at the points of the commands' grid; between them the signal is a line, so that its
-        integral, and the integral of that, are known at every time but for constants.
+        They are its surface (j,), the first step (j,) in which it adds anything, and from there on
+        what it adds to the surface's mean and slope (2, j, s), until the lag has forgotten it.
         """
-        h, step_s, begins_s = COMMAND_STEP_S, self.sample_time_s, self.motion.commands_start_s
+        width = round(self.sample_time_s / COMMAND_STEP_S)
+        late = np.array([row for _, row, _ in self.jumps]).reshape(-1, self.commands.shape[1])
+        wide = min(2 * width + 4 + math.ceil(FORGOTTEN * lag_s / COMMAND_STEP_S), late.shape[1])
+        begin = np.clip((late != 0.0).argmax(axis=1) - 2, 0, late.shape[1] - wide)[:, None]
+        cells, steps = self._cells(delay_s), min(wide // width + 2, len(self.times_s))
+        first = np.clip(np.searchsorted(cells, begin, "right") - 1, 0, len(cells) - 1 - steps)
+        rows = np.take_along_axis(late, begin + np.arange(wide), axis=1)
+        added = self._lines(rows, lag_s, cells[first + np.arange(steps + 1)] - begin)
+        return np.array([at for at, *_ in self.jumps], int), first[:, 0], np.stack(added)
+
+    def _cells(self, delay_s: float) -> Floats:
+        """Return the edges of the steps (n + 1,), in steps of the commands' grid from its begin."""
+        edges_s = np.append(self.times_s, self.times_s[-1] + self.sample_time_s)
+        return (edges_s - delay_s - self.motion.commands_start_s) / COMMAND_STEP_S
+
+    def _lines(self, signals: Floats, lag_s: float, edges: Floats) -> tuple[Floats, Floats]:
+        """Return means and slopes (s, n) of signals (s, m) after a lag, from edge to edge.
+
+        The edges (s or 1, n + 1) are in steps of the commands' grid. Mean and slope are those of
+        the line with the signal's area and first moment. The lag is exact at the points of the
+        commands' grid; between them the signal is a line, so that its integral, and the integral of
+        that, are known at every time but for constants.
+        """
+        h, step_s = COMMAND_STEP_S, self.sample_time_s
         x = lagged_lines(signals, lag_s, h)
         area = h * (np.cumsum(x, axis=1) - 0.5 * x)
         twice = h * (np.cumsum(area, axis=1) - 0.5 * area) - h**2 / 12.0 * x
-        since = (np.append(self.times_s, self.times_s[-1] + step_s) - delay_s - begins_s) / h
-        i = np.clip(since + 1e-9, 0, x.shape[1] - 2).astype(int)
-        into, bent = h * (since - i), (since - i) * (x[:, i + 1] - x[:, i])
-        twice = twice[:, i] + into * (area[:, i] + into * (x[:, i] / 2.0 + bent / 6.0))
-        area = area[:, i] + into * (x[:, i] + bent / 2.0)
+        i = np.clip(edges + 1e-9, 0, x.shape[1] - 2).astype(int)
+        x_i, after, area, twice = (
+            np.take_along_axis(each, at, axis=1)
+            for each, at in ((x, i), (x, i + 1), (area, i), (twice, i))
+        )
+        into, bent = h * (edges - i), (edges - i) * (after - x_i)
+        twice = twice + into * (area + into * (x_i / 2.0 + bent / 6.0))
+        area = area + into * (x_i + bent / 2.0)
         moment = 0.5 * step_s * (area[:, 1:] + area[:, :-1]) - np.diff(twice)
         return np.diff(area) / step_s, moment * 12.0 / step_s**3
 
