@@ -41,24 +41,14 @@ def write(name: str, made: Made, folder: Path) -> None:
     (folder / "case.toml").write_text(text, encoding="utf-8")
 
 
-def make(name: str, flights: Path) -> Made:
-    """Make a case's log by its recipe.
-
-    Raises:
-        ValueError: the log is too large for a case.
-    """
-    with tempfile.TemporaryDirectory() as scratch:
-        made = RECIPES[name](Path(scratch), flights)
-    if len(made.log) >= MOST_BYTES:
-        raise ValueError(f"{len(made.log)} bytes: a case's log has less than {MOST_BYTES}")
-    return made
-
-
 def _one(name: str, options: argparse.Namespace) -> bool:
     if name.startswith("sitl_") and not options.flights.is_dir():
         print(f"left out  {name}: no recorded flights in {options.flights}")
         return True
-    made, path = make(name, options.flights), options.folder / name / "log.tlog"
+    with tempfile.TemporaryDirectory() as scratch:
+        made = RECIPES[name](Path(scratch), options.flights)
+    assert len(made.log) < MOST_BYTES, f"{len(made.log)} bytes: a case's log has less"
+    path = options.folder / name / "log.tlog"
     same = path.exists() and path.read_bytes() == made.log
     if not options.check:
         write(name, made, path.parent)

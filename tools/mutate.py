@@ -1,13 +1,12 @@
 """Seeds small defects one at a time in a copy of the tree, and checks that a test notices each.
 
-    python tools/mutate.py                # all of checks/defects.toml, as a Markdown table
-    python tools/mutate.py --only jury    # those whose description contains a word
     python tools/mutate.py --draw 300 --seed 7   # drawn at random: a table of killed shares
 
-tests/test_mutations.py, marked ``long``, does the first. Each defect names one test that must fail:
-if that ends in any other way, it has not caught the defect. For a defect in the kernel, or in the
-code that compiles it, the kernel runs as plain Python, which gives the same bits and need not be
-compiled for each defect. For all others it is compiled once, as fits in plain Python take minutes.
+tests/test_mutations.py, marked ``long``, seeds those of checks/defects.toml. Each names one test
+that must fail: if that ends in any other way, it has not caught the defect. For a defect in the
+kernel, or in the code that compiles it, the kernel runs as plain Python, which gives the same bits
+and need not be compiled for each defect. For all others it is compiled once, as fits in plain
+Python take minutes.
 
 What --draw makes stays in a folder of the temporary folder: which file of tests reaches which lines
 (half an hour of one processor), one row a mutant as it ends (draw_SEED.jsonl) and the survivors
@@ -61,6 +60,11 @@ class Defect:
     new: str
     test: str
 
+    @property
+    def plain(self) -> bool:
+        """Whether the kernel runs as plain Python for its test."""
+        return self.file.startswith(PLAIN)
+
 
 DEFECTS: tuple[Defect, ...] = tuple(
     Defect(**each)
@@ -82,15 +86,6 @@ class Copy:
         for name in ("pyproject.toml", "README.md"):
             shutil.copy2(ROOT / name, folder)
         (folder / "conftest.py").write_text(CONFTEST, encoding="utf-8")
-
-    def run_all(self, defects: Sequence[Defect]) -> tuple[int, str]:
-        """Run the tests of all defects without a defect; return as :meth:`run` does."""
-        for plain in (False, True):
-            tests = {each.test for each in defects if each.file.startswith(PLAIN) == plain}
-            code, output = self.run(*sorted(tests), plain=plain) if tests else (0, "")
-            if code != 0:
-                break
-        return code, output
 
     def run(
         self,
@@ -138,7 +133,7 @@ class Copy:
         """Return whether the defect's test fails with the defect seeded."""
         text = (self.package / defect.file).read_text(encoding="utf-8")
         with self.seeded(defect.file, text.replace(defect.old, defect.new)):
-            return self.run(defect.test, plain=defect.file.startswith(PLAIN))[0] == 1
+            return self.run(defect.test, plain=defect.plain)[0] == 1
 
 
 def misplaced(defects: Sequence[Defect]) -> list[str]:
@@ -148,19 +143,6 @@ def misplaced(defects: Sequence[Defect]) -> list[str]:
         for each in defects
         if (count := (PACKAGE / each.file).read_text(encoding="utf-8").count(each.old)) != 1
     ]
-
-
-def seed(defects: Sequence[Defect], copy: Copy) -> int:
-    """Seed the defects one by one, print a row for each, and return how many were missed."""
-    print("| defect | file | caught by |\n|---|---|---|")
-    missed = 0
-    for defect in defects:
-        caught = copy.catches(defect)
-        missed += not caught
-        row = f"| {defect.what} | {defect.file} | {defect.test if caught else '**missed**'} |"
-        print(row, flush=True)
-    print(f"\n{len(defects) - missed} of {len(defects)} caught", flush=True)
-    return missed
 
 
 def draw(count: int, seed: int, tests: Sequence[str]) -> None:
@@ -181,27 +163,10 @@ def draw(count: int, seed: int, tests: Sequence[str]) -> None:
     print(mutants.table(rows, f"`--draw {count} --seed {seed}`, {said.strip()}"))
 
 
-def main(argv: Sequence[str]) -> None:
-    """Draw mutants, or seed the defects; end with 1 if one is missed or cannot be seeded."""
-    parser = argparse.ArgumentParser(prog="mutate.py", description=(__doc__ or "").split("\n")[0])
-    add = parser.add_argument
-    add("--only", metavar="WORD", default="", help="defects whose text has it")
-    add("--draw", metavar="N", type=int, help="N mutants drawn at random")
-    add("--seed", metavar="S", type=int, default=0, help="which ones (--draw)")
-    add("--tests", nargs="+", metavar="FILE", default=(), help="only these (--draw)")
-    options = parser.parse_args(argv)
-    if options.draw:
-        draw(options.draw, options.seed, options.tests)
-        return
-    defects = [defect for defect in DEFECTS if options.only.lower() in defect.what.lower()]
-    if wrong := misplaced(defects):
-        raise SystemExit("mutate: " + "\nmutate: ".join(wrong))
-    with tempfile.TemporaryDirectory() as scratch:
-        copy = Copy(Path(scratch) / "tree")
-        code, output = copy.run_all(defects)
-        if code or seed(defects, copy):
-            raise SystemExit(f"mutate: without any defect:\n{output}" if code else "")
-
-
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    parser = argparse.ArgumentParser(prog="mutate.py", description=__doc__.partition("\n")[0])
+    parser.add_argument("--draw", metavar="N", type=int, required=True, help="how many mutants")
+    parser.add_argument("--seed", metavar="S", type=int, default=0, help="which ones")
+    parser.add_argument("--tests", nargs="+", metavar="FILE", default=(), help="only these")
+    options = parser.parse_args()
+    draw(options.draw, options.seed, options.tests)

@@ -40,31 +40,22 @@ USUALLY_FLOWN, FLOWN = (0.025, 0.025), {"sitl_fbwa_manoeuvres": (0.04, 0.04)}
 
 
 def read(name: str, which: str) -> dict[str, Any]:
+    """Return a case's truth, its ``expected`` stream or its ``flight`` with the default options."""
     return dict(json.loads((CASES / name / f"{which}.json").read_text(encoding="utf-8")))
-
-
-def summary(name: str) -> dict[str, Any]:
-    """Return the reference of a case, with which test_replay_logs.py compares its replay."""
-    return read(name, "expected")
-
-
-def flown(name: str) -> dict[str, Any]:
-    """Return the second reference of a case: its answer with the default options."""
-    return read(name, "flight")
 
 
 @pytest.mark.parametrize(
     "name", [name for name in WITH_TRUTH if name not in ("c172p_three_speeds", *TURNS)]
 )
 def test_the_dutch_roll_of_the_case_lies_as_near_the_truth_as_stated(name: str):
-    truth, flight = read(name, "truth")["dutch_roll"], flown(name)["flight"]
+    truth, flight = read(name, "truth")["dutch_roll"], read(name, "flight")["flight"]
     wn, zeta = FLOWN.get(name, USUALLY_FLOWN)
 
     assert flight["verdict"]["usable"]
     assert flight["dutch_roll"]["wn_rad_s"] == pytest.approx(truth["wn_rad_s"], rel=wn)
     assert flight["dutch_roll"]["zeta"] == pytest.approx(truth["zeta"], abs=zeta)
     for method, (wn, zeta) in DISTANCES.get(name, USUAL).items():
-        dutch_roll = summary(name)["estimates"][method]["dutch_roll"]
+        dutch_roll = read(name, "expected")["estimates"][method]["dutch_roll"]
         assert dutch_roll["wn_rad_s"] == pytest.approx(truth["wn_rad_s"], rel=wn), method
         assert dutch_roll["zeta"] == pytest.approx(truth["zeta"], abs=zeta), method
 
@@ -72,7 +63,7 @@ def test_the_dutch_roll_of_the_case_lies_as_near_the_truth_as_stated(name: str):
 def test_each_manoeuvre_of_the_three_speeds_lies_as_near_its_truth_as_stated():
     """At the airspeed flown; at 10 Hz and with half a degree a second of noise within 3 %"""
     truth = read("c172p_three_speeds", "truth")
-    found = summary("c172p_three_speeds")
+    found = read("c172p_three_speeds", "expected")
 
     assert len(found["manoeuvres"]) == len(truth["manoeuvres"]) == 12
     for told, true in zip(found["manoeuvres"], truth["manoeuvres"], strict=True):
@@ -104,7 +95,7 @@ def test_every_case_has_a_recipe_and_a_truth_or_is_one_to_be_refused():
 
 @pytest.mark.parametrize("name", TURNS)
 def test_turns_show_the_bare_aircrafts_mode_and_leave_the_rudders_effect_unknown(name: str):
-    bare, found = read(name, "truth")["dutch_roll_open_loop"], flown(name)
+    bare, found = read(name, "truth")["dutch_roll_open_loop"], read(name, "flight")
 
     roll = found["ordinary"]["dutch_roll"]
     assert found["exit_code"] == 5
@@ -115,7 +106,7 @@ def test_turns_show_the_bare_aircrafts_mode_and_leave_the_rudders_effect_unknown
 
 @pytest.mark.parametrize("name", REFUSED)
 def test_a_case_without_an_answer_is_refused_with_the_reason(name: str):
-    verdict = flown(name)["verdict"]
+    verdict = read(name, "flight")["verdict"]
 
     assert not verdict["usable"]
     assert REFUSED[name] in [r["id"] for r in verdict["reasons"] if r["weight"] == "fatal"]
@@ -123,7 +114,7 @@ def test_a_case_without_an_answer_is_refused_with_the_reason(name: str):
 
 def test_disguises_are_seen_through():
     """How each case's rudder was found: the case would prove nothing if it were found otherwise."""
-    rudders = {name: summary(name)["channels"]["rudder"] for name in
+    rudders = {name: read(name, "expected")["channels"]["rudder"] for name in
                ("c172p_vtail", "px4_controls", "px4_outputs", "c172p_reversed")}  # fmt: skip
     assert [rudder["source"] for rudder in rudders.values()][:3] == [
         "SERVO_OUTPUT_RAW.servo2_raw and SERVO_OUTPUT_RAW.servo4_raw",
@@ -132,10 +123,10 @@ def test_disguises_are_seen_through():
     ]
     assert rudders["c172p_reversed"]["reversed"]
     assert rudders["px4_outputs"]["reversed"]
-    assert summary("two_vehicles")["vehicle"]["sysid"] == 2
-    assert summary("c172p_reboot")["link"]["reboots"] == 1
-    assert summary("c172p_gaps")["link"]["gaps"] >= 3
-    assert summary("c172p_garbage")["link"]["skipped_bytes"] > 700
+    assert read("two_vehicles", "expected")["vehicle"]["sysid"] == 2
+    assert read("c172p_reboot", "expected")["link"]["reboots"] == 1
+    assert read("c172p_gaps", "expected")["link"]["gaps"] >= 3
+    assert read("c172p_garbage", "expected")["link"]["skipped_bytes"] > 700
 
 
 def test_the_servo_time_of_the_wrap_case_does_wrap():

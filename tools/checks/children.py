@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-import re
 import resource
 import socket
 import subprocess
@@ -15,6 +13,8 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+
+import psutil
 
 LIMIT_S = 120.0
 """Time limit of a child in s: twenty times what the slowest child of a test needs on two cores."""
@@ -53,9 +53,10 @@ def cost_of(
 def child(
     command: Sequence[str | Path], within_s: float = LIMIT_S, **options: Any
 ) -> Iterator[subprocess.Popen[Any]]:
-    """Start a process and end it with the block; kill it if it still runs after ``within_s`` s.
+    """Start a process, and end it and its pipes with the block, at the latest after ``within_s``.
 
-    So code that reads its pipes or waits for it cannot block for longer.
+    So code that reads its pipes or waits for it cannot block for longer. It is ended by SIGTERM, or
+    by SIGKILL if it ignores that.
     """
     process = subprocess.Popen(command, **options)
     late = threading.Timer(within_s, process.kill)
@@ -65,22 +66,13 @@ def child(
         yield process
     finally:
         late.cancel()
-        end(process)
-
-
-def end(process: subprocess.Popen[Any]) -> None:
-    """End a process by SIGTERM, or by SIGKILL if it ignores that; close its pipes.
-
-    SIGINT does not suffice, as a shell starts background jobs with SIGINT ignored.
-    """
-    process.terminate()
-    try:
+        process.terminate()  # SIGINT does not suffice: a shell starts background jobs without it
+        try:
+            process.wait(LEAVE_S)
+        except subprocess.TimeoutExpired:
+            process.kill()
         process.wait(LEAVE_S)
-    except subprocess.TimeoutExpired:
-        process.kill()
-        process.wait(LEAVE_S)
-    for stream in (process.stdin, process.stdout, process.stderr):
-        if stream is not None:
+        for stream in filter(None, (process.stdin, process.stdout, process.stderr)):
             with suppress(OSError):  # closing flushes what the process never read
                 stream.close()
 
@@ -93,8 +85,7 @@ def free_udp_port() -> int:
         return port
 
 
-def resident_mb(pid: int | str = "self") -> float:
+def resident_mb(pid: int | None = None) -> float:
     """Return the memory in MB that a process has now, without pages that belong to files."""
-    text = Path(f"/proc/{pid}/status").read_text(encoding="utf-8")
-    match = re.search(r"RssAnon:\s+(\d+) kB", text)
-    return math.nan if match is None else int(match[1]) / 1024.0
+    memory = psutil.Process(pid).memory_info()
+    return float(memory.rss - memory.shared) / 1024.0**2

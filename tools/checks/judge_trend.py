@@ -23,9 +23,8 @@ from typing import Any, Final
 
 import numpy as np
 
-from yawid.answers.run_summary import Value
 from yawid.trend.best_profile import LEAST_DAYS
-from yawid.trend.changes import Fitted, fit_fleets
+from yawid.trend.changes import fit_fleets
 from yawid.trend.days import DAY_US, HOUR_US, YEAR_US, Track
 from yawid.trend.diff import one_more
 from yawid.trend.history import MADE, Flights, History
@@ -154,7 +153,13 @@ def judge_plan(plan: Plan, draws: int, *, seed: int = 0, every: int = 1) -> tupl
         is_changed = np.zeros((len(numbers), plan.vehicles), bool)
         for days in looks:
             fits = fit_fleets([[_until(track, days) for track in tracks] for tracks in numbers])
-            is_changed |= [[_changed(each, tested) for each in some] for some in fits]
+            is_changed |= [
+                [
+                    each.change is not None and each.change.p * tested <= FALSE_ALARMS
+                    for each in some
+                ]
+                for some in fits
+            ]
         by_fleet = is_changed.reshape(len(fleets), len(names), plan.vehicles)
         falls = by_fleet[:, names.index("zeta"), min(plan.vehicles, 7) - 1]
         if plan.falls:
@@ -164,38 +169,31 @@ def judge_plan(plan: Plan, draws: int, *, seed: int = 0, every: int = 1) -> tupl
     return found, wrong
 
 
-def _changed(fitted: Fitted, tested: int) -> bool:
-    return fitted.change is not None and fitted.change.p * tested <= FALSE_ALARMS
-
-
 def judge_diff(flights: int, draws: int, *, seed: int = 0) -> int:
     """Return in how many draws one more flight of a vehicle with ``flights`` is called changed."""
     rng = np.random.default_rng(seed)
     wrong = 0
     for _ in range(draws):
-        histories, values = [], {}
+        histories, newest = [], []
         for name, level in LEVELS.items():
             value, sigma = draw_history(rng, level, SCATTER[name], flights + 1, 1.0)
             track = Track(value[:-1], sigma[:-1], START_US + np.arange(flights) * DAY_US)
-            history = History("sysid:1", "airframe", name, 1, 1, track, np.arange(flights))
-            histories.append(history)
-            values[name] = Value(value=float(value[-1]), std=float(sigma[-1]))
+            histories.append(History("sysid:1", "airframe", name, 1, 1, track, np.arange(flights)))
+            newest.append((float(value[-1]), float(sigma[-1])))
         rows: list[Mapping[str, Any]] = [
             dict.fromkeys(MADE) | flight(1, i, START_US + i * DAY_US) for i in range(flights)
         ]
         studied = study(Flights(rows, {}, histories))
-        wrong += any(
-            two_sided(_off(each, values[each.history.quantity]), each.fitted.dof) * len(studied)
-            <= FALSE_ALARMS
-            for each in studied
-        )
+        ps = [_p(each, *last) for each, last in zip(studied, newest, strict=True)]
+        wrong += min(ps) * len(ps) <= FALSE_ALARMS
     return wrong
 
 
-def _off(each: Studied, value: Value) -> float:
-    expected = one_more(each, value.std or 0.0)
-    apart = (value.value or 0.0) - (expected.value or 0.0)
-    return apart / float(np.hypot(value.std or 0.0, expected.std or 0.0))
+def _p(each: Studied, value: float, std: float) -> float:
+    """Return how probable a number as far from the one expected is by chance."""
+    expected = one_more(each, std)
+    apart = (value - (expected.value or 0.0)) / np.hypot(std, expected.std or 0.0)
+    return two_sided(float(apart), each.fitted.dof)
 
 
 def main(draws: int) -> None:
