@@ -13,7 +13,7 @@ from flightlog import beat, every, fly, hud, reason_ids, reasons_of, summarised,
 from places import SHARED_FLIGHTS as FLIGHTS
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from scipy.signal import cont2discrete, lfilter
-from sources.logs.ulog_writer import ULogFile
+from sources.logs.ulog_flight import ULogFile
 
 from yawid.blocks import Floats
 from yawid.config.run import RunConfig
@@ -187,7 +187,7 @@ RECORDED = pytest.mark.skipif(not FLIGHTS.is_dir(), reason="the recorded flights
 def test_a_flight_by_the_receiver_of_an_autopilot_never_armed_is_refused_or_right(
     name: str, config: dict[str, Any], zeta: float | None
 ):
-    summary = summarised(FLIGHTS / f"{name}.ulg", RunConfig(**config))
+    summary = summarised(FLIGHTS / f"{name}.ulg", RunConfig(ordinary="off", **config))
 
     weights = {reason.id: reason.weight for reason in summary.verdict.reasons}
     assert weights["disarmed"] == "warning"

@@ -156,6 +156,7 @@ UNDEFINED, LANDED, IN_AIR, TAKING_OFF = range(4)
         (ARDUPILOT, 128, 1.0, 20.0, None, False),  # a blocked pitot tube
         (PX4, 0, NAN, NAN, None, False),  # unknown
         (PX4, 0, NAN, 0.0, None, False),  # into the wind, or parked
+        (PX4, 0, 0.0, NAN, None, False),
         (PX4, 0, 0.0, NAN, LANDED, True),
         (PX4, 0, 0.0, NAN, IN_AIR, False),
         (PX4, 0, 0.0, NAN, TAKING_OFF, False),

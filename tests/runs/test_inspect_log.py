@@ -20,7 +20,7 @@ from inspecting import assert_is_read_in_ten_seconds, inspected
 from places import C172P, ROOT
 from places import SHARED_FLIGHTS as FLIGHTS
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
-from sources.mavlink.test_signed_sessions import KEY, PASSPHRASE
+from sources.mavlink.test_signing import KEY, PASSPHRASE
 
 from yawid.channels.series import Series
 from yawid.channels.survey import Survey

@@ -66,21 +66,6 @@ def test_a_read_takes_no_more_than_a_megabyte_of_a_backlog() -> None:
     assert max(sizes) <= (1 << 20) + 9000
 
 
-def test_a_flood_of_long_datagrams_or_of_too_many_is_dropped_and_counted(
-    vehicle: socket.socket,
-) -> None:
-    with UdpTap(ANY_PORT, queue_size=10) as tap:
-        for datagram, received in ((FRAMES[0], 25), (bytes(65_000), 50)):
-            for _ in range(25):
-                vehicle.sendto(datagram, tap.address)
-                time.sleep(0.001)
-            patience = time.monotonic() + 60.0
-            while tap.inbox.received < received and time.monotonic() < patience:
-                time.sleep(0)
-        assert (tap.inbox.too_long, tap.inbox.dropped) == (25, 15)
-        assert len(tap.read(1)) == 10 * (8 + len(FRAMES[0]))
-
-
 def test_what_the_system_has_no_room_for_is_counted(vehicle: socket.socket) -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as full:
         full.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
@@ -213,15 +198,6 @@ def test_a_time_that_the_system_does_not_have_is_not_the_one_before(
     assert [(at_us, data) for at_us, data, _ in everything(receiver)] == [(0, b"not timed")]
 
 
-def test_a_sender_that_moves_to_another_port_is_not_called_a_second_one() -> None:
-    addresses = Addresses()
-    old, new = ("127.0.0.1", 1), ("127.0.0.1", 2)
-    assert addresses.observe({(1, old): True}, 0) == []
-    assert addresses.observe({(1, new): True}, 6_000_000) == []
-    [line] = addresses.observe({(1, old): True}, 7_000_000)
-    assert "127.0.0.1:1 and 127.0.0.1:2" in line or "127.0.0.1:2 and 127.0.0.1:1" in line
-
-
 def test_a_flood_from_ever_new_ports_is_said_once_and_not_remembered() -> None:
     addresses = Addresses()
     lines = [
@@ -230,3 +206,59 @@ def test_a_flood_from_ever_new_ports_is_said_once_and_not_remembered() -> None:
     assert sum(map(len, lines)) == 1
     assert addresses.first == {1: ("127.0.0.1", 0)}
     assert len(pickle.dumps(addresses)) < 1000
+
+
+VEHICLE, FORGER, MOVED = (("127.0.0.1", port) for port in (1, 2, 3))
+S = 1_000_000
+
+
+def observed(
+    *heard: tuple[int, dict[tuple[str, int], bool]],
+) -> tuple[tuple[str, int] | None, list[str]]:
+    """Return the first address of system 1, and the news, after (time in us, trust by address)."""
+    addresses, news = Addresses(), list[str]()
+    for at_us, trust in heard:
+        pairs = {(1, address): is_trusted for address, is_trusted in trust.items()}
+        news += addresses.observe(pairs, at_us)
+    return addresses.first.get(1), news
+
+
+BOTH = {VEHICLE: True, FORGER: True}
+FIVE_SECONDS = [(second * S, BOTH) for second in range(6)]
+
+
+@pytest.mark.parametrize(
+    ("later", "expected"),
+    [((), VEHICLE), ((15 * S - 1,), VEHICLE), ((15 * S,), FORGER)],
+)
+def test_the_address_first_heard_from_stays_until_it_has_been_silent_for_ten_seconds(
+    later: tuple[int, ...], expected: tuple[str, int]
+) -> None:
+    forged = [(at_us, {FORGER: True}) for at_us in (*range(6 * S, 15 * S - 1, S), *later)]
+    assert observed(*FIVE_SECONDS, *forged)[0] == expected
+
+
+FORGED = (0, {FORGER: False})
+KNOWN = (1, {FORGER: False, VEHICLE: True})
+
+
+@pytest.mark.parametrize(
+    ("heard", "expected"),
+    [
+        ([FORGED], None),
+        ([FORGED, KNOWN], VEHICLE),
+        # At 9 s somebody forged the vehicle's address.
+        ([FORGED, KNOWN, (9 * S, {VEHICLE: False}), (10 * S + 1, {MOVED: True})], MOVED),
+    ],
+)
+def test_an_address_that_is_not_trusted_is_never_sent_to_and_keeps_no_place(
+    heard: list[tuple[int, dict[tuple[str, int], bool]]], expected: tuple[str, int] | None
+) -> None:
+    assert observed(*heard)[0] == expected
+
+
+def test_a_sender_that_moves_to_another_port_is_not_called_a_second_one() -> None:
+    moves = [(0, {VEHICLE: True}), (6 * S, {MOVED: True})]
+    assert observed(*moves)[1] == []
+    [line] = observed(*moves, (7 * S, {VEHICLE: True}))[1]
+    assert "127.0.0.1:1 and 127.0.0.1:3" in line or "127.0.0.1:3 and 127.0.0.1:1" in line

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 import socket
-from collections.abc import Iterator
 from contextlib import ExitStack
 from itertools import pairwise
+from typing import Any
 
 import pytest
 from hypothesis import given
@@ -45,31 +45,9 @@ class Noted:
         assert sysid == (frame[5])
         self.sent.append((self.now_s, frame))
 
-
-def decoded(frames: list[bytes]) -> list[object]:
-    parser = mavlink.MAVLink(None)
-    return [message for frame in frames for message in parser.parse_buffer(frame) or []]
-
-
-class Ground:
-    """A ground station, and a publisher to it."""
-
-    def __init__(self, stack: ExitStack) -> None:
-        self.station = stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
-        self.station.bind(("127.0.0.1", 0))
-        self.station.settimeout(0.0)
-        self.address = self.station.getsockname()
-        way = OverUdp(Endpoint(*self.address, "udpout"), stack)
-        self.publisher = Publisher({"there": way}, 194)
-
-    def received(self) -> list[bytes]:
-        return received(self.station)
-
-
-@pytest.fixture
-def stack() -> Iterator[ExitStack]:
-    with ExitStack() as opened:
-        yield opened
+    def messages(self) -> list[Any]:
+        parser = mavlink.MAVLink(None)
+        return [message for _, frame in self.sent for message in parser.parse_buffer(frame)]
 
 
 STEPS = st.lists(
@@ -109,7 +87,7 @@ def test_no_ten_seconds_have_more_bytes_than_may_be_and_every_verdict_arrives(
     for at, (begin_s, _) in enumerate(way.sent):
         within = (f for t, f in way.sent[at:] if t - begin_s <= 10.0)
         assert sum(map(len, within)) <= most
-    texts = [m for m in decoded([f for _, f in way.sent]) if m.get_type() == "STATUSTEXT"]
+    texts = [m for m in way.messages() if m.get_type() == "STATUSTEXT"]
     for sysid, told in verdicts.items():
         own = [m.text for m in texts if m.get_srcSystem() == sysid and "verdict" in m.text]
         assert own[-1] == told
@@ -140,48 +118,51 @@ def test_rounds_once_a_second_leave_room_for_texts_and_always_have_their_own(
             publisher.say(1, INFO, f"{second} {number} " + 50 * "x")
         assert publisher.send_round(1, 0, VALUES, way.now_s)
         publisher.send_texts(way.now_s)
-    texts = [m for m in decoded([f for _, f in way.sent]) if m.get_type() == "STATUSTEXT"]
+    texts = [m for m in way.messages() if m.get_type() == "STATUSTEXT"]
     assert len(texts) > 40
     assert int(texts[-1].text.split()[0]) >= 48  # of the newest, not what piled up
 
 
-def test_a_round_is_what_a_ground_station_reads_of_a_component_of_the_vehicle(
-    stack: ExitStack,
-) -> None:
-    ground = Ground(stack)
-    ground.publisher.send_round(7, (1 << 32) + 1234, VALUES | {"yaw_z_sd": math.nan}, 0.0)
-    ground.publisher.say(7, NOTICE, "yawid: usable, \u03c9n 10.06")
-    ground.publisher.send_texts(0.0)
-    beat, *values, text = decoded(ground.received())
+def test_a_round_is_what_a_ground_station_reads_of_a_component_of_the_vehicle() -> None:
+    way = Noted()
+    publisher = Publisher({"there": way}, 194)
+    publisher.send_round(7, (1 << 32) + 123_456_789, VALUES | {"yaw_z_sd": math.nan}, 0.0)
+    publisher.say(7, NOTICE, "yawid: usable, \u03c9n 10.06")
+    publisher.send_texts(0.0)
+    beat, *values, text = way.messages()
     assert (beat.type, beat.autopilot) == (18, 8)
     assert {(m.get_srcSystem(), m.get_srcComponent()) for m in (beat, *values, text)} == {(7, 194)}
     known = {name: value for name, value in VALUES.items() if name != "yaw_z_sd"}
     assert {m.name: m.value for m in values} == pytest.approx(known)
-    assert {m.time_boot_ms for m in values} == {1234}
+    assert {m.time_boot_ms for m in values} == {123_456_789}
     assert (text.severity, text.text) == (5, "yawid: usable, ?n 10.06")
 
 
-def test_udpin_answers_who_sent_last_and_a_peer_that_is_gone_is_said_once_until_it_is_back(
-    stack: ExitStack,
-) -> None:
-    ground = Ground(stack)
-    way = OverUdp(Endpoint("127.0.0.1", 0), stack)
-    here = Publisher({"here": way}, 194)
-    here.send_round(1, 0, VALUES, 0.0)
-    ground.station.sendto(3000 * b"x", way.socket.getsockname())
-    here.send_round(1, 0, VALUES, 1.0)
-    assert len(ground.received()) == 6
+def test_udpin_answers_who_sent_last_and_a_peer_that_is_gone_is_said_once_until_it_is_back() -> (
+    None
+):
+    with (
+        ExitStack() as opened,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as station,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as again,
+    ):
+        station.bind(("127.0.0.1", 0))
+        address, way = station.getsockname(), OverUdp(Endpoint("127.0.0.1", 0), opened)
+        here = Publisher({"here": way}, 194)
+        here.send_round(1, 0, VALUES, 0.0)
+        station.sendto(3000 * b"x", way.socket.getsockname())
+        here.send_round(1, 0, VALUES, 1.0)
+        assert len(received(station)) == 6
 
-    ground.station.close()
-    for second in range(3):
-        ground.publisher.send_round(1, 0, VALUES, float(second))
-    [line] = ground.publisher.news
-    assert "nothing receives what is published to there" in line
-    ground.station = stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
-    ground.station.bind(ground.address)
-    ground.station.settimeout(0.0)
-    ground.publisher.send_round(1, 0, VALUES, 10.0)
-    assert len(ground.received()) == 6
+        station.close()
+        there = Publisher({"there": OverUdp(Endpoint(*address, "udpout"), opened)}, 194)
+        for second in range(3):
+            there.send_round(1, 0, VALUES, float(second))
+        [line] = there.news
+        assert "nothing receives what is published to there" in line
+        again.bind(address)
+        there.send_round(1, 0, VALUES, 10.0)
+        assert len(received(again)) == 6
 
 
 def test_a_tcp_peer_that_does_not_read_holds_nothing_up_and_gets_whole_frames() -> None:

@@ -59,14 +59,12 @@ class Link:
         rows += [mavlink.MAVLink_servo_output_raw_message(i, 0, *[0] * 8) for i in range(servos)]
         self.say(*rows)
 
-    def frames(self) -> list[bytes]:
-        """Return what the vehicle has received since."""
-        return received(self.vehicle)
-
     def asked(self) -> list[int]:
         """Return for which messages the vehicle has been asked since, at 50 Hz."""
         parser = mavlink.MAVLink(None)
-        sent = [each for frame in self.frames() for each in parser.parse_buffer(frame) or []]
+        sent = [
+            each for frame in received(self.vehicle) for each in parser.parse_buffer(frame) or []
+        ]
         assert {(m.target_system, m.command, m.param2) for m in sent} <= {(3, 511, 20_000.0)}
         return [int(m.param1) for m in sent]
 

@@ -1,17 +1,17 @@
-"""Every way to a vehicle, on real sockets and lines: what was sent comes out as a tlog."""
+"""Every way to a vehicle: as it is written, and on real sockets and lines."""
 
 from __future__ import annotations
 
 import os
+import re
 import socket
 import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -19,8 +19,8 @@ from checks.children import free_udp_port
 from live_link import heard, tlog_size
 from sources.tlog_records import BY_NAME, message, pack, random_records, rows, run, sender
 
-from yawid.errors import SourceError
-from yawid.sources.link.endpoints import Endpoint
+from yawid.errors import ConfigError, SourceError
+from yawid.sources.link.endpoints import Endpoint, parse_endpoint
 from yawid.sources.link.receiver import _address
 from yawid.sources.link.tap import Tap
 from yawid.sources.link.tcp_serial import StreamTap, complete_until
@@ -28,6 +28,7 @@ from yawid.sources.link.udp import UdpTap
 
 FRAMES = [rec[8:] for rec in random_records(np.random.default_rng(0), 200)]
 HOSTS = {"4": "127.0.0.1", "6": "::1"}
+GROUPS = {"mcast": "239.255.145.50", "udpbcast": "127.255.255.255"}
 FAMILIES = {"4": socket.AF_INET, "6": socket.AF_INET6}
 
 
@@ -40,40 +41,25 @@ def has_ipv6() -> bool:
     return True
 
 
-@dataclass
-class Way:
-    """A tap, and what its vehicle does: ``send`` sends bytes, ``receive`` returns what it got."""
+class Way(NamedTuple):
+    """A tap, its vehicle, and what sends bytes from there to the tap."""
 
     tap: Tap
+    vehicle: socket.socket
     send: Callable[[bytes], Any]
-    receive: Callable[[], bytes]
-    silent: Callable[[], Any]
-    """Have ``receive`` return at once; it raises BlockingIOError where nothing was received."""
 
 
 def udp(name: str, stack: ExitStack, may_transmit: bool) -> Way:
     kind, number = name.rstrip("46"), name[-1] if name[-1] in "46" else "4"
     vehicle = stack.enter_context(socket.socket(FAMILIES[number], socket.SOCK_DGRAM))
     vehicle.settimeout(60.0)
+    vehicle.setsockopt(socket.SOL_SOCKET, socket.SO_BROADCAST, 1)
+    place = GROUPS.get(kind, HOSTS[number]), 0 if kind == "udpin" else free_udp_port()
     if kind == "udpout":
-        vehicle.bind((HOSTS[number], 0))
-        endpoint = Endpoint(HOSTS[number], vehicle.getsockname()[1], kind)
-        tap = stack.enter_context(UdpTap(endpoint, may_transmit=may_transmit))
-        to = tap.address
-    elif kind == "udpin":
-        tap = stack.enter_context(UdpTap(Endpoint(HOSTS[number], 0), may_transmit=may_transmit))
-        to = tap.address
-    else:
-        vehicle.setsockopt(socket.SOL_SOCKET, socket.SO_BROADCAST, 1)
-        host = {"mcast": "239.255.145.50", "udpbcast": "127.255.255.255"}[kind]
-        tap = stack.enter_context(UdpTap(Endpoint(host, free_udp_port(), kind)))
-        to = tap.endpoint.host, tap.endpoint.port
-    return Way(
-        tap,
-        lambda data: vehicle.sendto(data, to),
-        lambda: vehicle.recv(2048),
-        lambda: vehicle.settimeout(0.0),
-    )
+        vehicle.bind(place)
+    tap = stack.enter_context(UdpTap(Endpoint(*place, kind), may_transmit=may_transmit))
+    to = place if kind in GROUPS else tap.address
+    return Way(tap, vehicle, lambda data: vehicle.sendto(data, to))
 
 
 def tcp(name: str, stack: ExitStack, may_transmit: bool) -> Way:
@@ -84,7 +70,7 @@ def tcp(name: str, stack: ExitStack, may_transmit: bool) -> Way:
     tap = stack.enter_context(StreamTap(endpoint, may_transmit=may_transmit))
     vehicle, _ = server.accept()
     stack.enter_context(vehicle).settimeout(60.0)
-    return Way(tap, vehicle.sendall, lambda: vehicle.recv(2048), lambda: vehicle.settimeout(0.0))
+    return Way(tap, vehicle, vehicle.sendall)
 
 
 @contextmanager
@@ -137,9 +123,9 @@ def test_every_frame_comes_out_as_a_record_and_nothing_is_sent_back(
         assert way.tap.socket_dropped == 0
     with pytest.raises(RuntimeError, match="passive"):
         way.tap.transmit(FRAMES[0], FRAMES[0][5])
-    way.silent()
+    way.vehicle.settimeout(0.0)
     with pytest.raises(BlockingIOError):
-        way.receive()
+        way.vehicle.recv(2048)
 
 
 @pytest.mark.parametrize("name", ["udpin4", "udpin6", "udpout4", "udpout6", "tcp4", "tcp6"])
@@ -147,11 +133,11 @@ def test_an_answer_goes_back_to_who_was_heard(name: str, opened: Callable[..., W
     way = opened(name, may_transmit=True)
     if name.startswith("udpout"):  # it waits to be spoken to
         assert way.tap.transmit(b"hello", 1)
-        assert way.receive() == b"hello"
+        assert way.vehicle.recv(2048) == b"hello"
     way.send(FRAMES[0])
     assert heard(way.tap, 1)[8:] == FRAMES[0]
     assert way.tap.transmit(b"hello", next(iter(way.tap.senders.first)))
-    assert way.receive() == b"hello"
+    assert way.vehicle.recv(2048) == b"hello"
 
 
 def lost_and_back(tap: Tap) -> bool:
@@ -252,3 +238,69 @@ def test_bytes_before_an_unfinished_frame_are_complete() -> None:
         assert complete_until(b"ab" + frame[:size]) == 2
     assert complete_until(b"ab" + frame) == 2 + len(frame)
     assert complete_until(b"abc") == 3
+
+
+WHOLE = (
+    "udpin:127.0.0.1:14560", "udpin:0.0.0.0:14560", "udpout:10.0.0.1:14550",
+    "udpbcast:192.168.1.255:14550", "tcp:127.0.0.1:5760", "mcast:239.1.2.3:14551",
+    "/dev/ttyUSB0,921600", "COM3,57600", "com3,57600", "udpin:[::1]:14560", "udpin:[::]:14560",
+    "udpout:[2001:db8::7]:14550", "tcp:[fe80::1%eth0]:5760", "udpin:[::ffff:10.0.0.1]:14560",
+)  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("text", "meant"),
+    [
+        *[(text, text) for text in WHOLE],
+        ("mcast:", "mcast:239.255.145.50:14550"),
+        ("mcast:14551", "mcast:239.255.145.50:14551"),
+        ("/dev/ttyACM0", "/dev/ttyACM0,57600"),
+    ],
+)
+def test_an_endpoint_is_taken_and_what_it_leaves_out_is_pymavlink_s_default(
+    text: str, meant: str
+) -> None:
+    assert str(parse_endpoint(text)) == meant
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["udp:", "udp:127.0.0.1:14550", "udpin:14550", "udpin:", "udpin::14550", "14550", "",
+     "127.0.0.1:14550", "udpin:127.0.0.1:", "udpin:127.0.0.1:port", "udpin:127.0.0.1:70000"],
+)  # fmt: skip
+def test_an_endpoint_that_leaves_something_open_is_refused_with_both_spellings(text: str) -> None:
+    port = "14550" if "14550" in text else "14560"
+    with pytest.raises(ConfigError) as caught:
+        parse_endpoint(text)
+    assert f"udpin:127.0.0.1:{port}" in str(caught.value)
+    assert f"udpin:0.0.0.0:{port}" in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+NO_BAUD = "not a baud rate: write /dev/ttyUSB0,57600"
+NO_KIND = "not supported, write udpin:127.0.0.1"
+BRACKETS = "in brackets, after udpin, udpout or tcp: write udpin:[::1]:14560"
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        *[(text, NO_BAUD) for text in ("/dev/ttyUSB0,0", "/dev/ttyUSB0,99999999999")],
+        *[(text, NO_KIND) for text in ("tcpin:0.0.0.0:5760", "ws:127.0.0.1:1", "unix:/tmp/x")],
+        *[
+            (text, BRACKETS)
+            for text in (
+                "udpin:::1:14560", "udpin:[::1]", "udpin:[::1:14560", "udpbcast:[::1]:14560",
+                "mcast:[ff02::1]:14550", "tcp:2001:db8::7:5760", "udpin:[::1]:14560:",
+            )
+        ],
+        # Brackets are for IPv6 alone.
+        *[(text, "does not say where") for text in ("udpin:[127.0.0.1]:14560", "udpin:[12]:14560")],
+    ],
+)  # fmt: skip
+def test_what_is_no_endpoint_is_refused_in_one_line_with_the_right_spelling(
+    text: str, said: str
+) -> None:
+    with pytest.raises(ConfigError, match=re.escape(said)) as caught:
+        parse_endpoint(text)
+    assert "\n" not in str(caught.value)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -85,6 +87,17 @@ def flown(seconds: float = 60.0, seed: int = 3) -> Flight:
     rates = np.column_stack([p, q, r]).astype(np.float32)
     pwm = np.rint(TRAVEL[1] + 400.0 * rudder).astype(int)
     return Flight(t, roll, pitch, yaw, rates, pwm)
+
+
+@cache
+def flight() -> Flight:
+    return flown()
+
+
+def written(folder: Path, data: bytes, name: str = "flight.log") -> Path:
+    path = folder / name
+    path.write_bytes(data)
+    return path
 
 
 def telemetry_of(

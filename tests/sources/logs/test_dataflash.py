@@ -13,19 +13,16 @@ from flightlog import samples_of
 from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.DFReader import DFReader_binary
-from sources.logs.dataflash_flight import (
-    GPS_MS,
-    GPS_WEEK,
+from sources.logs.dataflash_flight import GPS_MS, GPS_WEEK, DataflashLog, logged, telemetry, whole
+from sources.logs.onboard_flight import (
     columns,
     flight,
-    logged,
-    telemetry,
+    flown,
+    lateral_accelerations,
+    samples_from,
     us,
-    whole,
     written,
 )
-from sources.logs.dataflash_writer import DataflashLog
-from sources.logs.onboard_flight import flown, lateral_accelerations, samples_from
 
 from yawid.sources.logs.dataflash import DataflashReader
 
@@ -40,7 +37,7 @@ def oracle(path: Path, name: str) -> list[Any]:
 
 def test_every_row_is_what_pymavlink_reads(tmp_path: Path):
     path = written(tmp_path, whole())
-    mine = columns(path)
+    mine = columns(DataflashReader(path))
     servos, gyro = oracle(path, "RCOU"), [m for m in oracle(path, "IMU") if m.I == 0]
     raw, attitude = mine["SERVO_OUTPUT_RAW"], mine["ATTITUDE"]
 
@@ -127,7 +124,7 @@ def test_rows_become_those_of_messages(
     log = DataflashLog()
     for row in rows:
         log.add(*row)
-    mine = columns(written(tmp_path, log.data))[name]
+    mine = columns(DataflashReader(written(tmp_path, log.data)))[name]
     np.testing.assert_array_equal(read(mine) if callable(read) else mine[read], expected)
 
 
@@ -139,7 +136,7 @@ def test_without_rates_there_is_no_attitude_nor_by_a_column_whose_format_is_dama
     damaged = sound.replace(b"QBffffffIIfBBHH", b"QBffnfffIIfBBHH")
     assert damaged != sound
     for data in (damaged, logged(flown(2.0), rates="").data):
-        found = columns(written(tmp_path, data))
+        found = columns(DataflashReader(written(tmp_path, data)))
         assert "ATTITUDE" not in found
         assert len(found["SERVO_OUTPUT_RAW"]) == 100
 
@@ -180,9 +177,9 @@ def test_garbage_costs_only_the_message_it_stands_in(tmp_path: Path, where: floa
     short = logged(flown(2.0))
     head = next(at for at, name in short.starts if name == "MSG")
     at = head + int(where * (len(short.data) - head))
+    logs = (short.data, short.data[:at] + garbage + short.data[at:])
     sound, damaged = (
-        columns(written(tmp_path, short.data[:at] + each + short.data[at:]))["SERVO_OUTPUT_RAW"]
-        for each in (b"", garbage)
+        columns(DataflashReader(written(tmp_path, log)))["SERVO_OUTPUT_RAW"] for log in logs
     )
     assert len(sound) - 1 <= len(damaged) <= len(sound)
     assert np.isin(damaged["time_usec"], sound["time_usec"]).all()

@@ -1,7 +1,9 @@
-"""The decoder against pymavlink, field by field, and against itself cut anywhere."""
+"""The decoder against pymavlink, on drawn and recorded frames, and against itself cut anywhere."""
 
 from __future__ import annotations
 
+from collections import Counter
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -9,8 +11,14 @@ import pytest
 from fuzz_inputs import KINDS, damage
 from hypothesis import given
 from hypothesis import strategies as st
+from places import SHARED_FLIGHTS as FLIGHTS
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+from pymavlink.generator.mavcrc import x25crc
+from recorded_flights import recorded
 from sources.tlog_records import (
+    ALL_NAMES,
     BY_NAME,
+    CLASSES,
     START_US,
     decode,
     message,
@@ -25,7 +33,10 @@ from sources.tlog_records import (
 )
 
 from yawid.channels.stage import WANTED
+from yawid.errors import ConfigError
+from yawid.sources.mavlink.crc import crc_of_frames
 from yawid.sources.mavlink.decoder import Decoder
+from yawid.sources.mavlink.definitions import UNKNOWN, definitions, dtype_of
 
 
 def as_pymavlink(value: Any) -> Any:
@@ -86,7 +97,7 @@ def test_no_cut_changes_what_comes_out(
         damage(log, where, kind, rng)
     data = bytes(log)
     whole, one_go = run(data)
-    places = [int(cut * len(data)) for cut in cuts] + list(range(step, min(len(data), 700), step))
+    places = [int(cut * len(data)) for cut in cuts] + list(range(step, min(len(data), 400), step))
     pieces, decoder = run(data, places)
     assert rows(pieces) == rows(whole)
     assert decoder.link == one_go.link
@@ -143,3 +154,94 @@ def test_order_is_the_byte_at_which_the_record_starts_and_arrays_own_their_memor
 
     blocks, _ = run(b"".join(records), cuts=[100, 1000])
     assert orders(blocks) == np.cumsum([0, *map(len, records[:-1])]).tolist()
+
+
+@pytest.mark.parametrize(("count", "longest"), [(0, 3), (1, 265), (31, 3), (32, 20), (900, 265)])
+def test_it_equals_pymavlinks_at_every_length_and_place(count: int, longest: int) -> None:
+    rng = np.random.default_rng(count + longest)
+    data = rng.integers(0, 256, 20_000, dtype=np.uint8)
+    first = rng.integers(7, len(data) - longest, count)
+    end = first + np.resize(np.arange(2, longest + 1), count)
+    extra = rng.integers(0, 256, count, dtype=np.uint8)
+    found = crc_of_frames(data, first, end, extra)
+    expected = [
+        x25crc(data[a:b].tobytes() + bytes([e])).crc
+        for a, b, e in zip(first, end, extra, strict=True)
+    ]
+    assert found.tolist() == expected
+
+
+def test_every_message_has_its_fields_size_row_and_crc_extra() -> None:
+    known = definitions()
+    for cls in CLASSES:
+        dtype, row = dtype_of(cls.msgname), known.row_of[cls.id]
+        assert dtype.itemsize == cls.unpacker.size
+        assert list(dtype.names or ()) == cls.ordered_fieldnames
+        assert (known.crc_extra[row], known.names[cls.msgname]) == (cls.crc_extra, row)
+    assert np.count_nonzero(known.row_of != UNKNOWN) == len(CLASSES)
+
+
+@pytest.mark.parametrize(
+    ("name", "base"),
+    [("ATTITUDE", 28), ("SERVO_OUTPUT_RAW", 21), ("SYS_STATUS", 31), ("STATUSTEXT", 51)],
+)
+def test_mavlink_1_has_the_base_payload_or_extensions_but_nothing_else(
+    name: str, base: int
+) -> None:
+    known = definitions()
+    fits = np.flatnonzero(known.fits_v1[known.names[name]])
+    assert (fits[0], fits[-1]) == (base, BY_NAME[name].unpacker.size)
+
+
+def test_a_name_that_the_dialect_does_not_know_is_refused() -> None:
+    for ask in (dtype_of, lambda name: Decoder({name})):
+        with pytest.raises(ConfigError, match="ATITUDE"):
+            ask("ATITUDE")
+
+
+SHARED = pytest.mark.skipif(not FLIGHTS.is_dir(), reason="the recorded flights are not here")
+
+
+def walked(data: bytes) -> Counter[str]:
+    """Count messages by pymavlink's decoder, walking from frame to frame.
+
+    pymavlink's own log reader loses good frames where versions mix: it is no oracle.
+    """
+    counts: Counter[str] = Counter()
+    at = 8
+    while at + 8 < len(data):
+        size = data[at + 1] + (8 if data[at] == 0xFE else 12 + 13 * (data[at + 2] & 1))
+        try:
+            msg = decode(data[at : at + size])
+        except dialect.MAVError:
+            msg = None
+        if msg is not None and msg.get_type() in ALL_NAMES:
+            counts[msg.get_type()] += 1
+        at += size + 8
+    return counts
+
+
+@recorded(
+    "alfa_carbonz_engine_failure", "vtol_quadplane", "sitl_fbwa_gcs_4hz", "sitl_auto_mavproxy_4hz"
+)
+def test_every_message_type_is_found_as_often_as_pymavlink_finds_it(log: Path) -> None:
+    data = log.read_bytes()
+    blocks, decoder = run(data, cuts=[100_000, 100_001, 654_321])
+    link, found = decoder.link, Counter[str]()
+    for block in blocks:
+        found.update({key: len(messages) for key, messages in block.messages.items()})
+    assert found == walked(data)
+    assert link.frames == sum(link.senders.values())
+    assert (link.bad_crc, link.unknown, link.duplicates, link.signed) == (0, 0, 0, 0)
+    assert link.skipped_bytes == 0
+
+
+@SHARED
+def test_the_copter_has_its_torn_frame_its_radio_and_its_losses() -> None:
+    _, decoder = run((FLIGHTS / "copter_sik_radio.tlog").read_bytes())
+    link = decoder.link
+    assert link.skipped_bytes == 31
+    assert link.senders[51, 68] > 0
+    in_a_jump = 144  # over 128, in the time that so many frames take
+    assert link.by_sender[1, 1].lost == 2856 + in_a_jump
+    assert link.lost == 3000 + link.by_sender[51, 68].lost < 3200

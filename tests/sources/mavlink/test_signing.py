@@ -1,8 +1,9 @@
-"""Signing against pymavlink's own: the same frames are accepted, and the key never shows."""
+"""Signing against pymavlink's own: what counts, also in sessions; the key never shows."""
 
 from __future__ import annotations
 
 import hashlib
+import json
 import logging
 import traceback
 from pathlib import Path
@@ -10,20 +11,27 @@ from typing import Any
 
 import numpy as np
 import pytest
+from flightlog import finished, fly
+from flights.surgery import join, rewrite, split
 from hypothesis import given
 from hypothesis import strategies as st
+from live_link import listening
 from pymavlink.dialects.v20 import ardupilotmega as dialect
-from sources.tlog_records import BY_NAME, KEY, START_US, message, orders, pack, record, run, sender
+from sources.tlog_records import BY_NAME, START_US, message, orders, pack, record, run, sender
+from sources.tlog_records import KEY as OWN
 
+from yawid.cli.main import main
+from yawid.config.run import RunConfig
 from yawid.errors import ConfigError
 from yawid.sources.mavlink.decoder import Decoder
 from yawid.sources.mavlink.signing import Check, Signing, SigningKey
+from yawid.sources.open_log import ReadOptions
 
-OURS = SigningKey(KEY)
+OURS = SigningKey(OWN)
 
 
 def signer(
-    stamp: int, *, link_id: int = 3, sysid: int = 1, compid: int = 1, key: bytes = KEY
+    stamp: int, *, link_id: int = 3, sysid: int = 1, compid: int = 1, key: bytes = OWN
 ) -> Any:
     """Return pymavlink's encoder that signs, its next time stamp being ``stamp``."""
     link = sender(sysid, compid, signed=True)
@@ -53,7 +61,7 @@ def decoded(
 
 def accepted_by_pymavlink(frames: list[bytes]) -> list[int]:
     link = dialect.MAVLink(None)
-    link.signing.secret_key = KEY
+    link.signing.secret_key = OWN
     link.signing.timestamp = 0
     accepted = []
     for i, frame in enumerate(frames):
@@ -146,10 +154,10 @@ def test_the_frames_accepted_are_those_pymavlink_accepts(
 
 PHRASE = "Überschall am Morgen".encode()
 FILES = {
-    "raw": (KEY, KEY),
-    "raw that ends like a line": (KEY[:31] + b"\n", KEY[:31] + b"\n"),
-    "hex": (KEY.hex().encode(), KEY),
-    "hex as a line": (KEY.hex().upper().encode() + b"\r\n", KEY),
+    "raw": (OWN, OWN),
+    "raw that ends like a line": (OWN[:31] + b"\n", OWN[:31] + b"\n"),
+    "hex": (OWN.hex().encode(), OWN),
+    "hex as a line": (OWN.hex().upper().encode() + b"\r\n", OWN),
     "passphrase": (PHRASE, hashlib.sha256(PHRASE).digest()),
     "passphrase as a line": (PHRASE + b"\n", hashlib.sha256(PHRASE).digest()),
 }
@@ -161,6 +169,8 @@ NO_KEYS = {
     "binary": SECRET + b"\xff\xfe" * 20,
     "zeros": SECRET + bytes(5),
     "long": SECRET * 1000,
+    "a folder": None,
+    "missing": None,
 }
 
 
@@ -173,26 +183,156 @@ def test_a_key_file_holds_bytes_or_hex_digits_or_a_passphrase(name: str, tmp_pat
 
 
 @pytest.mark.parametrize("name", NO_KEYS)
-def test_a_file_that_holds_no_key_is_refused_without_a_word_of_it(
-    name: str, tmp_path: Path
+def test_a_file_that_holds_no_key_is_one_line_without_a_word_of_it_and_exit_code_2(
+    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    (tmp_path / "key").write_bytes(NO_KEYS[name])
-    with pytest.raises(ConfigError, match="must hold 32 bytes, 64 hex digits or one line") as info:
-        SigningKey.from_file(tmp_path / "key")
+    content, path = NO_KEYS[name], tmp_path if name == "a folder" else tmp_path / "key"
+    said = f"signing key file {path}:"
+    if content is not None:
+        path.write_bytes(content)
+        said += " must hold 32 bytes, 64 hex digits or one line"
+    with pytest.raises(ConfigError, match=said) as info:
+        SigningKey.from_file(path)
     assert SECRET.decode() not in "".join(traceback.format_exception(info.value))
-    assert info.value.__cause__ is None
-    for path in (tmp_path / "none", tmp_path):
-        with pytest.raises(ConfigError, match=f"signing key file {path}"):
-            SigningKey.from_file(path)
+    assert content is None or info.value.__cause__ is None
+    for command in (["replay", "x.tlog"], ["live", "udpin:127.0.0.1:14999"]):
+        assert main([*command, "--signing-key-file", str(path)]) == 2
+        [line] = capsys.readouterr().err.splitlines()
+        assert said in line
+        assert SECRET.decode() not in line
 
 
 def test_a_key_shows_itself_nowhere(caplog: pytest.LogCaptureFixture) -> None:
     caplog.set_level(logging.DEBUG)
-    key = SigningKey(KEY)
+    key = SigningKey(OWN)
     _, decoder = decoded([beat(signer(1)), beat(sender(), seq=1)], key)
     shown = [f"{thing!r} {thing!s}" for thing in (key, decoder, decoder.link)]
     shown += [caplog.text, repr([vars(decoder), [getattr(key, name) for name in key.__slots__]])]
-    for secret in (KEY.hex(), repr(KEY)):
+    for secret in (OWN.hex(), repr(OWN)):
         assert secret not in "".join(shown)
     with pytest.raises(ConfigError, match="32 bytes, not 3"):
         SigningKey(b"abc")
+
+
+PASSPHRASE = "correct horse battery staple"
+KEY, WRONG = hashlib.sha256(PASSPHRASE.encode()).digest(), bytes(32)
+STICKS = 1500 + 150 * np.random.default_rng(1).choice([-1, 1], 80)
+RECORDS = split(
+    fly(
+        lambda t: 0.4 * np.sin(2.0 * t) * np.cos(0.7 * t),
+        lambda t: int(STICKS[int(4 * t)]),
+        20.0,
+        attitude_s=0.05,
+        servo_s=0.05,
+    ).data
+)
+SIGNED = rewrite(RECORDS, key=KEY)
+
+
+def intruders() -> list[tuple[int, bytes]]:
+    """Return unsigned records of the same vehicle that have another rudder."""
+    link = dialect.MAVLink(None, srcSystem=1, srcComponent=1)
+    forged = []
+    for i, (stamp, _) in enumerate(SIGNED[5::7]):
+        link.seq = (3 * i) % 256
+        us = round(1e6 * (10.0 + 0.1 * i))
+        servos = dialect.MAVLink_servo_output_raw_message(us, 0, *[1900] * 8)
+        forged.append((stamp, bytes(servos.pack(link))))
+    return forged
+
+
+def replayed(
+    log: Path, records: list[tuple[int, bytes]], capsys: Any, *options: str
+) -> tuple[int, dict[str, Any], str]:
+    """Return the exit code of a replay, its summary, and what it wrote to both streams."""
+    log.write_bytes(join(records))
+    out = str(log.parent / "out")
+    code = main(["replay", str(log), "--out", out, "--force", "--json", *options])
+    said = capsys.readouterr()
+    return code, json.loads(said.out), said.err
+
+
+def test_with_a_key_forged_frames_change_nothing_and_the_key_is_in_no_output(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "key").write_text(PASSPHRASE + "\n", encoding="utf-8")
+    plain, mixed = intruders(), list(SIGNED)
+    forged = [*plain, *rewrite(plain, key=WRONG), *SIGNED[:40]]
+    for i, rec in enumerate(forged):
+        mixed.insert(5 + 3 * i, rec)
+    options = ["--manoeuvres", "off", "--ordinary", "off"]
+
+    code, clean, _ = replayed(tmp_path / "log.tlog", SIGNED, capsys, *options)
+    options += ["--rerun", "save", "--signing-key-file", str(tmp_path / "key")]
+    again, summary, err = replayed(tmp_path / "log.tlog", mixed, capsys, *options)
+
+    assert again == code
+    assert summary["estimates"] == clean["estimates"]
+    assert summary["estimates"]["els"]["updates"] > 100
+    assert summary["link"]["unsigned_rejected"] == len(forged) > 200
+    assert clean["link"]["unsigned_rejected"] == 0
+    written = [path.read_bytes() for path in (tmp_path / "out").iterdir()]
+    assert len(written) == 2
+    for content in [*written, json.dumps(summary).encode(), err.encode()]:
+        for secret in (KEY, KEY.hex().encode(), PASSPHRASE.encode()):
+            assert secret not in content
+
+
+@pytest.mark.parametrize(
+    ("records", "key", "code", "rejected", "said"),
+    [
+        (SIGNED, None, 5, 0, "signatures were not checked"),
+        (SIGNED, KEY, 5, 0, ""),
+        (RECORDS, None, 5, 0, ""),
+        (SIGNED, WRONG, 3, len(SIGNED), ""),
+    ],
+)
+def test_frames_count_by_the_key_and_that_signatures_were_not_checked_is_said(
+    records: list[tuple[int, bytes]],
+    key: bytes | None,
+    code: int,
+    rejected: int,
+    said: str,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    (tmp_path / "key").write_bytes(key or b"")
+    options = [] if key is None else ["--signing-key-file", str(tmp_path / "key")]
+    options += ["--manoeuvres", "off"]
+    found, summary, err = replayed(tmp_path / "log.tlog", records, capsys, *options)
+    assert (found == 3) == (code == 3)
+    assert summary["link"]["unsigned_rejected"] == rejected
+    assert (said in err) if said else "signed" not in err
+    main(["inspect", str(tmp_path / "log.tlog"), *options])
+    page = capsys.readouterr().out
+    assert ("signatures were not checked" in page) == bool(said)
+
+
+def test_a_live_session_with_a_key_replays_to_the_same_bits(tmp_path: Path) -> None:
+    frames = [frame for _, frame in SIGNED[:500]]
+    plain = intruders()
+    wrong = rewrite(plain[7:14], key=WRONG)
+    forged = [*frames[:6], *(frame for _, frame in (*plain[:7], *wrong))]
+    mixed = [[f, forged[i // 25]] if i % 25 == 24 else [f] for i, f in enumerate(frames)]
+    options = ReadOptions(SigningKey(KEY))
+    with listening(tmp_path, RunConfig(rate=10.0), read_options=options) as session:
+        session.fly([frame for each in mixed for frame in each])
+
+    log = (tmp_path / "live.tlog").read_bytes()
+    live = session.ended[0].summary.to_json()
+    again = finished(log, session.config, options=options).to_json()
+    assert live["link"] == again["link"]
+    assert live["link"]["unsigned_rejected"] == 20
+    assert live["link"]["frames"] == 520
+    assert live["estimates"] == again["estimates"]
+    assert KEY not in log
+
+
+def test_a_live_session_without_a_key_says_one_time_that_frames_are_signed(tmp_path: Path) -> None:
+    with listening(tmp_path) as session:
+        session.fly([frame for _, frame in SIGNED[:100]])
+
+    (event,) = [
+        e for e in session.ended[0].summary.to_json()["live"]["events"] if "signatures" in e
+    ]
+    assert "--signing-key-file" in event
