@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
-from case_table import TableSink
+from case_compare import TableSink
 from drawn import examples
 from hypothesis import given
 from hypothesis import strategies as st
@@ -108,7 +108,7 @@ def finished(kind: Kind, path: Path, blocks: Blocks, *where: Any) -> Any:
 
 
 @every_sink
-@examples(10)
+@examples(6)
 @given(edges=st.lists(st.integers(1, ROWS - 1), max_size=ROWS), known=st.integers(56, ROWS))
 def test_the_contents_do_not_depend_on_how_the_stream_was_cut_or_how_late_a_manoeuvre_is_known(
     kind: Kind, edges: list[int], known: int, tmp_path_factory: pytest.TempPathFactory
@@ -141,28 +141,23 @@ def test_a_run_that_never_came_to_a_grid_is_finished_or_aborted_without_one(
     assert sorted(names) == ["a", "none.part"] * kind.writes_file
 
 
-@every_sink
-def test_aborting_twice_does_no_harm_gives_no_final_name_and_keeps_all_but_the_verdict(
-    kind: Kind, tmp_path: Path
+@pytest.mark.parametrize(
+    ("name", "discard"), [*((each, False) for each in KINDS), *((each, True) for each in FILES)]
+)
+def test_aborting_twice_does_no_harm_and_keeps_nothing_or_all_but_the_verdict_under_no_final_name(
+    name: str, discard: bool, tmp_path: Path
 ) -> None:
+    kind = KINDS[name]
     sink, blocks = kind.open(tmp_path / "a"), make_blocks(n=ROWS)
     run(sink, blocks, [7])
-    for event in (Flush(), Abort(), Abort()):
+    for event in (Flush(), Abort(discard), Abort(discard)):
         sink.take(event)
-        assert [path.name for path in tmp_path.iterdir()] == ["a.part"] * kind.writes_file
-    if kind.writes_file:
+        stays = kind.writes_file and not (discard and isinstance(event, Abort))
+        assert [path.name for path in tmp_path.iterdir()] == ["a.part"] * stays
+    if stays:
         kept = kind.contents(sink, part_of(tmp_path / "a"))
         lost = [each for each in finished(kind, tmp_path / "b", blocks, []) if each not in kept]
         assert [each[0] for each in lost] in ([], ["/yawid/verdict"])
-
-
-@every_file
-def test_what_is_discarded_leaves_nothing_behind(kind: Kind, tmp_path: Path) -> None:
-    sink = kind.open(tmp_path / "a")
-    run(sink, make_blocks(n=ROWS), [])
-    sink.take(Abort(discard=True))
-    sink.take(Abort(discard=True))
-    assert list(tmp_path.iterdir()) == []
 
 
 IN_THE_WAY = {

@@ -28,7 +28,6 @@ from sinks.sink_blocks import (
 )
 
 from yawid.sinks.base import Abort, Done, Flush, LogLine, RunRows
-from yawid.sinks.rerun.recording import RerunView
 from yawid.sinks.rerun.sink import RerunSink
 
 
@@ -71,16 +70,11 @@ def test_a_viewer_that_runs_already_gets_everything_and_one_that_dies_is_noticed
         run(RerunSink(address, name="flight", warn=fail), tuple(rows), [100, 101])
         entities = wait_for_rows(tmp_path / "got.rrd", 300)
         sink = RerunSink(address, name="flight", warn=warnings.append)
-        view = RerunView(address, "flight")
-        for each in (sink, view):
-            for event in (GRID, rows, Flush()):
-                each.take(event)
+        for event in (GRID, rows, Flush()):
+            sink.take(event)
         assert warnings == []
         process.kill()
         process.wait(LEAVE_S)
-        view.take(rows)
-        with pytest.raises(RuntimeError):
-            view.take(Flush())
         for event in (rows, LogLine(START_NS, "info", "still flying"), Done(SUMMARY, {})):
             sink.take(event)
     np.testing.assert_array_equal(values(entities, "/input"), rows.samples.u)
