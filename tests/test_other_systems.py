@@ -5,10 +5,13 @@ This is no run on these systems: what Python and the libraries do there is not t
 
 from __future__ import annotations
 
+import ast
 import json
+import re
 import socket
 import subprocess
 import sys
+from collections.abc import Iterator
 from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any
@@ -19,6 +22,7 @@ import pytest
 from checks.children import child
 from fleet_cluster import make_logs
 from live_link import frames
+from places import ROOT
 
 FOREIGN = ("darwin", "win32")
 LOG, FLEET = "logs/00.tlog", ("fleet", "logs", "--out", "out/data", "--workers", "1")
@@ -96,7 +100,7 @@ def test_a_live_session_takes_datagrams_on_each_system(platform: str, tmp_path: 
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as vehicle:
         vehicle.bind(("127.0.0.1", 0))
         address = f"udpout:127.0.0.1:{vehicle.getsockname()[1]}"
-        words = ("live", address, "--seconds", "6", "--json", "--request-rates", "--out", "out")
+        words = ("live", address, "--seconds", "3", "--json", "--request-rates", "--out", "out")
         with started(platform, tmp_path, "-c", LIVE, *words) as run:
             vehicle.settimeout(60)
             _, asker = vehicle.recvfrom(2000)
@@ -129,3 +133,54 @@ def test_a_console_of_cp1252_shows_every_page(tmp_path: Path):
     said = ended(run)
 
     assert "\u00b1" in said
+
+
+MODE = {"open": 0, "fdopen": 1, "read_text": -1, "write_text": -1}
+"""The position of the mode among the arguments of a method; -1: it always opens a text."""
+MAYBE = re.compile(r"(?:open|read_text|write_text)\((?!.*\bencoding=)")
+"""A line that may open a text without its encoding: only the files that have one are parsed."""
+
+
+BINARY = {"StoredPath(path).open()", "StoredPath(log.path).open()", "self.open()"}
+"""Calls of a store's own method, which opens bytes."""
+
+
+def without_encoding(source: str) -> Iterator[str]:
+    """Name every call of a method that opens a text and leaves its encoding to the system."""
+    for call in ast.walk(ast.parse(source)) if MAYBE.search(source) else ():
+        if not (isinstance(call, ast.Call) and isinstance(call.func, ast.Attribute)):
+            continue
+        place = MODE.get(call.func.attr)
+        if place is None or {"encoding", "fileobj", None} & {each.arg for each in call.keywords}:
+            continue
+        modes = [each.value for each in call.keywords if each.arg == "mode"] + call.args[place:]
+        mode = getattr(modes[0], "value", None) if modes and place >= 0 else "r"
+        if isinstance(mode, str) and set(mode) <= set("rwxa+t"):
+            yield ast.unparse(call)
+
+
+@pytest.mark.parametrize("folder", ["src", "tests", "tools"])
+def test_every_text_is_opened_with_its_encoding(folder: str) -> None:
+    found = {
+        (path.relative_to(ROOT).as_posix(), call)
+        for path in (ROOT / folder).rglob("*.py")
+        for call in without_encoding(path.read_text(encoding="utf-8"))
+        if call not in BINARY
+    }
+    assert found == set()
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "page.read_text()",
+        "page.write_text(text)",
+        "page.open('a')",
+        "page.open()",
+        "os.fdopen(0, mode='w')",
+    ],
+)
+def test_a_text_without_its_encoding_is_found(line: str) -> None:
+    assert [*without_encoding(line)]
+    assert not [*without_encoding(line[:-1] + ", encoding='utf-8')".replace("(, ", "("))]
+    assert not [*without_encoding("page.open('ab')")]

@@ -1,19 +1,37 @@
+"""A data set: its rows by hand, what others read of it, and its files after kill -9 at any time."""
+
 from __future__ import annotations
 
 import datetime
 import math
+import random
+import re
+import shutil
+import signal
 import sqlite3
+import subprocess
+import sys
+import time
+from collections import Counter
 from pathlib import Path
 from typing import Any
 
+import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from data_sets import MAY, entry, merge
+from checks.children import child
+from data_sets import JUNE, MAY, entry, killed_at_every_step, merge
+from hand_flights import by_ct, estimate, manoeuvre, mixed_loops, roll_of, summary
+from msgspec.structs import replace
+from places import SRC, TESTS
 
+from yawid.answers.reasons import Verdict
+from yawid.answers.run_summary import Bare, DutchRoll, TimeConstant
 from yawid.dataset import files as dataset
-from yawid.dataset.files import DATABASE, PAGE, DataSet, read_table
+from yawid.dataset.files import DATABASE, PAGE, DataSet, read_table, table_of
 from yawid.dataset.schema import TABLES, json_schema
+from yawid.dataset.summary_rows import flight_rows, manoeuvre_rows
 from yawid.errors import SinkError, SourceError
 
 
@@ -109,16 +127,9 @@ def test_what_cannot_be_written_leaves_the_last_files_and_the_next_fleet_writes_
     assert {path: path.stat().st_mtime_ns for path in tmp_path.iterdir()} == before
 
 
-def test_a_second_fleet_and_a_disk_without_locks_are_refused_in_one_line(
+def test_a_disk_without_locks_is_refused_in_one_line(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    with (
-        DataSet(tmp_path),
-        pytest.raises(SinkError, match="another yawid fleet is writing to") as said,
-    ):
-        DataSet(tmp_path)
-    assert "\n" not in str(said.value)
-
     class NoLocks(sqlite3.Connection):
         def execute(self, text: str, *more: Any) -> sqlite3.Cursor:
             if text.startswith("BEGIN"):
@@ -163,3 +174,185 @@ def test_a_data_set_holds_its_schema_which_names_every_column(tmp_path: Path) ->
         assert list(definitions[table.name]["properties"]) == names
         assert all(f"\n| {name} |" in page for name in names)
         assert not any(pa.types.is_float32(kind) for kind in table.schema.types)
+
+
+def test_kappa_and_k_over_v_and_all_their_sigmas_are_divided_by_the_airspeed() -> None:
+    # wn 10.07, total sigma .11, of noise .03; K .308, .006, .002; V 21.6.
+    (row,) = manoeuvre_rows(summary([manoeuvre(1, 10.07, speed=21.6)], None))
+
+    expected = {
+        "kappa_rad_m": 0.466_203_7,
+        "kappa_std": 0.005_092_593,
+        "kappa_std_noise": 0.001_388_889,
+        "K_per_V": 0.014_259_26,
+        "K_per_V_std": 0.000_277_777_8,
+        "K_per_V_std_noise": 0.000_092_592_6,
+    }
+    assert {name: row[name] for name in expected} == pytest.approx(expected, rel=1e-5)
+    for speed, source in ((21.6, "ground_speed"), (None, None)):
+        (row,) = manoeuvre_rows(summary([manoeuvre(1, speed=speed, airspeed_source=source)], None))
+        assert not expected.keys() & row.keys()
+
+
+def test_each_loop_of_a_flight_is_a_row_and_its_headline_the_first() -> None:
+    rows = flight_rows(mixed_loops(), 1, 268.0)
+
+    assert [(row["loop"], row["wn_rad_s"], row["used"], row["usable"]) for row in rows] == [
+        ("with_roll_loop", 10.21, [2], True),
+        ("airframe", 10.4, [1], True),
+        ("unknown", 10.3, [3], True),
+    ]
+    assert {row["manoeuvres"] for row in rows} == {3}
+    assert [row["used"] for row in manoeuvre_rows(mixed_loops())] == [True] * 3
+    [stream] = flight_rows(summary(None, None), 1, 268.0)
+    assert (stream["answer"], stream["usable"]) == ("stream", False)
+
+
+def test_the_bare_airframe_is_in_the_rows_of_its_flight_and_of_its_manoeuvre() -> None:
+    usable = Verdict(usable=True, reasons=[])
+    roll = DutchRoll(wn_rad_s=10.3, wn_std=0.2, zeta=0.63, zeta_std=0.02, level=1)
+    bare = Bare(dutch_roll=roll, roll_mode=TimeConstant(0.1, 0.01), airspeed_m_s=22.7,
+                used=[1], verdict=usable)  # fmt: skip
+    refused = Bare(used=[2], verdict=Verdict(usable=False, reasons=[]))
+    two = [replace(manoeuvre(1), lateral=bare), replace(manoeuvre(2), lateral=refused)]
+    run = replace(summary(two, None), bare=bare)
+
+    expected = {
+        "bare_wn_rad_s": 10.3, "bare_wn_std": 0.2, "bare_zeta": 0.63, "bare_zeta_std": 0.02,
+        "bare_level": 1, "bare_roll_mode_s": 0.1, "bare_roll_mode_std": 0.01,
+        "bare_airspeed_m_s": 22.7,
+    }  # fmt: skip
+    first, second = manoeuvre_rows(run)
+    for row in (flight_rows(run, 1, 268.0)[0], first):
+        assert {name: row[name] for name in expected} == expected
+        assert table_of(TABLES["flights"], [{name: row[name] for name in expected}]).num_rows == 1
+    assert not [name for name in second if name.startswith("bare")]
+
+
+def test_what_els_and_rml_had_at_the_end_of_a_manoeuvre_stands_under_their_own_names() -> None:
+    els, rml = estimate("els", roll_of(9.7, 0.55)), estimate("rml", roll_of(10.4, 0.7))
+    for order in ((els, rml), (rml, els)):
+        answers = {"ct": by_ct(roll_of(10.2, 0.62))} | {each.method: each for each in order}
+        flown = replace(manoeuvre(1), estimates=answers)
+        (row,) = table_of(TABLES["manoeuvres"], manoeuvre_rows(summary([flown], None))).to_pylist()
+
+        assert (row["wn_rad_s"], row["zeta"]) == (10.2, 0.62)
+        assert (row["els_wn_rad_s"], row["els_zeta"]) == (9.7, 0.55)
+        assert (row["rml_wn_rad_s"], row["rml_zeta"]) == (10.4, 0.7)
+
+    alone = replace(manoeuvre(1), estimates={"ct": by_ct(roll_of(10.2, 0.62)), "els": els})
+    (row,) = manoeuvre_rows(summary([alone], None))
+    assert not [name for name in row if name.startswith("rml")]
+
+
+def by_glob(folder: Path, pattern: str, *columns: str) -> list[tuple[Any, ...]]:
+    """Return rows as DuckDB reads them: its globs match hidden names, and ** any depth."""
+    names = folder.glob(pattern)  # so do pathlib's
+    rows = [row for name in names for row in pq.ParquetFile(name).read(columns).to_pylist()]
+    return [tuple(row[column] for column in columns) for row in rows]
+
+
+def test_the_manuals_own_queries_read_a_data_set_with_undated_flights(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    page = (SRC / "manual" / "fleet.md").read_text(encoding="utf-8")
+    dated, undated = entry("/a", "A", MAY, JUNE, zeta=0.25), entry("/b", "B", None, zeta=0.5)
+    bad = entry("/c", "C", None, usable=False)
+    merge(tmp_path / "DATA", [dated, undated, bad])
+    monkeypatch.chdir(tmp_path)
+
+    query = re.search(r"`(pandas\.read_parquet\(.*?\))`", page)
+    assert query is not None
+    usable = eval(query[1], {"pandas": pd})  # the line that the manual says to write
+    assert usable["zeta"].to_list() == [0.25, 0.25, 0.5]  # by date, those without one last
+    select = re.search(r"`duckdb -c \"select (.*?) from '(.*?)'\"`", page)
+    assert select is not None
+    found = by_glob(Path(), select[2], *select[1].split(", "))
+    assert Counter((vehicle, zeta) for vehicle, _, zeta in found) == {
+        ("sysid:1", 0.25): 2,
+        ("sysid:1", 0.5): 1,
+        ("sysid:1", None): 1,
+    }
+
+
+FIRST = [entry("/a", "A", MAY, JUNE), entry("/b", "B", MAY), entry("/c", "C", None)]
+SECOND = [entry("/a", "A", MAY, None, zeta=0.5), entry("/b", None), entry("/d", "D", JUNE)]
+EACH_MERGED = 4
+"""Of so many writers that were killed one is done again, which costs more than a look."""
+ROWS = ("log_sha256", "boot", "zeta")
+BEFORE = {("A", 1, None), ("A", 2, None), ("B", 1, None), ("C", 1, None)}
+AFTER = {("A", 1, 0.5), ("A", 2, 0.5), ("C", 1, None), ("D", 1, None)}
+
+
+def test_killed_at_any_step_a_glob_reads_the_old_rows_or_the_new_ones_and_the_next_fleet_goes_on(
+    tmp_path: Path,
+) -> None:
+    start, whole = tmp_path / "start", tmp_path / "whole"
+    merge(start, FIRST)
+    shutil.copytree(start, whole)
+    merge(whole, SECOND)
+    *killed, not_killed = killed_at_every_step(start, SECOND, tmp_path)
+    assert len(killed) > 30
+    assert files(not_killed) == files(whole)
+    seen_both = set()
+    for i, folder in enumerate(killed):
+        seen = by_glob(folder, "**/flights.parquet", *ROWS)
+        assert len(set(seen)) == len(seen), folder
+        assert set(seen) in (BEFORE, AFTER), folder
+        seen_both.add(set(seen) == AFTER)
+        if i % EACH_MERGED:
+            continue
+        with DataSet(folder) as data:
+            known = data.known()
+        found = by_glob(folder, "**/flights.parquet", *ROWS)
+        assert len({row[:2] for row in found}) == len(found), folder
+        for path, sha in (("/a", "A"), ("/b", "B"), ("/d", "D")):  # each log as before or as after
+            rows, of = {row for row in found if row[0] == sha}, (sha, path)
+            states = [{row for row in each if row[0] == sha} for each in (BEFORE, AFTER)]
+            assert rows in states, (folder, of)
+            assert rows == set() or path in known, (folder, of)
+        merge(folder, SECOND)
+        assert files(folder) == files(whole), folder
+        for name in ("logs", "flights"):
+            assert read_table(folder, name).equals(read_table(whole, name))
+    assert seen_both == {False, True}
+
+
+def files(folder: Path) -> set[str]:
+    return {path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()}
+
+
+WRITER = """
+import sys
+from pathlib import Path
+from data_sets import MAY, entry
+from yawid.dataset.files import DataSet
+with DataSet(Path(sys.argv[1])) as data:
+    for i in range(100_000):
+        data.add(entry(f"/{i}", f"{i}", *[MAY] * 20))
+        print(i, flush=True)
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="kill -9 is of POSIX")
+def test_killed_at_any_time_no_finished_log_is_lost(tmp_path: Path) -> None:
+    """The moments of the kills are drawn: also within a transaction, of which SQLite has parts."""
+    drawn = random.Random(3)
+    for i in range(6):
+        folder = tmp_path / f"{i}"
+        command = [sys.executable, "-c", WRITER, str(folder)]
+        path = f"{TESTS / 'support'}"
+        with child(command, stdout=subprocess.PIPE, text=True, cwd=path) as writer:
+            assert writer.stdout is not None
+            writer.stdout.readline()
+            time.sleep(drawn.uniform(0.0, 0.3))
+            writer.send_signal(signal.SIGKILL)
+            finished = 1 + len(writer.stdout.read().split())
+            writer.wait(60.0)
+        with DataSet(folder):
+            pass
+        paths = read_table(folder, "logs", ["path"])["path"].to_pylist()
+        assert {f"/{n}" for n in range(finished)} <= set(paths)
+        assert len(set(paths)) == len(paths) <= finished + 1
+        flown = Counter(read_table(folder, "flights")["log_sha256"].to_pylist())
+        assert flown == dict.fromkeys((path[1:] for path in paths), 20)

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from case_table import read_csv
+from case_compare import read_csv
 from log_cases import Case, check, update
 from places import REPLAY_LOGS as CASES
 

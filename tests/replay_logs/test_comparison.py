@@ -14,10 +14,10 @@ from case_compare import (
     VALUE_TOLERANCE,
     compare_summaries,
     compare_tables,
+    read_csv,
     split_tolerances,
     tolerance_of,
 )
-from case_table import read_csv
 from places import REPLAY_LOGS as CASES
 
 from yawid.errors import ConfigError

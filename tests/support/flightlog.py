@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import itertools
-import struct
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from flights.surgery import Encoder, Record, join
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from yawid.answers.run_summary import RunSummary
@@ -24,7 +24,7 @@ from yawid.sources.logs.tlog import TlogReader
 from yawid.sources.mavlink.decoder import Decoder
 from yawid.sources.open_log import Log, ReadOptions
 
-START_US = 1_700_000_000_000_000
+START_US, LATENCY_US = 1_700_000_000_000_000, 3_000
 
 
 @dataclass
@@ -32,19 +32,17 @@ class FlightLog:
     """A log to which frames are appended with their receive stamps; ``data`` is the tlog."""
 
     sysid: int = 1
-    compid: int = 1
-    data: bytes = b""
-    latency_us: int = 3_000
-    _sequence: dict[tuple[int, int], int] = field(default_factory=dict)
+    records: list[Record] = field(default_factory=list)
+    _encoder: Encoder = field(default_factory=Encoder)
+
+    @property
+    def data(self) -> bytes:
+        return join(self.records)
 
     def add(self, t_s: float, message: Any, sender: tuple[int, int] | None = None) -> None:
         """Append a message sent at ``t_s`` of the vehicle's clock and received a little later."""
-        sysid, compid = sender or (self.sysid, self.compid)
-        link = mavlink.MAVLink(None, srcSystem=sysid, srcComponent=compid)
-        link.seq = self._sequence.get((sysid, compid), 0)
-        self._sequence[sysid, compid] = (link.seq + 1) % 256
-        stamp = START_US + round(1e6 * t_s) + self.latency_us
-        self.data += struct.pack(">Q", stamp) + message.pack(link)
+        stamp = START_US + round(1e6 * t_s) + LATENCY_US
+        self.records.append((stamp, self._encoder.frame(message, sender or (self.sysid, 1))))
 
     def heartbeat(
         self, t_s: float, kind: int = 1, autopilot: int = 3, sender: tuple[int, int] | None = None

@@ -70,21 +70,22 @@ class FuzzFlight:
         return bytes(data)
 
     def _timeline(self, rng: np.random.Generator) -> list[tuple[float, Any]]:
-        events: list[tuple[float, Any]] = []
-        for t in np.arange(0.0, self.seconds, 1.0):
-            mode = (self.kind, self.autopilot, 209, 5, 4, 3)
-            events.append((float(t), dialect.MAVLink_heartbeat_message(*mode)))
+        beat = dialect.MAVLink_heartbeat_message(self.kind, self.autopilot, 209, 5, 4, 3)
+        events = [(float(t), beat) for t in np.arange(0.0, self.seconds, 1.0)]
+        events += [
+            (
+                at * self.seconds,
+                dialect.MAVLink_param_value_message(name.encode()[:16], value, 9, 10, 0),
+            )
+            for at, name, value in self.parameters
+        ]
+        events += [(at * self.seconds, message_of(name, data)) for at, name, data in self.fields]
         for hz, name in zip(self.hz, self.messages, strict=True):
             for t in np.arange(0.01, self.seconds, 1.0 / hz):
                 boot_s = self.start_s + t
                 boot_s += sum(step for at, step in self.steps if at * self.seconds <= t)
                 swing = rng.normal() if self.moves else 0.0
                 events.append((float(t), message_of(name, _payload(name, boot_s, t, swing))))
-        for at, name, value in self.parameters:
-            message = dialect.MAVLink_param_value_message(name.encode()[:16], value, 9, 10, 0)
-            events.append((at * self.seconds, message))
-        for at, name, payload in self.fields:
-            events.append((at * self.seconds, message_of(name, payload)))
         return sorted(events, key=lambda event: event[0])
 
 

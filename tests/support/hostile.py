@@ -12,12 +12,12 @@ from typing import Any
 import numpy as np
 import zstandard
 from flightlog import FlightLog, fly
-from flights.surgery import split
+from flights.surgery import Encoder
 from forged_runs import forge
 from mcap.data_stream import RecordBuilder
 from mcap.reader import make_reader
-from mcap.records import ChunkIndex, Footer
-from mcap.writer import CompressionType, Writer
+from mcap.records import Chunk, ChunkIndex, Footer
+from mcap.writer import Writer
 from places import ROOT
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from report_page import Page
@@ -78,16 +78,16 @@ def hostile_log() -> bytes:
     log.heartbeat(9.0)
     log.parameter(9.0, "SERVO4_FUNCTION", 21.0)
     for name in HOSTILE_NAMES:
-        log.data += struct.pack(">Q", split(FLIGHT)[0][0]) + parameter(name)
+        log.add(9.0, named(name))
     return log.data + FLIGHT
 
 
+def named(name: bytes) -> Any:
+    return mavlink.MAVLink_param_value_message(name, 1.0, 9, 1, 0)
+
+
 def parameter(name: bytes) -> bytes:
-    body = struct.pack("<fHH16sB", 1.0, 1, 0, name.ljust(16, b"\0"), 9)
-    header = bytes([0xFE, len(body), 0, 1, 1, mavlink.MAVLINK_MSG_ID_PARAM_VALUE])
-    crc = mavlink.x25crc(header[1:] + body)
-    crc.accumulate(bytes([mavlink.MAVLink_param_value_message.crc_extra]))
-    return header + body + struct.pack("<H", crc.crc)
+    return Encoder().frame(named(name))
 
 
 def assert_harmless(html: str) -> None:
@@ -127,29 +127,24 @@ def rewritten(source: Path, out: Path, poison_metadata: bool) -> Path:
 def bomb(megabytes: int) -> bytes:
     """Return an MCAP whose only chunk is small and unpacks to so many megabytes."""
     out = io.BytesIO()
-    writer = Writer(out, compression=CompressionType.NONE)
-    writer.start(profile="", library="bomb")
-    channel = writer.register_channel("/x", "json", 0)
-    writer.add_message(channel, 0, b"x", 0)
-    writer.finish()
-    return out.getvalue()[: out.getvalue().index(b"\x06")] + bomb_chunk(megabytes)
+    Writer(out).start(library="bomb")
+    return out.getvalue() + bomb_chunk(megabytes)
 
 
 def bomb_chunk(megabytes: int) -> bytes:
     compressor = zstandard.ZstdCompressor().compressobj(size=megabytes << 20)
     data = b"".join(compressor.compress(bytes(1 << 20)) for _ in range(megabytes))
     data += compressor.flush()
-    body = struct.pack("<QQQI", 0, 0, megabytes << 20, 0)
-    body += struct.pack("<I", 4) + b"zstd" + struct.pack("<Q", len(data)) + data
-    return b"\x06" + struct.pack("<Q", len(body)) + body
+    chunk = RecordBuilder()
+    Chunk("zstd", data, 0, 0, 0, megabytes << 20).write(chunk)
+    return bytes(chunk.end())
 
 
 def with_bomb(good: bytes, megabytes: int) -> bytes:
     """Return a run's file with such a chunk, which has log lines according to the index."""
     summary = make_reader(io.BytesIO(good)).get_summary()
-    assert summary is not None
     line = next(n for n, channel in summary.channels.items() if channel.topic == "/yawid/log")
-    summary_start = struct.unpack("<Q", good[-28:-20])[0]
+    summary_start, offsets = struct.unpack("<QQ", good[-28:-12])
     chunk, data = bomb_chunk(megabytes), good[: summary_start - 13]
     index = RecordBuilder()
     ChunkIndex(
@@ -163,9 +158,7 @@ def with_bomb(good: bytes, megabytes: int) -> bytes:
         message_start_time=0,
         uncompressed_size=megabytes << 20,
     ).write(index)
-    tail = RecordBuilder()
-    Footer(len(data) + len(chunk) + 13, 0, 0).write(tail)
+    Footer(len(data) + len(chunk) + 13, 0, 0).write(index)
     data_end = b"\x0f" + struct.pack("<QI", 4, 0)
-    offsets = struct.unpack("<Q", good[-20:-12])[0] or len(good) - 37
-    told = data + chunk + data_end + good[summary_start:offsets] + index.end() + tail.end()
-    return told + good[-8:]
+    its_summary = good[summary_start : offsets or len(good) - 37]
+    return data + chunk + data_end + its_summary + index.end() + good[-8:]

@@ -87,7 +87,7 @@ def tlog(
     gains of roll and p. ``bend`` changes the states after each of a tick's ``steps``. ATTITUDE is
     sent every so many ticks, and the servos ``servos_s`` after each; an airspeed of NaN is not.
     """
-    made, frames = FlightLog(), list[bytes]()
+    made = FlightLog()
     heartbeat = mavlink.MAVLink_heartbeat_message(1, 3, ARMED, mode, 4, 3)
     made.add(START_S, heartbeat)
     for name, value in PARAMETERS.items():
@@ -107,16 +107,13 @@ def tlog(
             attitude = (round(1000 * t), roll, pitch, 0.0, p, 0.0, r)
             made.add(t, mavlink.MAVLink_attitude_message(*attitude))
         made.servos(t + servos_s, [pwm[0], 1500, 1500, pwm[1]])
-        if len(made.data) > 100_000:  # to append to a long string would take long
-            frames.append(made.data)
-            made.data = b""
         x[7:] = (np.array(pwm) - 1500) / TRAVEL_US
         for _ in range(steps):
             x = step @ x
             x[4] += kick * rng.normal()
             if bend is not None:
                 bend(x)
-    return b"".join([*frames, made.data])
+    return made.data
 
 
 class Truth(NamedTuple):

@@ -16,6 +16,8 @@ from typing import Any
 
 import numpy as np
 from checks.children import free_udp_port
+from flightlog import beat, told
+from flights.surgery import Encoder
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from scipy.signal import lfilter
 
@@ -65,12 +67,8 @@ def frames(
     rate = lfilter(B, A, (rudder_us - 1500) / 400) + rng.normal(0, 0.001, count)
     if flown is not None:
         rudder_us, rate = 1500 + np.round(400 * flown[0]), flown[1]
-    link = mavlink.MAVLink(None, srcSystem=sysid, srcComponent=1)
-    messages = [
-        mavlink.MAVLink_param_value_message(name.encode(), value, 4, len(PARAMETERS), i)
-        for i, (name, value) in enumerate(PARAMETERS.items())
-    ]
-    heartbeat = mavlink.MAVLink_heartbeat_message(1, 3, 0x81, 5, 4, 3)
+    messages = [told(name, value, len(PARAMETERS)) for name, value in PARAMETERS.items()]
+    heartbeat = beat(base_mode=0x81, mode=5)
     for i in range(count):
         ms = int(1000 * first_s) + i * 1000 // hz
         if i % hz == 0:
@@ -78,11 +76,8 @@ def frames(
         servos = [1500, 1500, 1000, int(rudder_us[i]), 0, 0, 0, 0]
         messages.append(mavlink.MAVLink_servo_output_raw_message(1000 * ms, 0, *servos))
         messages.append(mavlink.MAVLink_attitude_message(ms, 0.0, 0.0, 0.0, 0.0, 0.0, rate[i]))
-    packed = []
-    for message in messages:
-        packed.append(bytes(message.pack(link)))
-        link.seq = (link.seq + 1) % 256
-    return packed
+    encoder = Encoder()
+    return [encoder.frame(message, (sysid, 1)) for message in messages]
 
 
 def tlog_size(sent: list[bytes]) -> int:

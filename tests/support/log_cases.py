@@ -20,9 +20,15 @@ from typing import Any
 import matplotlib as mpl
 import numpy as np
 import tomli_w
-from case_compare import NOT_COMPARED, compare_summaries, compare_tables, split_tolerances
-from case_table import TableSink, csv_of, read_csv
-from matplotlib.backends.backend_svg import FigureCanvasSVG
+from case_compare import (
+    NOT_COMPARED,
+    TableSink,
+    compare_summaries,
+    compare_tables,
+    csv_of,
+    read_csv,
+    split_tolerances,
+)
 from matplotlib.figure import Figure
 
 from yawid.blocks import Floats
@@ -166,23 +172,20 @@ def _compared(found: dict[str, Any]) -> dict[str, Any]:
 
 def _draw(path: Path, columns: list[str], expected: Floats, actual: Floats, shown: Any) -> None:
     """Write an SVG of columns, expected and actual over time; equal tables give equal bytes."""
-    t = columns.index("t")
     with mpl.rc_context({"svg.hashsalt": "yawid", "font.size": 9}):
         figure = Figure(figsize=(8.0, 1.0 + 1.7 * len(shown)), layout="constrained")
-        FigureCanvasSVG(figure)
         axes = figure.subplots(len(shown), 1, sharex=True, squeeze=False)[:, 0]
         for axis, name in zip(axes, shown, strict=True):
-            i = columns.index(name)
-            axis.plot(*expected[:, [t, i]].T, color="#b0b0b0", linewidth=4.0, label="expected")
-            axis.plot(*actual[:, [t, i]].T, color="#c03000", linewidth=1.2, label="actual")
-            values = np.concatenate([expected[:, i], actual[:, i]])
+            own = [columns.index("t"), columns.index(name)]
+            axis.plot(*expected[:, own].T, color="#b0b0b0", linewidth=4.0)
+            axis.plot(*actual[:, own].T, color="#c03000", linewidth=1.2)
+            values = np.concatenate([expected[:, own[1]], actual[:, own[1]]])
             if np.isfinite(values).any():
                 # The first seconds of an estimate may have any value, which would flatten the rest.
                 low, high = np.nanpercentile(values, [2.0, 98.0])
                 margin = 0.15 * (high - low) or 0.1 * abs(high) or 1.0
                 axis.set_ylim(low - margin, high + margin)
             axis.set_ylabel(name)
-        axes[0].set_title(f"{path.absolute().parent.name}: expected and actual")
-        axes[0].legend(loc="upper right", ncols=2, frameon=False)
+        axes[0].set_title(f"{path.absolute().parent.name}: expected and actual (thin, red)")
         axes[-1].set_xlabel("vehicle time, s")
         figure.savefig(path, metadata={"Date": None})

@@ -7,11 +7,10 @@ from one sample to the next.
 from __future__ import annotations
 
 import math
-import struct
 from typing import Any
 
 import numpy as np
-from flightlog import START_US
+from flightlog import FlightLog, beat, hud, told
 from linear_flights import airframe, modes
 from numpy.typing import NDArray
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
@@ -137,23 +136,17 @@ def as_tlog(flight: Floats, later_s: float = 0.0) -> bytes:
 
     It begins ``later_s`` after the others.
     """
-    link, data = mavlink.MAVLink(None, srcSystem=1, srcComponent=1), []
-
-    def send(t_s: float, message: Any) -> None:
-        stamp = struct.pack(">Q", START_US + round(1e6 * (later_s + t_s)) + 3000)
-        data.append(stamp + message.pack(link))
-        link.seq = (link.seq + 1) % 256
-
-    for i, (name, value) in enumerate(PARAMETERS.items()):
-        send(29.0, mavlink.MAVLink_param_value_message(name.encode(), value, 9, len(PARAMETERS), i))
+    log = FlightLog()
+    for name, value in PARAMETERS.items():
+        log.add(later_s + 29.0, told(name, value, len(PARAMETERS)))
     for k, (t, p, r, roll, aileron, rudder) in enumerate(flight.tolist()):
         t += 30.0  # a vehicle is on for a while before it flies
+        at_s, ms, us = later_s + t, round(1e3 * t), round(1e6 * t)
         if k % 25 == 0:
-            send(t, mavlink.MAVLink_heartbeat_message(1, 3, 0x80, 5, 4, 3))  # in FBWA, armed
+            log.add(at_s, beat(base_mode=0x80, mode=5))  # in FBWA, armed
         if k % 5 == 0:
-            send(t, mavlink.MAVLink_vfr_hud_message(AIRSPEED_M_S, 47.0, 0, 50, 0.0, 0.0))
-        send(t, mavlink.MAVLink_attitude_message(round(1000 * t), roll, 0.0, 0.0, p, 0.0, r))
+            log.add(at_s, hud(AIRSPEED_M_S, 47.0, 0.0))
+        log.add(at_s, mavlink.MAVLink_attitude_message(ms, roll, 0.0, 0.0, p, 0.0, r))
         pwm = [round(1500.0 + 400.0 * aileron), 1500, 1500, round(1500.0 + 400.0 * rudder)]
-        stamp = round(1e6 * t)
-        send(t + 0.001, mavlink.MAVLink_servo_output_raw_message(stamp, 0, *pwm, 0, 0, 0, 0))
-    return b"".join(data)
+        log.add(at_s + 0.001, mavlink.MAVLink_servo_output_raw_message(us, 0, *pwm, 0, 0, 0, 0))
+    return log.data

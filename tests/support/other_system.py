@@ -9,8 +9,9 @@ from __future__ import annotations
 import builtins
 import os
 import shutil
+import socket
+import struct
 import sys
-from collections.abc import Mapping
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
 from typing import Any
@@ -53,74 +54,62 @@ def environment(folder: Path, platform: str) -> dict[str, str]:
     return os.environ | {"PYTHONPATH": path, PLATFORM: platform}
 
 
-class _View(ModuleType):
-    """A module without some names, and with others of its own; what is set goes to the module."""
+class Socket(socket.socket):
+    """A socket of Windows: its time-out is in ms, and no group's address can be bound."""
 
-    def __init__(self, module: ModuleType, hidden: set[str], own: Mapping[str, Any]) -> None:
-        super().__init__(module.__name__)
-        self.__dict__.update(_module=module, _hidden=hidden, _own=own)
+    def setsockopt(self, level: int, option: int, value: Any) -> None:  # type: ignore[override] # of four forms this one is used
+        if option == socket.SO_RCVTIMEO:
+            (ms,) = struct.unpack("@I", value)
+            value = struct.pack("@ll", ms // 1000, ms % 1000 * 1000)
+        super().setsockopt(level, option, value)
 
-    def __getattr__(self, name: str) -> Any:
-        if name in self._hidden:
-            raise AttributeError(f"module {self.__name__!r} has no attribute {name!r}")
-        return self._own[name] if name in self._own else getattr(self._module, name)
+    def bind(self, address: Any) -> None:
+        if address[0].startswith("239."):
+            raise OSError(10049, "WSAEADDRNOTAVAIL")
+        super().bind(address)
 
-    def __setattr__(self, name: str, value: Any) -> None:
-        setattr(self._module, name, value)
-
-
-def _own_names(platform: str) -> dict[str, dict[str, Any]]:
-    own: dict[str, dict[str, Any]] = {"sys": {"platform": platform}}
-    if platform == "win32":
-        kernel = SimpleNamespace(GetStdHandle=abs, GetConsoleMode=lambda *_: 0)  # no console
-        own |= {"os": {"name": "nt", "O_BINARY": 0}, "socket": {"socket": _windows_socket()}}
-        own["ctypes"] = {"windll": SimpleNamespace(kernel32=kernel)}
-    return own
+    def recvfrom(self, size: int, flags: int = 0) -> Any:
+        try:
+            return super().recvfrom(size, flags)
+        except ConnectionRefusedError as error:
+            raise ConnectionResetError(10054, "WSAECONNRESET") from error
+        except BlockingIOError as error:
+            raise TimeoutError(10060, "WSAETIMEDOUT") from error
 
 
-def _windows_socket() -> type:
-    import socket
-    import struct
-
-    class Socket(socket.socket):
-        """A socket whose time-out is set in ms, and that cannot be bound to a group's address."""
-
-        def setsockopt(self, level: int, option: int, value: Any) -> None:  # type: ignore[override] # of four forms this one is used
-            if option == socket.SO_RCVTIMEO:
-                (ms,) = struct.unpack("@I", value)
-                value = struct.pack("@ll", ms // 1000, ms % 1000 * 1000)
-            super().setsockopt(level, option, value)
-
-        def bind(self, address: Any) -> None:
-            if address[0].startswith("239."):
-                raise OSError(10049, "WSAEADDRNOTAVAIL")
-            super().bind(address)
-
-        def recvfrom(self, size: int, flags: int = 0) -> Any:
-            try:
-                return super().recvfrom(size, flags)
-            except ConnectionRefusedError as error:
-                raise ConnectionResetError(10054, "WSAECONNRESET") from error
-            except BlockingIOError as error:
-                raise TimeoutError(10060, "WSAETIMEDOUT") from error
-
-    return Socket
-
-
-def _msvcrt() -> ModuleType:
+def _locking(descriptor: int, mode: int, size: int) -> None:
     import fcntl
 
-    module = ModuleType("msvcrt")
+    assert (mode, size) == (2, 1)
+    assert os.lseek(descriptor, 0, os.SEEK_CUR) > 2e9  # a byte that nobody reads
+    fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)  # lockf has no locks within a process
 
-    def locking(descriptor: int, mode: int, size: int) -> None:
-        assert (mode, size) == (2, 1)
-        assert os.lseek(descriptor, 0, os.SEEK_CUR) > 2e9  # a byte that nobody reads
-        fcntl.flock(
-            descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB
-        )  # lockf has no locks within a process
 
-    module.__dict__.update(LK_NBLCK=2, locking=locking)
-    return module
+NO_CONSOLE = SimpleNamespace(GetStdHandle=abs, GetConsoleMode=lambda *_: 0)
+OWN: dict[str, dict[str, dict[str, Any]]] = {
+    "darwin": {"sys": {"platform": "darwin"}},
+    "win32": {
+        "sys": {"platform": "win32"},
+        "os": {"name": "nt", "O_BINARY": 0},
+        "socket": {"socket": Socket},
+        "ctypes": {"windll": SimpleNamespace(kernel32=NO_CONSOLE)},
+        "msvcrt": {"LK_NBLCK": 2, "locking": _locking},
+    },
+}
+"""Names that a module has there and not here, or that mean something else."""
+
+
+def _view(name: str, platform: str, module: Any) -> ModuleType:
+    """Return a module as it is there: without some names, and with others of its own."""
+    view, hidden = ModuleType(name), NO_NAMES[platform].get(name, set())
+
+    def other(wanted: str) -> Any:
+        if wanted in hidden:
+            raise AttributeError(f"module {name!r} has no attribute {wanted!r}")
+        return getattr(module, wanted)
+
+    view.__dict__.update(OWN[platform].get(name, {}), __getattr__=other)
+    return view
 
 
 def _refuse_open_files(event: str, arguments: Any) -> None:
@@ -135,26 +124,21 @@ def _refuse_open_files(event: str, arguments: Any) -> None:
 
 def _put_on(platform: str) -> None:
     """Have import statements in yawid's files give views."""
-    import subprocess  # noqa: F401 # it must not find msvcrt
-
     if platform == "win32":
         sys.addaudithook(_refuse_open_files)
-    no_modules, no_names, own = NO_MODULES[platform], NO_NAMES[platform], _own_names(platform)
-    views: dict[str, ModuleType] = {"msvcrt": _msvcrt()} if platform == "win32" else {}
-    real = builtins.__import__
+    changed, real, views = OWN[platform] | NO_NAMES[platform], builtins.__import__, {}
 
     def imported(name: str, given: Any = None, *rest: Any, **more: Any) -> Any:
         if not (given and str(given.get("__package__")).partition(".")[0] == "yawid"):
             return real(name, given, *rest, **more)
-        if name in no_modules:
+        if name in NO_MODULES[platform]:
             raise ModuleNotFoundError(f"No module named {name!r}", name=name)
-        if name in views:
-            return views[name]
-        module = real(name, given, *rest, **more)
-        if name in no_names or name in own:
-            hidden = no_names.get(name, set())
-            views[name] = module = _View(module, hidden, own.get(name, {}))
-        return module
+        if name not in changed:
+            return real(name, given, *rest, **more)
+        if name not in views:
+            module = None if name == "msvcrt" else real(name, given, *rest, **more)
+            views[name] = _view(name, platform, module)
+        return views[name]
 
     builtins.__import__ = imported
 
