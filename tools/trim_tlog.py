@@ -8,12 +8,11 @@ Vehicle time is ATTITUDE's time_boot_ms; a record has the time of the last ATTIT
 from __future__ import annotations
 
 import argparse
-import struct
 import sys
 from collections.abc import Collection, Sequence
 from pathlib import Path
 
-from flights.surgery import CLASSES, join, message_id, payload, split
+from flights.surgery import CLASSES, join, message_id, messages, split
 
 ESSENTIAL = ("HEARTBEAT", "ATTITUDE", "SERVO_OUTPUT_RAW", "VFR_HUD", "PARAM_VALUE", "STATUSTEXT")
 
@@ -24,7 +23,8 @@ def trim(log: bytes, start_s: float, stop_s: float, only: Collection[str] | None
     attitude, boot_s, kept = CLASSES["ATTITUDE"].id, -1.0, []
     for stamp, frame in split(log):
         if (ident := message_id(frame)) == attitude:
-            boot_s = struct.unpack("<I", payload(frame, 4))[0] / 1000.0
+            [now] = messages([(stamp, frame)], "ATTITUDE")
+            boot_s = now.time_boot_ms / 1000.0
         if start_s <= boot_s < stop_s and (wanted is None or ident in wanted):
             kept.append((stamp, frame))
     return join(kept)

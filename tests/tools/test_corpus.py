@@ -12,21 +12,13 @@ from flights.flight import Hands
 from flights.fly import flight_of, fly
 from flights.moved import SEED, Draw
 from flights.plan import FlightPlan, excitation
-from flights.surgery import join, split
+from flights.surgery import join, messages, split
 from flights.telemetry import Link, telemetry
-from pymavlink.dialects.v20 import ardupilotmega as mavlink
+from made_logs import columns
 
 SHORT = FlightPlan(aircraft="T37", speed_kt=200.0, altitude_ft=5000.0, seconds=12.0)
 STILL = ("turns", "gusts", "drift")
 COPIES = ("mixed", "coordinated", "damper")
-
-
-def columns(log: bytes, name: str, *fields: str) -> np.ndarray:
-    """The fields of a message, (n, fields), by pymavlink's own decoder."""
-    reader = mavlink.MAVLink(None)
-    messages = [reader.decode(bytearray(frame)) for _, frame in split(log)]
-    found = [m for m in messages if m.get_type() == name and m.get_srcSystem() == 1]
-    return np.array([[getattr(m, field) for field in fields] for m in found], dtype=float)
 
 
 def flown_log(hands: Hands, severity: int, plan: FlightPlan = SHORT, hz: float = 10.0) -> bytes:
@@ -72,6 +64,15 @@ def test_the_same_number_gives_the_same_bytes_and_another_number_others() -> Non
     assert made_of("parked").log != quiet.unexcited(11 + len(quiet.KINDS)).log
 
 
+@pytest.mark.parametrize("group", STILL)
+def test_a_rudder_without_a_cause_rests_or_drifts_by_2_percent(
+    group: str, flown: dict[str, Any]
+) -> None:
+    rudder = columns(flown[group].log, "SERVO_OUTPUT_RAW", "servo4_raw")
+
+    assert np.ptp(rudder) <= (0.04 * 400 if group == "drift" else 0.0)
+
+
 @pytest.mark.parametrize("group", COPIES)
 def test_a_copied_rudder_moves_and_has_nothing_of_its_own(
     group: str, flown: dict[str, Any]
@@ -106,9 +107,7 @@ def test_a_passengers_controls_move_and_its_outputs_do_not(flown: dict[str, Any]
             ("ACTUATOR_OUTPUT_STATUS", ("active",)),
         )
     ]
-    reader = mavlink.MAVLink(None)
-    controls = [reader.decode(bytearray(frame)) for _, frame in split(log)]
-    yaw = [m.controls[2] for m in controls if m.get_type() == "ACTUATOR_CONTROL_TARGET"]
+    yaw = [m.controls[2] for m in messages(split(log), "ACTUATOR_CONTROL_TARGET")]
 
     assert np.ptp(yaw) > 0.02
     assert sum(len(found) for found in outputs) == len(yaw)

@@ -1,8 +1,7 @@
 """The flown test aircraft: true to its truth file, its frames genuine, its bytes repeatable."""
 
 import json
-import struct
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -10,41 +9,23 @@ from typing import Any
 import fly_jsbsim
 import numpy as np
 import pytest
+from flights import truth as jsbsim_truth
 from flights.flight import Flight, Hands, trimmed
 from flights.fly import flight_of
 from flights.plan import FlightPlan, Servo, excitation
+from flights.surgery import Record, join, messages
 from flights.telemetry import Link, telemetry
 from hypothesis import given
 from hypothesis import strategies as st
-from pymavlink.dialects.v20 import ardupilotmega as v2
 
-Frames = list[tuple[int, bytes]]
 SHORT = FlightPlan(seconds=12.0)
 
 
-def fly(plan: FlightPlan, link: Link) -> Iterator[tuple[int, bytes]]:
+def fly(plan: FlightPlan, link: Link) -> Iterator[Record]:
     return telemetry(link, flight_of(plan, link))
 
 
-def decoded(frames: Iterable[tuple[int, bytes]], dialect: Any = v2) -> list[Any]:
-    """Every frame by pymavlink's own decoder, which raises where a CRC is wrong."""
-    mav = dialect.MAVLink(None)
-    return [mav.decode(bytearray(frame)) for _, frame in frames]
-
-
-def named(messages: list[Any], name: str) -> list[Any]:
-    return [message for message in messages if message.get_type() == name]
-
-
-def test_positive_rudder_turns_the_nose_right() -> None:
-    flight = Flight(SHORT, Hands(np.full(1001, 0.2)))
-
-    flight.advance_to(1000)
-
-    assert flight["velocities/r-rad_sec"] > 0.02
-
-
-def test_a_command_acts_from_its_own_millisecond_on() -> None:
+def test_a_positive_command_turns_the_nose_right_from_its_own_millisecond_on() -> None:
     still, moved = (Flight(SHORT, Hands(np.r_[np.zeros(100), np.full(10, x)])) for x in (0.0, 0.2))
     yaw_rates = []
     for ms in (100, 101):
@@ -61,7 +42,7 @@ def test_a_servo_message_says_what_the_rudder_is_told_at_its_stamp() -> None:
     told = excitation(plan)
     trim = -trimmed(plan)["fcs/rudder-cmd-norm"]
 
-    servo = named(decoded(fly(plan, Link(boot_s=0.0))), "SERVO_OUTPUT_RAW")
+    servo = list(messages(fly(plan, Link(boot_s=0.0)), "SERVO_OUTPUT_RAW"))
 
     expected = [plan.rudder.pulse(trim + told[m.time_usec // 1000]) for m in servo]
     assert [m.servo4_raw for m in servo] == expected
@@ -72,14 +53,14 @@ def test_the_attitude_is_the_flight_s_within_the_sensor_noise() -> None:
     clean = Link(rate_noise=0.0, angle_noise=0.0, boot_s=0.0)
     plan = replace(SHORT, heading_deg=180.0)
     flight = flight_of(plan, clean)
-    sent = named(decoded(fly(plan, clean)), "ATTITUDE")
+    sent = list(messages(fly(plan, clean), "ATTITUDE"))
 
     for message in sent[::50]:
         flight.advance_to(message.time_boot_ms)
         assert message.yawspeed == np.float32(flight["velocities/r-rad_sec"])
         assert message.roll == np.float32(flight["attitude/phi-rad"])
     assert {m.yaw > 0 for m in sent} == {True, False}  # wrapped within +-pi
-    noisy = named(decoded(fly(plan, replace(clean, rate_noise=0.01))), "ATTITUDE")
+    noisy = messages(fly(plan, replace(clean, rate_noise=0.01)), "ATTITUDE")
     noise = [a.yawspeed - b.yawspeed for a, b in zip(noisy, sent, strict=True)]
     assert np.std(noise) == pytest.approx(0.01, rel=0.1)
 
@@ -131,7 +112,7 @@ def test_the_command_writes_a_tlog_and_its_truth(
 
     frames = list(fly(replace(SHORT, aircraft="T37", speed_kt=200.0), Link()))
     assert code == 0
-    assert log.read_bytes() == b"".join(struct.pack(">Q", stamp) + f for stamp, f in frames)
+    assert log.read_bytes() == join(frames)
     found = json.loads(truth.read_text(encoding="utf-8"))
     assert found["command"].startswith("python tools/fly_jsbsim.py --aircraft T37 --speed-kt 200")
     assert found["mean_flown"]["speed_kt"] < found["speed_kt"] == 200.0
@@ -159,3 +140,42 @@ def test_what_cannot_be_flown_is_one_line_and_code_2(
     assert reason in said.err
     assert said.err.count("\n") == 1
     assert said.out == ""
+
+
+def steady(plan: Any) -> Any:
+    """A flight that stays at its trim, as it is noted."""
+    return np.array([[10.0, plan.speed_kt, plan.altitude_ft]])
+
+
+@pytest.mark.parametrize(
+    ("aircraft", "speed_kt", "altitude_ft"), [("c172p", 100.0, 3000.0), ("T37", 200.0, 10000.0)]
+)
+def test_the_linearised_dutch_roll_is_what_decays_after_a_rudder_pulse(
+    aircraft: str, speed_kt: float, altitude_ft: float
+) -> None:
+    plan = FlightPlan(aircraft=aircraft, speed_kt=speed_kt, altitude_ft=altitude_ft)
+
+    found = jsbsim_truth.truth(plan, steady(plan))
+
+    linear, seen = found["dutch_roll"], found["dutch_roll_pulse"]
+    assert seen["wn_rad_s"] == pytest.approx(linear["wn_rad_s"], rel=0.005)
+    assert seen["zeta"] == pytest.approx(linear["zeta"], abs=0.005)
+    assert abs(seen["zeta"] - found["dutch_roll_open_loop"]["zeta"]) > 0.03
+    assert linear["wn_std"] == pytest.approx(abs(seen["wn_rad_s"] - linear["wn_rad_s"]))
+    assert found["dutch_roll_at_trim"]["wn_rad_s"] == linear["wn_rad_s"]
+
+
+def test_the_sigma_of_a_truth_has_the_airspeeds_flown_and_the_pulse_in_it() -> None:
+    plan = FlightPlan(aircraft="T37", speed_kt=200.0, altitude_ft=5000.0)
+    wavy = np.array([[10.0 + i, 190.0 + 4.0 * (-1) ** i, 5000.0] for i in range(20)])
+
+    found = jsbsim_truth.truth(plan, wavy)["dutch_roll"]
+
+    line = jsbsim_truth.truth_lines(plan, wavy)["dutch_roll"]
+    ends = [jsbsim_truth.linear_dutch_rolls(replace(plan, speed_kt=v)) for v in (186.0, 194.0)]
+    slow, fast = (end["dutch_roll"]["wn_rad_s"] for end in ends)
+    assert slow < found["wn_rad_s"] < fast
+    spread = 0.5 * (fast - slow)
+    assert found["wn_std"] == pytest.approx(np.hypot(spread, line["pulse"][0]), rel=0.01)
+    at_194, _ = jsbsim_truth.at_airspeeds(line, np.array([194.0]))
+    assert at_194[0] == pytest.approx(fast, rel=1e-3)

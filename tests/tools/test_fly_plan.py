@@ -1,7 +1,6 @@
 """Whole flights by plan: each manoeuvre's truth is found at the airspeed that was flown in it."""
 
 import json
-from pathlib import Path
 from typing import Any
 
 import fly_jsbsim
@@ -9,9 +8,8 @@ import numpy as np
 import pytest
 from flights.fly import LegFlight
 from flights.plan import FlightPlan, Leg
-from flights.surgery import split
+from flights.surgery import messages, split
 from flights.telemetry import Link
-from pymavlink.dialects.v20 import ardupilotmega as v2
 
 TOML = """
 aircraft = "T37"
@@ -19,80 +17,57 @@ speed_kt = 200.0
 leg = [
     {kind = "idle", seconds = 10.0},
     {kind = "manoeuvre", seconds = 50.0},
-    {kind = "turn", seconds = 20.0, bank_deg = 20.0},
-    {kind = "idle", seconds = 20.0},
-    {kind = "manoeuvre", seconds = 30.0, shape = "doublets", mode = "MANUAL"},
     {kind = "speed", seconds = 30.0, speed_kt = 230.0},
     {kind = "idle", seconds = 15.0},
-    {kind = "manoeuvre", seconds = 50.0},
+    {kind = "manoeuvre", seconds = 30.0, shape = "doublets", mode = "MANUAL"},
 ]
 """
-RUDDER, AILERON = "servo4_raw", "servo1_raw"
+RUDDER = "SERVO_OUTPUT_RAW"
 
 
-def fly(folder: Path, toml: str, *options: str) -> tuple[Path, dict[str, Any]]:
-    """Fly a plan by the command; return the log and its truth."""
-    (folder / "plan.toml").write_text(toml, encoding="utf-8")
+@pytest.fixture(scope="module")
+def flown(tmp_path_factory: pytest.TempPathFactory) -> tuple[list[Any], list[dict[str, Any]]]:
+    """The plan, flown by the command: its messages with ``at_s``, their boot time, and its truth"""
+    folder, found, at_s = tmp_path_factory.mktemp("plan"), [], 0.0
+    (folder / "plan.toml").write_text(TOML, encoding="utf-8")
     log = folder / "log.tlog"
-    argv = ["--plan", str(folder / "plan.toml"), "-o", str(log), *options]
+    argv = ["--plan", str(folder / "plan.toml"), "-o", str(log)]
     assert fly_jsbsim.main([*argv, "--attitude-hz", "25", "--servo-hz", "25"]) == 0
-    return log, json.loads((folder / "log.truth.json").read_text(encoding="utf-8"))
-
-
-@pytest.fixture(scope="module")
-def flown(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]]:
-    return fly(tmp_path_factory.mktemp("plan"), TOML)
-
-
-@pytest.fixture(scope="module")
-def messages(flown: tuple[Path, dict[str, Any]]) -> list[Any]:
-    return decoded(flown[0])
-
-
-def decoded(log: Path) -> list[Any]:
-    """Every vehicle's message; each gets ``at_s``, the boot second it was sent at."""
-    mav, found, at_s = v2.MAVLink(None), [], 0.0
-    for _, frame in split(log.read_bytes()):
-        message = mav.decode(bytearray(frame))
+    for message in messages(split(log.read_bytes()), "ATTITUDE", RUDDER, "VFR_HUD"):
         at_s = getattr(message, "time_boot_ms", 1e3 * at_s) / 1e3
         message.at_s = at_s
-        if message.get_srcSystem() == 1:
-            found.append(message)
-    return found
+        found.append(message)
+    truth = json.loads((folder / "log.truth.json").read_text(encoding="utf-8"))
+    return found, truth["manoeuvres"]
 
 
-def told(messages: list[Any], name: str, field: str, within: dict[str, float]) -> list[Any]:
-    """Return one field of one message in a leg or manoeuvre; half a second at its ends is not."""
-    first, last = within["from_s"] + 0.5, within["to_s"] - 0.5
-    return [getattr(m, field) for m in messages if m.get_type() == name and first < m.at_s < last]
+def test_the_truth_is_of_the_airspeed_flown_not_of_the_trim_before(flown: Any) -> None:
+    sent, manoeuvres = flown
+    hud = [m for m in sent if m.get_type() == "VFR_HUD"]
 
+    assert len(manoeuvres) == 2
+    for true in manoeuvres:
+        first, last = true["from_s"] + 0.5, true["to_s"] - 0.5
+        speeds = [m.airspeed for m in hud if first < m.at_s < last]
+        ratio = true["dutch_roll"]["wn_rad_s"] / true["dutch_roll_at_trim"]["wn_rad_s"]
+        speed_ratio = true["calibrated_kt"] / true["calibrated_kt_at_trim"]
 
-def test_the_truth_is_of_the_airspeed_flown_not_of_the_trim_before(
-    flown: tuple[Path, dict[str, Any]], messages: list[Any]
-) -> None:
-    for told_of in flown[1]["manoeuvres"]:
-        speeds = told(messages, "VFR_HUD", "airspeed", told_of)
-        ratio = told_of["dutch_roll"]["wn_rad_s"] / told_of["dutch_roll_at_trim"]["wn_rad_s"]
-        speed_ratio = told_of["calibrated_kt"] / told_of["calibrated_kt_at_trim"]
-
-        assert told_of["airspeed_m_s"] == pytest.approx(np.mean(speeds), rel=0.005)
+        assert true["airspeed_m_s"] == pytest.approx(np.mean(speeds), rel=0.005)
         assert 0.95 < speed_ratio < 0.998
         assert ratio == pytest.approx(speed_ratio, abs=0.003)
 
 
-def test_from_and_to_are_the_rudder_s_first_and_last_movement(
-    flown: tuple[Path, dict[str, Any]], messages: list[Any]
-) -> None:
-    rudder = [m for m in messages if m.get_type() == "SERVO_OUTPUT_RAW"]
+def test_from_and_to_are_the_rudder_s_first_and_last_movement(flown: Any) -> None:
+    rudder = [m for m in flown[0] if m.get_type() == RUDDER]
     still = rudder[0].servo4_raw
     moved_s = np.array([m.time_usec / 1e6 for m in rudder if m.servo4_raw != still])
 
-    for told_of in flown[1]["manoeuvres"]:
-        own = moved_s[(moved_s > told_of["from_s"] - 5) & (moved_s < told_of["to_s"] + 5)]
-        assert own[0] == pytest.approx(told_of["from_s"], abs=0.05)
-        assert own[-1] == pytest.approx(told_of["to_s"], abs=0.05)
-        assert own[0] >= told_of["from_s"]
-        assert own[-1] <= told_of["to_s"]
+    for true in flown[1]:
+        own = moved_s[(moved_s > true["from_s"] - 5) & (moved_s < true["to_s"] + 5)]
+        assert own[0] == pytest.approx(true["from_s"], abs=0.05)
+        assert own[-1] == pytest.approx(true["to_s"], abs=0.05)
+        assert own[0] >= true["from_s"]
+        assert own[-1] <= true["to_s"]
         assert np.max(np.diff(own)) < 5.0  # a rest that long would end it
 
 

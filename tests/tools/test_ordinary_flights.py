@@ -8,9 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from flights import ordinary
-from flights import ordinary_kinds as kinds
 from flights.flight import trimmed
-from flights.fly import Made
 from flights.linear import SEVERITY, LinearAircraft
 from flights.ordinary import (
     KT,
@@ -23,49 +21,20 @@ from flights.ordinary import (
     flown,
     fly_ordinary,
 )
-from flights.plan import KNOT, FlightPlan
-from flights.surgery import split
+from flights.plan import FlightPlan, plan_at, sealed
 from flights.telemetry import Link
 from flights.truth import lateral
-from pymavlink.dialects.v20 import ardupilotmega as mavlink
-from scipy.linalg import expm
+from made_logs import columns
 
 T37 = FlightPlan("T37", 200.0, 4000.0, seconds=60.0, manoeuvre="none", roll_rate_gain=0.2)
 """An aircraft that JSBSim trims quickly; its first turn begins at 20 s."""
 CALM = Ordinary(T37, Link(10.0, 10.0, seed=3))
-OWN = {
-    "airspeed_m_s": 18.0, "servo_lag_s": 0.03, "Y_beta": -0.4, "L_beta": -20.0, "L_p": -10.0,
-    "L_r": 2.0, "N_beta": 25.0, "N_p": -0.4, "N_r": -1.5, "Y_delta_r": -0.1, "L_delta_a": 50.0,
-    "L_delta_r": -1.0, "N_delta_a": -1.0, "N_delta_r": 20.0,
-}  # fmt: skip
-A = np.array(
-    [[-0.4, 9.80665 / 18.0, 0, -1], [0, 0, 1, 0], [-20, 0, -10, 2], [25, 0, -0.4, -1.5]], float
-)
-"""The matrix of OWN for beta, roll, p and r."""
-SMALL_PLAN = FlightPlan("small", 18.0 / KNOT, 1000.0, seconds=60.0, manoeuvre="none")
-
-
-def columns(made: Made, name: str, *fields: str) -> np.ndarray:
-    """The fields of a message (n, fields), by pymavlink's own decoder."""
-    reader = mavlink.MAVLink(None)
-    messages = [reader.decode(bytearray(frame)) for _, frame in split(made.log)]
-    found = [m for m in messages if m.get_type() == name and m.get_srcSystem() == 1]
-    return np.array([[getattr(m, field) for field in fields] for m in found], float)
-
-
-def test_a_small_aircraft_moves_as_the_exponential_of_its_matrix_says() -> None:
-    small = LinearAircraft(OWN, SMALL_PLAN)
-    small.set_dt(STEP_S)
-    small._x[:4] = start = 1e-4 * np.array([1.0, 2.0, -1.0, 0.5])
-
-    for _ in range(200):
-        small.run()
-
-    assert small._x[:4] == pytest.approx(expm(2.0 * A) @ start, abs=1e-10)
+UAV = sealed("light_uav")
+SMALL = Ordinary(plan_at(("light_uav", 1000.0, 54.0), seconds=8.0), Link(10.0, 10.0))
 
 
 def test_a_small_aircraft_feels_the_yaw_of_the_field_behind_its_span() -> None:
-    small, t = LinearAircraft(OWN, SMALL_PLAN), np.arange(20_000) * STEP_S
+    small, t = LinearAircraft(UAV, SMALL.plan), np.arange(20_000) * STEP_S
     small.set_dt(STEP_S)
     small["atmosphere/randomseed"], small[SEVERITY] = 5, 2
 
@@ -76,30 +45,21 @@ def test_a_small_aircraft_feels_the_yaw_of_the_field_behind_its_span() -> None:
 
     gust, rate = np.array(felt).T
     s = 2j * np.pi * np.fft.rfftfreq(len(t), STEP_S)
-    lag_s = 3.0 * 2.0 / math.pi / 18.0  # MIL-F-8785C, of a span of 2 m
+    lag_s = 3.0 * 2.0 / math.pi / 28.0  # MIL-F-8785C, of a span of 2 m
     behind = np.fft.irfft(s / (1.0 + s * lag_s) * np.fft.rfft(gust), len(t))
     assert np.corrcoef(rate[500:-500], behind[500:-500])[0, 1] > 0.97
     assert rate.std() == pytest.approx(behind.std(), rel=0.1)
-    assert gust.std() == pytest.approx(2 * 0.4 / 18.0, rel=0.3)
+    assert gust.std() == pytest.approx(2 * 0.4 / 28.0, rel=0.3)
 
 
-def test_the_truth_of_a_small_aircraft_is_the_eigenvalue_of_its_matrix() -> None:
-    own = tuple(OWN.items())
-    made = fly_ordinary(Ordinary(replace(SMALL_PLAN, seconds=8.0, own=own), Link(10.0, 10.0)))
+@pytest.mark.parametrize("flight", [replace(CALM, severity=2), SMALL], ids=["JSBSim", "small"])
+def test_the_truth_is_the_linearisation_at_the_speed_and_height_flown(flight: Ordinary) -> None:
+    made = fly_ordinary(flight)
 
-    poles = np.linalg.eigvals(A)
-    pair = poles[np.argmax(poles.imag)]
-    mode = made.truth["dutch_roll_open_loop"]
-    assert (mode["wn_rad_s"], mode["zeta"]) == pytest.approx((abs(pair), -pair.real / abs(pair)))
-
-
-def test_the_truth_of_jsbsim_is_its_linearisation_at_the_speed_and_height_flown() -> None:
-    turning = replace(CALM, severity=2)
-    made = fly_ordinary(turning)
-
-    states, _, _ = flown(turning)
+    states, _, _ = flown(flight)
     kt, feet = states[501:, KT : KT + 2].mean(0).tolist()
-    poles = np.linalg.eigvals(lateral(trimmed(replace(T37, speed_kt=kt, altitude_ft=feet)))[0])
+    mean = replace(flight.plan, speed_kt=kt, altitude_ft=feet)
+    poles = np.linalg.eigvals(lateral(trimmed(mean))[0])
     pair = poles[np.argmax(poles.imag)]
     mode = made.truth["dutch_roll_open_loop"]
     assert mode["wn_rad_s"] == pytest.approx(abs(pair), rel=1e-4)
@@ -109,9 +69,9 @@ def test_the_truth_of_jsbsim_is_its_linearisation_at_the_speed_and_height_flown(
 def test_a_flight_turns_holds_height_and_speed_and_mixes_its_rudder() -> None:
     made = fly_ordinary(replace(CALM, mix=0.5))
 
-    roll = columns(made, "ATTITUDE", "roll")[:, 0]
-    speed, feet = columns(made, "VFR_HUD", "airspeed", "alt").T
-    aileron, rudder = columns(made, "SERVO_OUTPUT_RAW", "servo1_raw", "servo4_raw").T
+    roll = columns(made.log, "ATTITUDE", "roll")[:, 0]
+    speed, feet = columns(made.log, "VFR_HUD", "airspeed", "alt").T
+    aileron, rudder = columns(made.log, "SERVO_OUTPUT_RAW", "servo1_raw", "servo4_raw").T
     assert abs(roll[:190]).max() < 0.05
     assert 0.25 < abs(roll).max() < 0.5
     assert np.ptp(feet) < 30.0
@@ -185,8 +145,8 @@ def test_what_is_sent_of_a_hostile_flight_is_changed_and_the_flight_is_not() -> 
 
     def sent(flight: Ordinary) -> tuple[np.ndarray, dict[str, float]]:
         made = fly_ordinary(flight)
-        attitude = columns(made, "ATTITUDE", "roll", "yawspeed", "rollspeed")[:390]
-        aileron = columns(made, "SERVO_OUTPUT_RAW", "servo1_raw")[:390] - 1500.0
+        attitude = columns(made.log, "ATTITUDE", "roll", "yawspeed", "rollspeed")[:390]
+        aileron = columns(made.log, "SERVO_OUTPUT_RAW", "servo1_raw")[:390] - 1500.0
         return np.hstack([attitude, aileron]).T, made.truth["dutch_roll_open_loop"]
 
     (roll, r, p, aileron), truth = sent(flight)
@@ -195,6 +155,6 @@ def test_what_is_sent_of_a_hostile_flight_is_changed_and_the_flight_is_not() -> 
         "aileron of wrong scale": (roll, r, p, -aileron),
         "roll late by .1 s": (np.append(roll[0], roll[:-1]), r, p, aileron),
     }.items():
-        found, still = sent(kinds.FAMILIES[name](np.random.default_rng(1), 0, flight))
+        found, still = sent(ordinary.changed(name, np.random.default_rng(1), 0, flight))
         assert still == truth
         assert found == pytest.approx(np.array(expected), abs=0.01)

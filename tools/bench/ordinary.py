@@ -4,7 +4,7 @@
                                    [--seconds 900] [--sealed] [--logs DIR] [--jobs 2] [--csv FILE]
                                    [--readme]
 
-The flights are those of flights/ordinary_kinds.py: ten aircraft of JSBSim's at severity 0 to 3, and
+The flights are those of flights/ordinary.py: ten aircraft of JSBSim's at severity 0 to 3, and
 small linear ones of 3 to 12 rad/s; z is (estimate - truth) / sigma. The hostile logs have the seed
 plus 3000. A flight whose zeta is above MOST_ZETA is a hostile log, too. The answer to a hostile log
 is right if wn and zeta are both within RIGHT_SIGMA of the bare aircraft's. With --sealed the sealed
@@ -26,8 +26,7 @@ import numpy as np
 from checks.judge import Row, judged_answer, kept, replayed
 from flights.fly import Made
 from flights.moved import RATES_HZ, SEVERITIES
-from flights.ordinary import LAWS, fly_ordinary
-from flights.ordinary_kinds import SECONDS, hostile, jsbsim, small
+from flights.ordinary import LAWS, SECONDS, fly_ordinary, hostile, jsbsim, small
 from flights.plan import sealed_places
 
 from bench.frame import FLOWN, all_rows, begin, head, known, line, options_of, rms, within

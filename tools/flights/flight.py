@@ -15,14 +15,13 @@ from typing import Any
 
 import jsbsim
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import root
 
-from flights.linear import LinearAircraft
-from flights.plan import STEP_S, FlightError, FlightPlan, sealed
+from flights.linear import SEVERITY, LinearAircraft
+from flights.plan import SENSED_MS, STEP_S, FlightError, FlightPlan, Floats, count, sealed
 from flights.telemetry import Link
 
-Floats = NDArray[np.float64]
+NOTED = ("velocities/vc-kts", "position/h-sl-ft", "velocities/ve-kts")
 NOTED_MS = 250
 FULL_TRIM = 1
 MILSPEC = 3
@@ -54,8 +53,6 @@ BALANCE = {
 """What the trim of a gliding aircraft moves, and the accelerations that are 0 then."""
 UNBALANCED = 0.01
 """The largest acceleration, in ft/s^2 or rad/s^2, that a trim of a gliding aircraft leaves."""
-SENSED_MS = 20
-"""The autopilot reads its sensors at 50 Hz, as ArduPlane's loop does: their noise changes then."""
 SENSED = (
     *(f"attitude/{angle}-rad" for angle in ("phi", "theta", "psi")),
     *(f"velocities/{axis}-rad_sec" for axis in "pqr"),
@@ -84,6 +81,13 @@ def jsbsim_rudder(unit: float) -> float:
     return -unit
 
 
+def stir(fdm: Any, seed: int, severity: int) -> None:
+    """Begin the turbulence of a severity (MIL-F-8785C)."""
+    fdm["atmosphere/randomseed"] = seed
+    fdm["atmosphere/turb-type"] = MILSPEC
+    fdm[SEVERITY] = severity
+
+
 def trimmed(plan: FlightPlan) -> Any:
     """Return a ``jsbsim.FGFDMExec`` in straight and level flight, engines running or GLIDING.
 
@@ -103,11 +107,15 @@ def trimmed(plan: FlightPlan) -> Any:
     if not fdm.load_model(plan.aircraft):
         raise FlightError(f"JSBSim cannot load {plan.aircraft!r}")
     fdm.set_dt(STEP_S)
-    fdm["ic/h-sl-ft"] = plan.altitude_ft
-    fdm["ic/vc-kts"] = plan.speed_kt
-    fdm["ic/gamma-deg"] = 0.0
-    fdm["ic/psi-true-deg"] = plan.heading_deg
-    fdm["gear/gear-cmd-norm"] = 0.0
+    start = {
+        "ic/h-sl-ft": plan.altitude_ft,
+        "ic/vc-kts": plan.speed_kt,
+        "ic/gamma-deg": 0.0,
+        "ic/psi-true-deg": plan.heading_deg,
+        "gear/gear-cmd-norm": 0.0,
+    }
+    for name, value in start.items():
+        fdm[name] = value
     if plan.aircraft in GLIDING:
         return _gliding(fdm, plan)
     fdm["propulsion/set-running"] = -1
@@ -180,7 +188,7 @@ class Flight:
         link = link or Link()
         self._fdm = fdm = trimmed(plan)
         self.plan, self._hands = plan, hands
-        n = round(plan.seconds / STEP_S) + 1
+        n = count(plan.seconds)
         trim = jsbsim_rudder(fdm["fcs/rudder-cmd-norm"])
         self._rudder = [trim + move for move in _column(hands.rudder, n)]
         if max(map(abs, self._rudder)) > 1.0:
@@ -189,15 +197,12 @@ class Flight:
         self._aileron_trim, self._roll_trim = fdm["fcs/aileron-cmd-norm"], fdm["attitude/phi-rad"]
         self._elevator, self._pitch = fdm["fcs/elevator-cmd-norm"], fdm["attitude/theta-rad"]
         if severity:
-            fdm["atmosphere/randomseed"] = link.seed
-            fdm["atmosphere/turb-type"] = MILSPEC
-            fdm["atmosphere/turbulence/milspec/severity"] = severity
-        sigmas = [link.angle_noise] * 3 + [link.rate_noise] * 3
-        drawn = np.random.default_rng([link.seed, 43]).normal(size=(n // SENSED_MS + 1, 6)) * sigmas
-        self._noises = [] if plan.true_feedback else drawn.tolist()
+            stir(fdm, link.seed, severity)
+        drawn = np.random.default_rng([link.seed, 43]).normal(size=(n // SENSED_MS + 1, 6))
+        self._noises = [] if plan.true_feedback else (drawn * link.sigmas).tolist()
         self.noise: list[float] | None = self._noises[0] if self._noises else None
         self.ms = 0
-        self.flown: list[tuple[float, float, float, float]] = []
+        self.flown: list[tuple[float, ...]] = []
         self._note()
         self.rudder_us = plan.rudder.pulse(self._rudder[0])
         self.aileron_us = plan.aileron.pulse(self._aileron_trim)
@@ -211,9 +216,7 @@ class Flight:
                 self._note()
 
     def _note(self) -> None:
-        names = "velocities/vc-kts", "position/h-sl-ft", "velocities/ve-kts"
-        calibrated, feet, equivalent = (self[name] for name in names)
-        self.flown.append((self.ms * STEP_S, calibrated, feet, equivalent))
+        self.flown.append((self.ms * STEP_S, *(self[name] for name in NOTED)))
 
     def _step(self) -> None:
         fdm, plan = self._fdm, self.plan
@@ -235,13 +238,12 @@ class Flight:
         """Return the commands of rudder, aileron and elevator in this millisecond."""
         ms, hands = self.ms, self._hands
         rudder = self._rudder[ms] + (0.0 if hands.react is None else hands.react(self))
-        aileron = self._aileron_trim + self._aileron[ms]
-        aileron -= self._roll_hold(self.sensed(0) - (self._roll_trim + self._bank[ms]))
+        held = self._roll_hold(self.sensed(0) - (self._roll_trim + self._bank[ms]))
         elevator = self._elevator
         if hands.nose_held:
             elevator += PITCH_GAIN * (self.sensed(1) - self._pitch)
             elevator += PITCH_RATE_GAIN * self.sensed(4)
-        return rudder, aileron, elevator
+        return rudder, self._aileron_trim + self._aileron[ms] - held, elevator
 
     def _roll_hold(self, roll: float) -> float:
         return self.plan.roll_gain * roll + self.plan.roll_rate_gain * self.sensed(3)

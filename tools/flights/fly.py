@@ -16,7 +16,8 @@ from typing import Any
 import jsbsim
 import numpy as np
 
-from flights.flight import MILSPEC, PITCH_GAIN, PITCH_RATE_GAIN, Flight, Hands
+from flights.flight import PITCH_GAIN, PITCH_RATE_GAIN, Flight, Hands, stir
+from flights.linear import SEVERITY
 from flights.plan import (
     FOOT,
     KNOT,
@@ -32,11 +33,10 @@ from flights.surgery import join
 from flights.telemetry import Link, telemetry
 from flights.truth import (
     after_lead_in,
-    flown_yaw_channels,
+    flown_dutch_rolls,
     linear_dutch_rolls,
     modes_at,
     truth_lines,
-    yaw_channels,
 )
 
 
@@ -96,21 +96,25 @@ def fly(
         "amplitude": plan.amplitude, "attitude_hz": link.attitude_hz, "servo_hz": link.servo_hz,
         "rate_noise": link.rate_noise,
     }  # fmt: skip
-    at = [[round(s + link.boot_s, 2), round(kt, 3)] for s, kt, _, _ in flight.flown]
+    at = [[round(s + link.boot_s, 2), round(kt, 3)] for s, kt, *_ in flight.flown]
     return Made(
         log, conditions | modes_at(lines, flown[:, 1]) | {"lines": lines, "flown": at} | facts
     )
 
 
-GUIDE_MS = 20
+GUIDE_MS, ROLL_OUT_MS = 20, 3000
+"""The time between two updates of what is held, and the time at the end of a turn to roll out."""
 LEVEL = ("idle", "climb", "speed")
 """Legs in which the mean aileron that keeps the wings level is learnt; MANUAL keeps it there."""
+LOW_WIND = "atmosphere/turbulence/milspec/windspeed_at_20ft_AGL-fps"
 LOW_WIND_FPS = 8.0
 """Wind at 20 ft for each step of severity: below 2000 ft, the turbulence depends on it."""
 THROTTLE_GAIN, THROTTLE_RATE, CLIMB_THROTTLE = 0.02, 0.002, 4.0
 """Throttle per kt, per kt and s, and per rad of the wanted angle of climb."""
 SPEED_STEP_KT, BANK_STEP = 1.5 * GUIDE_MS / 1000, math.radians(15.0) * GUIDE_MS / 1000
 FLARE_FT, ON_WHEELS_FT = 25.0, 5.0
+LOOPS = {"airframe": "dutch_roll_open_loop", "with_roll_loop": "dutch_roll"}
+"""The loops that a manoeuvre is flown in, and their Dutch rolls' names in other truths."""
 WINDOW_S = (1.0, 4.0)
 """Time in s before the first movement and after the last one that belongs to a manoeuvre."""
 
@@ -124,7 +128,6 @@ class LegFlight(Flight):
     """
 
     def __init__(self, plan: FlightPlan, link: Link) -> None:
-        self.legs = plan.legs
         self.rudder_moves = moves(plan)
         super().__init__(plan, Hands(np.append(self.rudder_moves, 0.0)), link)
         fdm = self._fdm
@@ -138,8 +141,7 @@ class LegFlight(Flight):
         self._runway: float | None = None
         self._drawn = np.random.default_rng([link.seed, 41])
         fdm["propulsion/fuel_freeze"] = 1.0  # the mass stays that of the truth
-        fdm["atmosphere/randomseed"] = link.seed
-        fdm["atmosphere/turb-type"] = MILSPEC
+        stir(fdm, link.seed, plan.legs[0].severity)
         self._enter(0)
 
     @property
@@ -148,10 +150,9 @@ class LegFlight(Flight):
         return MODES[self._leg.mode]
 
     def _enter(self, number: int) -> None:
-        self._number, self._leg = number, self.legs[number]
-        self._fdm["atmosphere/turbulence/milspec/severity"] = self._leg.severity
-        low_fps = LOW_WIND_FPS * self._leg.severity
-        self._fdm["atmosphere/turbulence/milspec/windspeed_at_20ft_AGL-fps"] = low_fps
+        self._number, self._leg = number, self.plan.legs[number]
+        self._fdm[SEVERITY] = self._leg.severity
+        self._fdm[LOW_WIND] = LOW_WIND_FPS * self._leg.severity
         if self._leg.kind == "landing":
             self._fdm["gear/gear-cmd-norm"] = 1.0
         side, size, share = self._drawn.uniform(size=3)
@@ -163,7 +164,7 @@ class LegFlight(Flight):
 
     def _step(self) -> None:
         ms = self.ms
-        if ms > self.starts_ms[self._number + 1] and self._number + 1 < len(self.legs):
+        if ms > self.starts_ms[self._number + 1] and self._number + 1 < len(self.plan.legs):
             self._enter(self._number + 1)
         if ms % GUIDE_MS == 0:
             self._guide()
@@ -186,7 +187,8 @@ class LegFlight(Flight):
     def _guide(self) -> None:
         """Update the wanted nose attitude, throttle and bank, fifty times a second."""
         leg = self._leg
-        bank = math.radians(leg.bank_deg) if leg.kind == "turn" and not self._ends_soon() else 0.0
+        turns = leg.kind == "turn" and self.starts_ms[self._number + 1] - self.ms >= ROLL_OUT_MS
+        bank = math.radians(leg.bank_deg) if turns else 0.0
         self._bank_held += within(bank - self._bank_held, BANK_STEP)
         fdm, dt = self._fdm, GUIDE_MS / 1000
         if leg.kind == "manoeuvre":
@@ -197,10 +199,9 @@ class LegFlight(Flight):
             return
         self._speed += within(self._speeds[self._number] - self._speed, SPEED_STEP_KT)
         climb = leg.climb_ft_min / 60.0
-        if climb and not (leg.to_ft - self._height) * climb < 0.0:
-            self._height += climb * dt
-        else:
+        if (leg.to_ft - self._height) * climb < 0.0:
             climb = 0.0
+        self._height += climb * dt
         wanted = within(climb + 0.15 * (self._height - fdm["position/h-sl-ft"]), 15.0)
         slow = self._speed - fdm["velocities/vc-kts"]
         self._throttle = min(max(self._throttle + THROTTLE_RATE * slow * dt, 0.0), 1.0)
@@ -232,10 +233,6 @@ class LegFlight(Flight):
         off = math.remainder(heading - self._runway, math.tau)
         self._feet += within(within(-2.0 * off, 0.4) - self._feet, 1.0 * dt)
         fdm["fcs/left-brake-cmd-norm"] = fdm["fcs/right-brake-cmd-norm"] = 0.3
-
-    def _ends_soon(self) -> bool:
-        """Return whether it is time to roll out of the leg's bank."""
-        return bool(self.starts_ms[self._number + 1] - self.ms < 3000)
 
     def _blow(self) -> None:
         """Set the side gust, a (1 - cos) across the heading."""
@@ -280,29 +277,30 @@ def leg_truth(plan: FlightPlan, link: Link, flight: LegFlight) -> dict[str, Any]
     at the beginning. ``legs`` has all legs, to judge manoeuvres that are found elsewhere.
     """
     flown = np.array(flight.flown)
+    legs: list[dict[str, Any]] = []
     found: list[dict[str, Any]] = []
-    starts = flight.starts_ms
-    legs = [
-        {"kind": leg.kind, "mode": leg.mode, "from_s": start / 1e3, "to_s": stop / 1e3}
-        for leg, (start, stop) in zip(plan.legs, pairwise(starts), strict=True)
-    ]
-    for leg, (start, stop) in zip(plan.legs, pairwise(starts), strict=True):
-        moved = np.flatnonzero(flight.rudder_moves[start:stop])
+    for leg, (start, stop) in zip(plan.legs, pairwise(flight.starts_ms), strict=True):
+        legs.append({"kind": leg.kind, "mode": leg.mode} | _span(link, start, stop))
+        moved = start + np.flatnonzero(flight.rudder_moves[start:stop])
         if leg.kind == "manoeuvre" and len(moved):
-            ends_ms = (start + int(moved[0]), start + int(moved[-1]) + 1)
-            found.append({"n": len(found) + 1} | _manoeuvre(plan, leg, flown, ends_ms))
-    for part in (*legs, *found):
-        part["from_s"] = round(part["from_s"] + link.boot_s, 3)
-        part["to_s"] = round(part["to_s"] + link.boot_s, 3)
+            ends_ms = int(moved[0]), int(moved[-1]) + 1
+            known = {"n": len(found) + 1, "kind": leg.shape} | _span(link, *ends_ms)
+            found.append(known | _manoeuvre(plan, leg, flown, ends_ms))
     return {
         "aircraft": plan.aircraft,
         "jsbsim": jsbsim.__version__,
         "seed": link.seed,
         "roll_hold": {"aileron_per_rad": plan.roll_gain, "aileron_per_rad_s": plan.roll_rate_gain},
         "manoeuvres": found,
-        "kappa_rad_m": {loop: _kappa(found, loop) for loop in ("airframe", "with_roll_loop")},
+        "kappa_rad_m": {loop: _kappa(found, loop) for loop in LOOPS},
         "legs": legs,
     }
+
+
+def _span(link: Link, *ends_ms: int) -> dict[str, float]:
+    """Return the boot times in s of two milliseconds of the flight."""
+    from_s, to_s = (round(ms / 1e3 + link.boot_s, 3) for ms in ends_ms)
+    return {"from_s": from_s, "to_s": to_s}
 
 
 def _manoeuvre(
@@ -313,13 +311,10 @@ def _manoeuvre(
     inside = flown[(at_ms >= first) & (at_ms <= last)]
     _, knots, feet, equivalent_kt = inside.mean(axis=0).tolist()
     trim = replace(plan, legs=(), altitude_ft=feet)
-    mean = flown_yaw_channels(trim, inside)
-    before = yaw_channels(replace(trim, speed_kt=float(inside[0, 1])))
+    modes = flown_dutch_rolls(trim, inside)
+    before = linear_dutch_rolls(replace(trim, speed_kt=float(inside[0, 1])))
     loop = "airframe" if leg.mode == "MANUAL" else "with_roll_loop"
     return {
-        "kind": leg.shape,
-        "from_s": ends_ms[0] / 1e3,
-        "to_s": ends_ms[1] / 1e3,
         "mode": leg.mode,
         "loop": loop,
         "amplitude": leg.amplitude,
@@ -330,15 +325,13 @@ def _manoeuvre(
         "calibrated_kt": round(knots, 3),
         "calibrated_kt_at_trim": round(float(inside[0, 1]), 3),
         "altitude_m": round(feet * FOOT, 1),
-        "dutch_roll": mean[loop],
-        "dutch_roll_at_trim": before[loop],
-        **mean,
+        "dutch_roll": modes[LOOPS[loop]],
+        "dutch_roll_at_trim": before[LOOPS[loop]],
+        **{each: modes[name] for each, name in LOOPS.items()},
     }
 
 
 def _kappa(found: list[dict[str, Any]], loop: str) -> dict[str, float] | None:
     """Return the mean and standard deviation of wn/V over the manoeuvres, in rad/m."""
     ratios = [m[loop]["wn_rad_s"] / m["airspeed_m_s"] for m in found if m[loop]]
-    if not ratios:
-        return None
-    return {"mean": float(np.mean(ratios)), "std": float(np.std(ratios))}
+    return {"mean": float(np.mean(ratios)), "std": float(np.std(ratios))} if ratios else None

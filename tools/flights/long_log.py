@@ -1,6 +1,7 @@
 """Makes long telemetry logs of a plane quickly, with all messages of a real link.
 
-The mixes are those of recorded ArduPlane links. Messages that yawid does not read have random
+The mixes are those of recorded ArduPlane links. Each second has the same messages at the same
+times, so a log is a table with a row for each second. Messages that yawid does not read have random
 payloads.
 """
 
@@ -8,13 +9,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, BinaryIO, Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from scipy.signal import lfilter
 
+from flights.surgery import CLASSES, Encoder, join
 from yawid.channels.stage import WANTED
 from yawid.sources.mavlink.crc import crc_of_frames
 from yawid.sources.mavlink.definitions import definitions, dtype_of
@@ -25,6 +27,8 @@ RATE_HZ: Final = 20
 PLANT: Final[Plant] = ([0.0, 0.0124, -0.0115], [1.0, -1.957, 0.9735])
 START_US: Final = 1_700_000_000_000_000
 _BOOT_US: Final = 10_000_000
+_AROUND: Final = 20
+"""The bytes of a record around its payload: stamp, header and CRC."""
 _PIECE_S: Final = 600
 _RAISED = ("SERVO_OUTPUT_RAW", "ATTITUDE", "RAW_IMU", "SIMSTATE", "AOA_SSA")
 _HALF = ("GLOBAL_POSITION_INT", "VFR_HUD", "RC_CHANNELS")
@@ -60,116 +64,86 @@ def write_log(
     *,
     plant: Plant = PLANT,
     start_us: int = START_US,
-) -> int:
-    """Write a flight whose rudder moves for ``moved_s`` in every ``every_s``.
+) -> None:
+    """Write a flight of whole seconds whose rudder moves for ``moved_s`` in every ``every_s``.
 
-    Return the number of messages. By default the rudder always moves. ``plant`` is the model from
-    rudder to yaw rate; ``start_us`` (us since 1970) is when the vehicle was switched on.
+    By default the rudder always moves. ``plant`` is the model from rudder to yaw rate; ``start_us``
+    (us since 1970) is when the vehicle was switched on.
     """
     rng = np.random.default_rng(seed)
     n = round(3600 * hours * RATE_HZ)
     u = np.repeat(rng.choice([-0.2, 0.0, 0.2], n // 10 + 1), 10)[:n]
     u = np.where(np.arange(n) / RATE_HZ % every_s < moved_s, u, 0.0)
     rate = lfilter(*plant, u) + 0.002 * rng.normal(size=n)
-    flight = {"servo4_raw": 1500 + np.round(400 * u), "yawspeed": rate}
     yaw = np.cumsum(rate) / RATE_HZ
+    flight = {"servo4_raw": 1500 + np.round(400 * u), "yawspeed": rate}
     flight["yaw"] = (yaw + np.pi) % (2.0 * np.pi) - np.pi
     with path.open("wb") as out:
-        count = _write_parameters(out, start_us)
+        out.write(_parameters(start_us))
         step = _PIECE_S * RATE_HZ
-        for first in range(0, n, step):
-            piece = {name: column[first : first + step] for name, column in flight.items()}
-            count += _write_piece(out, MIXES[mix], piece, first, count, rng, start_us)
-    return count
+        for first in range(0, n - n % RATE_HZ, step):
+            piece = {
+                name: column[first : min(first + step, n - n % RATE_HZ)].reshape(-1, RATE_HZ)
+                for name, column in flight.items()
+            }
+            out.write(_seconds(MIXES[mix], piece, first // RATE_HZ, rng, start_us))
 
 
-def _write_parameters(out: BinaryIO, start_us: int) -> int:
-    link = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
-    parameters = {"FUNCTION": 21, "MIN": 1100, "MAX": 1900, "TRIM": 1500}
-    for i, (name, value) in enumerate(parameters.items()):
-        link.seq = i
-        message = mavlink.MAVLink_param_value_message(f"SERVO4_{name}".encode(), value, 9, 4, i)
-        out.write((start_us + i).to_bytes(8, "big") + message.pack(link))
-    return len(parameters)
+def _parameters(start_us: int) -> bytes:
+    encoder, parameters = Encoder(), {"FUNCTION": 21, "MIN": 1100, "MAX": 1900, "TRIM": 1500}
+    values = [(f"SERVO4_{name}".encode(), value) for name, value in parameters.items()]
+    return join(
+        (start_us + i, encoder.frame(mavlink.MAVLink_param_value_message(*value, 9, 4, i)))
+        for i, value in enumerate(values)
+    )
 
 
-def _write_piece(
-    out: BinaryIO,
+def _seconds(
     mix: dict[str, int],
     flight: dict[str, NDArray[Any]],
-    first: int,
-    count: int,
+    first_s: int,
     rng: np.random.Generator,
     start_us: int,
-) -> int:
-    """Write the messages of ten minutes from sample ``first`` on; return how many.
-
-    ``count`` messages were sent before.
-    """
-    n = len(flight["yawspeed"])
-    rows = {name: np.arange(0, n, RATE_HZ // hz) for name, hz in mix.items()}
-    at = np.concatenate([_times(first + rows[name], i) for i, name in enumerate(mix)])
-    order = np.argsort(at, kind="stable")
-    place = np.empty(len(at), np.int64)
-    place[order] = np.arange(len(at))
-    sizes = np.concatenate([np.full(len(rows[name]), _kind(name).itemsize) for name in mix])
-    ends = np.cumsum(sizes[order])
-    begins = (ends - sizes[order])[place]
-    data, done = np.empty(int(ends[-1]), np.uint8), 0
-    for name in mix:
-        own = slice(done, done + len(rows[name]))
-        done = own.stop
-        frames = _frames(name, at[own], count + place[own], rows[name], flight, rng)
-        frames["stamp"] = start_us + at[own]
-        flat = frames.view(np.uint8).reshape(len(frames), -1)
-        data[begins[own][:, None] + np.arange(flat.shape[1])] = flat
-    extra = np.concatenate(
-        [np.full(len(rows[name]), definitions().crc_extra[_row(name)]) for name in mix]
+) -> bytes:
+    """Return the records of the seconds of a flight (n, RATE_HZ), the first being ``first_s``."""
+    frames = sorted(
+        (sample * 1_000_000 // RATE_HZ + 400 * phase, name, sample)
+        for phase, (name, hz) in enumerate(mix.items())
+        for sample in range(0, RATE_HZ, RATE_HZ // hz)
     )
-    crc = crc_of_frames(data, begins + 9, begins + sizes - 2, extra)
-    data[begins + sizes - 2], data[begins + sizes - 1] = crc & 0xFF, crc >> 8
-    out.write(data.tobytes())
-    return len(at)
-
-
-def _times(samples: NDArray[np.int64], phase: int) -> NDArray[np.int64]:
-    return _BOOT_US + samples * 1_000_000 // RATE_HZ + 400 * phase
-
-
-def _row(name: str) -> int:
-    return definitions().names[name]
+    kinds = [(f"{at_us} {name}", _kind(name)) for at_us, name, _ in frames]
+    second = first_s + np.arange(len(flight["yaw"]))
+    rows = np.zeros(len(second), np.dtype(kinds))
+    data = rows.view(np.uint8).reshape(len(second), -1)
+    begin = 0
+    for i, (at_us, name, sample) in enumerate(frames):
+        of, end = rows[f"{at_us} {name}"], begin + kinds[i][1].itemsize
+        boot_us = _BOOT_US + 1_000_000 * second + at_us
+        of["stamp"], of["magic"], of["ids"] = start_us + boot_us, 0xFD, 1
+        of["length"], of["seq"] = end - begin - _AROUND, (4 + i + len(frames) * second) % 256
+        of["message"] = list(CLASSES[name].id.to_bytes(3, "little"))
+        payload = slice(begin + _AROUND - 2, end - 2)
+        if name not in WANTED:
+            data[:, payload] = rng.integers(0, 256, data[:, payload].shape)
+        known: dict[str, Any] = {"time_boot_ms": boot_us // 1000, "time_usec": boot_us}
+        if name in WANTED:
+            known |= _FIELDS.get(name, {}) | {key: flight[key][:, sample] for key in flight}
+        for field in known.keys() & set(of["payload"].dtype.names or ()):
+            of["payload"][field] = known[field]
+        at = rows.itemsize * np.arange(len(second))
+        extra = np.full(len(second), CLASSES[name].crc_extra, np.uint8)
+        of["crc"] = crc_of_frames(data.ravel(), at + begin + 9, at + end - 2, extra)
+        begin = end
+    return rows.tobytes()
 
 
 def _kind(name: str) -> np.dtype[Any]:
     """Return the dtype of a message's record, whose payload has no extension fields."""
-    length = int(definitions().fits_v1[_row(name)].argmax())
-    head = [("stamp", ">u8"), ("magic", "u1"), ("length", "u1"), ("flags", "u1", 2),
-            ("seq", "u1"), ("ids", "u1", 2), ("message", "u1", 3)]  # fmt: skip
-    return np.dtype([*head, ("payload", "u1", length), ("crc", "u1", 2)])
-
-
-def _frames(
-    name: str,
-    at: NDArray[np.int64],
-    number: NDArray[np.int64],
-    rows: NDArray[np.int64],
-    flight: dict[str, NDArray[Any]],
-    rng: np.random.Generator,
-) -> NDArray[Any]:
-    """Return the records of one message (n,), still without stamps and CRCs."""
-    frames = np.zeros(len(at), _kind(name))
-    length = frames["payload"].shape[1]
-    frames["magic"], frames["length"] = 0xFD, length
-    frames["seq"], frames["ids"] = number % 256, 1
-    message = int(np.flatnonzero(definitions().row_of == _row(name))[0])
-    frames["message"] = list(message.to_bytes(3, "little"))
-    values = np.zeros(len(at), dtype_of(name))
-    known: dict[str, Any] = {"time_boot_ms": at // 1000, "time_usec": at}
-    if name in WANTED:
-        known |= _FIELDS.get(name, {}) | {field: flight[field][rows] for field in flight}
-    else:
-        values = rng.integers(0, 256, (len(at), values.itemsize), np.uint8).view(values.dtype)[:, 0]
-    for field in known.keys() & set(values.dtype.names or ()):
-        values[field] = np.asarray(known[field]).astype(values.dtype[field])
-    frames["payload"] = values.view(np.uint8).reshape(len(at), -1)[:, :length]
-    return frames
+    length, own = int(definitions().fits_v1[definitions().names[name]].argmax()), dtype_of(name)
+    fields = {field: of for field, of in (own.fields or {}).items() if of[1] < length}
+    formats, offsets = ([of[i] for of in fields.values()] for i in (0, 1))
+    payload: Any = {"names": [*fields], "formats": formats, "offsets": offsets, "itemsize": length}
+    return np.dtype([
+        ("stamp", ">u8"), ("magic", "u1"), ("length", "u1"), ("flags", "u1", 2), ("seq", "u1"),
+        ("ids", "u1", 2), ("message", "u1", 3), ("payload", np.dtype(payload)), ("crc", "<u2"),
+    ])  # fmt: skip

@@ -22,7 +22,7 @@ from __future__ import annotations
 import math
 import tomllib
 from dataclasses import dataclass, field
-from itertools import cycle
+from itertools import accumulate, cycle
 from pathlib import Path
 from typing import Any
 
@@ -31,10 +31,13 @@ from numpy.typing import NDArray
 from scipy.signal import max_len_seq
 
 STEP_S = 0.001  # boot time counts milliseconds: every message falls on a step
+SENSED_MS = 20
+"""The autopilot reads its sensors at 50 Hz, as ArduPlane's loop does: their noise changes then."""
 LEAD_IN_S = 5.0  # the flight starts at trim, while a receiver finds vehicle and parameters
 MANOEUVRES = ("3211", "doublets", "prbs", "sweep", "none")
 SWEEP_S = 45.0  # length of one sweep
 KNOT, FOOT = 0.514444, 0.3048
+Floats = NDArray[np.float64]
 Place = tuple[str, float, float]
 """Name of an aircraft, altitude in ft and calibrated airspeed in kt."""
 
@@ -137,38 +140,36 @@ class FlightPlan:
             object.__setattr__(self, "manoeuvre", "none")
         if self.manoeuvre not in MANOEUVRES:
             raise ValueError(f"manoeuvre must be one of {', '.join(MANOEUVRES)}")
-        for name in ("speed_kt", "seconds", "amplitude"):
+        for name in ("speed_kt", "seconds", "amplitude", "step_s"):
             if not 0.0 < getattr(self, name) < math.inf:
                 raise ValueError(f"{name} must be > 0 and finite, got {getattr(self, name)!r}")
-        if not 0.02 <= self.step_s < math.inf:
-            raise ValueError(f"step_s must be at least 0.02, got {self.step_s!r}")
 
     def speeds_kt(self) -> list[float]:
         """Return the calibrated airspeed in kt that each leg holds."""
-        speeds = [self.speed_kt]
-        for leg in self.legs:
-            speeds.append(leg.speed_kt or speeds[-1])
-        return speeds[1:]
+        asked = (leg.speed_kt for leg in self.legs)
+        held = accumulate(asked, lambda before, now: now or before, initial=self.speed_kt)
+        return list(held)[1:]
 
 
-def excitation(plan: FlightPlan) -> NDArray[np.float64]:
+def count(seconds: float) -> int:
+    """Return the number of milliseconds in a log of this length, both ends included."""
+    return round(seconds / STEP_S) + 1
+
+
+def excitation(plan: FlightPlan) -> Floats:
     """Return the rudder about trim for every simulation step (n,), in units."""
-    n = round(plan.seconds / STEP_S) + 1
-    rudder = np.zeros(n)
-    start = round(LEAD_IN_S / STEP_S)
+    n = count(plan.seconds)
+    left = max(n - round(LEAD_IN_S / STEP_S), 0)
     if plan.manoeuvre == "sweep":
-        rudder[start:] = plan.amplitude * _sweep(max(n - start, 0), plan.step_s)
-        return rudder
-    for length_s, value in cycle(manoeuvre_pieces(plan.manoeuvre, plan.step_s)):
-        stop = start + round(length_s / STEP_S)
-        rudder[start:stop] = value * plan.amplitude
-        start = stop
-        if start >= n:
-            break
-    return rudder
+        moves = _sweep(left, plan.step_s)
+    else:
+        pieces = manoeuvre_pieces(plan.manoeuvre, plan.step_s)
+        once = [np.full(round(length_s / STEP_S), side) for length_s, side in pieces]
+        moves = np.resize(np.concatenate([*once, []]), left)
+    return np.concatenate([np.zeros(n - left), plan.amplitude * moves])
 
 
-def _sweep(n: int, step_s: float) -> NDArray[np.float64]:
+def _sweep(n: int, step_s: float) -> Floats:
     """Return sines (n,) from 0.3 to 2.5 times the frequency whose period is ``step_s / 0.3``.
 
     Each sweep of SWEEP_S rises exponentially in frequency; every second one begins to the left.
@@ -198,7 +199,6 @@ def manoeuvre_pieces(manoeuvre: str, step_s: float) -> list[tuple[float, float]]
     ]
 
 
-Floats = NDArray[np.float64]
 MODES = {"MANUAL": 0, "FBWA": 5}
 """ArduPlane's custom_mode by name; FBWA has the roll hold, in MANUAL the aileron is held still."""
 BEFORE_S, AFTER_S = 2.0, 8.0
@@ -223,8 +223,7 @@ def rudder_moves(leg: Leg, step_s: float) -> Floats:
         return np.asarray(leg.rudder_hold * np.minimum(ends, 1.0))
     at = complete = first
     for length_s, value in cycle(manoeuvre_pieces(leg.shape, step_s)):
-        length_s = length_s if value else min(length_s, LONGEST_REST_S)
-        stop = at + round(length_s / STEP_S)
+        stop = at + round((length_s if value else min(length_s, LONGEST_REST_S)) / STEP_S)
         if value and stop > first + room:
             break
         moves[at:stop] = value * leg.amplitude
@@ -260,29 +259,30 @@ PATH = Path(__file__).with_name("sealed.toml")
 
 def sealed_places() -> list[Place]:
     """Return name, altitude in ft and airspeed in kt of the sealed aircraft, each at its speeds."""
-    own = tomllib.loads(PATH.read_text(encoding="utf-8"))
-    return _of_jsbsim(own["jsbsim"]) + [
-        (each["aircraft"], 1000.0, round(each["airspeed_m_s"] / KNOT, 3)) for each in own["linear"]
-    ]
+    return _places("jsbsim", "linear")
 
 
 def nonlinear_places() -> list[Place]:
     """Return the places of the file's opened aircraft, on which a limit may be chosen."""
-    return _of_jsbsim(tomllib.loads(PATH.read_text(encoding="utf-8"))["nonlinear"])
+    return _places("nonlinear")
 
 
-def _of_jsbsim(some: list[dict[str, Any]]) -> list[Place]:
+def _places(*kinds: str) -> list[Place]:
     return [
-        (each["aircraft"], each["altitude_ft"], knots)
-        for each in some
-        for knots in each["speeds_kt"]
+        (each["aircraft"], each.get("altitude_ft", 1000.0), knots)
+        for each in _entries(*kinds)
+        for knots in each.get("speeds_kt") or [round(each["airspeed_m_s"] / KNOT, 3)]
     ]
+
+
+def _entries(*kinds: str) -> list[dict[str, Any]]:
+    own = tomllib.loads(PATH.read_text(encoding="utf-8"))
+    return [each for kind in kinds for each in own.get(kind, ())]
 
 
 def sealed(name: str) -> dict[str, Any]:
     """Return what the file has about an aircraft, sealed or opened; {} if it does not have it."""
-    own = tomllib.loads(PATH.read_text(encoding="utf-8"))
-    every = (*own["jsbsim"], *own["linear"], *own.get("nonlinear", ()))
+    every = _entries("jsbsim", "linear", "nonlinear")
     return next((each for each in every if each["aircraft"] == name), {})
 
 

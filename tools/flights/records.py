@@ -15,7 +15,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import expm
+from scipy.linalg import null_space
+from scipy.signal import lsim
 
 Floats = NDArray[np.float64]
 HZ = 20
@@ -33,14 +34,8 @@ NOISE = (0.003, 0.03)
 
 def states(A: Floats, B: Floats, rudder: Floats, hz: float) -> Floats:
     """Return the states (n, order) of x' = A x + B u from 0 for a rudder (n,) that is held."""
-    order = len(A)
-    whole = np.zeros((order + 1, order + 1))
-    whole[:order, :order], whole[:order, order] = A, B
-    step = expm(whole / hz)[:order]
-    x = np.zeros((len(rudder), order))
-    for k in range(len(rudder) - 1):
-        x[k + 1] = step @ np.append(x[k], rudder[k])
-    return x
+    plant = A, B[:, None], np.eye(len(A)), np.zeros((len(A), 1))
+    return np.asarray(lsim(plant, rudder, np.arange(len(rudder)) / hz, interp=False)[2])
 
 
 @dataclass(frozen=True)
@@ -66,9 +61,9 @@ class Leg:
 
     def yaw_rate(self, rudder: Floats, hz: int = HZ) -> Floats:
         """Return the yaw rate (n,) in rad/s, without noise."""
-        A = np.array([[-2.0 * self.zeta * self.wn, -(self.wn**2)], [1.0, 0.0]])
-        x = states(A, np.array([1.0, 0.0]), rudder, hz)
-        return x @ (0.3 * self.wn**2 * np.array([0.9, 1.0]))
+        K, T, wn = 0.3, 0.9, self.wn
+        transfer = [K * wn**2 * T, K * wn**2], [1.0, 2.0 * self.zeta * wn, wn**2]
+        return np.asarray(lsim(transfer, rudder, np.arange(len(rudder)) / hz, interp=False)[1])
 
 
 def record(legs: Sequence[Leg], *, hz: int = HZ, seed: int = 1, **columns: Any) -> dict[str, Any]:
@@ -117,7 +112,7 @@ def drawn_airframe(
 ) -> tuple[Floats, Floats]:
     """Return A (4, 4) and B (4,) of beta, p, r, roll with a Dutch roll of this wn and zeta.
 
-    N_beta and N_r are those that make it one: the characteristic polynomial is linear in each.
+    N_beta and N_r are those that make it one: the other rows give the shape of its motion.
     ``sink`` is g/V in 1/s. Without ``rolls`` nothing moves p.
     """
     s = wn * complex(-zeta, np.sqrt(1.0 - zeta**2))
@@ -131,18 +126,10 @@ def drawn_airframe(
         ])  # fmt: skip
         yaw = wn**2 * rng.uniform(0.08, 0.25)
         B = np.array([0.0, -yaw * rng.uniform(-0.1, 0.4) * rolls, yaw, 0.0])
-        at = _characteristic(A, s)
-        by_beta, by_r = (_characteristic(A, s, column) - at for column in (0, 2))
-        parts = np.array([[by_beta.real, by_r.real], [by_beta.imag, by_r.imag]])
-        A[2, [0, 2]] = np.linalg.solve(parts, [-at.real, -at.imag])
+        shape = null_space(np.delete(s * np.eye(4) - A, 2, axis=0))[:, 0]
+        moment = s * shape[2] - A[2] @ shape  # which N_beta and N_r have to make
+        by = shape[[0, 2]]
+        A[2, [0, 2]] = np.linalg.solve([by.real, by.imag], [moment.real, moment.imag])
         slow = np.sort(np.linalg.eigvals(A).real)[-1]
         if A[2, 0] > 0.0 and A[2, 2] < 0.0 and slow < 0.02 * wn:
             return A, B
-
-
-def _characteristic(A: Floats, s: complex, column: int | None = None) -> complex:
-    """Return det(s I - A), with 1 as the yaw moment of the state ``column``."""
-    of = A.copy()
-    if column is not None:
-        of[2, column] = 1.0
-    return complex(np.linalg.det(s * np.eye(4) - of))

@@ -7,7 +7,7 @@ links, radios and recorders do to logs, for the cases of replay_logs/ and the fa
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -53,10 +53,13 @@ def message_id(frame: bytes) -> int:
     return frame[5] if frame[0] == 0xFE else int.from_bytes(frame[7:10], "little")
 
 
-def payload(frame: bytes, size: int) -> bytes:
-    """Return the first ``size`` bytes of a payload, with the zeros that MAVLink 2 cuts off."""
-    head = 6 if frame[0] == 0xFE else 10
-    return frame[head : head + frame[1]].ljust(size, b"\0")[:size]
+def messages(records: Iterable[Record], *names: str) -> Iterator[Any]:
+    """Yield the messages of these names, by pymavlink's own decoder."""
+    reader = mavlink.MAVLink(None)
+    for _, frame in records:
+        message = reader.decode(bytearray(frame))
+        if message.get_type() in names:
+            yield message
 
 
 def message_of(name: str, payload: bytes) -> Any:

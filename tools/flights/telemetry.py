@@ -8,35 +8,26 @@ import socket
 import time
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from flights.plan import FOOT, KNOT, FlightPlan, Servo
+from flights.plan import FOOT, KNOT, SENSED_MS, FlightPlan, Floats, Servo
 from flights.surgery import Encoder, Record
+
+if TYPE_CHECKING:
+    from flights.flight import Flight
 
 BURST_S = 0.001
 EPOCH_US = 1_700_000_000_000_000  # the receive clock when the flight starts
-GCS = (255, 190)
-FBWA, GCS_MODE = 5, 0
+VEHICLE, GCS = (1, 1), (255, 190)
+"""The ids of the two senders."""
+FBWA = 5
+DISARMED = mavlink.MAV_MODE_FLAG_STABILIZE_ENABLED | mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
+ARMED = DISARMED | mavlink.MAV_MODE_FLAG_SAFETY_ARMED
+"""The base modes of an aeroplane."""
 AILERON, ELEVATOR, THROTTLE, RUDDER = 4, 19, 70, 21  # SERVOn_FUNCTION of servos 1 to 4
-
-
-class Flying(Protocol):
-    """A flight to be sent: of JSBSim, or another source of the same properties.
-
-    ``noise`` (6,) is that of its sensors for angles and rates; if it is None, the link draws noise.
-    """
-
-    plan: FlightPlan
-    rudder_us: int
-    aileron_us: int
-    noise: list[float] | None
-
-    def advance_to(self, ms: int) -> None:
-        """Advance to a millisecond after the start."""
-
-    def __getitem__(self, name: str) -> float: ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,8 +49,12 @@ class Link:
     boot_s: float = 30.0
     mavlink1: bool = False
     seed: int = 1
-    sysid: int = 1
     servo_ms: int = 5
+
+    @property
+    def sigmas(self) -> list[float]:
+        """The standard deviations of the noise of ATTITUDE's angles and rates (6,)."""
+        return [self.angle_noise] * 3 + [self.rate_noise] * 3
 
     def __post_init__(self) -> None:
         for name in ("attitude_hz", "servo_hz"):
@@ -68,6 +63,44 @@ class Link:
         for name in ("rate_noise", "angle_noise", "boot_s"):
             if not 0.0 <= getattr(self, name) < math.inf:
                 raise ValueError(f"{name} must be >= 0 and finite, got {getattr(self, name)!r}")
+
+
+class Played:
+    """A replacement of a flight: it has the properties that telemetry reads, computed beforehand.
+
+    ``columns`` are properties (n,) by their names in JSBSim, with a value for each ``step_ms``;
+    what lies in between is interpolated. ``aileron`` and ``rudder`` (n,) are the outputs in units,
+    which stay for a step. ``noises`` (m, 6) are those of the sensors, each for SENSED_MS; without
+    them the link draws noise.
+    """
+
+    def __init__(
+        self,
+        plan: FlightPlan,
+        columns: dict[str, Floats],
+        outputs: dict[str, Floats],
+        step_ms: int = 1,
+        noises: Floats | None = None,
+    ) -> None:
+        self.plan, self.columns, self.outputs, self.noises = plan, columns, outputs, noises
+        columns["attitude/psi-deg"] = np.degrees(columns["attitude/psi-rad"])
+        self._step_ms = step_ms
+        self.advance_to(0)
+
+    def advance_to(self, ms: int) -> None:
+        """Advance to a millisecond after the start."""
+        self._at, rest_ms = divmod(ms, self._step_ms)
+        self._share, at = rest_ms / self._step_ms, self._at
+        self.rudder_us = self.plan.rudder.pulse(float(self.outputs["rudder"][at]))
+        self.aileron_us = self.plan.aileron.pulse(float(self.outputs["aileron"][at]))
+        noises = self.noises
+        self.noise = None if noises is None else noises[ms // SENSED_MS].tolist()
+
+    def __getitem__(self, name: str) -> float:
+        """Return the present value of a property by its name in JSBSim."""
+        column = self.columns[name]
+        here = float(column[self._at])
+        return here + self._share * (float(column[self._at + 1]) - here) if self._share else here
 
 
 class Receiver:
@@ -87,7 +120,7 @@ class Receiver:
         return self._last_us
 
 
-def telemetry(link: Link, flight: Flying) -> Iterator[tuple[int, bytes]]:
+def telemetry(link: Link, flight: Flight | Played) -> Iterator[tuple[int, bytes]]:
     """Fly and yield (receive stamp in us of Unix time, MAVLink frame), stamps never decreasing."""
     rng = np.random.default_rng(link.seed)
     version = "v10" if link.mavlink1 else "v20"
@@ -96,7 +129,7 @@ def telemetry(link: Link, flight: Flying) -> Iterator[tuple[int, bytes]]:
     encoder, receiver = Encoder(dialect=dialect), Receiver(rng)
     for ms, name, index in schedule(flight.plan, link, rng):
         flight.advance_to(ms)
-        ids = GCS if name == "gcs_heartbeat" else (link.sysid, 1)
+        ids = GCS if name == "gcs_heartbeat" else VEHICLE
         frame = encoder.frame(getattr(messages, name)(ms, index), ids)
         yield receiver.stamp(EPOCH_US + 1000 * ms), frame
 
@@ -141,47 +174,42 @@ def parameters(plan: FlightPlan) -> list[tuple[str, float]]:
 class Messages:
     """The messages that the vehicle or the ground station would send now."""
 
-    def __init__(self, dialect: Any, link: Link, flight: Flying, rng: np.random.Generator) -> None:
+    def __init__(
+        self, dialect: Any, link: Link, flight: Flight | Played, rng: np.random.Generator
+    ) -> None:
         self._dialect, self._link, self._flight, self._rng = dialect, link, flight, rng
         self._parameters = parameters(flight.plan)
 
     def heartbeat(self, ms: int, index: int) -> Any:
         """Return the HEARTBEAT of the armed aeroplane."""
-        d = self._dialect
-        armed = d.MAV_MODE_FLAG_SAFETY_ARMED | d.MAV_MODE_FLAG_STABILIZE_ENABLED
-        mode = armed | d.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
-        kind, autopilot = d.MAV_TYPE_FIXED_WING, d.MAV_AUTOPILOT_ARDUPILOTMEGA
-        flown = getattr(self._flight, "custom_mode", FBWA)
-        return d.MAVLink_heartbeat_message(kind, autopilot, mode, flown, d.MAV_STATE_ACTIVE, 3)
+        plane = mavlink.MAV_TYPE_FIXED_WING, mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA
+        return self._heartbeat(*plane, ARMED, getattr(self._flight, "custom_mode", FBWA))
 
     def gcs_heartbeat(self, ms: int, index: int) -> Any:
         """Return the HEARTBEAT of the ground station, which is no vehicle."""
-        d = self._dialect
-        kind, autopilot = d.MAV_TYPE_GCS, d.MAV_AUTOPILOT_INVALID
-        return d.MAVLink_heartbeat_message(kind, autopilot, 0, GCS_MODE, d.MAV_STATE_ACTIVE, 3)
+        return self._heartbeat(mavlink.MAV_TYPE_GCS, mavlink.MAV_AUTOPILOT_INVALID, 0, 0)
+
+    def _heartbeat(self, *of: int) -> Any:
+        return self._dialect.MAVLink_heartbeat_message(*of, mavlink.MAV_STATE_ACTIVE, 3)
 
     def parameter(self, ms: int, index: int) -> Any:
         """Return PARAM_VALUE number ``index``."""
         name, value = self._parameters[index]
-        d = self._dialect
-        kind = d.MAV_PARAM_TYPE_INT16 if name.startswith("SERVO") else d.MAV_PARAM_TYPE_REAL32
-        count = len(self._parameters)
-        return d.MAVLink_param_value_message(name.encode(), value, kind, count, index)
+        whole = name.startswith("SERVO")
+        kind = mavlink.MAV_PARAM_TYPE_INT16 if whole else mavlink.MAV_PARAM_TYPE_REAL32
+        of = name.encode(), value, kind, len(self._parameters), index
+        return self._dialect.MAVLink_param_value_message(*of)
 
     def attitude(self, ms: int, index: int) -> Any:
         """Return ATTITUDE: the true angles and body rates plus sensor noise."""
         flight, link = self._flight, self._link
         yaw = math.remainder(flight["attitude/psi-rad"], math.tau)
-        angles = np.array([flight["attitude/phi-rad"], flight["attitude/theta-rad"], yaw])
-        rates = np.array([flight[f"velocities/{axis}-rad_sec"] for axis in "pqr"])
-        noise = flight.noise or [
-            *self._rng.normal(0.0, link.angle_noise, 3),
-            *self._rng.normal(0.0, link.rate_noise, 3),
-        ]
-        angles, rates = angles + noise[:3], rates + noise[3:]
-        angles[2] = math.remainder(angles[2], math.tau)
+        rates = (flight[f"velocities/{axis}-rad_sec"] for axis in "pqr")
+        true = [flight["attitude/phi-rad"], flight["attitude/theta-rad"], yaw, *rates]
+        said = np.array(true) + (flight.noise or self._rng.normal(0.0, link.sigmas))
+        said[2] = math.remainder(said[2], math.tau)
         boot_ms = (ms + round(1000 * link.boot_s)) % 2**32
-        return self._dialect.MAVLink_attitude_message(boot_ms, *angles, *rates)
+        return self._dialect.MAVLink_attitude_message(boot_ms, *said)
 
     def servo_output_raw(self, ms: int, index: int) -> Any:
         """Return SERVO_OUTPUT_RAW: the servo outputs of this instant."""

@@ -8,7 +8,7 @@ rudder pulse in the simulation itself, with its actuators.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import lru_cache
 from typing import Any
@@ -19,15 +19,16 @@ from numpy.typing import NDArray
 
 from flights.flight import Flight, Hands, trimmed
 from flights.linear import LinearAircraft
-from flights.plan import LEAD_IN_S, STEP_S, FlightPlan, Servo, sealed
+from flights.plan import LEAD_IN_S, STEP_S, FlightPlan, Floats, Servo, count, sealed
 
-Floats = NDArray[np.float64]
 Mode = dict[str, float]
 Line = dict[str, Any]
 LATERAL = ("Beta", "Phi", "P", "R")  # FGLinearization's names
 
-BAND: Floats = np.geomspace(0.3, 3.0, 60)
-"""The multiples of wn at which the yaw channel of a flight's truth is fitted."""
+PULSE_MS, SEEN_MS = 200, 50
+"""Length of the pulse whose decay is seen, and the time from one value of it to the next."""
+ORDER = 6
+"""The number of poles in that decay."""
 SLOPE_SHARE = 0.01
 """Step for the slope over the airspeed, as a fraction of it: trim and linearisation are smooth."""
 
@@ -83,21 +84,12 @@ def flown_dutch_rolls(plan: FlightPlan, flown: Floats) -> dict[str, Mode | None]
 
 def modes_at(lines: dict[str, Line | None], knots: Floats) -> dict[str, Mode | None]:
     """Return the Dutch rolls of :func:`truth_lines` at airspeeds (n,)."""
-    modes: dict[str, Mode | None] = {}
-    for name, line in lines.items():
-        modes[name] = None
-        if line is not None:
-            (wn, zeta), (wn_std, zeta_std) = (x.tolist() for x in at_airspeeds(line, knots))
-            modes[name] = {"wn_rad_s": wn, "wn_std": wn_std, "zeta": zeta, "zeta_std": zeta_std}
-    return modes
+    return {name: line and _mode_at(line, knots) for name, line in lines.items()}
 
 
-def flown_yaw_channels(plan: FlightPlan, flown: Floats) -> dict[str, Mode | None]:
-    """Return the :func:`yaw_channels` of a flight, with the sigmas of their Dutch rolls."""
-    channels, modes = yaw_channels(mean_plan(plan, flown)), flown_dutch_rolls(plan, flown)
-    names = {"airframe": "dutch_roll_open_loop", "with_roll_loop": "dutch_roll"}
-    found = {loop: (channels[loop], modes[name]) for loop, name in names.items()}
-    return {loop: channel and mode and channel | mode for loop, (channel, mode) in found.items()}
+def _mode_at(line: Line, knots: Floats) -> Mode:
+    (wn, zeta), (wn_std, zeta_std) = (x.tolist() for x in at_airspeeds(line, knots))
+    return {"wn_rad_s": wn, "wn_std": wn_std, "zeta": zeta, "zeta_std": zeta_std}
 
 
 def truth_lines(plan: FlightPlan, flown: Floats) -> dict[str, Line | None]:
@@ -143,20 +135,6 @@ def linear_dutch_rolls(plan: FlightPlan) -> dict[str, Mode | None]:
     return {"dutch_roll": dutch_roll(*closed, r), "dutch_roll_open_loop": dutch_roll(*bare, r)}
 
 
-def yaw_channels(plan: FlightPlan) -> dict[str, Mode | None]:
-    """Return the yaw channel, bare (``airframe``) and closed (``with_roll_loop``), at trim.
-
-    Each has wn_rad_s, zeta, K (1/s per unit of rudder, positive nose right) and T_s of
-
-        r/u = K (T s + 1) wn^2 / (s^2 + 2 zeta wn s + wn^2),
-
-    The Dutch roll is the linearisation's. K and T minimise the relative misfit to the whole r/u
-    from 0.3 to 3 wn (``misfit``, its rms): r/u also has spiral and roll mode, the model does not.
-    """
-    bare, closed = with_roll_hold(plan)
-    return {"airframe": yaw_channel(*bare), "with_roll_loop": yaw_channel(*closed)}
-
-
 def response(A: Floats, rudder: Floats, w: Floats) -> NDArray[np.complex128]:
     """Return r/u (n,) at frequencies w (n,) in rad/s, for a rudder that is positive nose right."""
     eye = np.eye(len(A))
@@ -164,10 +142,15 @@ def response(A: Floats, rudder: Floats, w: Floats) -> NDArray[np.complex128]:
     return np.array([np.linalg.solve(1j * each * eye - A, -rudder)[r] for each in w])
 
 
-def yaw_channel(A: Floats, rudder: Floats, band: Floats = BAND) -> Mode | None:
-    """Return one channel of :func:`yaw_channels`, fitted at the multiples ``band`` (n,) of wn."""
-    r = LATERAL.index("R")
-    mode = dutch_roll(A, rudder, r)
+def yaw_channel(A: Floats, rudder: Floats, band: Floats) -> Mode | None:
+    """Return wn_rad_s, zeta, K (1/s per unit of rudder, nose right) and T_s of a yaw channel.
+
+        r/u = K (T s + 1) wn^2 / (s^2 + 2 zeta wn s + wn^2).
+
+    The Dutch roll is the linearisation's. K and T minimise the relative misfit to the whole r/u at
+    the multiples ``band`` (n,) of wn: r/u also has spiral and roll mode, the model does not.
+    """
+    mode = dutch_roll(A, rudder, LATERAL.index("R"))
     if mode is None:
         return None
     wn, zeta = mode["wn_rad_s"], mode["zeta"]
@@ -175,10 +158,8 @@ def yaw_channel(A: Floats, rudder: Floats, band: Floats = BAND) -> Mode | None:
     pair = wn**2 / (s**2 + 2.0 * zeta * wn * s + wn**2) / response(A, rudder, wn * band)
     columns = np.stack([pair, pair * s], axis=1)
     real = np.concatenate([columns.real, columns.imag])
-    ones = np.repeat([1.0, 0.0], len(s))
-    K, KT = np.linalg.lstsq(real, ones, rcond=None)[0].tolist()
-    misfit = float(np.sqrt(np.sum((real @ [K, KT] - ones) ** 2) / len(s)))
-    return mode | {"K": K, "T_s": KT / K, "misfit": misfit}
+    K, KT = np.linalg.lstsq(real, np.repeat([1.0, 0.0], len(s)), rcond=None)[0].tolist()
+    return mode | {"K": K, "T_s": KT / K}
 
 
 @lru_cache(maxsize=32)
@@ -242,37 +223,29 @@ def pulse_response(plan: FlightPlan, seconds: float = 12.0) -> Floats:
     """
     fine = Servo(1, 32_767, 65_533)
     plan = replace(plan, seconds=seconds + 1.0, rudder=fine, aileron=fine, true_feedback=True)
-    every_ms, pulse_ms = 50, 200
-    rudder = np.zeros(round(seconds / STEP_S) + pulse_ms + 1)
-    still = Flight(plan, Hands(rudder, nose_held=False))
-    rudder[1 : pulse_ms + 1] = 0.02
-    moved = Flight(plan, Hands(rudder, nose_held=False))
-    response = []
-    for ms in range(pulse_ms + every_ms, len(rudder), every_ms):
-        still.advance_to(ms)
-        moved.advance_to(ms)
-        response.append(moved["velocities/r-rad_sec"] - still["velocities/r-rad_sec"])
-    return np.array(response)
+    rudder = np.zeros(count(seconds) + PULSE_MS)
+    rudder[1 : PULSE_MS + 1] = 0.02
 
+    def rates(moves: Floats) -> Iterator[float]:
+        flight = Flight(plan, Hands(moves, nose_held=False))
+        for ms in range(PULSE_MS + SEEN_MS, len(moves), SEEN_MS):
+            flight.advance_to(ms)
+            yield flight["velocities/r-rad_sec"]
 
-def decay_modes(
-    response: Floats, sample_time_s: float, order: int = 6
-) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
-    """Return poles in rad/s and amplitudes of ``response = sum(a_i exp(p_i t))``.
-
-    The poles follow from the shift of the Hankel matrix within its first ``order`` left singular
-    vectors (Ho and Kalman).
-    """
-    hankel = np.lib.stride_tricks.sliding_window_view(response, len(response) // 2)
-    left = np.linalg.svd(hankel.T)[0][:, :order]
-    z = np.linalg.eigvals(np.linalg.lstsq(left[:-1], left[1:], rcond=None)[0]).astype(complex)
-    powers = z ** np.arange(len(response))[:, None]
-    amplitudes = np.linalg.lstsq(powers, response.astype(complex), rcond=None)[0]
-    return np.log(z) / sample_time_s, amplitudes
+    return np.array([*rates(rudder)]) - [*rates(np.zeros(len(rudder)))]
 
 
 @lru_cache(maxsize=32)
 def pulse_dutch_roll(plan: FlightPlan) -> Mode | None:
-    """Return the Dutch roll in the decay after a rudder pulse, without any linearisation."""
-    poles, amplitudes = decay_modes(pulse_response(plan), 0.05)
-    return strongest_pair(poles, amplitudes)
+    """Return the Dutch roll in the decay after a rudder pulse, without any linearisation.
+
+    The decay is ``sum(a_i exp(p_i t))``. The poles follow from the shift of the Hankel matrix
+    within its first ORDER left singular vectors (Ho and Kalman).
+    """
+    decay = pulse_response(plan)
+    hankel = np.lib.stride_tricks.sliding_window_view(decay, len(decay) // 2)
+    left = np.linalg.svd(hankel.T)[0][:, :ORDER]
+    z = np.linalg.eigvals(np.linalg.lstsq(left[:-1], left[1:], rcond=None)[0]).astype(complex)
+    powers = z ** np.arange(len(decay))[:, None]
+    amplitudes = np.linalg.lstsq(powers, decay.astype(complex), rcond=None)[0]
+    return strongest_pair(np.log(z) / (STEP_S * SEEN_MS), amplitudes)
