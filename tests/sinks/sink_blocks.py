@@ -22,10 +22,11 @@ from yawid.answers.reasons import Reason, Verdict
 from yawid.answers.run_summary import ChannelFound, Flight, Manoeuvre, RunSummary, Value
 from yawid.blocks import EstimateBlock, Held, ModesBlock, SampleBlock, Status
 from yawid.quantities.table import YAW_CHANNEL
-from yawid.sinks.base import Grid
+from yawid.sinks.base import Flush, Found, Grid, LogLine, RunRows, Sink
 
 PARAMETERS = ("a1", "a2", "b1", "b2", "c1", "bias")
 METHODS = ("els", "rml")
+ROWS = 60
 START_NS = 1_700_000_000_000_000_000
 SAMPLE_TIME_S = 0.05
 VERDICT = Verdict(
@@ -183,6 +184,19 @@ def cut(blocks: Blocks, edges: list[int]) -> Iterator[Blocks]:
             {method: rows_of(estimate, rows) for method, estimate in estimates.items()},
             rows_of(modes, rows),
         )
+
+
+def run(sink: Sink, blocks: Blocks, edges: list[int], known: int = ROWS) -> None:
+    """Give a sink a run but for its end; two manoeuvres are reported at the row ``known``."""
+    sink.take(LogLine(START_NS, "info", "before the grid is known"))
+    sink.take(GRID)
+    for block in cut(blocks, [known, *edges]):
+        sink.take(RunRows(*block))
+        sink.take(Flush())
+        if block[0].k[-1] == blocks[0].k[known - 1]:
+            for n, rows in enumerate([(10, 30), (31, 55)], start=1):
+                sink.take(Found(*make_manoeuvre(blocks[0], *rows, n)))
+    sink.take(LogLine(int(blocks[0].unix_ns[-1]), "warning", "the last line"))
 
 
 def run_script(script: str, *arguments: str) -> subprocess.CompletedProcess[str]:

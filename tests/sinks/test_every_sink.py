@@ -15,24 +15,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from sinks.mcap.mcap_reading import raw
 from sinks.rerun.rerun_reading import fail, recorded
-from sinks.sink_blocks import (
-    GRID,
-    START_NS,
-    SUMMARY,
-    Blocks,
-    cut,
-    make_blocks,
-    make_manoeuvre,
-    run_script,
-)
+from sinks.sink_blocks import ROWS, START_NS, SUMMARY, Blocks, make_blocks, run, run_script
 
 from yawid.errors import SinkError
 from yawid.runs.live.guarded_sink import Guarded
-from yawid.sinks.base import Abort, Done, Flush, Found, LogLine, RunRows, Sink
+from yawid.sinks.base import Abort, Done, Flush, LogLine
 from yawid.sinks.mcap.sink import McapSink
 from yawid.sinks.rerun.sink import RerunSink
-
-ROWS = 60
 
 
 class Kind(NamedTuple):
@@ -84,19 +73,6 @@ every_file = pytest.mark.parametrize("kind", [KINDS[name] for name in FILES], id
 
 def part_of(path: Path) -> Path:
     return path.with_name(f"{path.name}.part")
-
-
-def run(sink: Sink, blocks: Blocks, edges: list[int], known: int = ROWS) -> None:
-    """Give a sink a run but for its end; two manoeuvres are reported at the row ``known``."""
-    sink.take(LogLine(START_NS, "info", "before the grid is known"))
-    sink.take(GRID)
-    for block in cut(blocks, [known, *edges]):
-        sink.take(RunRows(*block))
-        sink.take(Flush())
-        if block[0].k[-1] == blocks[0].k[known - 1]:
-            for n, rows in enumerate([(10, 30), (31, 55)], start=1):
-                sink.take(Found(*make_manoeuvre(blocks[0], *rows, n)))
-    sink.take(LogLine(int(blocks[0].unix_ns[-1]), "warning", "the last line"))
 
 
 def finished(kind: Kind, path: Path, blocks: Blocks, *where: Any) -> Any:

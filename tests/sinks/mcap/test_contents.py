@@ -142,6 +142,8 @@ def test_log_time_never_decreases_on_a_topic_and_is_never_negative(
         (samples, estimates, modes), [len(times_ns) // 2]
     ):  # once within a block, once between two
         sink.take(RunRows(*block))
+    for number, row in enumerate((2, 1), start=1):
+        sink.take(Found(*make_manoeuvre(samples, 0, row, number)))
     for since_ns in (0, -5):
         sink.take(LogLine(START_NS + since_ns, "info", "later, then earlier"))
     sink.take(Done(SUMMARY, {}))
@@ -150,6 +152,9 @@ def test_log_time_never_decreases_on_a_topic_and_is_never_negative(
     for topic in FIELDS:
         assert [m.log_time for m, _ in found[topic]] == expected
     assert [m.log_time for m, _ in found["/yawid/log"]] == [START_NS, START_NS]
+    assert [(m.log_time, of.n) for m, of in found["/yawid/manoeuvre"]] == [
+        (expected[2], 1), (expected[2], 2),
+    ]  # fmt: skip
     assert found["/yawid/sample"][0][0].publish_time == 0
 
 

@@ -8,6 +8,7 @@ import subprocess
 import sys
 from collections import Counter
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -74,91 +75,70 @@ def flown(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return replayed(C172P, tmp_path_factory.mktemp("flown"), "--rate", 10)
 
 
-def with_(path: str, value: Any) -> Callable[[Any], Any]:
+def with_value(path: str, value: Any, summary: Any) -> Any:
     """A summary with another value at a dotted path."""
-
-    def change(summary: Any) -> Any:
-        *before, last = path.split(".")
-        inner = summary
-        for name in before:
-            inner = inner[int(name)] if isinstance(inner, list) else inner[name]
-        inner[last] = value
-        return summary
-
-    return change
+    *before, last = path.split(".")
+    inner = summary
+    for name in before:
+        inner = inner[int(name)] if isinstance(inner, list) else inner[name]
+    inner[last] = value
+    return summary
 
 
-def setting(line: str) -> Callable[[str], str]:
+def setting(line: str, toml: str) -> str:
     """A configuration with another line."""
-
-    def change(toml: str) -> str:
-        kept = [old for old in toml.splitlines() if old.split(" =")[0] != line.split(" =")[0]]
-        return "\n".join([*kept, line])
-
-    return change
+    kept = [old for old in toml.splitlines() if old.split(" =")[0] != line.split(" =")[0]]
+    return "\n".join([*kept, line])
 
 
-def record(record: str, **values: str) -> Callable[[str, dict[str, str]], dict[str, str] | None]:
+def record(
+    of: str, values: dict[str, str], name: str, found: dict[str, str]
+) -> dict[str, str] | None:
     """A record of metadata with other values, or none at all."""
-
-    def change(name: str, found: dict[str, str]) -> dict[str, str] | None:
-        return found if name != record else found | values if values else None
-
-    return change
+    return found if name != of else found | values if values else None
 
 
-def sample(field: str, value: float) -> Callable[[str, int, bytes], bytes]:
+def sample(field: str, value: float, topic: str, number: int, data: bytes) -> bytes:
     """One sample's message with another value."""
-
-    def change(topic: str, number: int, data: bytes) -> bytes:
-        if topic != "/yawid/sample" or number != 100:
-            return data
-        message = np.frombuffer(data, RowLayout(descriptor("yawid.Sample"), {"u": 1}).dtype).copy()
-        message[field] = value
-        return message.tobytes()
-
-    return change
+    if topic != "/yawid/sample" or number != 100:
+        return data
+    message = np.frombuffer(data, RowLayout(descriptor("yawid.Sample"), {"u": 1}).dtype).copy()
+    message[field] = value
+    return message.tobytes()
 
 
-def columns(change: Callable[[Any], object]) -> Callable[[str, bytes], bytes]:
+def columns(change: Callable[[Any], object], name: str, data: bytes) -> bytes:
     """The schema of samples with another column."""
-
-    def changed(name: str, data: bytes) -> bytes:
-        if name != "yawid.Sample":
-            return data
-        files = descriptor_pb2.FileDescriptorSet.FromString(data)
-        change(next(m for m in files.file[-1].message_type if m.name == "Sample").field)
-        return files.SerializeToString()
-
-    return changed
+    if name != "yawid.Sample":
+        return data
+    files = descriptor_pb2.FileDescriptorSet.FromString(data)
+    change(next(m for m in files.file[-1].message_type if m.name == "Sample").field)
+    return files.SerializeToString()
 
 
-SUMMARIES = [
-    lambda summary: [],
-    lambda summary: b"[" * 100_000,
-    lambda summary: b"\xff",
-    with_("verdict.usable", "yes"),
-    with_("verdict.reasons", 3),
-    with_("verdict.reasons", [{"id": "x"}]),
-    with_("verdict.reasons.0.text", 1),
-    with_("channels", []),
-    with_("channels.yaw", "ATTITUDE"),
-    with_("channels.rudder.source", None),
-    with_("link", 7),
-    with_("source", "a.tlog"),
-    with_("duration_s", float("nan")),
-    with_("duration_s", 10**400),
-    with_("estimates", []),
-    with_("estimates.els.fit", None),
-    with_("estimates.els.fit.one_step_pct", "good"),
-    with_("estimates.els.orders", {}),
-    with_("estimates.els.sample_time_s", 0),
-    with_("estimates.els.theta", {"a1": "x"}),
-    with_("estimates.els.dutch_roll", {"wn_rad_s": 0.0, "zeta": 0.1}),
-    with_("estimates.els.modes", [{"kind": 1}]),
-    with_("manoeuvres", {}),
-    with_("manoeuvres", [{"n": 1}]),
-    with_("flight", {"used": [1]}),
+VALUES = [
+    ("verdict.usable", "yes"),
+    ("verdict.reasons", 3),
+    ("verdict.reasons", [{"id": "x"}]),
+    ("verdict.reasons.0.text", 1),
+    ("channels", []),
+    ("channels.yaw", "ATTITUDE"),
+    ("channels.rudder.source", None),
+    ("link", 7),
+    ("source", "a.tlog"),
+    ("duration_s", float("nan")),
+    ("duration_s", 10**400),
+    ("estimates", []),
+    ("estimates.els.fit", None),
+    ("estimates.els.fit.one_step_pct", "good"),
+    ("estimates.els.orders", {}),
+    ("estimates.els.sample_time_s", 0),
+    ("estimates.els.theta", {"a1": "x"}),
+    ("estimates.els.dutch_roll", {"wn_rad_s": 0.0, "zeta": 0.1}),
+    ("estimates.els.modes", [{"kind": 1}]),
+    ("manoeuvres", {}),
+    ("manoeuvres", [{"n": 1}]),
+    ("flight", {"used": [1]}),
 ]
 SETTINGS = [
     "unknown = 3",
@@ -177,26 +157,27 @@ GRIDS = [
 SAMPLES = {"boot_time": np.nan, "received_time": np.inf, "u": np.inf, "yaw_rate": 1e300,
            "airspeed": -1e300}  # fmt: skip
 FORGED: list[tuple[dict[str, Any], tuple[str, ...], str]] = [
-    *(({"summary": each}, ALL, "") for each in SUMMARIES),
-    *(({"toml": setting(each)}, ALL, "") for each in SETTINGS),
-    *(({"metadata": record("grid", **each)}, ALL, "") for each in GRIDS),
+    *(({"summary": lambda _, b=broken: b}, ALL, "") for broken in ([], b"[" * 100_000, b"\xff")),
+    *(({"summary": partial(with_value, *each)}, ALL, "") for each in VALUES),
+    *(({"toml": partial(setting, each)}, ALL, "") for each in SETTINGS),
+    *(({"metadata": partial(record, "grid", each)}, ALL, "") for each in GRIDS),
     *(
-        ({"message": sample(*each)}, ALL, f"{each[0]} of a sample is impossible")
+        ({"message": partial(sample, *each)}, ALL, f"{each[0]} of a sample is impossible")
         for each in SAMPLES.items()
     ),
     (
-        {"summary": with_("channels.yaw.rate_hz", "fast")}, ALL,
+        {"summary": partial(with_value, "channels.yaw.rate_hz", "fast")}, ALL,
         "channels[...].rate_hz: Expected `float | null`, got `str`",
     ),
     ({"log_time": lambda topic, time: 2**64 - 1}, ("replay",), ""),
     ({"keeps": lambda topic: "log" in topic}, ("replay",), "no sample: replay the log itself"),
     (
-        {"summary": with_("verdict.reasons.0.id", "too_hot")}, ("replay",),
+        {"summary": partial(with_value, "verdict.reasons.0.id", "too_hot")}, ("replay",),
         "that this version does not know: too_hot",
     ),
     *(
         (
-            {"schema": columns(each)}, ("replay",),
+            {"schema": partial(columns, each)}, ("replay",),
             "yawid.Sample is of another version of yawid: replay the log itself",
         )
         for each in (
@@ -226,9 +207,12 @@ def test_the_answer_of_another_version_is_not_used_until_its_samples_are_replaye
     flown: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     gone = {"id": "els_rml_disagree", "weight": "fatal", "text": "they disagree"}
-    told = {"verdict": {"usable": False, "reasons": [gone]}, "flight": {"another": "form"}}
+    other_form = {"verdict": {"usable": False, "reasons": [gone]}, "flight": {"another": "form"}}
     for form in ({}, {"form": "0"}):
-        changes = {"metadata": record("answers", **form), "summary": lambda summary: summary | told}
+        changes = {
+            "metadata": partial(record, "answers", form),
+            "summary": lambda summary: summary | other_form,
+        }
         other = forge(flown, tmp_path / "other.mcap", **changes)
         line = f"yawid: {other} is of another version of yawid: replay it first"
         assert refused(other, tuple(COMMANDS)[2:], capsys) == {line}
@@ -280,7 +264,9 @@ def test_a_file_without_counts_or_with_a_name_that_is_no_text_is_read_all_the_sa
 
 
 def test_a_reason_that_this_version_does_not_know_is_shown(run: Path, tmp_path: Path) -> None:
-    forged = forge(run, tmp_path / "f.mcap", summary=with_("verdict.reasons.0.id", "too_hot"))
+    forged = forge(
+        run, tmp_path / "f.mcap", summary=partial(with_value, "verdict.reasons.0.id", "too_hot")
+    )
     assert main(["view", str(forged), "--out", str(tmp_path / "v.rrd")]) == 0
 
 

@@ -85,17 +85,6 @@ def test_a_manoeuvre_told_late_stands_behind_newer_samples_and_is_read_at_its_ow
     assert span_ns == (sample_ns[0], sample_ns[-1])
 
 
-def test_manoeuvres_never_go_back_in_time_though_the_clock_may(tmp_path: Path) -> None:
-    samples, *_ = make_blocks()
-    sink = open_sink(tmp_path / "a.mcap")
-    for n, (first, last) in enumerate([(20, 60), (10, 40), (50, 90)], start=1):
-        sink.take(Found(*make_manoeuvre(samples, first, last, n)))
-    sink.take(Done(SUMMARY, {}))
-    found = decoded(tmp_path / "a.mcap")["/yawid/manoeuvre"]
-    assert [m.log_time for m, _ in found] == samples.unix_ns[[60, 60, 90]].tolist()
-    assert [each.n for _, each in found] == [1, 2, 3]
-
-
 def test_flush_makes_the_last_sample_readable_and_not_a_chunk_of_each(tmp_path: Path) -> None:
     sink, found, begin_s = open_sink(tmp_path / "a.mcap"), [], time.monotonic()
     for n, block in enumerate(cut(make_blocks(n=200), list(range(200)))):

@@ -10,29 +10,9 @@ import pyarrow as pa
 import pytest
 import rerun_cli
 from rerun.chunk import RrdReader
-from sinks.sink_blocks import (
-    GRID,
-    START_NS,
-    SUMMARY,
-    Blocks,
-    cut,
-)
-
-from yawid.sinks.base import Done, Flush, LogLine, RunRows
-from yawid.sinks.rerun.sink import RerunSink
 
 # The command beside the interpreter is a script that waits for this one.
 VIEWER = str(Path(rerun_cli.__file__).with_name("rerun"))
-
-
-def run(sink: RerunSink, blocks: Blocks, edges: list[int] | None = None) -> None:
-    sink.take(LogLine(START_NS, "info", "before the grid is known"))
-    sink.take(GRID)
-    for block in cut(blocks, edges or []):
-        sink.take(RunRows(*block))
-        sink.take(Flush())
-    sink.take(LogLine(int(blocks[0].unix_ns[5]), "warning", "gap of 3 s"))
-    sink.take(Done(SUMMARY, {}))
 
 
 def fail(text: str) -> None:

@@ -18,14 +18,8 @@ import pytest
 from checks.children import LEAVE_S, child
 from finished_runs import replayed
 from places import C172P
-from sinks.rerun.rerun_reading import VIEWER, fail, recorded, run, values
-from sinks.sink_blocks import (
-    GRID,
-    START_NS,
-    SUMMARY,
-    make_blocks,
-    run_script,
-)
+from sinks.rerun.rerun_reading import VIEWER, fail, recorded, values
+from sinks.sink_blocks import GRID, ROWS, START_NS, SUMMARY, make_blocks, run, run_script
 
 from yawid.sinks.base import Abort, Done, Flush, LogLine, RunRows
 from yawid.sinks.rerun.sink import RerunSink
@@ -67,7 +61,9 @@ def test_a_viewer_that_runs_already_gets_everything_and_one_that_dies_is_noticed
     warnings: list[str] = []
     rows = RunRows(*make_blocks(n=300))
     with viewer("--save", str(tmp_path / "got.rrd")) as (address, process):
-        run(RerunSink(address, name="flight", warn=fail), tuple(rows), [100, 101])
+        sink = RerunSink(address, name="flight", warn=fail)
+        run(sink, tuple(rows), [100, 101])
+        sink.take(Done(SUMMARY, {}))
         entities = wait_for_rows(tmp_path / "got.rrd", 300)
         sink = RerunSink(address, name="flight", warn=warnings.append)
         for event in (GRID, rows, Flush()):
@@ -78,7 +74,7 @@ def test_a_viewer_that_runs_already_gets_everything_and_one_that_dies_is_noticed
         for event in (rows, LogLine(START_NS, "info", "still flying"), Done(SUMMARY, {})):
             sink.take(event)
     np.testing.assert_array_equal(values(entities, "/input"), rows.samples.u)
-    assert entities["/log"]["TextLog:text"][-1] == ["gap of 3 s"]
+    assert entities["/log"]["TextLog:text"][-1] == ["the last line"]
     [warning] = warnings
     assert "no Rerun viewer" in warning
     assert "\n" not in warning
@@ -104,7 +100,7 @@ def test_a_viewer_that_is_not_there_is_one_warning(
         free = server.getsockname()[1]
     warnings: list[str] = []
     sink = RerunSink(target.format(free=free), name="flight", warn=warnings.append)
-    run(sink, make_blocks(n=30))
+    run(sink, make_blocks(n=ROWS), [])
     sink.take(Abort())
     [warning] = warnings
     assert words in warning

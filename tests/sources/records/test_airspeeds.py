@@ -67,18 +67,26 @@ def test_a_unit_is_what_it_is_by_definition_and_says_which_airspeed_it_is(
     assert set(found.airspeed_kind) == {float(kind)}
 
 
-@pytest.mark.parametrize("head", ["airspeed [ktas]", "airspeed_ktas", "airspeed [kt TAS]"])
-def test_a_true_airspeed_is_converted_by_the_altitude(tmp_path: Path, head: str) -> None:
-    found = rows_of(tmp_path / "a.csv", f"{head},altitude [m]", "100,4000")
-    np.testing.assert_allclose(found.airspeed, 100.0 * TRUE_AT_4000_M, rtol=1e-4)
+BY_DENSITY = "TAS [m/s],altitude [ft],air_density [kg/m^3]", "50,13123,0.9"
+
+
+@pytest.mark.parametrize(
+    ("head", "cells", "asked", "expected", "rtol"),
+    [
+        *(
+            (f"{name},altitude [m]", "100,4000", (), 100.0 * TRUE_AT_4000_M, 1e-4)
+            for name in ("airspeed [ktas]", "airspeed_ktas", "airspeed [kt TAS]")
+        ),
+        # Density goes before altitude, and other names say what they are.
+        (*BY_DENSITY, ("airspeed=TAS",), 50.0 * np.sqrt(0.9 / 1.225), 1e-9),
+    ],
+)
+def test_a_true_airspeed_is_converted_by_the_altitude(
+    tmp_path: Path, head: str, cells: str, asked: tuple[str, ...], expected: float, rtol: float
+) -> None:
+    found = rows_of(tmp_path / "a.csv", head, cells, Asked(columns=asked))
+    np.testing.assert_allclose(found.airspeed, expected, rtol=rtol)
     assert set(found.airspeed_kind) == {float(Kind.TRUE)}
-
-
-def test_density_goes_before_altitude_and_other_names_say_what_they_are(tmp_path: Path) -> None:
-    head, cells = "TAS [m/s],altitude [ft],air_density [kg/m^3]", "50,13123,0.9"
-    found = rows_of(tmp_path / "a.csv", head, cells, Asked(columns=("airspeed=TAS",)))
-
-    np.testing.assert_allclose(found.airspeed, 50.0 * np.sqrt(0.9 / 1.225), rtol=1e-9)
 
 
 REFUSED = {
