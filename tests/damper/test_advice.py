@@ -1,4 +1,4 @@
-"""``yawid damper``, the command: whether a damper is needed at all, and whether to fly more."""
+"""The command yawid damper: whether a damper is needed at all, whether to fly more, and the mix."""
 
 from __future__ import annotations
 
@@ -6,20 +6,26 @@ import json
 import math
 import re
 from pathlib import Path
+from typing import Any
 
+import hand_flights
 import numpy as np
 import pytest
 from damper.test_study import GIVEN, WN, record, studied
 from damper.test_study import PLANE as PARAMETERS
+from finished_runs import replayed
 from models.answers_by_hand import flight, manoeuvre, response
 from models.answers_by_hand import run_of as run_by_hand
 from msgspec.structs import replace
 from places import REPLAY_LOGS
-from recorded_flights import recorded
 
 import yawid
-from yawid.answers.reasons import Verdict
+from yawid.answers.damper_report import Mix
+from yawid.answers.reasons import Reason, Verdict
+from yawid.answers.run_summary import Bare, Value
 from yawid.cli import main as command_line
+from yawid.damper.autopilots import AUTOPILOTS
+from yawid.damper.mix import mix_of
 
 PLANE = ("--autopilot=ardupilot", *(f"--param={name}={x}" for name, x in PARAMETERS.items()))
 
@@ -129,25 +135,60 @@ SETTINGS = ("--param=SCHED_LOOP_RATE=50", "--param=YAW2SRV_DAMP=0", "--param=SCA
             "--param=AIRSPEED_MIN=12", "--param=AIRSPEED_MAX=30")  # fmt: skip
 
 
-def test_arduplanes_simulator_is_damped_enough(capsys) -> None:
+def test_arduplanes_simulator_is_damped_enough(tmp_path: Path, capsys) -> None:
     """Its Dutch roll has a zeta of .63."""
-    code, found = asked(capsys, "damper", str(SIMULATOR), *SETTINGS)
+    code, found = asked(capsys, "damper", str(replayed(SIMULATOR, tmp_path)), *SETTINGS)
 
     assert code == 0
     assert found["says"][0].startswith("None is needed")
     assert "Leave YAW2SRV_DAMP at 0." in found["says"]
 
 
-@pytest.mark.long
-@pytest.mark.parametrize("to_s", [130, 182, 241, 300])
-@recorded("sitl_damp0")
-def test_after_each_manoeuvre_of_the_simulator_none_is_needed(
-    log: Path, to_s: int, tmp_path: Path, capsys
+def told(bare: Bare | None, flown: float | None = 0.5, unit: float = 1.0, name="ardupilot") -> Mix:
+    run = replace(
+        hand_flights.summary([hand_flights.manoeuvre(1)], hand_flights.flight(used=[1])), bare=bare
+    )
+    return mix_of(run, AUTOPILOTS[name], flown, unit)
+
+
+def known(value: float, std: float) -> Bare:
+    derivatives = {"N_delta_a": Value(0.3, 0.01), "N_delta_r": Value(1.5, 0.01)}
+    return Bare(
+        rudder_mix=Value(value, std), derivatives=derivatives, airspeed_m_s=22.0, used=[1],
+        verdict=Verdict(usable=True, reasons=[]),
+    )  # fmt: skip
+
+
+UNKNOWN = Reason("bare_unknown", "the aileron does not move", weight="warning")
+TRAVEL = math.radians(30.0)
+
+
+@pytest.mark.parametrize(
+    ("bare", "options", "value", "said"),
+    [
+        (known(0.3, 0.05), {}, 0.3, ("KFF_RDDRMIX 0.30 rolls", "flown 0.5")),
+        # A rudder in rad with 30 degrees of travel.
+        (
+            known(0.3 * TRAVEL, 0.05 * TRAVEL),
+            {"flown": None, "unit": TRAVEL, "name": "px4"}, 0.3,
+            ("FW_RLL_TO_YAW_FF", "an unknown mix"),
+        ),
+        (known(-0.1, 0.05), {}, -0.1, ("Leave KFF_RDDRMIX at 0 (found -0.10",)),
+        (known(1.6, 0.1), {}, 1.6, ("KFF_RDDRMIX 1.00 rolls",)),
+        (None, {}, None, ("--lateral auto",)),
+        (
+            Bare(used=[1], verdict=Verdict(usable=False, reasons=[UNKNOWN])), {}, None,
+            ("the aileron does not move",),
+        ),
+        (known(0.3, 0.2), {}, None, ("0.3 ± 0.2",)),
+    ],
+)  # fmt: skip
+def test_the_mix_is_given_in_parts_of_the_travel_within_the_parameters_limits_or_refused_in_words(
+    bare: Bare | None, options: dict[str, Any], value: float | None, said: tuple[str, ...]
 ) -> None:
-    assert command_line.main(["replay", str(log), "--to", str(to_s), "--out", str(tmp_path)]) == 0
-    capsys.readouterr()
+    found = told(bare, **options)
 
-    code, found = asked(capsys, "damper", str(tmp_path / "sitl_damp0.mcap"))
-
-    assert code == 0
-    assert found["says"][0].startswith("None is needed")
+    assert (found.value, found.flown) == (pytest.approx(value), options.get("flown", 0.5))
+    assert value is None or found.std == pytest.approx(bare.rudder_mix.std / options.get("unit", 1))
+    for each in said:
+        assert each in f"{found.parameter}: {found.text}"

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from damper.test_study import GIVEN, PLANE, WN, ZETA, V, stepped
+from damper.test_study import GIVEN, PLANE, WN, ZETA, V, pair, stepped
 from msgspec.structs import replace
 from printed import printed
 from recorded_flights import recorded
@@ -58,27 +58,19 @@ def facts(gain: float, seed: int) -> Facts:
 
 
 @pytest.fixture(scope="module")
-def pair() -> tuple[Facts, Facts]:
+def both() -> tuple[Facts, Facts]:
     return facts(0.0, 1), facts(GAIN, 2)
 
 
 @pytest.fixture(scope="module")
-def found(pair):
-    return before_after(*pair)
-
-
-def closed() -> complex:
-    """Return the damped Dutch roll: a root of the loop's polynomial."""
-    washout = -np.log(0.996008) * FAST
-    open_loop = np.polymul([1.0, 2.0 * ZETA * WN, WN**2], [1.0, washout])
-    roots = np.roots(np.polyadd(open_loop, 1.27324 * GAIN * np.array([6.0, 2.4, 0.0])))
-    return complex(roots[np.argmax(roots.imag)])
+def found(both):
+    return before_after(*both)
 
 
 def test_each_flight_is_predicted_from_the_other_and_found_in_its_decay(found) -> None:
     assert found.notes == []
     assert [(each.flight, each.gain) for each in found.flown] == [("A", 0.0), ("B", GAIN)]
-    truths = complex(-ZETA * WN, WN * np.sqrt(1.0 - ZETA**2)), closed()
+    truths = pair(0.0), pair(GAIN)
     for each, true in zip(found.flown, truths, strict=True):
         zeta = -true.real / abs(true)
         assert each.wn_rad_s == pytest.approx(abs(true), rel=0.02)
@@ -96,12 +88,11 @@ def test_each_flight_is_predicted_from_the_other_and_found_in_its_decay(found) -
         assert value.value == pytest.approx(effect, rel=0.03)
 
 
-def test_a_wrong_gain_is_seen_in_the_decay_and_an_unknown_rate_is_noted(pair) -> None:
+def test_a_wrong_gain_is_seen_in_the_decay_and_an_unknown_rate_is_noted(both) -> None:
+    a, b = both
+
     def against(parameters: dict[str, float]) -> Any:
-        b = pair[1]
-        return before_after(
-            pair[0], Facts(b.summary, b.config, b.sample_time_s, b.samples, parameters)
-        )
+        return before_after(a, Facts(b.summary, b.config, b.sample_time_s, b.samples, parameters))
 
     wrong = against(PLANE | {"YAW2SRV_DAMP": 0.05})
     slow = against({k: x for k, x in PLANE.items() if x < 100.0} | {"YAW2SRV_DAMP": GAIN})
@@ -109,7 +100,7 @@ def test_a_wrong_gain_is_seen_in_the_decay_and_an_unknown_rate_is_noted(pair) ->
     assert [each.agrees for each in wrong.flown] == [True, False]
     assert [each.flight for each in slow.flown] == ["A"]
     assert "SCHED_LOOP_RATE is not in the log" in slow.notes[0]
-    assert before_after(pair[0], pair[0]) is None
+    assert before_after(a, a) is None
 
 
 def test_the_pilots_rudder_is_what_the_damper_leaves() -> None:
@@ -138,8 +129,8 @@ def test_the_damped_sine_of_several_decays_is_theirs() -> None:
     assert damped_sine([np.full(40, np.nan)], 0.05, 7.0) is None
 
 
-def test_the_gain_flown_is_that_of_the_manoeuvre(pair) -> None:
-    summary = pair[0].summary
+def test_the_gain_flown_is_that_of_the_manoeuvre(both) -> None:
+    summary = both[0].summary
     one = summary.manoeuvres[0]
     middle = 0.5 * (one.from_s + one.to_s)
 

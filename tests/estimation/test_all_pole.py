@@ -1,9 +1,10 @@
-"""Arithmetic over records against SciPy and NumPy: filter, products, zeros, fits, tails."""
+"""Arithmetic over records against SciPy, NumPy and by hand: filter, zeros, fits, steps, tails."""
 
 from __future__ import annotations
 
 import math
-import threading
+import time
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ from yawid import ArmaxOrders
 from yawid.estimation.all_pole import all_pole
 from yawid.estimation.fit import fit_percent
 from yawid.estimation.fit import simulate as simulated
+from yawid.estimation.grids import as_held
 from yawid.estimation.machine.products import cross
 from yawid.estimation.machine.runner import RUNNER
 from yawid.estimation.polynomials import reflected
@@ -73,20 +75,13 @@ def test_what_is_not_stable_overflows_without_a_warning():
 
 
 def test_a_long_record_is_filtered_beside_other_threads():
-    drive, times, is_over = np.ones((10_000_000, 1)), [0], threading.Event()
-
-    def count() -> None:
-        while not is_over.wait(0.001):
-            times[0] += 1
-
-    other = threading.Thread(target=count, daemon=True)
-    other.start()
-    before = times[0]
-    filtered = all_pole(np.array([-0.5]), drive, np.zeros((1, 1)))
-    counted = times[0] - before
-    is_over.set()
-    other.join(60.0)
-    assert filtered[-1, 0] == 2.0
+    drive, counted, end_s = np.ones((10_000_000, 1)), 0, time.monotonic() + 60.0
+    with ThreadPoolExecutor(1) as pool:
+        filtering = pool.submit(all_pole, np.array([-0.5]), drive, np.zeros((1, 1)))
+        while not filtering.done() and time.monotonic() < end_s:
+            time.sleep(0.001)
+            counted += 1
+        assert filtering.result(60.0)[-1, 0] == 2.0
     assert counted > 3
 
 
@@ -131,3 +126,24 @@ def test_a_simulation_begins_again_after_each_gap_and_its_fit_is_a_share_of_ys_s
         assert fit_percent(y, y_hat) == pytest.approx(pct)
     for flat in (np.ones(9), y[180:183]):
         assert math.isnan(fit_percent(flat, flat))
+
+
+def test_a_ramp_loses_nothing_and_a_parabola_what_its_means_add():
+    t = np.arange(20.0)
+    ramp, parabola = t + 0.5, t**2 + t + 1.0 / 3.0  # the means of t and of t squared
+
+    inner, everywhere = slice(2, -2), np.ones(20, bool)
+    np.testing.assert_allclose(as_held(ramp[:, None], everywhere)[inner, 0], ramp[inner])
+    # Held, v acts as its own mean once more: its second difference / 12 is taken off, 2 / 12.
+    np.testing.assert_allclose(
+        as_held(parabola[:, None], everywhere)[inner, 0], parabola[inner] - 1.0 / 6.0
+    )
+
+
+def test_what_moves_at_the_instants_or_next_to_a_missing_sample_stays():
+    u = np.random.default_rng(2).standard_normal((30, 2))
+    u[10] = np.nan
+
+    np.testing.assert_array_equal(as_held(u, np.zeros(30, bool)), u)
+    rests = np.where(np.isnan(u), np.nan, 1.0)
+    np.testing.assert_array_equal(as_held(rests, np.ones(30, bool)), rests)

@@ -1,7 +1,13 @@
-"""Right answers: plants whose theta is known, the Cramer-Rao bound, intervals that cover."""
+"""What RecursiveArmax promises: right answers, gaps, the window, saving, no wind-up.
+
+Plants have a known theta, and the Cramer-Rao bound. Silence, wild numbers and poor excitation are
+no slow death; days are in tests/test_endurance.py.
+"""
 
 from __future__ import annotations
 
+import hashlib
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -9,9 +15,176 @@ import pytest
 from estimation.armax_plants import S1, S2, S3, config, simulate, truth
 from scipy.signal import lfilter
 
-from yawid import ArmaxOrders, RecursiveArmax
+from yawid import ArmaxOrders, ConfigError, RecursiveArmax, Status, parameter_names
 from yawid.estimation.polynomials import c_of, spr_margin
 from yawid.plant.yaw import YawPlant
+
+
+def test_bytes_of_another_version_or_none_at_all_are_refused():
+    saved = RecursiveArmax(config()).to_bytes()
+    for junk, words in (
+        (saved.replace(b"yawid-armax-4", b"yawid-armax-0"), "yawid-armax-0"),
+        (saved[:-8], "bytes"),
+        *((each, None) for each in (b"", b"hello", b"[1]\n", b"{}\n")),
+    ):
+        with pytest.raises(ConfigError, match=words):
+            RecursiveArmax.from_bytes(junk)
+
+
+def test_what_lies_before_a_gap_is_no_neighbour_of_what_follows():
+    u, y = simulate(S1, 900, 5)
+    armax = RecursiveArmax(config(bias=False))
+    armax.run(u[:600], y[:600])
+    armax.update(float("nan"), float("nan"))
+    armax.run(u[600:602] + 1e6, y[600:602] + 1e6)  # fills the lags, but is never regressed upon
+    armax.update(float("nan"), float("nan"))
+    after = armax.run(u[602:], y[602:])
+    np.testing.assert_allclose(after.theta[-1], [*S1[0], *S1[1], *S1[2]], atol=0.3)
+    assert np.nanmax(np.abs(after.innovation)) < 10.0
+
+
+def test_the_window_holds_updates_back_until_every_channel_moves():
+    u, y = simulate(S1, 600, 6)
+    armax = RecursiveArmax(config())
+    still = armax.run(np.full(250, 0.3), y[:250])
+    assert (still.status == Status.WARMING_UP).all()
+    assert not still.theta.any()
+    assert np.isnan(still.y_hat).all()
+    assert armax.updates == 0
+    moving = armax.run(u, y)
+    assert moving.theta[0].any()  # one sample that moves, among a hundred, is a spread
+    assert armax.updates + armax.held == 850
+    assert moving.status[-1] == Status.TRACKING
+
+
+def test_held_samples_in_the_window_break_it_but_lose_no_others():
+    u, y = simulate(S1, 130, 7)
+    armax = RecursiveArmax(config())
+    armax.run(np.insert(u, [10, 60], np.nan), np.insert(y, [10, 60], np.nan))
+    lags = 4
+    assert (armax.updates, armax.held) == (130 - 3 * lags, 2 + 3 * lags)
+
+
+def test_scales_change_nothing_but_the_prior():
+    u, y = simulate(S1, 3000, 8)
+    plain = RecursiveArmax(config(method="rml")).run(u, y, keep="last").theta[0]
+    scaled = RecursiveArmax(config(method="rml")).run(u * 1024.0, y * 64.0, keep="last").theta[0]
+    units = np.array([1, 1, 1 / 16, 1 / 16, 1, 1, 64])
+    np.testing.assert_array_equal(scaled, plain * units)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"forgetting_factor": 0.0}, r"forgetting_factor must lie in \(0, 1\], got 0.0"),
+        ({"forgetting_factor": 1.01}, r"forgetting_factor must lie in \(0, 1\], got 1.01"),
+        ({"forgetting_factor": float("nan")}, "forgetting_factor"),
+        ({"P0": -1.0}, "P0 must be > 0 and finite, got -1.0"),
+        ({"method": "lms"}, "method"),
+        ({"sample_time_s": 0.0}, "sample_time_s"),
+        ({"scale_window": -1}, "scale_window"),
+        ({"start_buffer": 1.5}, "start_buffer"),
+        ({"residual_lags": -1}, "residual_lags"),
+        ({"scale_minimum": -1.0}, "scale_minimum"),
+        ({"information_floor": -0.1}, "information_floor"),
+        ({"orders": (2, 2, 2, 1)}, "ArmaxOrders"),
+    ],
+)
+def test_a_setting_outside_its_limits_is_named(options, words):
+    with pytest.raises(ConfigError, match=words):
+        replace(config(), **options)
+    with pytest.raises(ConfigError, match="zero everywhere"):
+        ArmaxOrders(0, 0, 0, 1)
+
+
+def test_parameters_are_named_in_theta_order():
+    orders = ArmaxOrders(2, (1, 2), 1, (1, 1))
+    names = parameter_names(orders, ("rudder", "aileron"), bias=True)
+    assert names == ("a1", "a2", "b1", "b1_aileron", "b2_aileron", "c1", "bias")
+    with pytest.raises(ValueError, match="1 input names"):
+        parameter_names(orders)
+
+
+def test_the_places_in_a_save_are_those_of_its_version() -> None:
+    """Nothing is reckoned yet, so these are the same bytes on every machine."""
+    orders = ArmaxOrders(2, (2, 1), 2, (1, 3))
+    made = config(orders, method="rml", forgetting_factor=0.98, start_buffer=60)
+    digest = hashlib.sha256(RecursiveArmax(made).to_bytes()).hexdigest()
+    assert digest.startswith("fd81ede50d72f"), "another layout needs another VERSION"
+
+
+POOR = {
+    "silence": np.zeros((2, 50_000)),
+    "one sine": np.sin(0.1 * np.arange(50_000) - np.array([[0.0], [1.0]])),
+}
+"""u and y: the textbook recursion overflows after 35 000 samples."""
+
+
+@pytest.mark.parametrize("method", ["els", "rml"])
+@pytest.mark.parametrize("kind", POOR)
+@pytest.mark.parametrize("floor", [0.0, 0.1])
+def test_hours_without_excitation_overflow_nothing_and_do_not_slow_the_return(method, kind, floor):
+    armax = RecursiveArmax(config(method=method, forgetting_factor=0.98, information_floor=floor))
+    armax.run(*simulate(S1, 2000, 0))
+    armax.run(*POOR[kind], keep="last")
+    assert np.isfinite([*armax.theta, *armax.P.flat]).all()
+    assert np.linalg.eigvalsh(armax.P)[0] > 0.0
+    back = armax.run(*simulate(S1, 2000, 1), keep="last")
+    np.testing.assert_allclose(back.theta[0, :6], truth(S1), atol=1.0)
+
+
+@pytest.mark.parametrize("method", ["els", "rml"])
+def test_a_number_that_overflows_means_diverged_and_then_recovery(method):
+    u, y = simulate(S1, 3000, 2)
+    y[1000] = 1e200
+    armax = RecursiveArmax(config(method=method))
+    block = armax.run(u, y)
+    assert block.status[1000] == Status.DIVERGED
+    assert np.isfinite(block.theta).all()
+    assert armax.restarts == 1
+    flips = np.flatnonzero(np.diff((block.status == Status.DIVERGED).astype(int)))
+    assert len(flips) == 2  # once in, once out: the way back asks for more than the way in
+    assert flips[1] - flips[0] > 140  # twice the updates of warming up
+    assert block.status[-1] == Status.TRACKING
+    np.testing.assert_allclose(block.theta[-1, :6], truth(S1), atol=0.4)
+
+
+def test_diverged_is_where_predictions_are_four_times_worse_than_none_until_they_are_twice():
+    """Of mean squares over 100 updates; y's is that over the memory where that is larger."""
+    u, y = simulate(((), (1.0, 0.5), (0.2,)), 3000, 2, noise=0.1)
+    u[1000:1003] = 60.0  # which y does not show
+    made = config(forgetting_factor=0.99, forgetting_start=0.99, scale_window=0)
+    block = RecursiveArmax(made).run(u, y)
+    s1 = y2 = fast_e2 = fast_y2 = 0.0
+    expected = np.zeros(len(y), bool)
+    for k in range(4, len(y)):  # two lags and two residuals come before the first update
+        s1, y2 = 0.99 * s1 + 1.0, 0.99 * y2 + y[k] ** 2
+        fast_e2 += 0.01 * (block.innovation[k] ** 2 - fast_e2)
+        fast_y2 += 0.01 * (y[k] ** 2 - fast_y2)
+        worse = fast_e2 * s1 / (max(fast_y2 * s1, y2) + 1e-4 * s1)
+        expected[k] = k > 1000 and worse > (2.0 if expected[k - 1] else 4.0)
+    assert 20 < expected.sum() < 1000
+    np.testing.assert_array_equal(block.status == Status.DIVERGED, expected)
+    assert np.sum(block.status == Status.WARMING_UP) == 4 + 10 * 7 - 1
+
+
+def test_a_huge_but_finite_outlier_is_survived():
+    u, y = simulate(S1, 60_000, 3)
+    y[1000] = 1e8
+    armax = RecursiveArmax(config(method="rml", forgetting_factor=0.99))
+    last = armax.run(u, y, keep="last")
+    np.testing.assert_allclose(last.theta[0, :6], truth(S1), atol=0.6)
+
+
+def test_c_stays_stable_at_every_step():
+    rng = np.random.default_rng(4)
+    u, e = rng.standard_normal((2, 3000))
+    y = lfilter([1.0, -1.98, 0.99], [1.0, -0.5], e) + 0.1 * u
+    armax = RecursiveArmax(config(method="rml", bias=False, forgetting_factor=0.97))
+    block = armax.run(u, y)
+    for c1, c2 in block.theta[:, 4:6]:
+        assert np.abs(np.roots([1.0, c1, c2])).max() < 1.0
+    assert armax.halved > 0
 
 
 @cache

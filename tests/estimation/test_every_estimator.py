@@ -1,19 +1,25 @@
-"""What every estimator promises, whatever it computes with: one list of checks over all of them."""
+"""What every estimator promises, whatever it computes with, and what a bank of them remembers."""
 
 from __future__ import annotations
 
 import math
+from dataclasses import replace
+from functools import cache
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
 import pytest
-from estimation.armax_plants import config
+from estimation.armax_plants import S1, config, simulate
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.signal import lfilter
+from sinks.sink_blocks import SAMPLE_TIME_S, make_samples
 
 from yawid import ArmaxOrders, ConfigError, Status, make_estimator
+from yawid.blocks import EstimateBlock, SampleBlock
+from yawid.config.run import RunConfig
+from yawid.estimation.bank import HISTORY, MEMORIES, Bank
 from yawid.estimation.polynomials import lag_depth
 
 TWO, NONE = ArmaxOrders(2, (2, 1), 1, (1, 0)), ArmaxOrders(2, (), 1, ())
@@ -152,3 +158,30 @@ def test_neither_cuts_nor_copies_in_between_change_a_bit(kind, seed, cuts):
     np.testing.assert_array_equal(np.concatenate(rows), whole.run(u, y, covariance=True).rows)
     assert pieces.config == whole.config
     assert pieces.to_bytes() == whole.to_bytes()
+
+
+N = 1000
+CONFIG = RunConfig(orders=(2, 2, 2, 1), forgetting=0.98)
+KEPT = math.ceil(MEMORIES / (1.0 - 0.98))
+
+
+@cache
+def flown() -> tuple[SampleBlock, dict[str, EstimateBlock]]:
+    """Samples, and what the methods make of all of them at once."""
+    u, y = simulate(S1, N, 0)
+    none = np.zeros(N, np.int64)
+    samples = make_samples(N, 1, np.random.default_rng(0))
+    samples = replace(samples, u=u.reshape(-1, 1), y=y, held=none, epoch=none)
+    return samples, Bank(CONFIG, SAMPLE_TIME_S).run(samples)
+
+
+@given(cuts=st.lists(st.integers(1, N - 1), max_size=30), newest=st.sampled_from([3, 40, HISTORY]))
+def test_a_bank_that_forgets_keeps_three_memories_however_the_samples_came(cuts, newest) -> None:
+    (samples, whole), bank = flown(), Bank(CONFIG, SAMPLE_TIME_S)
+    for first, stop in pairwise(sorted({0, *cuts, N})):
+        bank.run(samples.select(np.arange(first, stop)))
+    history, rows = bank.history(newest), slice(N - min(newest, KEPT), None)
+    for name in ("u", "y", "roll", "turn_rate", "airspeed", "aileron", "mode"):
+        np.testing.assert_array_equal(getattr(history, name), getattr(samples, name)[rows])
+    for method, y_hat in history.y_hat.items():
+        np.testing.assert_array_equal(y_hat, whole[method].y_hat[rows])

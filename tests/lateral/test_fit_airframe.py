@@ -1,13 +1,14 @@
-"""The bare airframe is found again from motions of an aircraft that is known."""
+"""The bare airframe is found again from motions of a known aircraft: predictor, law, fit."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
-from lateral.flown import DERIVATIVES, flown
+from lateral.flown import DERIVATIVES, ROLL, P, R, flown
 from linear_flights import airframe, modes
 from scipy.linalg import expm
 
@@ -16,9 +17,93 @@ from yawid.lateral.criterion import Criterion
 from yawid.lateral.fit import fit, guesses
 from yawid.lateral.fit_airframe import autocorrelation, fit_airframe
 from yawid.lateral.gates import GATES, failed_gates
+from yawid.lateral.model import AT, NAMES, Law, System
 from yawid.lateral.motion import COMMAND_STEP_S, Motion
+from yawid.lateral.predictor import Predictor, exponential, unused, whitened
 from yawid.lateral.record import Record
+from yawid.lateral.roll_law import roll_law, yaw_rate_closed
 from yawid.plant.lateral import LateralCoefficients, lateral_motion
+
+TS = 0.04
+
+
+@pytest.fixture(scope="module")
+def system() -> System:
+    """Return two variants of some model."""
+    rng = np.random.default_rng(3)
+    A = rng.normal(size=(2, 6, 6)) - 2.0 * np.eye(6)
+    B, C = rng.normal(size=(2, 6, 4)), rng.normal(size=(2, 3, 6))
+    Q = np.stack([np.diag([0.0, 0.0, 0.2, 0.0, 0.5, 1.0])] * 2)
+    return System(A, B, C, Q, np.stack([np.diag([0.1, 0.2, 0.3])] * 2))
+
+
+def test_the_exponential_and_its_integrals_are_those_of_each_eigenvalue(system: System) -> None:
+    Phi, area, moment = exponential(system.A, TS)
+
+    for i in range(2):
+        s, vectors = np.linalg.eig(system.A[i])
+        end = np.exp(s * TS)
+        each = end, (end - 1.0) / s, (TS * end - (end - 1.0) / s) / s
+        for found, values in zip((Phi, area, moment), each, strict=True):
+            expected = (vectors * values @ np.linalg.inv(vectors)).real
+            np.testing.assert_allclose(found[i], expected, atol=1e-12)
+
+
+def test_the_steady_covariance_solves_riccatis_equation(system: System) -> None:
+    predictor = Predictor.of(system, TS)
+
+    for Phi, C, Q, noise, found in zip(
+        predictor.Phi, system.C, predictor.Q, system.R, predictor.P, strict=True
+    ):
+        seen = found @ C.T @ np.linalg.inv(C @ found @ C.T + noise) @ C @ found
+        np.testing.assert_allclose(Phi @ (found - seen) @ Phi.T + Q, found, rtol=1e-8, atol=1e-12)
+        closed_loop = Phi @ (np.eye(6) - seen @ np.linalg.inv(found))
+        assert np.abs(np.linalg.eigvals(closed_loop)).max() < 1.0
+
+
+def test_next_to_a_model_the_covariance_is_known_to_the_square_of_the_distance(
+    system: System,
+) -> None:
+    for distance in (1e-3, 1e-4):
+        moved = replace(system, A=system.A * (1.0 + distance), R=system.R * (1.0 - distance))
+        near = Predictor.of(moved, TS, Predictor.of(system, TS))
+
+        assert np.abs(near.P - Predictor.of(moved, TS).P).max() < distance**2
+
+
+@pytest.mark.parametrize("gaps", [(), ((20, 29), (40, 41)), ((0, 3), (90, 100), (148, 150))])
+def test_the_innovations_are_those_of_the_steady_filter_and_unused_after_gaps(
+    system: System, gaps: tuple[tuple[int, int], ...]
+) -> None:
+    rng = np.random.default_rng(5)
+    n, missing = 150, np.zeros(150, bool)
+    for start, stop in gaps:
+        missing[start:stop] = True
+    y, u = rng.normal(size=(n, 3)), rng.normal(size=(2, n, 8))
+    own = rng.normal(size=8)  # the state at the start and the trims
+
+    predictor = Predictor.of(system, TS)
+    runs = np.repeat(own[None], 2, axis=0)
+    found = whitened(predictor, y[None], u, runs[:, :4], runs[:, 4:])
+    found[:, unused(missing)] = 0.0
+
+    for i in range(2):
+        Phi, G, moment = (each[i] for each in exponential(system.A, TS))
+        C, P = system.C[i], predictor.P[i]
+        S = C @ P @ C.T + system.R[i]
+        factor, K = np.linalg.cholesky(S), Phi @ P @ C.T @ np.linalg.inv(S)
+        x, expected = np.append(own[:4], [0.0, 0.0]), np.zeros((n, 3))
+        for k in range(n):
+            e = y[k] - C @ x
+            expected[k] = np.linalg.solve(factor, e)
+            push = G @ system.B[i] @ u[i, k, :4] + G[:, :4] @ own[4:]
+            push += (TS / 2.0 * G - moment) @ system.B[i] @ u[i, k, 4:]
+            x = Phi @ x + push + K @ e
+        for start, stop in gaps:  # as many samples as were lost are not used after them
+            expected[start : 2 * stop - start] = 0.0
+        expected *= np.exp(np.log(np.diag(factor)).sum() / 3.0)
+        np.testing.assert_allclose(found[i], expected, atol=1e-10)
+
 
 WN, ZETA, ROLL_S = modes(airframe(DERIVATIVES)[0])
 """The modes of the aircraft that flies in these tests."""
@@ -97,35 +182,45 @@ def jumping() -> Motion:
 
 
 @pytest.mark.parametrize(
-    ("made", "lag_s", "within", "of"),
+    ("made", "lag_s", "within", "of", "air"),
     [
-        pytest.param(lambda: [flown(1, lag_s=0.1)], None, (0.05, 0.03, 0.2), DERIVATIVES, id="lag"),
         pytest.param(
-            lambda: [flown(1)], None, (0.05, 0.03, 0.2), DERIVATIVES, id="none", marks=LONG
+            lambda: [flown(1, lag_s=0.1)], None, (0.05, 0.03, 0.2), DERIVATIVES, (0.1, 0.0),
+            id="lag",
+            marks=LONG,
+        ),
+        pytest.param(
+            lambda: [flown(1)], None, (0.05, 0.03, 0.2), DERIVATIVES, (0.0, 0.0),
+            id="none", marks=LONG,
         ),
         pytest.param(
             lambda: [flown(1, lag_s=0.1, gust=0.02)], None, (0.05, 0.03, 0.2), DERIVATIVES,
-            id="lag and gusts", marks=LONG,
+            (0.1, 0.02), id="lag and gusts",
         ),
         pytest.param(
-            lambda: [flown(1, gust=0.02)], 0.0, (0.05, 0.05, 0.3), DERIVATIVES, id="gusts"
+            lambda: [flown(1, gust=0.02)], 0.0, (0.05, 0.05, 0.3), DERIVATIVES, (0.0, 0.02),
+            id="gusts",
         ),
-        pytest.param(lambda: [with_gap()], 0.05, (0.02, 0.02, 0.2), DERIVATIVES, id="gap"),
+        pytest.param(lambda: [with_gap()], 0.05, (0.02, 0.02, 0.2), DERIVATIVES, None, id="gap"),
         pytest.param(
             lambda: [flown(5, seconds=15.0), flown(6, seconds=15.0)], 0.0, (0.05, 0.03, 0.2),
-            DERIVATIVES, id="two manoeuvres",
+            DERIVATIVES, None, id="two manoeuvres",
         ),
         pytest.param(
-            lambda: [drifting()], 0.1, (0.005, 0.005, 0.02), None, id="a roll angle that drifts"
+            lambda: [drifting()], 0.1, (0.005, 0.005, 0.02), None, None,
+            id="a roll angle that drifts",
         ),
-        pytest.param(lambda: [jumping()], None, (0.01, 0.015, 0.06), None, id="jumps"),
+        pytest.param(lambda: [jumping()], None, (0.01, 0.015, 0.06), None, None, id="jumps"),
     ],
 )  # fmt: skip
 def test_the_airframe_is_found_with_noise_lag_and_gusts(
     made: Callable[[], list[Motion]], lag_s: float | None, within: tuple[float, float, float],
-    of: dict[str, float] | None,
+    of: dict[str, float] | None, air: tuple[float, float] | None,
 ) -> None:  # fmt: skip
-    """Its derivatives, if they are known, within three sigmas; also with gaps, drift and jumps."""
+    """Its derivatives, if they are known, within three sigmas; also with gaps, drift and jumps.
+
+    ``air`` is the servo's lag, and the sideslip of the gusts.
+    """
     motions = made()
     fast = motions[0].sample_time_s == 0.02
     found = fit_airframe(motions, servo_lag_s=lag_s)
@@ -136,6 +231,11 @@ def test_the_airframe_is_found_with_noise_lag_and_gusts(
     assert found.zeta.value == pytest.approx(zeta, abs=within[1])
     assert found.roll_s.value == pytest.approx(roll_s, rel=within[2])
     assert found.wn_rad_s.std < 0.05 * wn
+    if air is not None:
+        lag, gust = air
+        assert abs(found.servo_lag_s.value + found.delay_s.value - lag) < 0.02
+        # It was a thousandth of it: the scale of the whitened innovations is not that of the noise.
+        assert gust == 0.0 or 0.5 * gust < found.gust_std_rad < 2.0 * gust
     for name, true in (of or {}).items():
         known = found.derivatives[name]
         assert abs(known.value - true) < 3.0 * known.std, (name, known, true)
@@ -147,14 +247,6 @@ def test_pitch_and_angle_of_attack_are_two_things() -> None:
 
     assert found.alpha_rad.value == pytest.approx(0.0, abs=0.02)
     assert found.wn_rad_s.value == pytest.approx(WN, rel=0.01)
-
-
-def test_the_sideslip_of_the_gusts_and_the_lag_are_found() -> None:
-    """It was a thousandth of it: the scale of the whitened innovations is not that of the noise."""
-    found = fit_airframe([flown(1, gust=0.02, lag_s=0.1)], servo_lag_s=None)
-
-    assert 0.01 < found.gust_std_rad < 0.04
-    assert abs(found.servo_lag_s.value + found.delay_s.value - 0.1) < 0.02
 
 
 def test_the_roll_law_does_not_pass_for_the_airframe() -> None:
@@ -242,3 +334,68 @@ def test_a_fit_that_does_not_settle_says_after_how_many_steps() -> None:
     gates = failed_gates(fit_airframe([motion]), [Record(motion)], False, 3, lag_given=False)
     said = GATES["not_settled"].said(gates["not_settled"])
     assert said == "the fit did not settle within 100 steps"
+
+
+HOLD = (0.6, 0.2)
+HELD: dict[str, Any] = {"amplitude": 0.3, "aileron": 0.2, "hold": HOLD, "lag_s": 0.1}
+
+
+def closed(lag_s: float, roll_lag_s: float) -> tuple[float, float]:
+    """Return wn and zeta under HOLD: the aileron and the roll angle heard are two more states."""
+    A, controls = airframe(DERIVATIVES)
+    whole = np.zeros((6, 6))
+    whole[:4, :4], whole[:4, 4], whole[4, 4] = A, controls[:, 0], -1.0 / lag_s
+    whole[4, 5], whole[4, P] = -HOLD[0] / lag_s, -HOLD[1] / lag_s
+    whole[5, ROLL], whole[5, 5] = 1.0 / roll_lag_s, -1.0 / roll_lag_s
+    poles, vectors = np.linalg.eig(whole)
+    response = vectors[R] * np.linalg.solve(vectors, np.append(controls[:, 1], [0.0, 0.0]))
+    energy = np.where(poles.imag > 0.0, np.abs(response) ** 2 / np.abs(poles.real), 0.0)
+    pair = poles[np.argmax(energy)]
+    return float(abs(pair)), float(-pair.real / abs(pair))
+
+
+@pytest.mark.parametrize(("roll_lag_s", "within"), [(0.0, 0.05), (0.1, 0.1)])
+def test_the_law_is_found_although_the_aileron_is_moved_as_well(roll_lag_s: float, within: float):
+    """And so is the lag of the roll angle that the hold hears."""
+    law = roll_law(Record(flown(3, roll_lag_s=roll_lag_s, **HELD)))
+
+    assert law.roll_lag_s == roll_lag_s
+    assert (law.roll_gain, law.rate_gain) == pytest.approx(HOLD, rel=within)
+
+
+def test_an_aileron_that_rests_has_a_law_without_gains_and_one_that_moves_by_itself_has_none():
+    resting = roll_law(Record(flown(3, aileron=0.0)))
+
+    assert (resting.roll_gain, resting.rate_gain) == (0.0, 0.0)
+    assert roll_law(Record(flown(3, aileron=0.2))) is None
+    # Under the hold, but moved so much that roll and p explain .94 of it, with the wrong gains.
+    assert roll_law(Record(flown(3, **HELD | {"aileron": 0.3}))) is None
+
+
+@pytest.mark.parametrize(
+    ("roll_lag_s", "apart"), [pytest.param(1e-3, 0.03, marks=pytest.mark.long), (0.1, 0.025)]
+)
+def test_closed_with_the_law_the_airframe_is_the_aircraft_as_flown(roll_lag_s: float, apart: float):
+    """Without its roll hold its damping is another."""
+    found = fit_airframe([flown(3, roll_lag_s=roll_lag_s, **HELD)], servo_lag_s=0.1)
+
+    (wn, zeta), (own_wn, own_zeta) = (
+        closed(0.1, roll_lag_s), (found.as_flown.wn_rad_s, found.as_flown.zeta),
+    )  # fmt: skip
+    assert abs(own_wn.value - wn) < min(2.0 * own_wn.std, 0.02 * wn)
+    assert abs(own_zeta.value - zeta) < min(2.0 * own_zeta.std, 0.02)
+    assert abs(found.zeta.value - zeta) > apart
+
+
+def test_under_the_law_the_airframe_yaws_as_measured_by_the_rudder_alone():
+    """The airframe is known from a flight whose aileron moved; in this one it only follows."""
+    found = fit_airframe([flown(amplitude=0.3, lag_s=0.1)], servo_lag_s=0.1)
+    theta, known = np.zeros(len(NAMES)), dict(found.derivatives)
+    known |= {"alpha": found.alpha_rad, "servo_lag": found.servo_lag_s, "delay": found.delay_s}
+    theta[AT["log_Y_beta"]] = np.log(-known.pop("Y_beta").value)
+    theta[[AT[name] for name in known]] = [each.value for each in known.values()]
+    motion = flown(amplitude=0.3, aileron=0.0, hold=HOLD, lag_s=0.1, roll_lag_s=0.1)
+
+    yaw_rate = yaw_rate_closed(theta, Record(motion), Law(*HOLD, 0.1))
+
+    assert np.std(yaw_rate - motion.r) < 0.02 * np.std(motion.r)

@@ -2,28 +2,22 @@
 
 from __future__ import annotations
 
+from functools import cache
 from typing import Any
 
 import numpy as np
+from flights.records import states as moved
 from numpy.typing import NDArray
-from scipy.linalg import expm
 
+from yawid.manoeuvre.fit import Fit, fits_of
 from yawid.manoeuvre.responses import Record
 
 Floats = NDArray[np.float64]
 
 
 def states(A: Any, B: Any, u: Floats, sample_time_s: float) -> Floats:
-    """The states (n, len(A)) at each instant, at rest first; u (n, inputs) is held"""
-    n, m = len(A), np.shape(B)[1]
-    M = np.zeros((n + m, n + m))
-    M[:n, :n], M[:n, n:] = A, B
-    step = expm(M * sample_time_s)[:n]
-    x, found = np.zeros(n), []
-    for now in u:
-        found.append(x)
-        x = step @ np.concatenate([x, now])
-    return np.array(found)
+    """The states (n, len(A)) at each instant, at rest first; u (n, 1) is held"""
+    return moved(np.array(A), np.ravel(B), u.ravel(), 1.0 / sample_time_s)
 
 
 def yaw_channel(
@@ -81,3 +75,13 @@ def lateral(u: Floats, sample_time_s: float) -> tuple[Floats, Floats, Floats]:
     energy = np.where(poles.imag > 0.0, np.abs(residues) ** 2 / -poles.real, 0.0)
     p = poles[np.argmax(energy)]
     return x[:, 3], x[:, 1], np.array([abs(p), -p.real / abs(p)])
+
+
+@cache
+def fits_with_roll() -> tuple[list[Fit], Floats]:
+    """The fits of such a flight with a little noise, and its wn and zeta"""
+    u = doublets(2.0, 0.05, periods=12.0)
+    r, roll, truth = lateral(u, 0.05)
+    rng = np.random.default_rng(4)
+    y, roll = (x + 1e-3 * np.abs(x).max() * rng.standard_normal(len(x)) for x in (r, roll))
+    return fits_of(Record.of(0.05, u[:, None], y, roll)), truth

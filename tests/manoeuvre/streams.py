@@ -94,10 +94,10 @@ def cut(samples: SampleBlock, edges: Sequence[int]) -> Iterator[SampleBlock]:
 
 
 def found_in(
-    samples: SampleBlock, edges: Sequence[int] = (), unit: float = 1.0
+    samples: SampleBlock, edges: Sequence[int] = (), unit: float = 1.0, bare: float | None = None
 ) -> list[SampleBlock]:
-    """The manoeuvres of a stream that comes in blocks with these edges"""
-    finder = Finder(TS_S, unit)
+    """The manoeuvres of a stream that comes in blocks with these edges; ``bare`` is a mode"""
+    finder = Finder(TS_S, unit, None if bare is None else lambda mode: mode == bare)
     found = [each for block in cut(samples, edges) for each in finder.feed(block)]
     return found + finder.finish()
 
@@ -119,14 +119,43 @@ WN, ZETA = 6.0, 0.3
 
 
 def yawing(
-    rudder: Floats, aileron: Floats | float = 0.0, *, noise: float = 0.0, seed: int = 1
+    rudder: Floats,
+    aileron: Floats | float = 0.0,
+    *,
+    wn: float = WN,
+    zeta: float = ZETA,
+    lead_s: float = 0.9,
+    noise: float = 0.0,
+    seed: int = 1,
 ) -> Floats:
     """The yaw rate (n,) of eq. 23's plant to rudder and aileron held over each interval of 20 Hz"""
-    square = WN**2
-    poles = [1.0, 2.0 * ZETA * WN, square]
-    zeros = [[0.3 * square * 0.9, 0.3 * square], [0.8 * square]]
+    square = wn**2
+    poles = [1.0, 2.0 * zeta * wn, square]
+    zeros = [[0.3 * square * lead_s, 0.3 * square], [0.8 * square]]
     y = noise * np.random.default_rng(seed).standard_normal(len(rudder))
     for u, zero in zip((rudder, np.broadcast_to(aileron, len(rudder))), zeros, strict=True):
         b, a, _ = cont2discrete((zero, poles), TS_S, method="zoh")
         y += lfilter(b[0], a, np.nan_to_num(u))
     return y
+
+
+def fed_back(gain: float, pilot: Floats, noise: float = 0.0) -> tuple[Floats, Floats]:
+    """Rudder and yaw rate r at 20 Hz; rudder = pilot - gain * r, ``pilot`` is each 5 ms.
+
+    r / rudder is 16 / (s^2 + 1.6 s + 16), whose Dutch roll is 4 rad/s and zeta .2.
+    """
+    system = np.array([[0.0, 1.0], [-16.0, -1.6]]), np.array([[0.0], [16.0]])
+    a, b, *_ = cont2discrete((*system, np.eye(2), np.zeros((2, 1))), 0.005)
+    x, rudder, r = np.zeros(2), np.zeros(len(pilot)), np.zeros(len(pilot))
+    rng = np.random.default_rng(1)
+    for k, moved in enumerate(pilot):
+        r[k] = x[0]
+        rudder[k] = moved - gain * (x[0] + noise * rng.normal())
+        x = a @ x + b[:, 0] * rudder[k]
+    y = r[::10]
+    return rudder.reshape(-1, 10).mean(axis=1), y + noise * rng.normal(size=len(y))
+
+
+def slow_doublets(count: int) -> Floats:
+    """Of .65 s to either side, each 5 ms, one every 5 s"""
+    return np.tile(np.repeat([0.2, -0.2, 0.0], [130, 130, 740]), count)

@@ -1,17 +1,24 @@
-"""The answer over the structures: weights, its model, and the numbers of eq. 23 with sigma."""
+"""The answer over the structures: weights, its model, eq. 23 with sigma, and where motion is large.
+
+The aircraft of large motion has sideslip and yaw rate, and a yaw damper that moves the rudder by
+-GAIN r up to its limit. Its fin acts by stall tanh(beta / stall). Its truth is the eigenvalue of
+the matrix with the damper within its limits, and a small sideslip.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from manoeuvre.exact import Floats, doublets, lateral, record, states, yaw_channel
+from manoeuvre.exact import Floats, doublets, fits_with_roll, record, states, yaw_channel
 from places import REPLAY_LOGS
 
 import yawid
 from yawid.manoeuvre.answer import Answer, answer_of, weights_of
-from yawid.manoeuvre.fit import Fit, fits_of
+from yawid.manoeuvre.fit import WORTH_BIC, Fit, best_alone, fits_of
+from yawid.manoeuvre.large import small_motion
 from yawid.manoeuvre.responses import Record
 
 WN, ZETA, K, T_S = 2.0, 0.1, 0.3, 0.8
@@ -31,15 +38,6 @@ def fits() -> list[Fit]:
 @pytest.fixture(scope="module")
 def answer(fits: list[Fit]) -> Answer:
     return answer_of(fits)
-
-
-@pytest.fixture(scope="module")
-def with_roll() -> tuple[list[Fit], Floats]:
-    u = doublets(2.0, 0.05, periods=12.0)
-    r, roll, truth = lateral(u, 0.05)
-    rng = np.random.default_rng(4)
-    y, roll = (x + 1e-3 * np.abs(x).max() * rng.standard_normal(len(x)) for x in (r, roll))
-    return fits_of(Record.of(0.05, u[:, None], y, roll)), truth
 
 
 def gain(answer: Answer) -> tuple[Floats, Floats]:
@@ -138,8 +136,8 @@ def test_a_pair_at_an_edge_of_the_search_has_no_vote(fits: list[Fit]):
     assert answer_of([replace(fit, at_bound=True) for fit in fits]) is None
 
 
-def test_roll_has_the_more_weight_the_better_it_knows(with_roll: tuple[list[Fit], Floats]):
-    fits, truth = with_roll
+def test_roll_has_the_more_weight_the_better_it_knows():
+    fits, truth = fits_with_roll()
     weights = []
     for variance in (1.0, 100.0, 1e4):
         roll = replace(fits[-1], covariance=variance * fits[-1].covariance)
@@ -154,11 +152,99 @@ def test_roll_has_the_more_weight_the_better_it_knows(with_roll: tuple[list[Fit]
     assert found.zeta.value == pytest.approx(truth[1], abs=0.02)
 
 
-def test_zeta_may_hide_a_part_where_roll_does_not_show_its_loop(
-    fits: list[Fit], with_roll: tuple[list[Fit], Floats]
-):
-    for each, share in ((fits, 0.04), (with_roll[0], 0.0)):
+def test_zeta_may_hide_a_part_where_roll_does_not_show_its_loop(fits: list[Fit]):
+    for each, share in ((fits, 0.04), (fits_with_roll()[0], 0.0)):
         open_loop, closed = answer_of(each), answer_of(each, has_roll_loop=True)
         added = share * closed.zeta.value
         assert closed.zeta.std == pytest.approx(np.hypot(open_loop.zeta.std, added))
         assert (closed.wn_rad_s, closed.zeta.value) == (open_loop.wn_rad_s, open_loop.zeta.value)
+
+
+TS, FINE_S, GAIN = 0.04, 0.01, 0.8
+A, B = np.array([[-0.2, -1.0], [5.0, -0.4]]), np.array([0.0, 2.0])
+CLOSED = A - GAIN * np.outer(B, [0.0, 1.0])
+POLE = complex(np.linalg.eigvals(CLOSED)[0])
+WN_CLOSED, ZETA_CLOSED = abs(POLE), -POLE.real / abs(POLE)
+
+
+def damped(u: Floats, limit: float, stall: float = np.inf) -> Floats:
+    """Sideslip and yaw rate (2, n) of a rudder that is held, by the trapezoidal rule at 10 ms"""
+
+    def moved(x: Floats, now: float) -> Floats:
+        fin = x[0] if stall == np.inf else stall * np.tanh(x[0] / stall)
+        return A @ [fin, x[1]] + B * (now - np.clip(GAIN * x[1], -limit, limit))
+
+    x, found = np.zeros(2), []
+    for now in u.tolist():
+        found.append(x)
+        for _ in range(round(TS / FINE_S)):
+            first = moved(x, now)
+            x = x + 0.5 * FINE_S * (first + moved(x + FINE_S * first, now))
+    return np.array(found).T
+
+
+RUDDER = np.concatenate([part * doublets(WN_CLOSED, TS) for part in (0.3, 1.0, 2.0)])
+
+
+def limited(share: float, *, noise: float = 0.003) -> Record:
+    """A damper whose limit is ``share`` of what the largest yaw rate asks of it"""
+    limit = share * GAIN * float(np.abs(damped(RUDDER, np.inf)[1]).max())
+    return record(RUDDER, damped(RUDDER, limit)[1], TS, noise=noise)
+
+
+def stalling(share: float) -> Record:
+    """A fin that stalls at ``share`` of the largest sideslip without"""
+    stall = share * float(np.abs(damped(RUDDER, np.inf)[0]).max())
+    return record(RUDDER, damped(RUDDER, np.inf, stall)[1], TS, noise=0.003)
+
+
+@pytest.mark.parametrize(
+    ("of", "share"),
+    [*((limited, share) for share in (0.15, 0.3, 0.5, 0.8)), (stalling, 0.7), (stalling, 1.2)],
+)
+def test_the_answer_of_large_motion_is_that_of_small_motion(
+    of: Callable[[float], Record], share: float
+) -> None:
+    """A proportional fit has the zeta of a damper at its limits too low, of such a fin the wn."""
+    which = 1 if of is limited else 0
+    fits = fits_of(of(share))
+    proportional, found = answer_of(fits), answer_of([*fits, *small_motion(fits)])
+    misses = [
+        [
+            (known.value - true, known.std)
+            for known, true in ((x.wn_rad_s, WN_CLOSED), (x.zeta, ZETA_CLOSED))
+        ]
+        for x in (proportional, found)
+    ]
+    assert all(abs(miss) < 2.0 * std for miss, std in misses[1])
+    low, std = misses[0][which]
+    assert low < -2.0 * std
+    assert abs(misses[1][which][0]) < 0.6 * abs(low)
+    assert sum(w for name, w in found.weights.items() if "small" in name) > 0.9
+    assert found.large_gain > WORTH_BIC
+
+
+def test_the_response_is_that_of_small_motion() -> None:
+    fits = fits_of(limited(0.5))
+    found = answer_of([*fits, *small_motion(fits)])
+    s = 1j * found.w[:, None, None]
+    exact = np.linalg.solve(s * np.eye(2) - CLOSED, B[:, None])[:, 1, 0]
+    np.testing.assert_allclose(np.abs(found.response[0]), np.abs(exact), rtol=0.06)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_an_aircraft_in_proportion_has_no_large_motion(seed: int) -> None:
+    u = doublets(WN_CLOSED, TS)
+    fits = fits_of(record(u, damped(u, np.inf)[1], TS, noise=0.02, seed=seed))
+    assert small_motion(fits) == small_motion([]) == []
+
+
+def test_large_motion_has_none_of_the_gusts() -> None:
+    quiet, rng = limited(np.inf, noise=0.0), np.random.default_rng(5)
+    beta, _ = damped(RUDDER, np.inf)
+    rough = Record(TS, quiet.u, quiet.y + rng.normal(0.0, 0.02, quiet.y.shape), quiet.runs)
+    for each in (quiet, rough):
+        best = best_alone(fits_of(each))
+        r, swing = best.simulated()
+        assert np.std(r - quiet.y[:, 0]) < 0.05 * np.std(quiet.y)
+        assert np.std(swing + beta) < 0.15 * np.std(beta)

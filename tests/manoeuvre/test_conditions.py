@@ -6,10 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from flightlog import FlightLog, samples_of
+from flightlog import beat, every, fly, hud, samples_of
 from manoeuvre.streams import HZ, doublets, joined, rest, stream
 from pymavlink import mavutil
-from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from yawid.blocks import Noted, SampleBlock
 from yawid.config.run import RunConfig
@@ -106,39 +105,33 @@ def test_the_airspeed_is_the_ground_speed_where_most_of_it_is(
 
 def flown(groundspeed: float, autopilot: int = ARDUPILOT) -> SampleBlock:
     """A log in which the airspeed is 20 m/s."""
-    log = FlightLog()
-    log.heartbeat(10.0, autopilot=autopilot)
-    for i in range(500):
-        t = 10.0 + 0.02 * i
-        if i % 25 == 0:
-            log.add(t, mavlink.MAVLink_vfr_hud_message(20.0, groundspeed, 0, 50, 100.0, 0.0))
-        log.attitude(t, 0.1)
-        log.servos(t + 0.004, [1500, 1500, 1500, 1500 + 10 * (i % 7)])
+    log = fly(
+        lambda t: 0.1, lambda t: 1500 + 10 * (round(50 * t) % 7), 10.0,
+        vehicle=beat(autopilot=autopilot), more=every(0.5, 10.0, lambda t: hud(20.0, groundspeed)),
+    )  # fmt: skip
     return joined(*samples_of(log.data, RunConfig(rudder="servo:4")).blocks)
 
 
-@pytest.mark.parametrize(("groundspeed", "noted"), [(20.0, True), (20.5, False)])
-def test_an_airspeed_equal_to_the_ground_speed_is_noted_in_the_samples(
-    groundspeed: float, noted: bool
+@pytest.mark.parametrize(
+    ("groundspeed", "autopilot", "source", "kind"),
+    [
+        (20.0, ARDUPILOT, "ground speed", None), (20.5, ARDUPILOT, "airspeed", "equivalent"),
+        (23.5, PX4, "airspeed", "calibrated"), (23.5, 0, "airspeed", "indicated"),
+    ],
+)  # fmt: skip
+def test_an_airspeed_is_of_the_kind_that_its_autopilot_sends_and_none_if_it_equals_ground_speed(
+    groundspeed: float, autopilot: int, source: str, kind: str | None
 ):
-    samples = flown(groundspeed)
+    """ArduPlane's VFR_HUD has the equivalent one, PX4's the calibrated; MAVLink asks for either."""
+    samples = flown(groundspeed, autopilot)
 
     used = samples.held == 0
-    assert used.sum() > 100
     known = np.isfinite(samples.airspeed) & used
     flagged = samples.noted & Noted.GROUND_SPEED.value != 0
-    assert set(flagged[known]) == {noted}
-    assert not flagged[~used].any()
-
-
-@pytest.mark.parametrize(
-    ("autopilot", "kind"), [(ARDUPILOT, "equivalent"), (PX4, "calibrated"), (0, "indicated")]
-)
-def test_which_airspeed_it_is_goes_by_the_autopilot_that_sends_it(autopilot: int, kind: str):
-    """ArduPlane's VFR_HUD has the equivalent one, PX4's the calibrated; MAVLink asks for either."""
-    samples = flown(23.5, autopilot)
-
     found, _ = conditions(samples, 1, (autopilot, 1))
-    assert (found.airspeed_source, found.airspeed_kind) == ("airspeed", kind)
+    assert used.sum() > 100
+    assert set(flagged[known]) == {source == "ground speed"}
+    assert not flagged[~used].any()
+    assert (found.airspeed_source, found.airspeed_kind) == (source, kind)
     over_ground = samples.ground_speed[np.isfinite(samples.ground_speed)]
-    np.testing.assert_array_equal(over_ground, 23.5)
+    np.testing.assert_array_equal(over_ground, groundspeed)

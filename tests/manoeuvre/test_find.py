@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import pickle
-from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -19,13 +18,14 @@ from manoeuvre.streams import (
     cut,
     doublets,
     flown,
+    found_in,
     joined,
     rest,
     spans,
     stream,
     without,
+    yawing,
 )
-from scipy.linalg import expm
 from scipy.signal import lfilter
 
 from yawid.blocks import Floats, SampleBlock
@@ -40,14 +40,6 @@ MANUAL = 0.0
 
 def usual(amplitude: float = 0.2) -> Floats:
     return flown(rest(20), doublets(10, amplitude), rest(20))
-
-
-def found_in(
-    samples: SampleBlock, edges: Sequence[int] = (), unit: float = 1.0
-) -> list[SampleBlock]:
-    finder = Finder(samples.sample_time_s, unit)
-    found = [each for block in cut(samples, edges) for each in finder.feed(block)]
-    return found + finder.finish()
 
 
 def reasons_of(samples: SampleBlock) -> list[tuple[str, str]]:
@@ -88,6 +80,46 @@ def speeds(share: float) -> SampleBlock:
     """A minute of movement, with another airspeed after half of it."""
     rudder = flown(rest(20), doublets(60), rest(20))
     return stream(rudder, airspeed=np.where(np.arange(len(rudder)) < 50 * HZ, 20.0, 20.0 * share))
+
+
+def gap(seconds: float, *, held: bool) -> SampleBlock:
+    """Fifteen seconds of movement without a usable sample, or without any, for some time."""
+    rudder, first = flown(rest(20), doublets(15), rest(20)), 25 * HZ
+    stop = first + round(seconds * HZ) - 1
+    if not held:
+        return without(stream(rudder), first, stop)
+    rudder[first:stop] = np.nan
+    return stream(rudder)
+
+
+def stilled(rings_s: float) -> Floats:
+    """A yaw rate that rings with a period of 8 s, and then stands."""
+    y = ringing(rings_s, 8.0)
+    y[END:] -= y[END + round(rings_s * HZ) - 1] if rings_s else 0.0
+    y[END + round(rings_s * HZ) :] = 0.0
+    return y
+
+
+def weave(seconds: float, seed: int = 3) -> Floats:
+    """An aileron that flies: noise of some seconds' memory, a tenth of the travel"""
+    noise = np.random.default_rng(seed).standard_normal(round(seconds * HZ))
+    return np.asarray(lfilter([0.05], [1.0, -0.95], noise))
+
+
+def next_to_a_copy(own: Floats, aileron: Floats) -> SampleBlock:
+    return stream(own + 0.5 * aileron, aileron=aileron)
+
+
+def slow_then_by_script() -> SampleBlock:
+    """A doublet of a slow mode rings; the rudder then moves 0.6 s before MANUAL is known."""
+    rudder = flown(rest(20), doublets(2), rest(8), np.full(5, -0.3), np.full(5, 0.3), rest(30))
+    mode = np.where(np.arange(len(rudder)) < 30 * HZ + 12, 5.0, MANUAL)
+    return stream(rudder, y=yawing(rudder, wn=1.0, zeta=0.05), mode=mode)
+
+
+def rolling(from_m_s: float, by_m_s2: float) -> SampleBlock:
+    """A take-off roll, or a flare: the mean of its five seconds is that of all of it."""
+    return stream(flown(rest(1), doublets(4)), airspeed=from_m_s + by_m_s2 * np.arange(100) / HZ)
 
 
 LONG_REST = flown(rest(20), doublets(10), rest(60))
@@ -137,6 +169,38 @@ SPANS: dict[str, tuple[SampleBlock, list[tuple[int, int]] | int]] = {
         stream(flown(rest(20), doublets(60), rest(20)), airspeed=GUST), 1,
     ),
     **{f"an airspeed by {share}": (speeds(share), 1) for share in (1.08, 0.92)},
+    # The newest 5 s are of both speeds for as long.
+    **{
+        f"another airspeed, by {share}, ends it": (
+            speeds(share), [(BEGIN - HZ, 53 * HZ - 1), (53 * HZ, 85 * HZ - 1)],
+        )
+        for share in (1.15, 0.85)
+    },
+    # So far first and last airspeed differ by a factor of 1.3 at most.
+    **{
+        f"{name} ends it within its first five seconds": (
+            rolling(from_m_s, by_m_s2), [(0, 3 * HZ - 1), (3 * HZ, 5 * HZ - 1)],
+        )
+        for name, from_m_s, by_m_s2 in (("a take-off roll", 5.0, 1.6), ("a flare", 20.0, -3.0))
+    },
+    "five seconds at one airspeed are one": (rolling(10.0, 0.0), [(0, 99)]),
+    **{
+        f"a gap of {seconds} s, {'held' if held else 'missing'}": (gap(seconds, held=held), found)
+        for seconds, held, found in (
+            (2.0, True, [(BEGIN - HZ, 40 * HZ - 1)]),
+            (2.0, False, [(BEGIN - HZ, 40 * HZ - 1)]),
+            (2.1, True, [(BEGIN - HZ, 25 * HZ + 40), (25 * HZ + 41, 40 * HZ - 1)]),
+            (2.1, False, [(BEGIN - HZ, 25 * HZ - 1), (25 * HZ + 41, 40 * HZ - 1)]),
+        )
+    },
+    "after 120 s the rest is the next": (
+        stream(flown(rest(20), doublets(300), rest(20))),
+        [(19 * HZ, 139 * HZ - 1), (139 * HZ, 259 * HZ - 1), (259 * HZ, 325 * HZ - 1)],
+    ),
+    "a gap counts into them by the clock": (
+        without(stream(flown(rest(20), doublets(200), rest(20))), 60 * HZ, 61 * HZ),
+        [(19 * HZ, 139 * HZ - 1), (139 * HZ, 225 * HZ - 1)],
+    ),
     "a rest of four seconds divides nothing": (twice(4.0), 1),
     "a rest of six seconds divides": (twice(6.0), 2),
     "a movement belongs to it until 2.5 periods of 4 s have passed": (twice(9.0, 4.0), 1),
@@ -150,6 +214,20 @@ SPANS: dict[str, tuple[SampleBlock, list[tuple[int, int]] | int]] = {
     "one that swings by more has not": (
         stream(LONG_REST, y=ringing(60.0, 6.0, 0.12)), [(BEGIN - HZ, END + 15 * HZ - 1)],
     ),
+    **{
+        f"2.5 periods of {period_s} s end it, by zero crossings {seconds} s": (
+            stream(LONG_REST, y=ringing(60.0, period_s, 1.0)),
+            [(BEGIN - HZ, END + seconds * HZ - 1)],
+        )
+        for period_s, seconds in ((1.0, 5), (4.0, 10), (6.0, 15), (10.0, 24), (14.0, 33))
+    },
+    # A period of 8 s is known by two crossings, which half of it has not.
+    **{
+        f"four seconds of a yaw rate that stands end it, after {rings_s} s": (
+            stream(LONG_REST, y=stilled(rings_s)), [(BEGIN - HZ, END + seconds * HZ - 1)],
+        )
+        for rings_s, seconds in ((0.0, 5), (4.0, 8), (6.0, 9))
+    },
     "a turn that follows is no decay to wait for": (
         stream(LONG_REST, y=ringing(0.0, 1.0) + TURN, turn=TURN), USUAL,
     ),
@@ -158,56 +236,28 @@ SPANS: dict[str, tuple[SampleBlock, list[tuple[int, int]] | int]] = {
         stream(LONG_REST, y=np.where(TURN > 0.0, TURN, ringing(0.0, 1.0))),
         [(USUAL[0][0], END + 38 * HZ - 1)],
     ),
+    "its own part next to a copy of the aileron is one": (
+        next_to_a_copy(usual(), 0.1 * weave(50.0)), USUAL,
+    ),
+    # How the rudder follows takes 5.6 s to know: where it begins is decided then.
+    "nothing is lost before the mix is known": (
+        next_to_a_copy(flown(rest(3), doublets(10), rest(30)), weave(43.0)),
+        [(0, 28 * HZ - 1)],
+    ),
+    "a doublet that rings as a bare mode is reported ends before its movement": (
+        slow_then_by_script(), [(BEGIN - HZ, 29 * HZ - 1), (29 * HZ, 46 * HZ - 1)],
+    ),
+    "a movement that began long before a bare mode ends with the mode before": (
+        stream(usual(), mode=np.where(np.arange(50 * HZ) < 25 * HZ, 5.0, MANUAL)), ended(),
+    ),
 }  # fmt: skip
 
 
 @pytest.mark.parametrize("name", SPANS)
 def test_where_each_flights_manoeuvres_begin_and_end(name: str):
     samples, expected = SPANS[name]
-    found = spans(found_in(samples))
+    found = spans(found_in(samples, bare=MANUAL))
     assert (len(found) if isinstance(expected, int) else found) == expected
-
-
-def yawing(wn: float, zeta: float, rudder: Floats, ts_s: float, lead_s: float = 0.9) -> Floats:
-    """The yaw rate (n,) of eq. 23, exact for a rudder (n,) that is held over each interval."""
-    plant = np.array([[0.0, 1.0, 0.0], [-(wn**2), -2.0 * zeta * wn, 1.0], [0.0, 0.0, 0.0]])
-    step, x, y = expm(plant * ts_s), np.zeros(3), []
-    for x[2] in rudder:
-        y.append(0.3 * wn**2 * (x[0] + lead_s * x[1]))
-        x = step @ x
-    return np.array(y)
-
-
-def at_rate(hz: int, rudder: Floats, y: Floats) -> SampleBlock:
-    samples = stream(rudder, y=y)
-    boot_us = np.round(samples.k * 1e6 / hz).astype(np.int64)
-    return replace(samples, sample_time_s=1.0 / hz, boot_us=boot_us)
-
-
-SLOW = [(0.5, 0.02), (0.5, 0.15), (0.7, 0.05), (1.0, 0.1), (2.0, 0.02), (2.0, 0.15)]
-
-
-@pytest.mark.parametrize("hz", [10, 20, 50])
-@pytest.mark.parametrize(("wn", "zeta"), SLOW)
-@pytest.mark.parametrize("noise", [0.0, 0.03])
-def test_a_doublet_and_its_decay_are_one_manoeuvre_at_every_rate(
-    wn: float, zeta: float, hz: int, noise: float
-):
-    """At 0.5 rad/s the rudder is held for 6.3 s to either side, longer than a rest"""
-    half_s, t = math.pi / wn, np.arange(0.0, 100.0, 1.0 / hz)
-    begin_s, let_go_s = 20.3, 20.3 + 2.0 * half_s
-    side = np.where(t < begin_s + half_s, 0.2, -0.2)
-    rudder = np.where((t >= begin_s) & (t < let_go_s), side, 0.0)
-    y = yawing(wn, zeta, rudder, 1.0 / hz)
-    y += noise * np.abs(y).max() * np.random.default_rng(hz).standard_normal(len(y))
-    (one,) = found_in(at_rate(hz, rudder, y))
-
-    low_s, high_s = one.k[[0, -1]] / hz
-    assert begin_s - 2.0 <= low_s <= begin_s - 1.0
-    envelope = math.exp(-zeta * wn * (high_s - let_go_s))
-    periods = (high_s - let_go_s) * wn / (2.0 * math.pi)
-    assert envelope < 0.13 or periods > 2.3
-    assert periods < 3.2 or high_s - let_go_s < 6.5
 
 
 @pytest.mark.parametrize("zeta", [0.05, 0.3])
@@ -220,39 +270,13 @@ def test_doublets_every_fifteen_seconds_at_two_rad_s_are_one_manoeuvre_each_also
     rudder = flown(rest(20.3), *[doublet] * 8, rest(20))
     found = []
     for seed in range(3):
-        y = yawing(2.0, zeta, rudder, TS_S)
+        y = yawing(rudder, wn=2.0, zeta=zeta)
         rng, old = np.random.default_rng(seed), math.exp(-TS_S / 3.0)
         air = lfilter([1.0 - old], [1.0, -old], rng.standard_normal(len(rudder)))
-        moved = yawing(2.0, zeta, air, TS_S, lead_s=1e6)  # a steady side wind turns nothing
+        moved = yawing(air, wn=2.0, zeta=zeta, lead_s=1e6)  # a steady side wind turns nothing
         y += np.abs(y).max() * (gust * moved / moved.std() + 0.01 * rng.standard_normal(len(y)))
         found += found_in(stream(rudder, y=y))
     assert 0.9 * 24 <= len(found) <= 24
-
-
-def stilled(rings_s: float) -> Floats:
-    """A yaw rate that rings with a period of 8 s, and then stands."""
-    y = ringing(rings_s, 8.0)
-    y[END:] -= y[END + round(rings_s * HZ) - 1] if rings_s else 0.0
-    y[END + round(rings_s * HZ) :] = 0.0
-    return y
-
-
-@pytest.mark.parametrize(
-    ("y", "rest_s", "least"),
-    [
-        *((ringing(60.0, each, 1.0), 2.5 * each, 0.94) for each in (4.0, 6.0, 10.0, 14.0)),
-        (ringing(60.0, 1.0, 1.0), 5.0, 0.94),
-        *((stilled(rings_s), rest_s, 1.0 - 1.0 / rest_s)
-          for rings_s, rest_s in ((0.0, 5.0), (4.0, 8.0), (6.0, 10.0))),
-    ],
-)  # fmt: skip
-def test_it_ends_after_two_and_a_half_periods_or_four_seconds_in_which_the_yaw_rate_hardly_moves(
-    y: Floats, rest_s: float, least: float
-):
-    """A period of 8 s is known by two crossings, which half of it has not"""
-    ((first, last),) = spans(found_in(stream(LONG_REST, y=y)))
-    assert first == BEGIN - HZ
-    assert least * rest_s <= (last + 1 - END) / HZ <= rest_s + 1.5
 
 
 def test_travel_is_counted_in_its_own_unit():
@@ -261,73 +285,10 @@ def test_travel_is_counted_in_its_own_unit():
     assert spans(found_in(samples, unit=0.4)) == USUAL
 
 
-@pytest.mark.parametrize(("gap_s", "count"), [(2.0, 1), (2.1, 2)])
-@pytest.mark.parametrize("as_held", [True, False])
-def test_a_gap_of_two_seconds_lies_inside_and_a_longer_one_ends_it(
-    gap_s: float, count: int, as_held: bool
-):
-    first, stop = 25 * HZ, 25 * HZ + round(gap_s * HZ) - 1
-    rudder = flown(rest(20), doublets(15), rest(20))
-    if as_held:
-        rudder[first:stop] = np.nan
-        samples = stream(rudder)
-    else:
-        samples = without(stream(rudder), first, stop)
-    found = found_in(samples)
-
-    assert len(found) == count
-    assert found[0].k[0] == BEGIN - HZ
-    assert found[-1].k[-1] == 40 * HZ - 1
-    if count == 2:
-        used = [each.k[each.held == 0] for each in found]
-        assert used[0][-1] == first - 1
-        assert used[1][0] == stop
-
-
-def test_after_120_seconds_the_rest_is_the_next():
-    found = found_in(stream(flown(rest(20), doublets(300), rest(20))))
-
-    assert [len(each) for each in found[:2]] == [120 * HZ, 120 * HZ]
-    k = np.concatenate([each.k for each in found])
-    np.testing.assert_array_equal(k, np.arange(BEGIN - HZ, 325 * HZ))
-
-
-def test_a_gap_counts_into_120_seconds_by_the_clock():
-    samples = without(stream(flown(rest(20), doublets(200), rest(20))), 60 * HZ, 61 * HZ)
-    assert found_in(samples)[0].k[-1] == BEGIN - HZ + 120 * HZ - 1
-
-
-@pytest.mark.parametrize("share", [1.15, 0.85])
-def test_another_airspeed_ends_it(share: float):
-    first, second = spans(found_in(speeds(share)))
-    assert abs(first[1] - 53 * HZ) < 3 * HZ  # the newest 5 s are of both speeds until then
-    assert second[0] == first[1] + 1
-
-
-@pytest.mark.parametrize(("from_m_s", "by_m_s2"), [(5.0, 1.6), (20.0, -3.0)])
-def test_another_airspeed_ends_it_within_its_first_five_seconds_too(
-    from_m_s: float, by_m_s2: float
-):
-    """A take-off roll, and a flare: the mean of five seconds is still that of all of it"""
-    rudder = flown(rest(1), doublets(4))
-    speed = from_m_s + by_m_s2 * np.arange(len(rudder)) / HZ
-    first = found_in(stream(rudder, airspeed=speed))[0]
-
-    assert len(first) < 5 * HZ
-    assert speed_factor(first.airspeed, TS_S) <= 1.3
-    assert spans(found_in(stream(rudder, airspeed=10.0))) == [(0, len(rudder) - 1)]
-
-
 def test_the_factor_of_two_airspeeds_is_that_of_the_first_and_last_two_seconds_known():
     speeds = np.array([np.nan, 0.0, *[20.0] * 40, *[35.0] * 60, *[16.0] * 40, np.nan])
     assert speed_factor(speeds, TS_S) == pytest.approx(20.0 / 16.0)
     assert math.isnan(speed_factor(speeds[:42], TS_S))
-
-
-def weave(seconds: float, seed: int = 3) -> Floats:
-    """An aileron that flies: noise of some seconds' memory, a tenth of the travel"""
-    noise = np.random.default_rng(seed).standard_normal(round(seconds * HZ))
-    return np.asarray(lfilter([0.05], [1.0, -0.95], noise))
 
 
 @pytest.mark.parametrize("late", [0, 2, 4])
@@ -344,53 +305,11 @@ def test_a_rudder_that_is_a_copy_of_the_aileron_is_none(late: int, share: float,
     assert len(found_in(stream(rudder))) > 0
 
 
-def test_its_own_part_next_to_a_copy_is_one():
-    aileron = 0.1 * weave(50.0)
-    samples = stream(usual() + 0.5 * aileron, aileron=aileron)
-
-    assert np.ptp(aileron) > 0.05
-    ((first, last),) = spans(found_in(samples))
-    assert first == USUAL[0][0]
-    assert USUAL[0][1] <= last <= USUAL[0][1] + HZ
-
-
-def test_where_it_begins_is_decided_when_the_mix_is_known():
-    """How the rudder follows the aileron takes 5.6 s to know: nothing before that is lost"""
-    own = flown(rest(3), doublets(10), rest(30))
-    aileron = weave(43.0)
-    ((first, last),) = spans(found_in(stream(own + 0.5 * aileron, aileron=aileron)))
-    assert first <= 2 * HZ
-    assert last >= 18 * HZ - 1
-
-
 def test_a_search_says_why_it_found_nothing():
     still = reasons_of(stream(usual(0.03)))
     assert still[0][0] == "not_excited"
     assert "within 5 s is 6.0 % of half its travel: at least 10 % is needed" in still[0][1]
     assert reasons_of(stream(rest(20, np.nan)))[0][0] == "not_excited"
-
-
-def found_bare(samples: SampleBlock, edges: Sequence[int] = ()) -> list[SampleBlock]:
-    finder = Finder(TS_S, 1.0, lambda mode: mode == MANUAL)
-    return [m for b in cut(samples, edges) for m in finder.feed(b)] + finder.finish()
-
-
-def test_a_doublet_that_rings_as_a_bare_mode_is_reported_ends_there():
-    """One of a slow mode rings; the script then moves the rudder 0.6 s before MANUAL is known"""
-    rudder = flown(rest(20), doublets(2), rest(8), np.full(5, -0.3), np.full(5, 0.3), rest(30))
-    moves, at = 30 * HZ, 30 * HZ + 12
-    y = yawing(1.0, 0.05, rudder, TS_S)
-    mode = np.where(np.arange(len(y)) < at, 5.0, MANUAL)
-    first, second = found_bare(stream(rudder, y=y, mode=mode))
-    assert first.k[-1] == moves - HZ - 1
-    assert second.k[0] == moves - HZ
-    assert (set(first.mode), set(second.mode)) == ({5.0}, {MANUAL})
-
-
-def test_a_movement_that_began_long_before_a_bare_mode_ends_with_the_mode_before():
-    rudder, at = usual(), 25 * HZ
-    samples = stream(rudder, mode=np.where(np.arange(len(rudder)) < at, 5.0, MANUAL))
-    assert spans(found_bare(samples)) == [(BEGIN - HZ, at - 1), (at, END + 5 * HZ - 1)]
 
 
 EVENTS = st.sampled_from(["none", "gap", "mode", "no mode", "bare", "epoch", "reboot", "speed"])
@@ -457,7 +376,7 @@ def test_where_the_stream_is_cut_into_blocks_changes_nothing(
     pieces: list[dict[str, Any]], edges: list[int]
 ):
     samples = built(pieces)
-    assert_same(found_bare(samples, edges), found_bare(samples))
+    assert_same(found_in(samples, edges, bare=MANUAL), found_in(samples, bare=MANUAL))
 
 
 @pytest.mark.parametrize("every", [1, 7, 100])
@@ -522,8 +441,9 @@ LONG = {
 }
 
 
-@pytest.mark.parametrize("kind", LONG)
-@pytest.mark.parametrize("block_s", [1, 97])
+@pytest.mark.parametrize(
+    ("kind", "block_s"), [*((kind, 97) for kind in LONG), ("movement, aileron moving", 1)]
+)
 def test_what_is_kept_is_bounded_however_long_it_flies(kind: str, block_s: int):
     """As pickled bytes: 146 s of rows are 120 s of a manoeuvre and 26 s to compare with"""
     n = 350 * HZ
@@ -551,25 +471,18 @@ def test_a_stretch_that_the_user_named_is_exactly_one():
 
 
 def test_the_progress_of_a_manoeuvre_is_known_and_to_ask_for_it_changes_nothing():
-    finder = Finder(TS_S, 1.0)
-    assert finder.progress() == UnderWay(0.0, 0.0)
-    samples = stream(usual())
-    seen, found = [], []
-    for first in range(0, len(samples), HZ // 2):
-        found += finder.feed(samples.select(slice(first, first + HZ // 2)))
-        seen.append(finder.progress())
+    """Of whole seconds: that it has rested is known 0.3 s later."""
+    finder, samples, found, seen = Finder(TS_S, 1.0), stream(usual()), [], {}
+    for block in cut(samples, range(0, len(samples), HZ // 2)):
+        found += finder.feed(block)
+        seen[(int(block.k[-1]) + 1) / HZ] = finder.progress()
     assert spans(found) == USUAL
-    before, moving, resting, after = (seen[2 * i + 1] for i in (18, 27, 32, 40))
-    assert (before.from_s, before.stroke) == (None, pytest.approx(0.0))
-    assert before.rests_s == pytest.approx(18.0)
-    assert moving.is_excited
-    assert moving.stroke == pytest.approx(0.4)
-    assert moving.rests_s == 0.0
-    assert moving.from_s == samples.boot_us[BEGIN - HZ] / 1e6
-    assert moving.lasted_s == pytest.approx(9.0, abs=0.1)
-    assert resting.from_s == moving.from_s
-    assert resting.rests_s == pytest.approx(2.0)  # it knows of whole seconds, 0.3 s later
-    assert after.from_s is None
+    from_s = samples.boot_us[BEGIN - HZ] / 1e6
+    near = pytest.approx
+    assert seen[19.0] == (near(0.0), near(18.0), None, 0.0, False)
+    assert seen[28.0] == (near(0.4), 0.0, from_s, near(9.0, abs=0.1), True)
+    assert seen[33.0][1:3] == (near(2.0), from_s)
+    assert seen[41.0].from_s is None
 
 
 def test_the_stroke_is_unknown_while_the_mix_is():

@@ -1,17 +1,23 @@
-"""The fit against truths: eq. 23 and a linear aircraft with a roll loop, exactly simulated."""
+"""The fit against truths that are exactly simulated, its likelihood, what it sees of samples."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
-from manoeuvre.exact import Floats, doublets, lateral, record, states, yaw_channel
+from manoeuvre.exact import Floats, doublets, fits_with_roll, lateral, record, states, yaw_channel
+from manoeuvre.streams import TS_S, stream
+from scipy.optimize import minimize_scalar
 
+from yawid.blocks import SampleBlock
 from yawid.manoeuvre.answer import answer_of
-from yawid.manoeuvre.fit import Fit, fits_of
-from yawid.manoeuvre.responses import Record
+from yawid.manoeuvre.fit import Fit, best_alone, fits_of
+from yawid.manoeuvre.likelihood import free_decay, freed, shifted, surface
+from yawid.manoeuvre.responses import Blocks, Record
+from yawid.manoeuvre.signals import fitted, record_of, roll_fault
 
 
 def named(fits: list[Fit], name: str) -> Fit:
@@ -45,26 +51,8 @@ def test_a_flight_already_in_motion_with_a_gap_is_fitted_as_well():
     assert pair(found[0]) == pytest.approx([2.0, 0.1], rel=1e-5)
 
 
-def test_an_aileron_that_yaws_is_a_second_input():
-    u = doublets(2.0, 0.05, periods=9.0)
-    aileron = 2.0 * np.roll(u, 37)
-    y = yaw_channel(u, 0.05) + yaw_channel(aileron, 0.05, K=0.2, T_s=-0.5)
-    both = fits_of(Record.of(0.05, np.stack([u, aileron], axis=1), y))[0]
-    alone = fits_of(Record.of(0.05, u[:, None], y))[0]
-
-    assert pair(both) == pytest.approx([2.0, 0.1], rel=1e-5)
-    assert pair(alone) != pytest.approx([2.0, 0.1], rel=0.01)
-    at_rest = both.response(np.array([1e-6]))[0][:, 0]
-    assert at_rest == pytest.approx([0.3, 0.2], rel=1e-4)
-
-
 def test_roll_separates_the_roll_loop_from_the_dutch_roll():
-    u = doublets(2.0, 0.05, periods=12.0)
-    r, roll, truth = lateral(u, 0.05)
-    rng = np.random.default_rng(4)
-    y, roll = (x + 1e-3 * np.abs(x).max() * rng.standard_normal(len(x)) for x in (r, roll))
-    fits = fits_of(Record.of(0.05, u[:, None], y, roll))
-
+    fits, truth = fits_with_roll()
     off = {fit.structure.name: np.abs(np.log(pair(fit) / truth)).max() for fit in fits}
     assert off["roll"] < 0.02
     assert min(off[name] for name in ("2", "2L", "3")) > 2.0 * off["roll"]
@@ -118,3 +106,128 @@ def test_sigma_of_the_response_follows_from_its_slopes():
 def test_a_record_that_shows_no_mode_has_no_answer_and_no_accident(of: Any):
     u, y = of(doublets(2.0, 0.05), np.random.default_rng(1).standard_normal(377))
     assert answer_of(fits_of(Record.of(0.05, u[:, None], y))) is None
+
+
+def least_squares(fit: Fit, blocks: Blocks, theta: np.ndarray) -> float:
+    """Return the squares that poles at theta leave of the yaw rate, by lstsq, whitened alike."""
+    poles = fit.structure.poles(theta)
+    X = [np.ones((len(blocks), 1)), blocks.y[:, :1]]
+    for p, each in zip(poles, blocks.responses(poles), strict=True):
+        X = [each.forced.real, each.free.real, *X]
+        X = [each.forced.imag, each.free.imag, *X] if p.imag else X
+    columns = np.concatenate(X, axis=1)
+    white = sum(
+        d * np.concatenate([np.zeros((i, columns.shape[1])), columns[: len(columns) - i]])
+        for i, d in enumerate(fit.D[:, 0, 0])
+    )
+    return float(np.linalg.lstsq(white[:, :-1], white[:, -1], rcond=1e-12)[1][0])
+
+
+@pytest.fixture(scope="module")
+def fit() -> Fit:
+    u = doublets(2.0, 0.05, periods=8.0)
+    return fits_of(record(u, yaw_channel(u, 0.05), 0.05, noise=0.02))[0]
+
+
+def test_a_shift_is_judged_as_the_fit_of_a_shifted_record(fit: Fit):
+    """The squares of a shifted rudder, by least squares over the same poles, whitened alike
+
+    Free poles follow a small shift.
+    """
+    nats = shifted(fit, np.array([0, -8, 8, 60, 2]))
+    moved = replace(fit.blocks.record, u=np.roll(fit.blocks.record.u, 8, axis=0))
+    blocks = Blocks(moved, fit.blocks.q)
+    least = least_squares(fit, blocks, fit.theta)
+    expected = 0.5 * len(blocks) * np.log(least / np.sum(fit.e[0] ** 2))
+    assert nats[2] == pytest.approx(expected, rel=1e-6)
+    assert nats[0] == pytest.approx(0.0, abs=1e-4)
+    assert (nats[1:4] > 20.0).all()
+    assert freed(fit, 2) < nats[4]
+
+
+def test_an_aileron_stays_where_it_is_while_the_rudder_is_moved_or_taken_away():
+    """All of the yaw is the aileron's, so that no rudder is better than any other, or than none"""
+    u = doublets(2.0, 0.05, periods=8.0)
+    aileron = 2.0 * np.roll(u, 37)
+    fit = fits_of(record(np.column_stack([u, aileron]), yaw_channel(aileron, 0.05), 0.05,
+                         noise=0.02))[0]  # fmt: skip
+    assert abs(free_decay(fit)) < 6.0
+    assert np.abs(shifted(fit, np.array([-8, 8, 60]))).max() < 6.0
+    assert abs(freed(fit, 8)) < 6.0
+
+
+def test_the_surface_has_at_each_point_the_squares_of_the_best_other_poles(fit: Fit):
+    """A pair alone has none; next to another pair is a spiral mode of 3.3 s, which is searched."""
+    u = doublets(2.0, 0.05, periods=8.0)
+    A, B = [[0.0, 1.0, 0.0], [-4.0, -0.4, 0.0], [0.0, 0.0, -0.3]], [[0.0], [1.2], [0.3]]
+    y = states(A, B, u[:, None], 0.05) @ [1.0, 0.8, 1.0]
+    richer = best_alone(fits_of(record(u, y, 0.05, noise=0.05)))
+    assert (len(fit.theta), richer.structure.name) == (2, "3")
+    for each, points, near in (
+        (fit, ((0, 0), (2, 9), (5, 5), (10, 4)), 1e-5),
+        (richer, ((3, 5), (5, 7), (7, 4), (1, 8)), 0.01),
+    ):
+        found, blocks = surface(each), each.blocks
+        assert np.unravel_index(found.nats.argmin(), found.nats.shape) == (5, 5)
+        assert (found.wn_rad_s[5], found.zeta[5]) == pytest.approx(np.exp(each.log_pair).tolist())
+        own = least_squares(each, blocks, each.theta)
+        for i, j in points:
+            start = np.concatenate([np.log([found.wn_rad_s[j], found.zeta[i]]), each.theta[2:]])
+
+            def squares(a: float, of: Fit = each, at: np.ndarray = start) -> float:
+                return least_squares(of, of.blocks, np.append(at[:2], at[2:] + a))
+
+            best = minimize_scalar(squares, bounds=(-1.0, 1.0), method="bounded").fun
+            nats = 0.5 * len(blocks) * np.log(best / own)
+            assert found.nats[i, j] == pytest.approx(nats, rel=near, abs=1e-6)
+
+
+RUDDER = doublets(2.0, TS_S, periods=10.0)
+R, ROLL, TRUTH = lateral(RUDDER, TS_S)
+NOISE = np.random.default_rng(6).standard_normal((3, len(R)))
+P = np.gradient(ROLL, TS_S) + 1e-3 * NOISE[0]
+"""The roll rate of level flight."""
+
+
+def samples(roll: Floats = ROLL, aileron: Floats | float = np.nan) -> SampleBlock:
+    return stream(RUDDER, y=R + 1e-3 * NOISE[1], roll=roll, aileron=aileron)
+
+
+@pytest.mark.parametrize(
+    ("roll", "fault"),
+    [
+        (ROLL + 1e-4 * NOISE[2], ""),
+        (np.where(np.arange(len(R)) < 40, ROLL, np.nan), "roll is missing"),
+        (0.0 * ROLL, "roll stays where it is"),
+        (np.round(ROLL / np.ptp(ROLL)), "roll stays where it is"),
+    ],
+)
+def test_a_roll_that_is_missing_or_stays_where_it_is_is_left_out(roll: Floats, fault: str):
+    assert roll_fault(samples(roll)) == fault
+
+
+@pytest.mark.parametrize(
+    "seen",
+    [
+        lambda roll: np.round(roll / roll.std()) * roll.std(),
+        lambda roll: np.repeat(roll[::5], 5)[: len(roll)],
+    ],
+    ids=["coarse", "slow"],
+)
+def test_even_a_coarse_or_slow_roll_shows_the_dutch_roll_better_than_none(
+    seen: Callable[[Floats], Floats],
+):
+    off = []
+    for roll in (seen(ROLL), np.zeros(len(R))):
+        found = answer_of(fitted(samples(roll)).fits, has_roll_loop=True)
+        off.append(abs(found.wn_rad_s.value - TRUTH[0]))
+        assert off[-1] < 2.0 * found.wn_rad_s.std
+        assert abs(found.zeta.value - TRUTH[1]) < 2.0 * found.zeta.std
+    assert off[0] < off[1]
+
+
+def test_a_rudder_that_moved_within_its_samples_is_taken_as_held():
+    moves = replace(samples(), rudder_moves=np.ones(len(R)))
+    plain, corrected = (record_of(x, with_roll=False).u for x in (samples(), moves))
+    assert corrected.sum() == pytest.approx(plain.sum(), abs=1e-9)
+    assert np.abs(corrected - plain).max() > 0.01

@@ -64,7 +64,7 @@ APART, ITSELF = "do not show one airframe", "Replay each manoeuvre by itself wit
         ),
         pytest.param([Leg(), Leg(DAMPED)], {}, "zeta 0.33", "", id="two dampings at one wn"),
         pytest.param(
-            [Leg(at_speed(v), v, 50.0) for v in SPEEDS], {}, APART, "", id="a frozen airspeed"
+            [Leg(at_speed(v), v, 50.0) for v in (40.0, 60.0)], {}, APART, "", id="a frozen airspeed"
         ),
         # Four manoeuvres without an airspeed give the answer as flown, the fifth has flaps. Of
         # three the one with flaps, which is better known, has a third of the weight.
@@ -167,15 +167,21 @@ def test_an_aircraft_that_changes_within_a_manoeuvre_has_no_airframe(
 
 
 @pytest.mark.parametrize(
-    ("aircraft", "manual", "said", "then"),
+    ("aircraft", "manual", "said", "then", "suffixes"),
     [
-        (REVERSED_AILERON, True, "a positive aileron rolls the aircraft left", "SERVOn_REVERSED"),
-        (REVERSED_RUDDER, False, "a positive rudder turns the nose left", "--rudder-sign"),
+        (
+            REVERSED_AILERON, True, "a positive aileron rolls the aircraft left", "SERVOn_REVERSED",
+            ("xml", "mat"),
+        ),
+        (
+            REVERSED_RUDDER, False, "a positive rudder turns the nose left", "--rudder-sign",
+            ("json",),
+        ),
     ],
-)
+)  # fmt: skip
 def test_a_reversed_surface_is_a_warning_everywhere_and_gives_no_mix(
     folder: Path, aircraft: dict[str, float], manual: bool, said: str, then: str,
-    capsys: pytest.CaptureFixture[str],
+    suffixes: tuple[str, ...], capsys: pytest.CaptureFixture[str],
 ):  # fmt: skip
     run, right = airframe(folder, [Leg(aircraft)], manual=manual), airframe(folder, [Leg()]).bare
     bare, mix = run.bare, run.damper().report.mix
@@ -190,7 +196,7 @@ def test_a_reversed_surface_is_a_warning_everywhere_and_gives_no_mix(
     assert right.rudder_mix is not None
     assert right.verdict.reasons == []
     given = ["export", str(run.path), "--what", "model", "--of", "bare", *DIMENSIONS, "--force"]
-    for suffix in ("json", "xml", "mat"):
+    for suffix in suffixes:
         out = folder / f"model.{suffix}"
         assert main([*given, "-o", str(out)]) == 0
         assert f"warning wrong_sign: {said}" in capsys.readouterr().err

@@ -69,20 +69,6 @@ def test_every_second_in_which_a_segment_moves_the_rudder_lies_in_a_manoeuvre(na
         assert moves_in(each, last - 1e6 * MOST_REST_S, last + 1)
 
 
-def test_the_two_flights_are_cut_alike():
-    """Within a second, counted from where the plan's first segment began"""
-    names = ("sitl_fbwa_50hz", "sitl_fbwa_stock_33hz")
-    cuts = []
-    for name in names:
-        begin_s = segments(name)[0]["t0_boot_ms"] / 1e3
-        cuts.append([each.boot_us[[0, -1]] / 1e6 - begin_s for each in found(name)])
-    np.testing.assert_allclose(cuts[0], cuts[1], atol=1.0)
-
-
-def test_nothing_is_usable_in_a_mission_that_excited_nothing():
-    assert found("sitl_auto_25hz") == []
-
-
 @EXCITED
 def test_the_flights_answer_is_right_and_its_sigma_covers_it(name: str):
     """CATALOG.md: 10.22 rad/s and 0.630 as flown, closed with the roll loop of FBWA

@@ -6,9 +6,10 @@ import math
 
 import numpy as np
 import pytest
-from manoeuvre.streams import HZ, TS_S, flown, found_in, rest, stream
+from manoeuvre.streams import HZ, flown, found_in, rest, stream
+from manoeuvre.streams import yawing as by_eq_23
 from manoeuvre.test_answered import told
-from scipy.signal import cont2discrete, lfilter
+from scipy.signal import lfilter
 
 from yawid.blocks import Floats, SampleBlock
 
@@ -19,9 +20,11 @@ PERIOD = 2.0 * math.pi / WN * HZ
 
 def yawing(rudder: Floats, wind: float = 0.0) -> Floats:
     """The yaw rate (n,), K .3, with a little noise and a share of wind"""
-    b, a, _ = cont2discrete(([0.3 * WN**2, 0.3 * WN**2], [1, 2 * ZETA * WN, WN**2]), TS_S)
-    y, noise = lfilter(b[0], a, rudder), np.random.default_rng(3).standard_normal((2, len(rudder)))
-    return y + 0.002 * noise[0] + wind * y.std() * lfilter([1.0], [1.0, -0.95], noise[1])
+    y = by_eq_23(rudder, wn=WN, zeta=ZETA, lead_s=1.0, noise=0.002, seed=3)
+    blown = lfilter(
+        [1.0], [1.0, -0.95], np.random.default_rng(3).standard_normal((2, len(rudder)))[1]
+    )
+    return y + wind * y.std() * blown
 
 
 def doublet(half_s: float, begin_s: float = 10.0, rest_s: float = 30.0) -> Floats:

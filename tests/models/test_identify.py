@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import re
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -13,6 +12,7 @@ import msgspec
 import numpy as np
 import pytest
 from damper.test_study import DELTA, GIVEN, WN, ZETA, record, run
+from flights.records import HZ, SAID, Leg, states
 from lateral.flown import AIRSPEED_M_S
 from lateral.flown import DERIVATIVES as TRUE
 from linear_flights import airframe
@@ -35,18 +35,6 @@ NUM, DEN = [DELTA, 0.4 * DELTA], [1.0, 2.0 * ZETA * WN, WN**2]
 @cache
 def model(which: int | str) -> LinearModel:
     return run().model(which)  # type: ignore[arg-type]  # a test's text
-
-
-def test_sigmas_are_those_of_parameters_that_are_drawn() -> None:
-    found, rng = model("flight"), np.random.default_rng(2)
-    w = np.array([3.2, 5.0, 7.8])
-    # A hundredth of the covariance, within which everything is nearly linear.
-    drawn = rng.multivariate_normal(found.values, 1e-2 * found.covariance, 4000)
-    G = np.array([np.polyval(p[2:], 1j * w) / np.polyval([1.0, *p[:2]], 1j * w) for p in drawn])
-
-    response = found.frequency_response(w)
-    np.testing.assert_allclose(10.0 * np.std(np.abs(G), 0), response.magnitude_std, rtol=0.05)
-    np.testing.assert_allclose(10.0 * np.std(np.angle(G), 0), response.phase_std_rad, rtol=0.05)
 
 
 @cache
@@ -196,9 +184,6 @@ def test_python_control_reads_it() -> None:
     assert sampled.dt == 0.05
     y = control.forced_response(sampled, U=np.ones(40)).outputs
     np.testing.assert_allclose(y, model(1).simulate(np.ones(40)), atol=1e-12)
-    wn, zeta, _ = control.damp(model("flight").to_control(), doprint=False)
-    assert wn[0] == pytest.approx(run().flight.dutch_roll.wn_rad_s)
-    assert zeta[0] == pytest.approx(run().flight.dutch_roll.zeta)
 
 
 @pytest.fixture(scope="module")
@@ -234,27 +219,59 @@ def test_the_files_are_read_back(
             np.reshape(kept[name], getattr(discrete, name).shape), getattr(discrete, name)
         )
     assert kept["Ts"] == 0.05
-    poles = np.log(np.linalg.eigvals(kept["A"])) / kept["Ts"]
-    assert np.abs(poles).tolist() == pytest.approx([WN, WN], rel=0.01)
 
 
 def test_other_tables_and_refusals(
     mcap: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    out = tmp_path / "m.npz"
-    assert main(["export", str(mcap), "--what", "manoeuvres", "-o", str(out)]) == 0
-    with np.load(out) as found:
-        assert found["wn_rad_s"].tolist() == run().manoeuvres.wn_rad_s.tolist()
-    assert main(["export", str(mcap), "--what", "modes", "-o", str(tmp_path / "o.npz")]) == 0
-    with np.load(tmp_path / "o.npz") as found:
-        np.testing.assert_array_equal(found["wn"], run().modes.wn)
+    for what, name, expected in (
+        ("manoeuvres", "wn_rad_s", run().manoeuvres.wn_rad_s), ("modes", "wn", run().modes.wn),
+    ):  # fmt: skip
+        out = tmp_path / f"{what}.npz"
+        assert main(["export", str(mcap), "--what", what, "-o", str(out)]) == 0
+        with np.load(out) as found:
+            np.testing.assert_array_equal(found[name], expected)
     as_model = ["export", str(mcap), "--what", "model"]
     assert main([*as_model, "-o", str(tmp_path / "m.csv")]) == 2
     with pytest.raises(SystemExit, match="2"):
         main([*as_model, "--of", "all"])
     assert main([*as_model, "--of", "bare", "-o", str(tmp_path / "m.xml")]) == 5
     said = capsys.readouterr().err
-    found = r"\.json, \.mat, \.xml|--of: must be|replay the log with --lateral"
-    assert re.findall(found, said) == [
-        ".json, .mat, .xml", "--of: must be", "replay the log with --lateral",
-    ]  # fmt: skip
+    for each in (".json, .mat, .xml", "--of: must be", "replay the log with --lateral"):
+        assert each in said
+
+
+V, GRAVITY = 20.0, 9.81
+A = np.array(
+    [[-0.6, 0.0, -1.0, GRAVITY / V], [-10.0, -6.0, 2.5, 0.0], [14.0, -0.6, -0.9, 0.0], [0, 1, 0, 0]]
+)
+"""Sideslip, roll rate, yaw rate and roll of an aircraft: a Dutch roll of 4.09 rad/s and zeta .185,
+a roll mode of -6.1 and a slow spiral. Yaw rate and rudder have zeros below the Dutch roll."""
+B = np.array([[0.05], [1.0], [8.0], [0.0]])
+
+
+def flown() -> dict[str, np.ndarray]:
+    """Return two doublets and the aircraft's yaw rate, exact for a held rudder, with noise."""
+    rudder = np.tile(Leg(stroke=0.2, seconds=30.0).rudder(), 2)
+    noise = 0.001 * np.random.default_rng(1).standard_normal(len(rudder))
+    t, rate = np.arange(len(rudder)) / HZ, states(A, B[:, 0], rudder, HZ)[:, 2]
+    return {"t": t, "rudder": rudder, "r": rate + noise, "airspeed": V + 0.0 * t}
+
+
+def test_the_response_of_a_model_is_within_three_sigmas_of_the_aircraft_where_sigma_is_given(
+    tmp_path: Path,
+) -> None:
+    model = tmp_path / "model.json"
+    run = yawid.replay(flown(), **SAID).mcap(tmp_path)
+    asked = ["export", str(run), "--what", "model", "--of", "1", "-o", str(model)]
+    assert main(asked) == 0
+
+    [found] = json.loads(model.read_text(encoding="utf-8"))["frequency_response"]
+    w, std = np.array(found["w_rad_s"]), np.array(found["magnitude_std"], float)
+    magnitude = np.hypot(np.array(found["re"], float), np.array(found["im"], float))
+    wn = next(abs(pole) for pole in np.linalg.eigvals(A) if pole.imag > 1.0)
+    truth = np.array([abs(np.linalg.solve(1j * each * np.eye(4) - A, B)[2, 0]) for each in w])
+    near = (w > 0.3 * wn) & (w < 1.4 * wn)
+    known = near & np.isfinite(std)
+    assert (known & (w > 0.8 * wn)).any()
+    assert (np.abs(magnitude - truth)[known] < 3.0 * std[known]).all()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -109,44 +110,40 @@ def test_sums_are_kept_as_a_text_to_seven_digits() -> None:
 
 
 @pytest.mark.parametrize(
-    ("seed", "gust"), [(4, 0.001), pytest.param(6, 0.02, marks=pytest.mark.long)]
-)
+    ("seed", "of", "how", "most_share"),
+    [
+        pytest.param(4, DERIVATIVES, {"gust": 0.001}, 1.0, id="calm air"),
+        pytest.param(6, DERIVATIVES, {"gust": 0.02}, 1.0, id="gusts", marks=pytest.mark.long),
+        pytest.param(
+            15, SMALL, {"gust": 0.04, "frozen": 1.0, "span_s": 0.1, "law": (0.5, 0.02)}, 0.05,
+            id="a small aircraft whose turns are a small part",
+        ),
+    ],
+)  # fmt: skip
 def test_the_mode_of_a_linear_aircraft_is_found_in_calm_air_and_in_gusts(
-    seed: int, gust: float
+    seed: int, of: dict[str, float], how: dict[str, Any], most_share: float
 ) -> None:
-    found = answered(seed, gust=gust)
+    found = answered(seed, derivatives=of, **how)
 
-    wn, zeta = truth()
+    wn, zeta = truth(of)
     assert found, found.verdict.reasons
-    assert found.dutch_roll is not None
     assert abs(found.dutch_roll.wn_rad_s - wn) < 2.0 * found.dutch_roll.wn_std
     assert abs(found.dutch_roll.zeta - zeta) < 2.0 * found.dutch_roll.zeta_std
     assert found.dutch_roll.wn_std >= 0.025 * found.dutch_roll.wn_rad_s
-    assert found.law.k_roll == pytest.approx(LAW[0], rel=0.1)
+    assert found.law.k_roll == pytest.approx(how.get("law", LAW)[0], rel=0.1)
+    assert found.share < most_share
+    told = found.to_json()
+    assert {"dutch_roll", "law", "seconds", "spectrum", "verdict"} <= told.keys()
+    assert len(told["spectrum"]["w_rad_s"]) == len(told["spectrum"]["measured"]["r"])
     for name, each in found.derivatives.items():
-        assert abs(each.value - DERIVATIVES[name]) < 3.0 * each.std, name
-
-
-def test_a_small_aircraft_in_gusts_is_found_although_its_turns_are_a_small_part() -> None:
-    found = answered(15, derivatives=SMALL, gust=0.04, frozen=1.0, span_s=0.1, law=(0.5, 0.02))
-
-    wn, zeta = truth(SMALL)
-    assert found, found.verdict.reasons
-    assert found.dutch_roll is not None
-    assert abs(found.dutch_roll.wn_rad_s - wn) < 2.0 * found.dutch_roll.wn_std
-    assert abs(found.dutch_roll.zeta - zeta) < 2.0 * found.dutch_roll.zeta_std
-    assert found.share is not None
-    assert found.share < 0.05
+        assert abs(each.value - of[name]) < 3.0 * each.std, name
 
 
 def test_a_roll_hold_that_integrates_is_found_in_gusts() -> None:
     found = answered(16, gust=0.02, law=(1.2, 0.2), integral=0.8)
 
-    wn, _ = truth()
     assert found, found.verdict.reasons
-    assert found.dutch_roll is not None
-    assert abs(found.dutch_roll.wn_rad_s - wn) < 0.05 * wn
-    assert found.law is not None
+    assert found.dutch_roll.wn_rad_s == pytest.approx(truth()[0], rel=0.05)
     assert found.law.k_p == pytest.approx(0.2, abs=0.06)
     assert found.law.k_integral == pytest.approx(0.8, rel=0.15)
 
@@ -193,64 +190,59 @@ def test_an_unstable_aircraft_is_never_reached_although_the_spectra_are_the_same
     assert is_stable(found.x, data)
 
 
-def test_a_flight_without_turns_is_refused_as_feedback_alone() -> None:
-    found = answered(8, turns=False, gust=0.02)
-
-    assert "only_feedback" in [reason.id for reason in found.verdict.reasons]
-
-
-def test_an_aileron_of_the_other_sign_is_refused_as_such_before_any_fit() -> None:
+def with_aileron_reversed() -> np.ndarray:
     flight = flown(8)
     flight[:, 4] *= -1.0
-
-    found = answer_of(streamed(flight))
-
-    assert [reason.id for reason in found.verdict.reasons] == ["aileron_reversed"]
-    assert "--aileron" in found.verdict.reasons[0].remedy
-    assert found.dutch_roll is None
+    return flight
 
 
-def test_a_short_flight_says_how_many_seconds_are_needed_and_there() -> None:
-    found = answered(9, seconds=200.0)
-
-    assert [reason.id for reason in found.verdict.reasons] == ["too_short"]
-    assert "290 s" in found.verdict.reasons[0].text
-    assert "180 s of 200 s" in found.verdict.reasons[0].text
-    assert found.verdict.reasons[0].remedy
-
-
-def test_a_yaw_damper_is_refused_before_any_fit() -> None:
-    found = answered(10, damper=0.5)
-
-    assert [reason.id for reason in found.verdict.reasons] == ["rudder_moves"]
-    assert found.dutch_roll is None
-
-
-@pytest.mark.parametrize("wn_part", [0.8, pytest.param(1.0, marks=pytest.mark.long)])
-def test_a_line_in_the_yaw_rate_near_the_mode_is_refused(wn_part: float) -> None:
+def with_line(wn_part: float) -> np.ndarray:
+    """A flight with a line in the yaw rate near the mode"""
     flight = flown(12, gust=0.005)
     rng, n = np.random.default_rng(12), len(flight)
     w = 2.0 * np.pi * np.fft.rfftfreq(n, 0.04)
     narrow = rng.normal(size=(2, len(w))) * (np.abs(w - wn_part * truth()[0]) < 0.15)
     line = np.fft.irfft(narrow[0] + 1j * narrow[1], n)
     flight[:, 2] += np.sqrt(0.5) * flight[:, 2].std() / line.std() * line
-
-    found = answer_of(streamed(flight))
-
-    assert found.verdict.reasons[0].id == "line"
+    return flight
 
 
-def test_what_is_said_travels_as_json() -> None:
-    found = answered(11, seconds=400.0).to_json()
-
-    assert {"dutch_roll", "law", "seconds", "spectrum", "verdict"} <= found.keys()
-    assert len(found["spectrum"]["w_rad_s"]) == len(found["spectrum"]["measured"]["r"])
-
-
-@pytest.mark.parametrize("damper", [0.5, 0.13])
-def test_a_damper_in_calm_air_is_refused_although_the_turns_explain_the_yaw_rate(
-    damper: float,
+@pytest.mark.parametrize(
+    ("made", "id_", "is_early", "said"),
+    [
+        pytest.param(
+            lambda: flown(8, turns=False, gust=0.02), "only_feedback", True, (), id="no turns"
+        ),
+        pytest.param(
+            with_aileron_reversed, "aileron_reversed", True, ("--aileron",), id="a reversed aileron"
+        ),
+        pytest.param(
+            lambda: flown(9, seconds=200.0), "too_short", True, ("290 s", "180 s of 200 s"),
+            id="a short flight",
+        ),
+        pytest.param(lambda: flown(10, damper=0.5), "rudder_moves", True, (), id="a yaw damper"),
+        # Although the turns explain the yaw rate.
+        *(
+            pytest.param(
+                lambda damper=damper: flown(14, damper=damper, gust=0.0), "rudder_moves", True, (),
+                id=f"a yaw damper of {damper} in calm air",
+            )
+            for damper in (0.5, 0.13)
+        ),
+        pytest.param(lambda: with_line(0.8), "line", False, (), id="a line near the mode"),
+        pytest.param(
+            lambda: with_line(1.0), "line", False, (), id="a line at it", marks=pytest.mark.long
+        ),
+    ],
+)  # fmt: skip
+def test_a_flight_that_shows_no_mode_is_refused_with_its_reason_if_it_can_be_before_any_fit(
+    made: Callable[[], np.ndarray], id_: str, is_early: bool, said: tuple[str, ...]
 ) -> None:
-    found = answered(14, damper=damper, gust=0.0)
+    found = answer_of(streamed(made()))
 
-    assert [reason.id for reason in found.verdict.reasons] == ["rudder_moves"]
+    first, *others = found.verdict.reasons
+    assert (found.dutch_roll is None, others == []) == (is_early, is_early)
+    assert first.id == id_
+    assert first.remedy
+    for each in said:
+        assert each in f"{first.text} {first.remedy}"

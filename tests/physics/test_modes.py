@@ -1,17 +1,28 @@
+"""Modes of blocks, modes and yaw channel of a stream of estimates, both in the file of a run."""
+
 from __future__ import annotations
 
 import math
+from functools import cache
+from itertools import pairwise
 
 import numpy as np
 import pytest
+from finished_runs import replayed
 from hypothesis import assume, given
 from hypothesis import strategies as st
+from places import REPLAY_LOGS
 from scipy.signal import cont2discrete
+from sinks.mcap.mcap_reading import column, decoded
 
-from yawid.blocks import EstimateBlock
+import yawid
+from yawid.blocks import EstimateBlock, ModesBlock, Status
 from yawid.config.estimator import ArmaxOrders
+from yawid.physics.derivatives import with_sigma
 from yawid.physics.modes import mode_list, modes
+from yawid.physics.stage import PhysicsStage
 from yawid.quantities.flying_qualities import dutch_roll_level
+from yawid.quantities.table import YAW_CHANNEL
 
 ORDERS = ArmaxOrders(na=3, nb=3, nc=0, nk=1)
 
@@ -28,13 +39,16 @@ def yaw_with_servo(wn: float, zeta: float, gain: float, lead: float, tau: float)
     return gain * wn**2 * np.array([lead, 1.0]), denominator
 
 
-def estimates(theta: np.ndarray, covariance: np.ndarray | None = None) -> EstimateBlock:
+def estimates(
+    theta: np.ndarray, covariance: np.ndarray | None = None, status: np.ndarray | int = 0
+) -> EstimateBlock:
     theta = np.atleast_2d(theta)
     n, p = theta.shape
     zero = np.zeros(n)
     if covariance is not None:
         covariance = np.broadcast_to(covariance, (n, p, p))
-    return EstimateBlock.of(theta, theta, covariance, zero, zero, zero, zero, zero.astype(np.uint8))
+    status = np.broadcast_to(np.uint8(status), n)
+    return EstimateBlock.of(theta, theta, covariance, zero, zero, zero, zero, status)
 
 
 @given(
@@ -116,24 +130,106 @@ def test_the_dutch_roll_is_the_pair_that_answers_most(
     assert sorted(mode["kind"] for mode in mode_list(found)) == kinds
 
 
-@given(size=st.integers(1, 20), seed=st.integers(0, 50))
-def test_a_rows_bits_do_not_depend_on_the_block_it_came_in(size, seed):
-    """NaN has a sign, and which one comes out depends on how many are computed at once."""
-    rng = np.random.default_rng(seed)
-    theta, root = 0.5 * rng.standard_normal((40, 6)), rng.standard_normal((6, 6))
-    theta[:8], theta[20] = 0.0, np.nan
-    each = [theta[i : i + size] for i in range(0, len(theta), size)]
+def test_levels_need_all_three_limits():
+    known = ((2.4, 0.23), (2.4, 0.07), (2.4, 0.01), (0.3, 0.5), (2.4, -0.1))
+    assert [dutch_roll_level(*each) for each in known] == [1, 2, 3, None, None]
 
-    whole, *parts = (modes(estimates(t, root @ root.T), ORDERS, 0.05) for t in (theta, *each))
+
+TS, N = 0.25, 41
+K = np.arange(6, 6 + N)
+"""Whole seconds are the samples 8, 12, 16 and so on."""
+
+
+def drifting() -> EstimateBlock:
+    """Estimates of a yaw channel with servo whose frequency grows sample by sample.
+
+    The estimator warms up for three samples, and once more from row 30 on.
+    """
+    thetas = []
+    for wn in np.linspace(2.0, 3.0, N):
+        pole = np.polymul([1.0, 0.6 * wn, wn**2], [0.2, 1.0])
+        thetas.append(sampled(wn**2 * np.array([0.8, 1.0]), pole, TS))
+    theta = np.array(thetas)
+    theta[:3] = 0.0
+    is_warm = (np.arange(N) >= 3) & (np.arange(N) < 30)
+    return estimates(theta, 1e-8 * np.eye(6), np.where(is_warm, Status.TRACKING, 0))
+
+
+@cache
+def drifting_whole() -> tuple[EstimateBlock, ModesBlock]:
+    """Return such estimates, and what the physics say of them in one piece."""
+    return (estimates := drifting()), PhysicsStage(ORDERS, TS).of(K, estimates)
+
+
+def part(block: EstimateBlock, rows: slice) -> EstimateBlock:
+    return EstimateBlock(block.rows[rows], block.p)
+
+
+def test_the_yaw_channel_stands_from_one_whole_second_to_the_next():
+    estimates, found = drifting_whole()
+
+    for row in range(N):
+        second = row - (K[row] % 4)  # the row of the last whole second
+        if second < 3 or row >= 30:  # before the run, or warming up
+            assert np.isnan(found.yaw[row]).all()
+            continue
+        rows = slice(second, second + 1)
+        [(values, std)], _ = with_sigma(
+            estimates.theta[rows], estimates.covariance[rows], ORDERS, TS
+        )
+        np.testing.assert_array_equal(found.yaw[row], values)
+        np.testing.assert_array_equal(found.yaw_std[row], std)
+    omega = found.yaw[:, list(YAW_CHANNEL).index("omega_beta")]
+    assert omega[29] > omega[10]
+    assert (found.yaw_std[29] > 0.0).all()
+
+
+@given(cuts=st.lists(st.integers(1, N - 1), max_size=6, unique=True))
+def test_rows_do_not_depend_on_how_the_stream_was_cut(cuts):
+    estimates, whole = drifting_whole()
+    rows = PhysicsStage(ORDERS, TS)
+    edges = [0, *sorted(cuts), N]
+    slices = [slice(first, last) for first, last in pairwise(edges)]
+    parts = [rows.of(K[s], part(estimates, s)) for s in slices]
 
     for name in whole.__slots__:
         joined = np.concatenate([getattr(part, name) for part in parts])
-        assert joined.tobytes() == getattr(whole, name).tobytes(), name
+        np.testing.assert_array_equal(joined, getattr(whole, name), err_msg=name)
 
 
-def test_levels_need_all_three_limits():
-    assert dutch_roll_level(2.4, 0.23) == 1
-    assert dutch_roll_level(2.4, 0.07) == 2
-    assert dutch_roll_level(2.4, 0.01) == 3
-    assert dutch_roll_level(0.3, 0.5) is None
-    assert dutch_roll_level(2.4, -0.1) is None
+@pytest.mark.parametrize("na", [3, 6])
+def test_a_rows_bits_do_not_depend_on_the_block_it_came_in(na):
+    """A block so long that NumPy works in place on its temporaries; NaN has a sign, too."""
+    rng, orders, k = np.random.default_rng(9), ArmaxOrders(na, na, 0, 1), np.arange(3000)
+    theta, root = rng.standard_normal((3000, 2 * na)), rng.standard_normal((2 * na, 2 * na))
+    theta[:8], theta[20] = 0.0, np.nan
+    block = estimates(0.4 * theta, 1e-6 * root @ root.T, Status.TRACKING)
+    whole = PhysicsStage(orders, 1.0).of(k, block)
+
+    assert np.isfinite(whole.yaw).any()
+    for row in [*range(30), *range(30, 3000, 30)]:
+        one = slice(row, row + 1)
+        found = PhysicsStage(orders, 1.0).of(k[one], part(block, one))
+        for name in whole.__slots__:
+            assert getattr(found, name).tobytes() == getattr(whole, name)[one].tobytes(), name
+
+
+SITL = REPLAY_LOGS / "sitl_fbwa_50hz" / "log.tlog"
+OPTIONS = (
+    "--method", "rml", "--also", "none", "--manoeuvres", "off",
+    "--rate", 25, "--memory", "inf", "--from", 86.5, "--to", 240,
+)  # fmt: skip
+
+
+def test_the_file_holds_the_yaw_channel_with_sigma_at_every_sample(tmp_path):
+    mcap = replayed(SITL, tmp_path, *OPTIONS)
+    physics, rows = yawid.load(mcap).summary.estimates["rml"].physics, decoded(mcap)["/yawid/modes"]
+
+    for name in YAW_CHANNEL:
+        values, sigmas = column(rows, name), column(rows, f"{name}_std")
+        # The last whole second's, of an estimate that has come to rest.
+        assert values[-1] == pytest.approx(physics[name].value, rel=0.01)
+        assert sigmas[-1] == pytest.approx(physics[name].std_noise, rel=0.05)
+        known = np.isfinite(values)
+        assert known[2000:].all()
+        np.testing.assert_array_equal(known, np.isfinite(sigmas))

@@ -1,3 +1,5 @@
+"""The rigid body and eq. 17-23: axes and laws of a textbook, and each from the one before."""
+
 from __future__ import annotations
 
 import math
@@ -8,8 +10,9 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from plant.oracles import angle_rates, attitude_from, response, yaw_motion
-from scipy.signal import lfilter
+from plant.oracles import angle_rates, attitude_from, frd_from_paper, response, yaw_motion
+from scipy.signal import cont2discrete, lfilter
+from scipy.spatial.transform import Rotation
 
 from yawid.blocks import Floats
 from yawid.errors import ConfigError
@@ -25,12 +28,97 @@ from yawid.plant.rigid_body import (
     Motion,
     RigidBody,
     SteadyFlight,
+    fly,
     rotation,
     translation,
+    weight,
 )
 from yawid.plant.simulate import REFERENCE, REFERENCE_FLIGHT
 from yawid.plant.yaw import YawPlant
 from yawid.quantities.airspeed import GRAVITY
+
+RNG = np.random.default_rng(3)
+
+
+def test_eq_17_and_18_are_newton_and_euler_in_forward_right_down_axes():
+    """The textbook's vector form, written in the other axes, gives the same accelerations."""
+    body = RigidBody(12.0, 2.0, 5.0, 3.5)
+    W, omega, forces, moments = RNG.standard_normal((4, 3))
+    V, rates, F, M = (frd_from_paper(v) for v in (W, omega, forces, moments))
+    inertia = np.diag([body.J_x, body.J_z, body.J_y])
+    np.testing.assert_allclose(
+        frd_from_paper(translation(body, W, omega, forces)),
+        F / body.mass - np.cross(rates, V),
+        atol=1e-14,
+    )
+    np.testing.assert_allclose(
+        frd_from_paper(rotation(body, omega, moments)),
+        np.linalg.solve(inertia, M - np.cross(rates, inertia @ rates)),
+        atol=1e-14,
+    )
+
+
+def test_a_right_bank_pulls_to_the_right_and_a_raised_nose_backwards():
+    body = RigidBody(2.0, 1.0, 1.0, 1.0)
+    banked = frd_from_paper(weight(body, attitude_from(np.array([0.7, 0.0, 0.3]))))
+    raised = frd_from_paper(weight(body, attitude_from(np.array([-0.7, 0.2, 0.0]))))
+    g = 2.0 * 9.80665
+    np.testing.assert_allclose(banked, [0.0, g * np.sin(0.3), g * np.cos(0.3)], atol=1e-12)
+    np.testing.assert_allclose(raised, [-g * np.sin(0.2), 0.0, g * np.cos(0.2)], atol=1e-12)
+
+
+BODY = RigidBody(10.0, 1.0, 3.0, 2.2)
+ZERO = np.zeros(3)
+TUMBLING = Motion(
+    np.array([20.0, -1.0, 2.0]),
+    np.array([0.8, 1.5, -0.6]),
+    attitude_from(np.array([0.4, -0.3, 0.9])),
+    np.array([1.0, 2.0, 3.0]),
+)
+
+
+def free(motion):
+    return ZERO, ZERO
+
+
+def test_a_free_body_keeps_its_energy_momentum_and_straight_path():
+    t = np.linspace(0.0, 20.0, 50)
+    flown = fly(BODY, TUMBLING, free, t)
+    J = np.array([BODY.J_x, BODY.J_y, BODY.J_z])
+    to_ground = Rotation.from_quat(flown.attitude)
+    momentum = to_ground.apply(J * flown.angular_rate)
+    velocity = to_ground.apply(flown.velocity)
+    energy = (J * flown.angular_rate**2).sum(axis=1)
+    np.testing.assert_allclose(energy, energy[0], rtol=1e-8)
+    np.testing.assert_allclose(momentum, momentum[:1].repeat(50, axis=0), atol=1e-7)
+    np.testing.assert_allclose(velocity, velocity[:1].repeat(50, axis=0), atol=1e-6)
+    np.testing.assert_allclose(
+        flown.position, TUMBLING.position + np.outer(t, velocity[0]), atol=1e-5
+    )
+    np.testing.assert_allclose(np.linalg.norm(flown.attitude, axis=1), 1.0, atol=1e-15)
+
+
+def test_a_tumbling_body_falls_straight_down():
+    t = np.linspace(0.0, 5.0, 11)
+    flown = fly(BODY, TUMBLING, lambda motion: (weight(BODY, motion.attitude), ZERO), t)
+    start = Rotation.from_quat(TUMBLING.attitude).apply(TUMBLING.velocity)
+    path = TUMBLING.position + np.outer(t, start)
+    path[:, 1] -= 0.5 * GRAVITY * t**2
+    np.testing.assert_allclose(flown.position, path, atol=1e-6)
+
+
+def test_the_angle_rates_are_those_of_the_quaternion():
+    h = 1e-4
+    flown = fly(BODY, TUMBLING, free, np.array([0.0, h, 2.0 * h]))
+    expected = angle_rates(flown.angles[1], flown.angular_rate[1])
+    np.testing.assert_allclose((flown.angles[2] - flown.angles[0]) / (2.0 * h), expected, rtol=1e-6)
+
+
+@given(st.tuples(st.floats(-3.1, 3.1), st.floats(-1.5, 1.5), st.floats(-3.1, 3.1)))
+def test_angles_come_back_from_their_quaternion(angles):
+    motion = Motion(ZERO, ZERO, attitude_from(np.array(angles)), ZERO)
+    np.testing.assert_allclose(motion.angles, angles, atol=1e-9)
+
 
 S = 1j * np.logspace(-2, 2, 50)
 
@@ -144,17 +232,11 @@ def test_theta_is_the_difference_equation_of_the_simulated_plant(output):
     na = len(theta) // 2
     recursion = lfilter(np.concatenate([[0.0], theta[na:]]), np.concatenate([[1.0], theta[:na]]), u)
     np.testing.assert_allclose(y, recursion, atol=1e-11)
-
-
-def test_the_answer_to_a_held_step_is_the_continuous_one():
-    """The yaw rate's step response in closed form, by partial fractions."""
-    plant = YawPlant(1.3, 0.6, 2.5, 0.2)
-    t = np.arange(200) * 0.05
-    s = complex(-0.5, 2.5 * np.sqrt(1.0 - 0.04))
-    residue = 1.3 * 6.25 * (0.6 * s + 1.0) / (s * (s - s.conjugate()))
-    expected = 1.3 + 2.0 * np.real(residue * np.exp(s * t))
-    found = plant.linear().simulate(np.ones(200), 0.05)[:, 0]
-    np.testing.assert_allclose(found, expected, atol=1e-12)
+    w, xi = plant.omega_beta, plant.xi_beta
+    of_eq_23 = plant.K * w**2 * np.array([plant.T_theta_s, 1.0]), [1.0, 2.0 * xi * w, w**2]
+    behind = [1.0, 0.0] if output == "yaw" else [1.0]
+    b, a, _ = cont2discrete((of_eq_23[0], np.polymul(of_eq_23[1], behind)), 0.05)
+    np.testing.assert_allclose(theta, [*a[1:], *b.ravel()[1:]], atol=1e-12)
 
 
 @pytest.mark.parametrize(

@@ -1,14 +1,16 @@
-"""The table of quantities: every name that an output has, with the signs of a textbook."""
+"""The table of quantities, with the signs of a textbook, and the names of flight modes."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
+from pymavlink import mavutil
 
 from yawid.plant.simulate import REFERENCE
 from yawid.plant.yaw import YawPlant
 from yawid.quantities.table import CHANNELS, YAW_CHANNEL, quantity
 from yawid.quantities.units import UNITS
+from yawid.quantities.vehicles import ARDUPILOT, mode_name
 
 
 def test_a_channel_s_unit_is_one_that_records_know() -> None:
@@ -50,3 +52,11 @@ def test_with_the_usual_signs_the_usual_equations_are_the_papers_plant() -> None
 
     assert np.isclose(np.linalg.solve(s * np.eye(2) - A, B)[0], paper, rtol=1e-12)
     assert usual["N_β"] > 0 > usual["N_r"]
+
+
+def test_arduplanes_modes_are_called_as_pymavlink_calls_them() -> None:
+    for vehicle_type in range(46):
+        names = mavutil.mode_mapping_bynumber(vehicle_type) or {}
+        for mode in range(-1, 40):
+            expected = names.get(mode, f"mode {mode}")
+            assert mode_name(ARDUPILOT, vehicle_type, mode) == expected
