@@ -42,9 +42,19 @@ class LinearAircraft:
 
     def __init__(self, own: Mapping[str, float], plan: FlightPlan) -> None:
         self.servo_lag_s, self._speed = own["servo_lag_s"], own["airspeed_m_s"]
-        A, self.aileron, self.rudder = _matrices(own)
-        # The states, d_a, d_r, psi; the commands, the gusts of sideslip, yaw and roll, and what the
-        # linear terms lack of each state's derivative.
+        A = np.array(
+            [
+                [own["Y_beta"], GRAVITY / own["airspeed_m_s"], 0.0, -1.0],
+                [0.0, 0.0, 1.0, 0.0],
+                [own["L_beta"], 0.0, own["L_p"], own["L_r"]],
+                [own["N_beta"], 0.0, own["N_p"], own["N_r"]],
+            ]
+        )
+        self.aileron = np.array([0.0, 0.0, own["L_delta_a"], own["N_delta_a"]])
+        right = np.array([own["Y_delta_r"], 0.0, own["L_delta_r"], own["N_delta_r"]])
+        self.rudder = -right  # as JSBSim's, positive to the left
+        # M is of the states, d_a, d_r, psi; the commands, the gusts of sideslip, yaw and roll, and
+        # what the linear terms lack of each state's derivative.
         M, (p, r) = np.zeros((16, 16)), (2, 3)
         self._gain, self._limit = own.get("damper_gain", 0.0), own.get("damper_limit", 0.0)
         self._stall_rad, self._fin = own.get("stall_rad", math.inf), A[:, 0]
@@ -110,17 +120,3 @@ class LinearAircraft:
 
     def __setitem__(self, name: str, value: float) -> None:
         self._own[name] = value
-
-
-def _matrices(own: Mapping[str, float]) -> tuple[Floats, Floats, Floats]:
-    """Return A (4, 4) of STATES, and the columns (4,) of aileron and rudder, positive nose left."""
-    A = np.array(
-        [
-            [own["Y_beta"], GRAVITY / own["airspeed_m_s"], 0.0, -1.0],
-            [0.0, 0.0, 1.0, 0.0],
-            [own["L_beta"], 0.0, own["L_p"], own["L_r"]],
-            [own["N_beta"], 0.0, own["N_p"], own["N_r"]],
-        ]
-    )
-    aileron = np.array([0.0, 0.0, own["L_delta_a"], own["N_delta_a"]])
-    return A, aileron, -np.array([own["Y_delta_r"], 0.0, own["L_delta_r"], own["N_delta_r"]])

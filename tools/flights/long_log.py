@@ -27,8 +27,8 @@ RATE_HZ: Final = 20
 PLANT: Final[Plant] = ([0.0, 0.0124, -0.0115], [1.0, -1.957, 0.9735])
 START_US: Final = 1_700_000_000_000_000
 _BOOT_US: Final = 10_000_000
-_AROUND: Final = 20
-"""The bytes of a record around its payload: stamp, header and CRC."""
+_HEAD: Final = 18
+"""The bytes of a record before its payload: stamp and header."""
 _PIECE_S: Final = 600
 _RAISED = ("SERVO_OUTPUT_RAW", "ATTITUDE", "RAW_IMU", "SIMSTATE", "AOA_SSA")
 _HALF = ("GLOBAL_POSITION_INT", "VFR_HUD", "RC_CHANNELS")
@@ -111,30 +111,47 @@ def _seconds(
         for phase, (name, hz) in enumerate(mix.items())
         for sample in range(0, RATE_HZ, RATE_HZ // hz)
     )
-    kinds = [(f"{at_us} {name}", _kind(name)) for at_us, name, _ in frames]
     second = first_s + np.arange(len(flight["yaw"]))
-    rows = np.zeros(len(second), np.dtype(kinds))
-    data = rows.view(np.uint8).reshape(len(second), -1)
-    begin = 0
-    for i, (at_us, name, sample) in enumerate(frames):
-        of, end = rows[f"{at_us} {name}"], begin + kinds[i][1].itemsize
-        boot_us = _BOOT_US + 1_000_000 * second + at_us
-        of["stamp"], of["magic"], of["ids"] = start_us + boot_us, 0xFD, 1
-        of["length"], of["seq"] = end - begin - _AROUND, (4 + i + len(frames) * second) % 256
-        of["message"] = list(CLASSES[name].id.to_bytes(3, "little"))
-        payload = slice(begin + _AROUND - 2, end - 2)
-        if name not in WANTED:
-            data[:, payload] = rng.integers(0, 256, data[:, payload].shape)
-        known: dict[str, Any] = {"time_boot_ms": boot_us // 1000, "time_usec": boot_us}
+    rows = np.zeros(
+        len(second), [(f"{after_us} {name}", _kind(name)) for after_us, name, _ in frames]
+    )
+    for i, (after_us, name, sample) in enumerate(frames):
+        boot_us, known = _BOOT_US + 1_000_000 * second + after_us, None
         if name in WANTED:
-            known |= _FIELDS.get(name, {}) | {key: flight[key][:, sample] for key in flight}
-        for field in known.keys() & set(of["payload"].dtype.names or ()):
-            of["payload"][field] = known[field]
-        at = rows.itemsize * np.arange(len(second))
-        extra = np.full(len(second), CLASSES[name].crc_extra, np.uint8)
-        of["crc"] = crc_of_frames(data.ravel(), at + begin + 9, at + end - 2, extra)
-        begin = end
+            known = _FIELDS.get(name, {}) | {key: flight[key][:, sample] for key in flight}
+        number = 4 + i + len(frames) * second
+        rows[f"{after_us} {name}"] = packed(name, boot_us, number, start_us, known, rng)
     return rows.tobytes()
+
+
+def packed(
+    name: str,
+    boot_us: NDArray[np.int64],
+    number: NDArray[np.int64],
+    start_us: int,
+    known: dict[str, Any] | None,
+    rng: np.random.Generator | None = None,
+) -> NDArray[Any]:
+    """Return the records of one message (n,), sent at ``boot_us`` as these numbers of the link.
+
+    ``known`` are fields and their values; without them the payload is random. The receiver's clock
+    is ``start_us`` when the vehicle's is 0.
+    """
+    of = np.zeros(len(boot_us), _kind(name))
+    data = of.view(np.uint8).reshape(len(of), -1)
+    payload, size = of["payload"], of.itemsize
+    of["stamp"], of["magic"], of["length"] = start_us + boot_us, 0xFD, payload.itemsize
+    of["seq"], of["ids"] = number % 256, 1
+    of["message"] = list(CLASSES[name].id.to_bytes(3, "little"))
+    if known is None and rng is not None:
+        data[:, _HEAD:-2] = rng.integers(0, 256, (len(of), payload.itemsize))
+    times = {"time_boot_ms": boot_us // 1000, "time_usec": boot_us}
+    for field, values in (times | (known or {})).items():
+        if field in (payload.dtype.names or ()):
+            payload[field] = values
+    at, extra = size * np.arange(len(of)), np.full(len(of), CLASSES[name].crc_extra, np.uint8)
+    of["crc"] = crc_of_frames(data.ravel(), at + 9, at + size - 2, extra)
+    return of
 
 
 def _kind(name: str) -> np.dtype[Any]:
