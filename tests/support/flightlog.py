@@ -13,7 +13,7 @@ from flights.surgery import Encoder, Record, join
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from yawid.answers.run_summary import RunSummary
-from yawid.blocks import MotionBlock, SampleBlock
+from yawid.blocks import FrameBlock, MotionBlock, SampleBlock
 from yawid.channels.stage import WANTED, Channels
 from yawid.config.run import RunConfig
 from yawid.pipeline import Pipeline
@@ -124,13 +124,20 @@ def fly(
 
 def samples_of(data: bytes, config: RunConfig | None = None, cuts: Sequence[int] = ()) -> Samples:
     """Run a log through decoder and channels, cut into pieces at the bytes ``cuts``."""
-    decoder, channels = Decoder(WANTED), Channels(config or RunConfig())
+    decoder = Decoder(WANTED)
+    pieces = (data[low:high] for low, high in itertools.pairwise([0, *sorted(cuts), len(data)]))
+    frames = itertools.chain(map(decoder.feed, pieces), map(Decoder.finish, [decoder]))
+    return samples_from(frames, config)
+
+
+def samples_from(frames: Iterable[FrameBlock | None], config: RunConfig | None = None) -> Samples:
+    """Run decoded frames through the channels."""
+    channels = Channels(config or RunConfig())
     blocks: list[SampleBlock] = []
     motion: list[MotionBlock | None] = []
-    pieces = (data[low:high] for low, high in itertools.pairwise([0, *sorted(cuts), len(data)]))
-    for frames in itertools.chain(map(decoder.feed, pieces), map(Decoder.finish, [decoder])):
-        if frames is not None:
-            blocks += channels.feed_frames(frames)
+    for each in frames:
+        if each is not None:
+            blocks += channels.feed_frames(each)
         motion.append(channels.motion())
     blocks += channels.finish()
     return Samples(channels, blocks, [each for each in (*motion, channels.motion()) if each])

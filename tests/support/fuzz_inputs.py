@@ -116,16 +116,15 @@ def damage(data: bytearray, where: float, kind: str, rng: np.random.Generator) -
     if kind == "flip":
         for place in rng.integers(0, max(len(data), 1), 1 + size // 20).tolist():
             data[place : place + 1] = rng.bytes(len(data[place : place + 1]))
-    elif kind == "garbage":
-        data[at:at] = rng.bytes(size)
-    elif kind == "cut":
-        del data[at : at + size]
-    elif kind == "repeat":
-        data[at:at] = data[at : at + size]
-    elif kind == "stamp":
-        data[at : at + 8] = rng.bytes(8)
-    else:
-        del data[at:]
+        return
+    end, instead = {
+        "garbage": (at, rng.bytes(size)),
+        "cut": (at + size, b""),
+        "repeat": (at, data[at : at + size]),
+        "stamp": (at + 8, rng.bytes(8)),
+        "torn": (len(data), b""),
+    }[kind]
+    data[at:end] = instead
 
 
 KINDS = st.sampled_from(["flip", "garbage", "cut", "repeat", "stamp", "torn"])

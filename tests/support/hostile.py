@@ -114,14 +114,14 @@ def poisoned(value: Any) -> Any:
 
 def rewritten(source: Path, out: Path, poison_metadata: bool) -> Path:
     """Copy an MCAP with an attack in its summary, its parameters and, if asked, its metadata."""
-
-    def attached(name: str, data: bytes) -> bytes:
-        return INJECTION.encode() + b" 1.0\n" + data if name == "parameters.txt" else data
-
-    def metadata(name: str, record: dict[str, str]) -> dict[str, str]:
-        return dict(poisoned(record)) if poison_metadata else record
-
-    return forge(source, out, summary=poisoned, metadata=metadata, attached=attached)
+    line = INJECTION.encode() + b" 1.0\n"
+    return forge(
+        source,
+        out,
+        summary=poisoned,
+        metadata=lambda name, record: dict(poisoned(record)) if poison_metadata else record,
+        attached=lambda name, data: line + data if name == "parameters.txt" else data,
+    )
 
 
 def bomb(megabytes: int) -> bytes:

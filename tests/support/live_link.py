@@ -191,12 +191,10 @@ def send(sent: list[bytes], port: int, own: socket.socket | None = None) -> None
 
 def wait_for_size(path: Path, size: int) -> None:
     """Wait until a file has grown to a size; it grows as fast as the tap reads."""
-    never = threading.Event()
-    for _ in range(3000):
-        if path.exists() and path.stat().st_size >= size:
-            return
-        never.wait(0.02)
-    raise AssertionError(f"{path.name} has not grown to {size} bytes")
+    end_s = time.monotonic() + 60.0
+    while not (path.exists() and path.stat().st_size >= size):
+        assert time.monotonic() < end_s, f"{path.name} has not grown to {size} bytes"
+        time.sleep(0.02)
 
 
 def mixed(*vehicles: list[bytes]) -> list[bytes]:

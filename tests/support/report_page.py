@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from html.parser import HTMLParser
 
+ADDRESSES = {"src", "href", "xlink:href", "action", "data"}
+
 
 class Page(HTMLParser):
     """The text of a page, its tags, attributes and ids, and the addresses in it."""
@@ -21,11 +23,9 @@ class Page(HTMLParser):
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
         self.tags.append(tag)
         self.attributes += [name for name, _ in attrs]
-        for name, value in attrs:
-            if name == "id" and value is not None:
-                self.ids.append(value)
-            if name in ("src", "href", "xlink:href", "action", "data") and value is not None:
-                self.addresses.append(value)
+        given = [(name, value) for name, value in attrs if value is not None]
+        self.ids += [value for name, value in given if name == "id"]
+        self.addresses += [value for name, value in given if name in ADDRESSES]
 
     def handle_data(self, data: str) -> None:
         self.texts.append(data)

@@ -8,12 +8,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from flightlog import FlightLog, Samples
+from flightlog import FlightLog, Samples, samples_from
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from scipy.signal import cont2discrete
 
 from yawid.blocks import MotionBlock
-from yawid.channels.stage import Channels
 from yawid.config.run import RunConfig
 
 STEP_S = 0.02
@@ -35,24 +34,15 @@ def columns(reader: Any) -> dict[str, np.ndarray]:
     return {name: np.concatenate(found) for name, found in parts.items()}
 
 
-def samples_from(reader: Any, config: RunConfig | None = None) -> Samples:
+def samples_read(reader: Any, config: RunConfig | None = None) -> Samples:
     """Return the samples of the log that a reader reads."""
-    channels, blocks = Channels(config or RunConfig()), []
-    for _, frames in reader.read():
-        blocks += [] if frames is None else channels.feed_frames(frames)
-    return Samples(channels, blocks + channels.finish())
+    return samples_from((frames for _, frames in reader.read()), config)
 
 
 def lateral_accelerations(reader: Any) -> tuple[list[int], list[float]]:
     """Return times in us and values in m/s^2 of the lateral motion that a log's reader yields."""
-    channels, found = Channels(RunConfig(lateral="auto")), []
-    for _, frames in reader.read():
-        if frames is not None:
-            channels.feed_frames(frames)
-        found.append(channels.motion())
-    channels.finish()
-    found.append(channels.motion())
-    rows = MotionBlock.joined([each for each in found if each is not None]).acceleration
+    motion = samples_read(reader, RunConfig(lateral="auto")).motion
+    rows = MotionBlock.joined(motion).acceleration
     return rows.t_us.tolist(), rows.values[:, 0].tolist()
 
 

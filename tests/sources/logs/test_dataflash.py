@@ -19,7 +19,7 @@ from sources.logs.onboard_flight import (
     flight,
     flown,
     lateral_accelerations,
-    samples_from,
+    samples_read,
     us,
     written,
 )
@@ -64,7 +64,7 @@ def test_every_row_is_what_pymavlink_reads(tmp_path: Path):
 def test_rate_in_degrees_gives_the_same_within_its_precision(units: bool, tmp_path: Path):
     theirs = samples_of(telemetry(flight()).data)
     path = written(tmp_path, logged(flight(), rates="RATE", units=units).data)
-    mine = samples_from(DataflashReader(path))
+    mine = samples_read(DataflashReader(path))
 
     np.testing.assert_array_equal(mine.u, theirs.u)
     np.testing.assert_allclose(mine.y, theirs.y, rtol=3e-7, atol=1e-8)

@@ -22,7 +22,7 @@ from sources.logs.onboard_flight import (
     columns,
     flight,
     flown,
-    samples_from,
+    samples_read,
     us,
     written,
 )
@@ -42,7 +42,7 @@ ALL = pytest.mark.parametrize("of", FORMATS, ids=("dataflash", "ulog"))
 def test_the_samples_are_those_of_the_telemetry_log_of_the_same_flight(
     of: ModuleType, tmp_path: Path
 ):
-    mine = samples_from(of.READER(written(tmp_path, of.whole())))
+    mine = samples_read(of.READER(written(tmp_path, of.whole())))
     assert_same_samples(mine, samples_of(of.telemetry(flight()).data))
 
 

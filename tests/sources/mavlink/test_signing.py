@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from flightlog import finished, fly
-from flights.surgery import join, rewrite, split
+from flights.surgery import Encoder, join, rewrite, split
 from hypothesis import given
 from hypothesis import strategies as st
 from live_link import listening
@@ -231,13 +231,11 @@ SIGNED = rewrite(RECORDS, key=KEY)
 
 def intruders() -> list[tuple[int, bytes]]:
     """Return unsigned records of the same vehicle that have another rudder."""
-    link = dialect.MAVLink(None, srcSystem=1, srcComponent=1)
-    forged = []
+    encoder, forged = Encoder(), []
     for i, (stamp, _) in enumerate(SIGNED[5::7]):
-        link.seq = (3 * i) % 256
         us = round(1e6 * (10.0 + 0.1 * i))
         servos = dialect.MAVLink_servo_output_raw_message(us, 0, *[1900] * 8)
-        forged.append((stamp, bytes(servos.pack(link))))
+        forged.append((stamp, encoder.frame(servos)))
     return forged
 
 

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from sources.records.test_record import settled
 
 from yawid.blocks import RecordBlock
 from yawid.errors import ConfigError, SourceError
@@ -19,7 +20,6 @@ from yawid.quantities.airspeed import (
     equivalent_of_calibrated,
     known,
 )
-from yawid.sources.open_log import Log
 from yawid.sources.records.find_columns import Asked
 
 KNOT_M_S = 1852.0 / 3600.0
@@ -31,11 +31,7 @@ def rows_of(path: Path, head: str, cells: str, asked: Asked | None = None) -> Re
     """A record of four rows that are alike, but for the time, the rudder and the yaw rate"""
     lines = [f"t,rudder [half-travel],r [rad/s],{head}"]
     lines += [f"{0.02 * k:.2f},{0.1 * k},{0.2 * k},{cells}" for k in range(4)]
-    path.write_text("\n".join(lines), encoding="utf-8")
-    record = Log(path, ()).record
-    assert record is not None
-    record.settle(asked or Asked())
-    assert record._rows is not None
+    record = settled(path, "\n".join(lines), asked or Asked())
     return RecordBlock.joined(list(record._rows.pieces()))
 
 
