@@ -22,16 +22,11 @@ from places import ROOT
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from report_page import Page
 
-
-def flight() -> FlightLog:
-    return fly(
-        lambda t: 0.1 * np.sin(2.4 * t),
-        lambda t: 1500 + int(150 * np.sin(2.0 * t) + 60 * np.sin(5.3 * t)),
-        25.0,
-    )
-
-
-FLIGHT = flight().data
+FLIGHT = fly(
+    lambda t: 0.1 * np.sin(2.4 * t),
+    lambda t: 1500 + int(150 * np.sin(2.0 * t) + 60 * np.sin(5.3 * t)),
+    25.0,
+).data
 
 
 def run_limited(
