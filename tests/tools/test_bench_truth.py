@@ -170,11 +170,11 @@ def answering(of: Response) -> Manoeuvre:
 def test_a_gain_and_its_sigma_are_those_of_the_transfer_function() -> None:
     # 4 (s + .5) / (s^2 + .8 s + 4) has the residue 2 + .6j / (2 w) at -.4 + j w, w^2 = 3.84
     w = math.sqrt(3.84)
-    covariance = np.zeros((4, 4))
-    covariance[2, 2] = 0.01
+    covariance = np.zeros((6, 6))
+    covariance[4, 4] = 0.01
     of = Response(
-        poles=[[-0.4, w]], residues={"rudder": [[2.0, -0.1 * 4.0 / (2.0 * w)]]},
-        covariance=covariance.tolist(),
+        poles=[[-0.4, w]], covariance=covariance.tolist(),
+        residues={"aileron": [[1.0, 0.0]], "rudder": [[2.0, -0.1 * 4.0 / (2.0 * w)]]},
     )  # fmt: skip
 
     (value,), (std,) = judge.gains(answering(of), np.array([2.0]))

@@ -1,14 +1,13 @@
 """Replays logs with two commits on this machine, and says what differs.
 
-    python -m cases.compare OLD [NEW] [--cases c172p_3211 ...]
-    python -m cases.compare OLD [NEW] --logs FOLDER ...
+    python -m cases.compare OLD [NEW] [--logs FOLDER ...]
 
-NEW is this tree if it is not given. Each case is replayed with its options and with the default
-ones, by the command line of each commit; what is compared, in any bit, is what is printed as JSON,
-the exit code, and each topic of the MCAP, message by message. The logs of a folder (tlog, dataflash
-or ULog, also in folders below it, such as those of ``bench.py truth --logs DIR``) are replayed with
-the default options and compared alike. At the end stands how many of all differ, and in how many
-each key does. The exit code is 1 if anything differs.
+NEW is this tree if it is not given. The logs (tlog, dataflash or ULog) are those of a folder, also
+in folders below it, such as those of ``bench.py truth --logs DIR``; by default those of the cases.
+Each is replayed with the default options, a case also with its own, by the command line of each
+commit; what is compared, in any bit, is what is printed as JSON, the exit code, and each topic of
+the MCAP, message by message. At the end stands how many of all differ, and in how many each key
+does. The exit code is 1 if anything differs.
 """
 
 from __future__ import annotations
@@ -95,23 +94,21 @@ def main(arguments: Sequence[str]) -> int:
     parser = argparse.ArgumentParser(prog="cases.compare", description=__doc__)
     parser.add_argument("old")
     parser.add_argument("new", nargs="?")
-    parser.add_argument("--cases", nargs="+", default=["*"])
-    parser.add_argument("--logs", nargs="+", type=Path, metavar="FOLDER", default=[])
+    parser.add_argument("--logs", nargs="+", type=Path, default=[ROOT / "replay_logs"])
     options = parser.parse_args(arguments)
-    cases = [path for name in options.cases for path in ROOT.glob(f"replay_logs/{name}/log.tlog")]
-    logs = [path for folder in options.logs for path in folder.rglob("*")
-            if path.suffix.lower() in LOGS]  # fmt: skip
+    found = sorted(path for folder in options.logs for path in folder.rglob("*"))
+    logs = [path for path in found if path.suffix.lower() in LOGS]
     keys, count = Counter[str](), 0
     with tempfile.TemporaryDirectory() as scratch:
         trees = [tree_of(commit, Path(scratch) / str(n)) for n, commit in
                  enumerate((options.old, options.new))]  # fmt: skip
-        for log in sorted(logs or cases):
-            found = dict(differences(*(answers(tree, log) for tree in trees)))
-            print(f"{log.parent.name}/{log.name}:", "" if found else "same", flush=True)
-            print(*(f"    {name}: {both}\n" for name, both in found.items()), sep="", end="")
-            keys.update(found.keys())
-            count += bool(found)
-    print(f"{count} of {len(logs or cases)} logs differ")
+        for log in logs:
+            differ = dict(differences(*(answers(tree, log) for tree in trees)))
+            print(f"{log.parent.name}/{log.name}:", "" if differ else "same", flush=True)
+            print(*(f"    {name}: {both}\n" for name, both in differ.items()), sep="", end="")
+            keys.update(differ.keys())
+            count += bool(differ)
+    print(f"{count} of {len(logs)} logs differ")
     print(*(f"    {name}: {times}\n" for name, times in keys.most_common()), sep="", end="")
     return int(count > 0)
 

@@ -171,15 +171,14 @@ def judged_answer(roll: DutchRoll | None, known: Known | None, verdict: Verdict)
     for i, (name, key, error) in enumerate(keys):
         true, true_sigma = (None, None) if known is None else (float(x[i]) for x in known)
         value = None if roll is None else getattr(roll, key)
-        row |= {f"{name}_true": true, f"{name}_true_sigma": true_sigma, name: value, error: None}
+        off = None if value is None or true is None else value - true
+        row |= {f"{name}_true": true, f"{name}_true_sigma": true_sigma, name: value}
+        row[error] = 100.0 * off / true if off is not None and true and name == "wn" else off
         for end in ("", "_mean"):
             sigma = getattr(roll, f"{name}_std{end}", None)
-            row |= {f"{name}_sigma{end}": sigma, f"{name}_z{end}": None}
-            if value is None or true is None or true_sigma is None:
-                continue
-            row[error] = 100.0 * (value / true - 1.0) if name == "wn" else value - true
-            if sigma is not None and (total := math.hypot(sigma, true_sigma)) > 0.0:
-                row[f"{name}_z{end}"] = (value - true) / total
+            total = math.hypot(sigma or 0.0, true_sigma or 0.0)
+            z = None if off is None or sigma is None or total == 0.0 else off / total
+            row |= {f"{name}_sigma{end}": sigma, f"{name}_z{end}": z}
     return row
 
 

@@ -114,9 +114,10 @@ def _stays(node: ast.AST, field: str) -> bool:
     match node:
         case ast.JoinedStr() | ast.Assert() | ast.Import() | ast.ImportFrom() | ast.arg():
             return True
-        case ast.If(test=ast.Compare(left=ast.Name(id="__name__"))):
-            return True
-        case ast.Assign(targets=[ast.Name(id="__all__")]):
+        case (
+            ast.If(test=ast.Compare(left=ast.Name(id="__name__")))
+            | ast.Assign(targets=[ast.Name(id="__all__")])
+        ):
             return True
     return field in ("annotation", "returns")
 
