@@ -17,7 +17,7 @@ def test_another_answer_is_named_by_its_key_and_its_topic_and_the_same_is_not(
     first = answers(ROOT, REPLAY_LOGS / "c172p_gcs_rates" / "log.tlog")
     case = Path(shutil.copytree(REPLAY_LOGS / "c172p_gcs_rates", tmp_path / "case"))
     toml = (case / "case.toml").read_text(encoding="utf-8")
-    text = toml.replace("forgetting = 1.0", "forgetting = 0.99999")
+    text = toml.replace("memory = inf", "memory = 60.0")
     (case / "case.toml").write_text(text, encoding="utf-8")
 
     named = dict(differences(first, answers(ROOT, case / "log.tlog")))
