@@ -5,16 +5,27 @@ from __future__ import annotations
 import datetime
 import importlib
 import inspect
+import math
 import os
 import runpy
 import sys
+from collections.abc import Iterator
 from pathlib import Path
-from types import ModuleType
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 from bench import frame as bench
 from checks import readme_tables
 from places import ROOT
+
+
+def tables(options: Any) -> Iterator[str]:
+    """A bench of two tables, of which the second is not in the README, and a missed aim."""
+    yield from bench.table("", [(options.logs[:1], {"s": options.runs}), ("b", {"s": math.nan})])
+    yield ""
+    yield from bench.table("more", [("c", {"s": 3})])
+    yield from [f"{bench.NOT_MET}s is too large"] * (options.runs > 4)
 
 
 @pytest.fixture
@@ -24,38 +35,23 @@ def readme(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     path = tmp_path / "tools" / "README.md"
     path.write_text("<!-- fake -->\n\nwhat follows\n", encoding="utf-8")
     monkeypatch.setattr(readme_tables, "ROOT", tmp_path)
-    fake = ModuleType("bench.fake")
-    fake.main = lambda options: iter(["| | s |", "|---|---|", f"| {len(options)} | 2 |"])
-    monkeypatch.setitem(sys.modules, "bench.fake", fake)
-    monkeypatch.setattr(bench, "BENCHES", ("fake",))
+    monkeypatch.setitem(sys.modules, "bench.fake", SimpleNamespace(fake=tables))
+    monkeypatch.setattr(bench, "BENCHES", {"fake": ("fake", {"runs": 2, "logs": ""})})
     return path
 
 
-def test_a_bench_writes_its_table_and_names_no_path(readme: Path, capsys):
-    paths = [os.sep + name for name in ("one", "two")]
-
-    assert bench.main(["fake", "--readme", "--runs", "4", "--turns", "4", *paths]) == 0
+@pytest.mark.parametrize(("runs", "missed"), [("4", ""), ("5", "not met: s is too large\n")])
+def test_a_bench_writes_its_table_names_no_path_and_exits_with_1_if_it_misses_an_aim(
+    runs: str, missed: str, readme: Path, capsys
+):
+    code = bench.main(["fake", "--readme", "--runs", runs, "--logs", f"{os.sep}one"])
 
     today = datetime.datetime.now(tz=datetime.UTC).date()
-    table = f"| `fake --runs 4 --turns 4 LOG`, {today} | s |\n|---|---|\n| 6 | 2 |\n"
-    assert capsys.readouterr().out == table
+    head = f"| `fake --runs {runs} --logs LOG`, {today} | s |\n|---|---|\n"
+    table = f"{head}| / | {runs} |\n| b | - |\n"
+    assert code == (missed != "")
+    assert capsys.readouterr().out == f"{table}\n| more | s |\n|---|---|\n| c | 3 |\n{missed}"
     assert readme.read_text(encoding="utf-8") == f"<!-- fake -->\n{table}\nwhat follows\n"
-
-
-def test_a_bench_that_misses_its_aim_exits_with_1_and_its_first_table_is_written(
-    readme: Path, monkeypatch: pytest.MonkeyPatch, capsys
-):
-    def tables(options):
-        yield from ("| | s |", "|---|---|", "", "| more |")
-        return "s is too large"
-
-    monkeypatch.setattr(sys.modules["bench.fake"], "main", tables)
-
-    assert bench.main(["fake", "--readme"]) == 1
-
-    assert "| more |" in (said := capsys.readouterr()).out
-    assert said.err == "s is too large\n"
-    assert readme.read_text(encoding="utf-8").endswith("| s |\n|---|---|\n\nwhat follows\n")
 
 
 @pytest.mark.parametrize("path", sorted((ROOT / "tools").glob("*.py")), ids=lambda path: path.name)
@@ -72,4 +68,5 @@ def test_a_tool_in_the_root_runs_as_a_command(
 
 @pytest.mark.parametrize("name", bench.BENCHES)
 def test_every_bench_gives_its_table_line_by_line(name: str):
-    assert inspect.isgeneratorfunction(importlib.import_module(f"bench.{name}").main)
+    module, _ = bench.BENCHES[name]
+    assert inspect.isgeneratorfunction(getattr(importlib.import_module(f"bench.{module}"), name))

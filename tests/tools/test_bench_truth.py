@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import math
+from functools import cache
 from typing import Any
 
 import numpy as np
 import pytest
+from bench import frame
 from bench import truth as bench
+from bench.frame import Row
 from checks import judge
-from checks.judge import Row, compared
+from checks.judge import compared
 from flights.linear import GRAVITY
 from flights.plan import KNOT, FlightPlan, plan_at
 from flights.truth import dutch_roll, response, with_roll_hold
@@ -20,16 +23,25 @@ from yawid.answers.reasons import Verdict
 from yawid.answers.run_summary import Bare, DutchRoll, Flight, Manoeuvre, Response
 
 CONDITIONS: dict[str, Any] = {
-    "aircraft": "c172p", "severity": 0, "gyro": "clean", "rate_hz": 25, "manoeuvre": "3211",
+    "aircraft": "c172p", "severity": 0, "air": "calm", "gyro": "clean", "rate_hz": 25,
+    "manoeuvre": "3211",
 }  # fmt: skip
-
-
-def warned(*reasons: str) -> Verdict:
-    return verdict(*reasons, weight="warning")
+OPEN_LOOP = {"wn_rad_s": 1.85, "wn_std": 0.03, "zeta": 0.2, "zeta_std": 0.0}
+TRUTH = {
+    "manoeuvres": [
+        {"from_s": 100.0 * n, "to_s": 100.0 * n + 40.0, "dutch_roll_open_loop": OPEN_LOOP,
+         "dutch_roll": {"wn_rad_s": wn, "wn_std": 0.04, "zeta": 0.2, "zeta_std": 0.03}}
+        for n, wn in ((1, 2.0), (2, 2.5))
+    ]
+}  # fmt: skip
+"""wn is 2.0 at 40 m/s and 2.5 at 50, zeta .2; without the roll loop wn is 1.85."""
 
 
 def found(n: int, airspeed: float, wn: float, of: Verdict, els: float | None = None) -> Manoeuvre:
-    """A manoeuvre whose answer has a total sigma of .05; RML of the stream had wn + .1, ELS els."""
+    """A manoeuvre whose answer has a total sigma of .05; RML of the stream had wn + .1, ELS els.
+
+    Its bare airframe has 1.9.
+    """
     answer = estimate("ct", roll_of(wn, 0.2, 0.05, 0.04, (0.03, 0.01)))
     stream = {
         method: estimate(
@@ -37,48 +49,46 @@ def found(n: int, airspeed: float, wn: float, of: Verdict, els: float | None = N
         )
         for method, x in (("rml", wn + 0.1), ("els", els))
     }
+    bare = DutchRoll(wn_rad_s=1.9, wn_std=0.04, zeta=0.2, zeta_std=0.04)
     return Manoeuvre(
         n=n, from_s=100.0 * n, to_s=100.0 * n + 40.0, duration_s=40.0, loop="unknown",
         airspeed_m_s=airspeed, inputs=["rudder"], turn_removed=False,
         estimates={"ct": answer} | stream, verdict=replace(of, method="ct"),
+        lateral=Bare(dutch_roll=bare, used=[n], verdict=of),
     )  # fmt: skip
 
 
-def rows_of(number: int, flight: Flight, *manoeuvres: Manoeuvre) -> list[Row]:
-    """The rows of a flight: wn is 2.0 at 40 m/s and 2.5 at 50, zeta .2, each with its sigma."""
-    truth = {
-        "manoeuvres": [
-            {"from_s": 100.0 * n, "to_s": 100.0 * n + 40.0, "dutch_roll": mode}
-            for n, wn in ((1, 2.0), (2, 2.5))
-            for mode in [{"wn_rad_s": wn, "wn_std": 0.04, "zeta": 0.2, "zeta_std": 0.03}]
-        ]
-    }
-    summary = plain_summary(manoeuvres=list(manoeuvres), flight=flight)
-    rows = compared(summary, truth)
-    return [{"number": number} | CONDITIONS | row for row in rows]
-
-
-def answered(wn: float, wn_std: float, *warnings: str) -> Flight:
-    roll = DutchRoll(wn_rad_s=wn, wn_std=wn_std, wn_std_mean=0.5 * wn_std, zeta=0.2, zeta_std=0.04)
-    return Flight(
-        airspeed_m_s=45.0, dutch_roll=roll, used=[1, 2], disagree=[], verdict=warned(*warnings)
+@cache
+def rows() -> list[Row]:
+    """The rows of a flight with two answers, and of one whose answer is refused."""
+    roll = DutchRoll(wn_rad_s=2.295, wn_std=0.03, wn_std_mean=0.015, zeta=0.2, zeta_std=0.04)
+    answered = Flight(
+        airspeed_m_s=45.0, dutch_roll=roll, used=[1, 2], disagree=[], verdict=verdict()
     )
-
-
-def refused() -> Flight:
-    return Flight(used=[], disagree=[], verdict=verdict("poor_fit"))
+    refused = Flight(used=[], disagree=[], verdict=verdict("poor_fit"))
+    pair = [found(1, 40.0, 2.128, verdict()), found(2, 50.0, 2.5, verdict())]
+    unfit = [found(1, 40.0, 3.0, verdict("poor_fit"), els=2.04)]
+    summaries = (
+        plain_summary(manoeuvres=manoeuvres, flight=flight)
+        for manoeuvres, flight in ((pair, answered), (unfit, refused))
+    )
+    return [
+        CONDITIONS | {"number": number} | row
+        for number, summary in enumerate(summaries)
+        for row in compared(summary, TRUTH)
+    ]
 
 
 def test_each_estimate_is_held_to_its_own_truth_by_both_sigmas() -> None:
-    pair = found(1, 40.0, 2.128, verdict()), found(2, 50.0, 2.5, verdict())
-
-    rml, els, answer, *_, flight = rows_of(0, answered(2.295, 0.03), *pair)
+    rml, els, answer, bare, *_, flight = [row for row in rows() if row["number"] == 0]
 
     assert answer["wn_error_pct"] == pytest.approx(6.4)
     assert answer["wn_z"] == pytest.approx(0.128 / 0.0640312, rel=1e-5)  # .05 and the truth's .04
     assert rml["wn_error_pct"] == pytest.approx(11.4)
     assert rml["wn_z"] == pytest.approx(0.228 / 0.05)  # .03 and .04
     assert els["wn"] is els["wn_z"] is None
+    assert bare["wn_error_pct"] == pytest.approx(100.0 * 0.05 / 1.85)
+    assert bare["wn_z"] == pytest.approx(0.05 / 0.05)  # .04 and the truth's .03
     assert flight["wn_true"] == pytest.approx(2.25)  # at 45 m/s, as 2.0 at 40 and 2.5 at 50 say
     assert flight["wn_true_sigma"] == pytest.approx(0.0407, abs=0.001)
     assert flight["wn_error_pct"] == pytest.approx(2.0)
@@ -86,37 +96,15 @@ def test_each_estimate_is_held_to_its_own_truth_by_both_sigmas() -> None:
     assert flight["wn_z_mean"] == pytest.approx(0.045 / 0.04338, abs=0.01)
 
 
-def test_the_bare_airframe_is_held_to_the_truth_without_the_roll_loop() -> None:
-    roll = DutchRoll(wn_rad_s=1.9, wn_std=0.04, zeta=0.2, zeta_std=0.04)
-    bare = Bare(dutch_roll=roll, used=[1], verdict=Verdict(usable=True, reasons=[]))
-    summary = plain_summary(
-        manoeuvres=[replace(found(1, 40.0, 2.1, verdict()), lateral=bare)], flight=refused()
-    )
-    loops = {"dutch_roll": 2.0, "dutch_roll_open_loop": 1.85}
-    modes = {
-        name: {"wn_rad_s": wn, "wn_std": 0.03, "zeta": 0.2, "zeta_std": 0.0}
-        for name, wn in loops.items()
-    }
-    truth = {"manoeuvres": [{"from_s": 100.0, "to_s": 140.0, **modes}]}
-    by_aileron = judge.true_at(truth, 120.0, 150.0, ["rudder", "aileron"])
+def test_a_model_with_the_aileron_is_held_to_the_truth_without_the_roll_loop() -> None:
+    by_aileron = judge.true_at(TRUTH, 120.0, 150.0, ["rudder", "aileron"])
+
     assert by_aileron[0].tolist() == [1.85, 0.2]  # the hold is no part of such a model
-    assert judge.true_at(truth, 150.0, 160.0, ["rudder"]) is None
-
-    [row] = bench.of_kind(compared(summary, truth), "bare")
-
-    assert row["usable"]
-    assert row["wn_error_pct"] == pytest.approx(100.0 * 0.05 / 1.85)
-    assert row["wn_z"] == pytest.approx(0.05 / 0.05)  # .04 and the truth's .03
-    said = [row | {"number": 0}, row | {"number": 0, "usable": False}]
-    assert bench.cells(said, "bare")[:2] == ["1", "50"]
+    assert judge.true_at(TRUTH, 150.0, 160.0, ["rudder"]) is None
 
 
 def test_the_figures_of_two_answers_are_those_by_hand() -> None:
-    pair = found(1, 40.0, 2.128, verdict()), found(2, 50.0, 2.5, verdict())
-    unfit = found(1, 40.0, 3.0, verdict("poor_fit"), els=2.04)
-    rows = rows_of(0, answered(2.295, 0.03), *pair) + rows_of(1, refused(), unfit)
-
-    lines = {text.split(" | ")[0]: text for text in bench.air_lines(rows)}
+    lines = {text.split(" | ")[0]: text for text in bench.air_lines(rows())}
 
     # +6.4 % and 0 %, +2 and 0 sigma; the refused one does not count, but its ELS does: +2 %, .8
     assert lines["| answer, all"] == (
@@ -127,38 +115,36 @@ def test_the_figures_of_two_answers_are_those_by_hand() -> None:
         "| ELS, calm | 1 | 33 | 2.00 | +2.00 | 2.00 | +0.0000 | 0.0000 | 0.80 - | 100 0 | 0 |"
     )
     assert lines["| RML, calm"].startswith("| RML, calm | 3 | 100 | 11.40 | +23.47 |")
-    assert lines["| answer, turbulence"].startswith("| answer, turbulence | 0 | 0 | - |")
     assert lines["| flight; then its mean"].split(" | ")[8] == "0.89 0.00, 1.04 -"
+    assert frame.cells(rows(), "bare")["answered %"] == "67"
 
 
-def answers(*off_pct: float, sigma_pct: float = 1.0) -> list[Row]:
-    """Rows of calm manoeuvres, each of a flight of its own, whose zeta is right."""
-    return [
+def missed(*off_pct: float) -> dict[str, float]:
+    """The figures that calm answers miss, and their errors, by wn's errors in % and in sigma.
+
+    Each answer is of a flight of its own.
+    """
+    answers = [
         CONDITIONS | {
             "kind": "manoeuvre", "number": number, "usable": True, "wn_error_pct": off,
-            "wn_z": off / sigma_pct, "zeta": 0.2, "zeta_error": 0.0, "zeta_z": 0.0, "from_s": 34.0,
+            "wn_z": off, "zeta": 0.2, "zeta_error": 0.0, "zeta_z": 0.0,
         }
         for number, off in enumerate(off_pct)
     ]  # fmt: skip
-
-
-def held(rows: list[Row]) -> dict[str, bench.Criterion]:
-    return {each.what: each for each in bench.criteria(rows)}
+    said = (each.removeprefix("not met: ").split(" ± ") for each in bench.criteria(answers))
+    return {figure: float(error.split(",")[0]) for figure, error in said}
 
 
 def test_a_figure_misses_its_limit_only_by_more_than_its_own_error() -> None:
-    near, far = (held(answers(*(sign * x for x in sizes for sign in (1.0, -1.0))))
-                 for sizes in ((1.4, 2.0), (1.7, 1.7)))  # fmt: skip
-
-    # 1.73 with an error of about .3 / sqrt(4), and 1.7 without any
-    about = near["wn, calm: RMS"]
-    assert about.value == pytest.approx(math.sqrt((1.4**2 + 2.0**2) / 2.0))
-    assert about.error == pytest.approx(0.15, abs=0.03)
-    assert about.excess <= 0.0 < far["wn, calm: RMS"].excess
-    assert far["wn, calm: RMS"].error == pytest.approx(0.0, abs=1e-12)
-    assert held(answers(0.0, 0.5, 3.6))["wn: beyond 3.5 sigma"].excess == 1.0
-    assert far["wn, calm: median"].excess == pytest.approx(0.95)
-    assert "wn, turbulence: RMS" not in near  # nothing was flown in it
+    # with an error of about .3 / sqrt(4): the RMS is 1.73, and 2.22
+    assert not any("wn, calm: RMS" in figure for figure in missed(1.4, -1.4, 2.0, -2.0))
+    far = missed(1.9, -1.9, 2.5, -2.5)
+    assert far["wn, calm: RMS: 2.22"] == pytest.approx(0.15, abs=0.03)
+    assert not any("turbulence" in figure for figure in far)  # nothing was flown in it
+    without_error = missed(1.7, -1.7, 1.7, -1.7)
+    assert without_error["wn, calm: RMS: 1.7"] == pytest.approx(0.0, abs=1e-12)
+    assert "wn, calm: median: 1.7" in without_error
+    assert "wn: beyond: 1" in missed(0.0, 0.5, 3.6)
 
 
 def answering(of: Response) -> Manoeuvre:

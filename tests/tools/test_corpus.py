@@ -1,11 +1,13 @@
 """The corpora: true, repeatable, and a quiet log's rudder has nothing of its own."""
 
+import math
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from bench import verdict
+from bench.frame import log_rows
 from flights import quiet
 from flights import truth as jsbsim_truth
 from flights.flight import Hands
@@ -115,16 +117,16 @@ def test_a_passengers_controls_move_and_its_outputs_do_not(flown: dict[str, Any]
 
 
 def test_made_logs_are_judged_into_rows_beside_their_truth(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, flown: dict[str, Any]
+    tmp_path: Path, flown: dict[str, Any]
 ) -> None:
     plan = FlightPlan(aircraft="T37", speed_kt=200.0, altitude_ft=5000.0, seconds=40.0, step_s=0.64)
     made = fly(plan, Link(20.0, 20.0), Hands(excitation(plan)), group="calm")
-    makers = {"excited": lambda number: made, "unexcited": lambda number: flown["mixed"]}
-    monkeypatch.setattr(verdict, "MAKERS", makers)
+    logs = {"excited_003": lambda: made, "unexcited_003": lambda: flown["mixed"]}
 
-    rows = [verdict.rows_of(None, tmp_path, (kind, 3)) for kind in makers]
+    rows = [log_rows(verdict.whole, tmp_path, (3, *each)) for each in logs.items()]
 
     (flight,), (mixed,) = rows
+    assert (flight["log"], flight["number"]) == ("excited", 3)
     assert flight["usable"]
     assert abs(flight["wn_error_pct"]) < 5.0
     assert flight["wn_true"] == pytest.approx(made.truth["dutch_roll"]["wn_rad_s"], rel=1e-2)
@@ -133,25 +135,30 @@ def test_made_logs_are_judged_into_rows_beside_their_truth(
     assert (tmp_path / "excited_003.tlog").read_bytes() == made.log
 
 
-def judged_row(kind: str, off_pct: float | None = None, **own: Any) -> dict[str, Any]:
+def judged_row(kind: str, off_pct: float = math.inf, **own: Any) -> dict[str, Any]:
     return {
         "name": f"{kind}_{off_pct}", "log": kind, "group": "g", "usable": True, "fatal": "",
-        "warnings": "", "wn": 2.0, "wn_error_pct": off_pct,
+        "warnings": "", "wn": 2.0, "off_pct": off_pct,
     } | own  # fmt: skip
 
 
 @pytest.mark.parametrize(
     ("rows", "said"),
     [
-        ([judged_row("unexcited")], "judged wrongly: 1 unexcited"),
-        ([judged_row("upset")], "judged wrongly: 1 upset"),
+        ([judged_row("unexcited")], "not met: judged wrongly: 1 unexcited"),
+        ([judged_row("upset")], "not met: judged wrongly: 1 upset"),
         ([judged_row("misled", 4.5)], None),
-        ([judged_row("misled", 4.5), judged_row("misled", 0.1)], "judged wrongly: 2 misled"),
-        ([judged_row("excited", -11.0)], "judged wrongly: 1 excited"),
-        ([judged_row("excited", 7.0), judged_row("excited", -9.0, usable=False)], None),
+        (
+            [judged_row("misled", 4.5), judged_row("misled", 0.1)],
+            "not met: judged wrongly: 2 misled",
+        ),
+        ([judged_row("excited", 11.0)], "not met: judged wrongly: 1 excited"),
+        ([judged_row("excited", 7.0), judged_row("excited", 19.0, usable=False)], None),
     ],
 )
 def test_one_misled_log_may_be_usable_and_no_other_that_should_not(
     rows: list[dict[str, Any]], said: str | None
 ) -> None:
-    assert verdict.missed(rows) == said
+    missed = [each for each in verdict.mistakes(rows) if each.startswith("not met: ")]
+
+    assert missed == ([said] if said else [])

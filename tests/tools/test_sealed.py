@@ -18,7 +18,7 @@ from bench.frame import main
 from flights import plan as sealed
 from flights.flight import Flight, Hands
 from flights.linear import LinearAircraft
-from flights.moved import AIRCRAFT, FRESH, excited
+from flights.moved import AIRCRAFT, FRESH
 from flights.plan import Place
 from flights.truth import linear_dutch_rolls, pulse_dutch_roll
 from places import TOOLS
@@ -155,6 +155,7 @@ def project(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     (tmp_path / "tools" / "flights").mkdir(parents=True)
     own = tmp_path / "tools" / "flights" / "sealed.toml"
     own.write_text(OWN, encoding="utf-8")
+    (tmp_path / runs.FILE).write_text("date,commit,bench,seed,figures\n", encoding="utf-8")
     git(tmp_path, "init", "--quiet")
     commit(tmp_path)
     monkeypatch.setattr(sealed, "PATH", own)
@@ -203,7 +204,7 @@ def test_a_linear_aircraft_does_after_a_pulse_what_its_matrices_say(project: Pat
 def test_a_sealed_run_appends_a_row_for_its_commit_and_only_one(
     bench: str, few: list[str], project: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any
 ) -> None:
-    monkeypatch.setattr(verdict, "SEALED", {"excited": (excited, 1)})
+    monkeypatch.setattr(verdict, "SEALED", {"excited": 1})
     line = [bench, "--sealed", "--jobs", "1", *few]
     head = git(project, "rev-parse", "HEAD")
 

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import psutil
 import pytest
-from bench.live import kill_once
+from bench.programs import kill_once
 from checks.children import child, free_udp_port
 from flights.surgery import split
 from interrupting import SLOW_TO_END
@@ -259,6 +259,6 @@ def test_a_killed_session_loses_at_most_its_last_second(moment_s: float, tmp_pat
 
     loss = kill_once(stamped, moment_s, tmp_path, speed=5.0)
 
-    assert max(loss.tlog_s, loss.mcap_s) <= 1.0
-    assert min(loss.frames, loss.rows) > 100
-    assert loss.is_same
+    assert max(loss["tlog_s"], loss["mcap_s"]) <= 1.0
+    assert min(loss["frames"], loss["rows"]) > 100
+    assert loss["same"]
