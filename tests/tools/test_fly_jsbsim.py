@@ -4,7 +4,6 @@ import json
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import fly_jsbsim
 import numpy as np
@@ -142,11 +141,6 @@ def test_what_cannot_be_flown_is_one_line_and_code_2(
     assert said.out == ""
 
 
-def steady(plan: Any) -> Any:
-    """A flight that stays at its trim, as it is noted."""
-    return np.array([[10.0, plan.speed_kt, plan.altitude_ft]])
-
-
 @pytest.mark.parametrize(
     ("aircraft", "speed_kt", "altitude_ft"), [("c172p", 100.0, 3000.0), ("T37", 200.0, 10000.0)]
 )
@@ -155,7 +149,7 @@ def test_the_linearised_dutch_roll_is_what_decays_after_a_rudder_pulse(
 ) -> None:
     plan = FlightPlan(aircraft=aircraft, speed_kt=speed_kt, altitude_ft=altitude_ft)
 
-    found = jsbsim_truth.truth(plan, steady(plan))
+    found = jsbsim_truth.truth(plan, np.array([[10.0, speed_kt, altitude_ft]]))
 
     linear, seen = found["dutch_roll"], found["dutch_roll_pulse"]
     assert seen["wn_rad_s"] == pytest.approx(linear["wn_rad_s"], rel=0.005)
