@@ -82,13 +82,16 @@ def rows() -> list[Row]:
 def test_each_estimate_is_held_to_its_own_truth_by_both_sigmas() -> None:
     rml, els, answer, bare, *_, flight = [row for row in rows() if row["number"] == 0]
 
-    assert answer["wn_error_pct"] == pytest.approx(6.4)
-    assert answer["wn_z"] == pytest.approx(0.128 / 0.0640312, rel=1e-5)  # .05 and the truth's .04
-    assert rml["wn_error_pct"] == pytest.approx(11.4)
-    assert rml["wn_z"] == pytest.approx(0.228 / 0.05)  # .03 and .04
+    errors_and_z = {
+        "answer": (6.4, 0.128 / math.hypot(0.05, 0.04)),  # of the estimate, and of the truth
+        "rml": (11.4, 0.228 / math.hypot(0.03, 0.04)),
+        "bare": (100.0 * 0.05 / 1.85, 0.05 / math.hypot(0.04, 0.03)),
+    }
+    found = {"answer": answer, "rml": rml, "bare": bare}
+    assert {name: (row["wn_error_pct"], row["wn_z"]) for name, row in found.items()} == {
+        name: pytest.approx(of) for name, of in errors_and_z.items()
+    }
     assert els["wn"] is els["wn_z"] is None
-    assert bare["wn_error_pct"] == pytest.approx(100.0 * 0.05 / 1.85)
-    assert bare["wn_z"] == pytest.approx(0.05 / 0.05)  # .04 and the truth's .03
     assert flight["wn_true"] == pytest.approx(2.25)  # at 45 m/s, as 2.0 at 40 and 2.5 at 50 say
     assert flight["wn_true_sigma"] == pytest.approx(0.0407, abs=0.001)
     assert flight["wn_error_pct"] == pytest.approx(2.0)

@@ -311,8 +311,11 @@ def faults(folder: Path, out: Path) -> list[str]:
         for row in read_table(out, "logs").to_pylist()
     )
     found.subtract((str(path.absolute()), "ok", 0) for path in folder.glob("*.tlog"))
-    return [f"{count:+d} row of {path}: {outcome}, {missing} flights missing"
-            for (path, outcome, missing), count in found.items() if count]  # fmt: skip
+    by_count = sorted(found.items(), key=lambda each: each[1])
+    # Of a log with another outcome there is one row too many, which counts, and one too few.
+    wrong = {path: f"{path}: {outcome}, {missing} flights missing, {count:+d} row"
+             for (path, outcome, missing), count in by_count if count}  # fmt: skip
+    return list(wrong.values())
 
 
 def fleet(options: Namespace) -> Iterator[str]:

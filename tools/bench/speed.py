@@ -22,7 +22,6 @@ from timeit import repeat, timeit
 from typing import Any
 
 import numpy as np
-from scipy.signal import lfilter
 
 from bench.frame import best, table
 
@@ -44,7 +43,10 @@ def ns(call: Callable[[], object], count: int) -> float:
 
 def runs(order: int) -> dict[str, Callable[[], float]]:
     """Return what measures an update of each method, by name."""
-    from yawid import ArmaxOrders, EstimatorConfig, RecursiveArmax  # memory, as in `link`
+    # Here, as their memory would count as that of the readers of `link`.
+    from scipy.signal import lfilter
+
+    from yawid import ArmaxOrders, EstimatorConfig, RecursiveArmax
 
     u, e = np.random.default_rng(0).standard_normal((2, SAMPLES))
     a, orders = (1.0, -1.5, 0.7), ArmaxOrders(order, order, order, 1)
@@ -125,7 +127,7 @@ def link(options: Namespace) -> Iterator[str]:
 
     The start of a process and its imports are not timed.
     """
-    from flights.long_log import write_log  # its memory would count as that of the readers
+    from flights.long_log import write_log
 
     one_each = ProcessPoolExecutor(1, get_context("spawn"), max_tasks_per_child=1)
     with tempfile.TemporaryDirectory() as folder, one_each as pool:

@@ -178,12 +178,13 @@ def lateral(options: Namespace) -> Iterator[str]:
     count = PER_PLACE_OF_AILERON * len(draw.places)
     numbers = [i * STRIDE % count for i in range(options.flights or count)]
     logs = {f"aileron_{draw.seed}_{i:03d}": partial(with_aileron, draw, i) for i in numbers}
-    by_aileron: Groups = [("aileron {}", "aileron", AILERONS)]
     rows = all_rows(options, airframes, logs)
     moved = [row for row in rows if row["aileron"] == AILERONS[0]]
     note(options, cells(moved, "bare"))
-    conditions: Groups = [("severity {}", "severity", SEVERITIES[:-1]), ("{}", "aircraft", ())]
-    found = [*groups(rows, by_aileron), *groups(moved, conditions)]
+    found = [
+        *groups(rows, [("aileron {}", "aileron", AILERONS)]),
+        *groups(moved, [("severity {}", "severity", SEVERITIES[:-1]), ("{}", "aircraft", ())]),
+    ]
     yield from table("", ((name, cells(its, "bare")) for name, its in found))
     yield ""
     yield from rows_missed([("aileron moved", moved)], "bare")

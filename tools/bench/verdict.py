@@ -212,10 +212,12 @@ def ordinary(options: Namespace) -> Iterator[str]:
     flights, hostile_logs = ([row for row in rows if ("family" in row) == is_hostile]
                              for is_hostile in (False, True))  # fmt: skip
     note(options, shown(flights))
-    by_name = [("all", flights), *groups(flights, GROUPS)]
-    yield from table("", ((name, shown(its)) for name, its in by_name))
+    yield from table("", (
+        (name, shown(its)) for name, its in [("all", flights), *groups(flights, GROUPS)]
+    ))  # fmt: skip
     yield ""
-    families = groups(hostile_logs, [("{}", "family", ())])
-    yield from table("hostile logs", ((name, against_us(its)) for name, its in families))
+    yield from table("hostile logs", (
+        (family, against_us(its)) for family, its in groups(hostile_logs, [("{}", "family", ())])
+    ))  # fmt: skip
     yield ""
     yield from criteria(flights, hostile_logs)
