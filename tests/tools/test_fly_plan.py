@@ -78,18 +78,18 @@ def test_a_landing_ends_on_the_wheels_and_a_go_around_climbs() -> None:
         legs=(
             Leg("climb", 15.0, climb_ft_min=-500.0),
             Leg("go_around", 15.0, climb_ft_min=500.0, rudder_hold=0.15, speed_kt=75.0),
-            Leg("landing", 85.0, climb_ft_min=-500.0, speed_kt=65.0),
+            Leg("landing", 65.0, climb_ft_min=-500.0, speed_kt=65.0),
         ),
-        altitude_ft=300.0,
+        altitude_ft=200.0,
     )
     flight, heights, feet_us = LegFlight(plan, Link()), [], []
     for ms in (14_000, 22_000, 30_000):
         flight.advance_to(ms)
         heights.append(flight["position/h-agl-ft"])
         feet_us.append(flight.rudder_us)
-    flight.advance_to(115_000)
+    flight.advance_to(95_000)
 
-    assert heights[0] < 260.0
+    assert heights[0] < 160.0
     assert heights[2] > heights[1] > heights[0] - 30.0
     assert feet_us[1] - feet_us[0] == pytest.approx(60, abs=1)
     assert flight["position/h-agl-ft"] < 6.0
