@@ -149,20 +149,24 @@ def test_a_number_that_overflows_means_diverged_and_then_recovery(method):
     np.testing.assert_allclose(block.theta[-1, :6], truth(S1), atol=0.4)
 
 
-def test_diverged_is_where_predictions_are_four_times_worse_than_none_until_they_are_twice():
+@pytest.mark.parametrize(("size", "first"), [(60.0, 27.2), (23.22, 4.2), (22.21, 3.85)])
+def test_diverged_is_where_predictions_are_four_times_worse_than_none_until_they_are_twice(
+    size, first
+):
     """Of mean squares over 100 updates; y's is that over the memory where that is larger."""
     u, y = simulate(((), (1.0, 0.5), (0.2,)), 3000, 2, noise=0.1)
-    u[1000:1003] = 60.0  # which y does not show
+    u[1000:1003] = size  # which y does not show
     made = config(forgetting_factor=0.99, forgetting_start=0.99, scale_window=0)
     block = RecursiveArmax(made).run(u, y)
     s1 = y2 = fast_e2 = fast_y2 = 0.0
-    expected = np.zeros(len(y), bool)
+    expected, worse = np.zeros(len(y), bool), np.zeros(len(y))
     for k in range(4, len(y)):  # two lags and two residuals come before the first update
         s1, y2 = 0.99 * s1 + 1.0, 0.99 * y2 + y[k] ** 2
         fast_e2 += 0.01 * (block.innovation[k] ** 2 - fast_e2)
         fast_y2 += 0.01 * (y[k] ** 2 - fast_y2)
-        worse = fast_e2 * s1 / (max(fast_y2 * s1, y2) + 1e-4 * s1)
-        expected[k] = k > 1000 and worse > (2.0 if expected[k - 1] else 4.0)
+        worse[k] = fast_e2 * s1 / (max(fast_y2 * s1, y2) + 1e-4 * s1)
+        expected[k] = k > 1000 and worse[k] > (2.0 if expected[k - 1] else 4.0)
+    assert worse[1001] == pytest.approx(first, rel=0.02)  # just above the limit, and just below
     assert 20 < expected.sum() < 1000
     np.testing.assert_array_equal(block.status == Status.DIVERGED, expected)
     assert np.sum(block.status == Status.WARMING_UP) == 4 + 10 * 7 - 1

@@ -15,7 +15,7 @@ from scipy.optimize import minimize_scalar
 from yawid.blocks import SampleBlock
 from yawid.manoeuvre.answer import answer_of
 from yawid.manoeuvre.fit import Fit, best_alone, fits_of
-from yawid.manoeuvre.likelihood import free_decay, freed, shifted, surface
+from yawid.manoeuvre.likelihood import free_decay, freed, shifted, simulated, surface
 from yawid.manoeuvre.responses import Blocks, Record
 from yawid.manoeuvre.signals import fitted, record_of, roll_fault
 
@@ -145,6 +145,13 @@ def test_a_shift_is_judged_as_the_fit_of_a_shifted_record(fit: Fit):
     assert freed(fit, 2) < nats[4]
 
 
+def test_the_simulated_yaw_rate_is_the_measured_one_without_its_noise():
+    u = doublets(2.0, 0.05, periods=8.0)
+    y = yaw_channel(u, 0.05)
+    measured, found = simulated(fits_of(Record.of(0.05, u[:, None], y))[0])
+    np.testing.assert_allclose(found, measured, atol=1e-6 * np.abs(y).max())
+
+
 def test_an_aileron_stays_where_it_is_while_the_rudder_is_moved_or_taken_away():
     """All of the yaw is the aileron's, so that no rudder is better than any other, or than none"""
     u = doublets(2.0, 0.05, periods=8.0)
@@ -224,6 +231,16 @@ def test_even_a_coarse_or_slow_roll_shows_the_dutch_roll_better_than_none(
         assert off[-1] < 2.0 * found.wn_rad_s.std
         assert abs(found.zeta.value - TRUTH[1]) < 2.0 * found.zeta.std
     assert off[0] < off[1]
+
+
+def test_a_sample_without_one_of_its_signals_is_a_gap():
+    roll = ROLL.copy()
+    roll[100] = np.nan
+    whole = samples(roll)
+
+    assert record_of(whole, with_roll=False).runs.tolist() == [[0, len(R)]]
+    assert record_of(whole).runs.tolist() == [[0, 100], [101, len(R)]]
+    assert record_of(whole).y.shape == (len(R), 2)
 
 
 def test_a_rudder_that_moved_within_its_samples_is_taken_as_held():
