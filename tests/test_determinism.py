@@ -114,7 +114,7 @@ def written_whole(folder: Path) -> dict[str, Any]:
     return written(folder / "whole.mcap", SHORT, [])
 
 
-@examples(12)
+@examples(6)
 @given(
     edges=st.lists(st.integers(1, len(SHORT) - 1), max_size=12, unique=True).map(sorted)
     | st.sampled_from([[*range(size, len(SHORT), size)] for size in (137, 4096)])

@@ -212,31 +212,3 @@ def test_the_exit_codes_are_those_of_the_code():
     raised |= {CHANGED, command_line.UNFORESEEN}
 
     assert raised == EXIT_CODES.keys()
-
-
-def test_decisions_are_numbered_and_none_is_missing():
-    text = TEXTS["src/README.md"]
-    section = text[text.index("## Decisions") : text.index("## Paper")]
-
-    numbers = [int(number) for number in re.findall(r"^(\d+)\. ", section, re.MULTILINE)]
-    assert numbers == list(range(1, 1 + len(numbers)))
-    assert len(numbers) >= 7
-
-
-def test_a_table_is_written_below_its_marker_and_nowhere_else(tmp_path: Path, monkeypatch):
-    (tmp_path / "tools").mkdir()
-    readme = tmp_path / "tools" / "README.md"
-    readme.write_text(
-        "text\n<!-- one -->\n| old |\n|---|\n\nmore\n<!-- two -->\n", encoding="utf-8"
-    )
-    monkeypatch.setattr(readme_tables, "ROOT", tmp_path)
-
-    readme_tables.put("one", "| new |\n")
-    readme_tables.put("two", "| 2 |\n|---|")
-
-    assert readme.read_text(encoding="utf-8") == (
-        "text\n<!-- one -->\n| new |\n\nmore\n<!-- two -->\n| 2 |\n|---|\n"
-    )
-    assert readme_tables.written("two") == "| 2 |\n|---|"
-    with pytest.raises(SystemExit, match="one is needed"):
-        readme_tables.put("three", "|")

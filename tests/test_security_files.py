@@ -36,14 +36,6 @@ def test_names_in_a_log_make_no_file_anywhere(hostile_run: Path):
     assert {Path(name).name for name in names} == set(names)
 
 
-def test_names_in_a_log_send_the_terminal_no_commands(hostile_run: Path, tmp_path: Path, capsys):
-    log, out = str(next(hostile_run.glob("*.tlog"))), ["--out", str(tmp_path), "--force"]
-    for command in (["replay", log, *out], ["replay", log, *out, "--json"], ["inspect", log]):
-        main(command)
-        said = capsys.readouterr()
-        assert {c for c in said.out + said.err if ord(c) < 32} == {"\n"}
-
-
 def test_a_report_runs_nothing_that_names_or_forged_messages_put_into_it(
     hostile_run: Path, tmp_path: Path
 ):

@@ -41,23 +41,6 @@ def test_a_replay_in_a_process_prints_one_json_object_and_writes_its_files(tmp_p
     assert sorted(path.name for path in tmp_path.iterdir()) == ["log.mcap", "log.rrd"]
 
 
-def test_what_cannot_be_read_or_written_is_one_line_with_its_name_and_leaves_nothing(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-):
-    (tmp_path / "empty.tlog").touch()
-    (tmp_path / "text.tlog").write_text("Build started.\nBuild succeeded.\n" * 40, encoding="utf-8")
-    out, below = tmp_path / "out", tmp_path / "empty.tlog" / "out"
-    for log, to in (
-        *((tmp_path / name, out) for name in ("empty.tlog", "text.tlog", "", "missing.tlog")),
-        (C172P, below),
-    ):
-        assert main(["replay", str(log), "--out", str(to), "--json"]) == 6
-        said = capsys.readouterr()
-        assert (said.out, said.err.count("\n")) == ("", 1)
-        assert str(below if to is below else log) in said.err
-    assert not out.exists()
-
-
 def test_several_logs_give_a_line_each_files_of_their_own_and_the_highest_code(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ):

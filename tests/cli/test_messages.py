@@ -20,8 +20,6 @@ from yawid.sinks.run_page import print_orders
 
 QUIET = str(REPLAY_LOGS / "sitl_auto" / "log.tlog")
 C172P = str(REPLAY_LOGS / "c172p_3211" / "log.tlog")
-REBOOT = str(REPLAY_LOGS / "c172p_reboot" / "log.tlog")
-NO_RUDDER = str(REPLAY_LOGS / "no_rudder" / "log.tlog")
 
 
 def test_every_option_can_stand_in_a_toml_file_and_the_command_line_wins(tmp_path: Path, capsys):
@@ -43,16 +41,8 @@ def test_every_option_can_stand_in_a_toml_file_and_the_command_line_wins(tmp_pat
     assert (out / "log.mcap").exists()
 
 
-def test_orders_says_that_a_log_has_no_rudder_with_the_code_for_it(capsys):
-    assert main(["orders", NO_RUDDER]) == 3
-
-    said = capsys.readouterr().err
-    assert "no_rudder" in said
-    assert said.count("\n") == 1
-
-
 def test_orders_recommends_nothing_for_a_log_that_cannot_answer(capsys):
-    assert main(["orders", QUIET, "--json"]) == 5
+    assert main(["orders", QUIET, "--json", "--to", "120"]) == 5
 
     told = json.loads(capsys.readouterr().out)
     assert "recommended" not in told
@@ -120,27 +110,6 @@ def test_a_channel_without_a_value_is_said_to_be_the_wrong_one(tmp_path, capsys)
     [first, *_] = json.loads(capsys.readouterr().out)["verdict"]["reasons"]
     assert first["text"].startswith("every sample is held: rudder invalid; the rudder's channel ")
     assert "by --rudder servo:N" in first["text"]
-
-
-@pytest.mark.parametrize(
-    ("arguments", "said"),
-    [
-        (["replay", C172P, "--memory", "1e-9"], "--memory 1e-09 is far below one sample"),
-        (["replay", C172P, "--rate", "80"], "--rate 50"),
-        (["replay", C172P, "--boot", "7"], "the log, which holds 1 boot: 30.0 to 150.0 s"),
-        (["inspect", REBOOT, "--boot", "7"], "the log, which holds 2 boots: boot 1 from "),
-        (["live", C172P], "is a file, not a live link: use yawid replay for a log"),
-    ],
-)
-def test_what_does_not_fit_the_log_is_one_line_and_leaves_nothing(
-    arguments, said, tmp_path, monkeypatch, capsys
-):
-    monkeypatch.chdir(tmp_path)
-    assert main(arguments) == 2
-    told = capsys.readouterr().err
-    assert said in told
-    assert told.count("\n") == 1
-    assert not list(tmp_path.glob("*/*"))
 
 
 @pytest.mark.parametrize(

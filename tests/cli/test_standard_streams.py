@@ -7,6 +7,7 @@ import os
 import shutil
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -33,6 +34,8 @@ COMMANDS = {
     "help": ["--help"],
     "replay": ["replay", "a.tlog", "--out", "OUT"],
     "replay --json": ["replay", "a.tlog", "--out", "OUT", "--json"],
+    "replay --help": ["replay", "--help"],
+    "version": ["--version"],
     "inspect": ["inspect", "a.tlog"],
     "orders": ["orders", "a.tlog"],
     "step": ["step", "step.csv"],
@@ -44,6 +47,24 @@ IN_THE_GATE = ("help", "replay")
 NAMES = [
     pytest.param(name, marks=() if name in IN_THE_GATE else pytest.mark.long) for name in COMMANDS
 ]
+NO_SPACE = b"yawid: stdout: No space left on device\n"
+ACCIDENTS = {
+    "full": ("> /dev/full", {}, NO_SPACE),
+    "full, without a buffer": ("> /dev/full", {"PYTHONUNBUFFERED": "1"}, NO_SPACE),
+    "closed": (">&-", {}, b"yawid: stdout is closed"),
+    "a pipe that nobody reads": (">&{unread}", {}, b""),
+}
+"""What a shell does to stdout, the environment, and what begins the one line on stderr."""
+
+
+@pytest.fixture
+def unread() -> Iterator[int]:
+    """A pipe that nobody reads: the descriptor of its end for writing."""
+    read, write = os.pipe()
+    os.close(read)
+    os.set_inheritable(write, True)
+    yield write
+    os.close(write)
 
 
 def yawid(
@@ -53,10 +74,20 @@ def yawid(
     usual = {k: v for k, v in os.environ.items() if not k.startswith(("PYTHONIO", "PYTHONUNB"))}
     arguments = [argument.replace("OUT", str(out)) for argument in arguments]
     done = subprocess.run(
-        ["sh", "-c", f'exec "$@" {redirected}', "sh", sys.executable, "-m", "yawid", *arguments],
+        [
+            "bash",
+            "-c",
+            f'exec "$@" {redirected}',
+            "bash",
+            sys.executable,
+            "-m",
+            "yawid",
+            *arguments,
+        ],
         cwd=folder,
         capture_output=True,
         check=False,
+        close_fds=False,
         timeout=120,
         env=usual | {"PYTHONPATH": os.pathsep.join(sys.path)} | environment,
     )
@@ -64,56 +95,21 @@ def yawid(
 
 
 @FULL
+@pytest.mark.parametrize("accident", ACCIDENTS)
 @pytest.mark.parametrize("name", NAMES)
-def test_a_full_stdout_is_one_line_and_exit_6(folder: Path, tmp_path: Path, name: str) -> None:
-    code, _, error = yawid(folder, tmp_path, COMMANDS[name], "> /dev/full")
-
-    assert code == 6, error
-    assert error == b"yawid: stdout: No space left on device\n"
-    if name == "replay":  # what was finished before is there
-        assert [path.name for path in tmp_path.iterdir()] == ["a.mcap"]
-
-
-@FULL
-@pytest.mark.parametrize("arguments", [["--help"], ["replay", "--help"], ["--version"]])
-def test_help_that_nobody_gets_is_exit_6_without_a_buffer_too(
-    folder: Path, tmp_path: Path, arguments: list[str]
+def test_a_stdout_that_takes_nothing_is_one_line_or_quiet_and_exit_6(
+    folder: Path, tmp_path: Path, unread: int, name: str, accident: str
 ) -> None:
-    code, _, error = yawid(folder, tmp_path, arguments, "> /dev/full", PYTHONUNBUFFERED="1")
-
-    assert code == 6, error
-    assert error == b"yawid: stdout: No space left on device\n"
-
-
-def test_a_closed_stdout_is_said_before_anything_is_done(folder: Path, tmp_path: Path) -> None:
-    code, _, error = yawid(folder, tmp_path, COMMANDS["replay"], ">&-")
-
-    assert code == 6
-    assert error.startswith(b"yawid: stdout is closed")
-    assert error.count(b"\n") == 1
-    assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_a_pipe_that_nobody_reads_is_quiet_and_exit_6(
-    folder: Path, tmp_path: Path, name: str
-) -> None:
-    read, write = os.pipe()
-    os.close(read)
-    command = [sys.executable, "-m", "yawid"]
-    done = subprocess.run(
-        [*command, *(argument.replace("OUT", str(tmp_path)) for argument in COMMANDS[name])],
-        cwd=folder,
-        stdout=write,
-        stderr=subprocess.PIPE,
-        check=False,
-        timeout=120,
-        env={k: v for k, v in os.environ.items() if k != "PYTHONUNBUFFERED"}
-        | {"PYTHONPATH": os.pathsep.join(sys.path)},
+    redirected, environment, said = ACCIDENTS[accident]
+    code, _, error = yawid(
+        folder, tmp_path, COMMANDS[name], redirected.format(unread=unread), **environment
     )
-    os.close(write)
 
-    assert (done.returncode, done.stderr) == (6, b"")
+    assert code == 6, error
+    assert (error[: len(said)], error.count(b"\n")) == (said, said != b"")
+    if name == "replay":  # what was finished before is there; a closed one is seen at the begin
+        left = [path.name for path in tmp_path.iterdir()]
+        assert left == ([] if accident == "closed" else ["a.mcap"])
 
 
 @FULL

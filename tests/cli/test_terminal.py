@@ -147,7 +147,7 @@ COMMANDS: dict[str, list[str]] = {
 }
 
 
-LONG = {"report", "report of a forged run", "view", "orders", "replay as JSON", "fleet",
+LONG = {"report", "report of a forged run", "view", "orders", "fleet",
         "replay of a ULog", "replay of dataflash", "a card", "diff with a data set"}  # fmt: skip
 """Whose way to the terminal another one in the gate goes, too."""
 

@@ -26,9 +26,9 @@ from fleet_cluster import (
     tables,
     yawid_fleet,
 )
+from live_link import wait_until
 from places import REPLAY_LOGS
 
-import yawid.fleet.pools
 from yawid.cli.main import main
 from yawid.dataset.files import DATABASE, DataSet, peek, read_table
 from yawid.fleet.worker import warm
@@ -36,9 +36,9 @@ from yawid.fleet.worker import warm
 COUNT = 8
 NO_DISK = "/proc/self/mem"
 """Reading its first byte is an input/output error, as of a broken disk."""
-LISTENS_TCP, ACCEPTS_UNIX = "0A", 0x10000
-"""How /proc/net/tcp and /proc/net/unix mark a socket that others can connect to."""
-BOTH = "give --vehicle or --vehicle-from, not both"
+OPEN = {(socket.AF_INET, socket.SOCK_DGRAM), (socket.AF_INET6, socket.SOCK_DGRAM),
+        (socket.AF_UNIX, socket.SOCK_STREAM), (socket.AF_UNIX, socket.SOCK_DGRAM)}  # fmt: skip
+"""Sockets to which others can send or connect as soon as they have a name."""
 
 
 @pytest.fixture(scope="session")
@@ -190,31 +190,28 @@ def test_a_bad_log_or_what_is_none_has_one_row_and_its_neighbours_have_theirs(
     assert [row["outcome"] for row in after["logs"]] == [row["outcome"] for row in whole["logs"]]
 
 
-def listening(processes: list[psutil.Process]) -> list[str]:
-    """Return the sockets of the processes that take connections or datagrams, by the kernel."""
-    own = set()
-    for process in processes:
-        for each in Path(f"/proc/{process.pid}/fd").iterdir():
-            with suppress(FileNotFoundError):  # closed meanwhile
-                own.add(str(each.readlink()))
-    found = []
-    for name in ("tcp", "tcp6", "udp", "udp6", "unix"):
-        for line in Path(f"/proc/net/{name}").read_text(encoding="utf-8").splitlines()[1:]:
-            field = line.split()
-            is_open = name.startswith("udp") or field[3] == LISTENS_TCP
-            if name == "unix":
-                is_open = bool(int(field[3], 16) & ACCEPTS_UNIX)
-            if is_open and f"socket:[{field[6 if name == 'unix' else 9]}]" in own:
-                found.append(line)
-    return found
+def listening(processes: list[psutil.Process]) -> list[object]:
+    """Return the sockets of the processes that take connections or datagrams from others."""
+    found = [each for process in processes for each in process.net_connections("all")]
+    return [
+        each for each in found
+        if each.status == "LISTEN" or (each.laddr and (each.family, each.type) in OPEN)
+    ]  # fmt: skip
 
 
 def test_no_process_of_a_local_fleet_listens_and_ctrl_c_keeps_what_is_finished_and_no_process(
     place: Path, logs: Path, env: dict[str, str]
 ) -> None:
     out, some, hook = place / "interrupted", place / "some", place / "hook"
-    with socket.create_server(("127.0.0.1", 0)):  # what is sought would be found
-        assert len(listening([psutil.Process()])) == 1
+    unix = str(place / "unix")
+    with (  # what is sought would be found
+        socket.create_server(("127.0.0.1", 0)),
+        socket.socket(socket.AF_UNIX) as named,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as bound,
+    ):
+        named.bind(unix)
+        bound.bind(("127.0.0.1", 0))
+        assert len(listening([psutil.Process()])) == 3
     some.mkdir()
     for name in ("00", "01", "02"):
         shutil.copy(logs / f"{name}.tlog", some)
@@ -227,6 +224,7 @@ def test_no_process_of_a_local_fleet_listens_and_ctrl_c_keeps_what_is_finished_a
             assert time.monotonic() < end_s
             time.sleep(0.05)
             below = psutil.Process(run.pid).children(recursive=True)
+        _wait_for_logs(out, 3)
         assert listening([psutil.Process(run.pid), *below]) == []
         os.killpg(run.pid, signal.SIGINT)  # as a terminal does
         said = run.communicate(timeout=120)
@@ -260,60 +258,16 @@ def test_a_scheduler_that_is_lost_ends_the_run_in_one_line_and_harms_nothing(
     assert set(counts.values()) == {1}
 
 
-@pytest.mark.parametrize(
-    ("arguments", "code", "text"),
-    [
-        ("nowhere", 6, "nowhere: no such file or folder"),
-        (
-            "theirs", 6,
-            "theirs: no log was found there; the names of logs end in .tlog, .bin, .ulg, .mcap",
-        ),
-        ("a.tlog --workers 0", 2, "--workers: must be a whole number from 1, got '0'"),
-        ("a.tlog --scheduler nonsense", 2, "--scheduler: must be an address, tcp://HOST:"),
-        ("a.tlog --scheduler tcp://127.0.0.1:9", 6, "no Dask scheduler answers at"),
-        ("a.tlog --out theirs", 6, "is not empty and is not a data set"),
-        ("a.tlog --out s3://bucket/data", 2, "is a URL, but a path on this machine is needed"),
-        ("a.tlog --vehicle a --vehicle-from folder", 2, BOTH),
-        ("a.tlog --config two.toml", 2, BOTH),
-        ("a.tlog --vehicle \t", 2, "--vehicle must be a name that can be printed, got"),
-        ("a.tlog --vehicle a\x1b[2J", 2, "--vehicle must be a name"),
-        ("a.tlog --vehicle-from file", 2, "must be one of folder, got 'file'"),
-        ("a.tlog --config file.toml", 2, "--vehicle-from: must be one of folder, got 'file'"),
-    ],
-)  # fmt: skip
-def test_what_cannot_be_done_is_said_in_one_line(
-    arguments: str,
-    code: int,
-    text: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(yawid.fleet.pools, "CONNECT_S", 0.5)
-    Path("theirs").mkdir()
-    files = {"a.tlog": "x", "theirs/notes.txt": "mine", "file.toml": 'vehicle-from = "file"\n',
-             "two.toml": 'vehicle = "a"\nvehicle-from = "folder"\n'}  # fmt: skip
-    for name, content in files.items():
-        Path(name).write_text(content, encoding="utf-8")
-    out = [] if "--out" in arguments else ["--out", "../data"]
-    try:
-        ended: object = main(["fleet", *arguments.split(" "), *out])
-    except SystemExit as by_parser:
-        ended = by_parser.code
-    line = capsys.readouterr().err.splitlines()[-1]
-    assert (ended, text in line) == (code, True), line
-    assert {path.name for path in Path().rglob("*")} == {*files, "theirs", "notes.txt"} - {
-        "theirs/notes.txt"
-    }
-
-
-def test_without_dask_or_a_python_that_may_be_executed_one_line_says_so(
+def test_without_dask_its_scheduler_or_a_python_that_may_be_executed_one_line_says_so(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setitem(sys.modules, "distributed", None)
+    monkeypatch.setattr("yawid.fleet.pools.CONNECT_S", 0.5)
     command = ["fleet", str(REPLAY_LOGS / "no_rudder"), "--out", str(tmp_path / "data")]
-    assert main([*command, "--scheduler", "tcp://127.0.0.1:9"]) == 2
+    scheduler = "--scheduler", "tcp://127.0.0.1:9"
+    assert main([*command[:2], "--out", str(tmp_path / "none"), *scheduler]) == 6
+    assert "no Dask scheduler answers at" in capsys.readouterr().err.splitlines()[-1]
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    assert main([*command, *scheduler]) == 2
     told = "yawid: --scheduler needs Dask: pip install 'yawid[fleet]'\n"
     assert capsys.readouterr().err == told
     assert not (tmp_path / "data").exists()
@@ -337,15 +291,15 @@ def test_another_fleet_s_data_set_is_neither_written_to_nor_read(
 
 def _wait_for_logs(out: Path, count: int) -> None:
     """Wait until a running fleet, which locks its database, has so many finished logs."""
-    end_s, found = time.monotonic() + 60.0, 0
-    while found < count:
-        assert time.monotonic() < end_s
-        time.sleep(0.02)
-        with suppress(sqlite3.Error):  # read while it is written
-            database = sqlite3.connect(f"{(out / DATABASE).as_uri()}?immutable=1", uri=True)
-            with closing(database):
-                select = "SELECT count(*) FROM rows WHERE name = 'logs'"
-                (found,) = database.execute(select).fetchone()
+
+    def found() -> bool:
+        with suppress(sqlite3.Error), closing(sqlite3.connect(name, uri=True)) as database:
+            [(finished,)] = database.execute("SELECT count(*) FROM rows WHERE name = 'logs'")
+            return finished >= count
+        return False  # it is being written
+
+    name = f"{(out / DATABASE).as_uri()}?immutable=1"
+    wait_until(found)
 
 
 MANY, TIMEOUT_S, BETWEEN_S, MOST_S = 200, 5.0, 15.0, 600.0

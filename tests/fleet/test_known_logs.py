@@ -4,10 +4,7 @@ from __future__ import annotations
 
 import heapq
 import json
-import os
 import shutil
-import sys
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -122,64 +119,6 @@ def test_a_log_that_is_named_otherwise_is_run_again_and_else_it_is_known(
     assert vehicles(tmp_path / "data", "flights") == {"heron"}
 
 
-def contents(folder: Path) -> dict[str, bytes]:
-    return {str(path): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
-
-
-@pytest.fixture
-def place(tmp_path: Path) -> Path:
-    """Logs with what else lies next to them."""
-    (tmp_path / "logs" / "flights").mkdir(parents=True)
-    shutil.copy(REPLAY_LOGS / "no_rudder" / "log.tlog", tmp_path / "logs" / "a.tlog")
-    for name in ("my_flight.parquet", "live.tlog.part", "flights/part-000001-0.parquet"):
-        (tmp_path / "logs" / name).write_text("mine", encoding="utf-8")
-    return tmp_path
-
-
-THEIRS = [
-    ["logs.parquet", "flights/mine.parquet"],
-    ["schema.json"],
-    ["SCHEMA.md", "logs/readme"],
-    ["fleet.sqlite"],
-    ["fleet.sqlite-journal", "mine"],
-]
-
-
-@pytest.mark.parametrize("dry", [[], ["--dry-run"]])
-@pytest.mark.parametrize(
-    ("logs", "out", "code", "names"),
-    [
-        # A data set that holds the logs or is held by them.
-        ("logs", ".", 2, ()),
-        ("logs", "logs", 2, ()),
-        ("logs/a.tlog", ".", 2, ()),
-        ("*/*.tlog", "logs", 2, ()),
-        ("file://{place}/logs", ".", 2, ()),
-        ("link", ".", 2, ()),
-        ("logs", "logs/data", 2, ()),
-        (".", "data", 2, ()),
-        ("**/*.tlog", "data", 2, ()),
-        # A folder without our database is no data set, whatever its files are called.
-        *(("logs", "theirs", 6, names) for names in THEIRS),
-    ],
-)
-def test_a_folder_that_is_not_a_data_sets_alone_is_refused_and_nothing_is_touched(
-    place: Path, logs: str, out: str, code: int, names: Sequence[str], dry: list[str],
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str],
-) -> None:  # fmt: skip
-    monkeypatch.chdir(place)
-    Path("link").symlink_to(place / "logs")
-    for name in names:
-        Path(out, name).parent.mkdir(parents=True, exist_ok=True)
-        Path(out, name).write_text('{"format": 1, "files": ["a.js"]}\n', encoding="utf-8")
-    before = contents(place)
-
-    assert main(["fleet", logs.format(place=place), "--out", out, *dry]) == code
-    [line] = capsys.readouterr().err.splitlines()
-    assert code == 6 or f"--out {out} " in line
-    assert contents(place) == before
-
-
 def test_what_lies_in_a_data_set_and_is_not_its_own_stays(tmp_path: Path) -> None:
     merge(tmp_path, [entry("/a", "A", MAY)])
     names = ("mine.parquet", "flights.parquet.bak", "flights/part-000001-0.parquet", "run.part")
@@ -194,22 +133,6 @@ def test_what_lies_in_a_data_set_and_is_not_its_own_stays(tmp_path: Path) -> Non
     assert {(tmp_path / name).read_text(encoding="utf-8") for name in names} == {"mine"}
     assert not left.exists()
     assert read_table(tmp_path, "flights")["log_sha256"].to_pylist() == ["A", "B"]
-
-
-@pytest.mark.skipif(sys.platform == "win32", reason="no such names and devices there")
-@pytest.mark.parametrize("command", ["replay", "inspect"])
-@pytest.mark.parametrize("name", ["fifo.tlog", "/dev/zero", "dangling.tlog", "."])
-def test_one_such_entry_given_by_itself_is_one_line_and_exit_code_6(
-    command: str, name: str, tmp_path: Path, monkeypatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    (tmp_path / "out").mkdir()
-    monkeypatch.chdir(tmp_path / "out")
-    os.mkfifo(tmp_path / "fifo.tlog")
-    (tmp_path / "dangling.tlog").symlink_to("nowhere")
-    assert main([command, str(tmp_path / name)]) == 6
-    said = capsys.readouterr()
-    assert (said.out, said.err.count("\n")) == ("", 1)
-    assert list(Path().iterdir()) == []
 
 
 COSTS = (

@@ -19,6 +19,7 @@ import fsspec
 import pytest
 from checks.children import child
 from finished_runs import replayed
+from live_link import wait_until
 from places import C172P, REPLAY_LOGS, ROOT
 
 import yawid
@@ -335,9 +336,7 @@ def test_what_a_killed_fleet_leaves_of_its_copies_is_removed_by_the_next(tmp_pat
     fleet = ["fleet", f"file://{logs}", "--out", str(data), "--workers", "1"]
     quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
     with child([sys.executable, "-m", "yawid", *fleet], **quiet) as process:
-        end_s = time.monotonic() + 60.0
-        while not [*data.rglob("*.tlog")] and time.monotonic() < end_s:
-            time.sleep(0.005)
+        wait_until(lambda: [*data.rglob("*.tlog")], every_s=0.005)
         process.kill()
         process.wait(60.0)
     assert [*data.rglob("*.tlog")]

@@ -40,21 +40,12 @@ def html(good: Path) -> str:
 
 @pytest.fixture(scope="module")
 def still(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A rudder that never moved, in a log whose name and parameters are markup."""
-    folder = tmp_path_factory.mktemp("still")
-    rng = np.random.default_rng(7)
-    log = FlightLog()
-    log.heartbeat(9.0)
+    """A rudder that never moved, and a parameter whose name would be mathematics in a picture."""
+    folder, rng, log = tmp_path_factory.mktemp("still"), np.random.default_rng(7), FlightLog()
     log.parameter(9.1, "<b>&$x_{1}$</b>", 1.0)
     flown = fly(lambda t: 0.05 * float(rng.normal()), lambda t: 1500, 30.0)
-    path = folder / "<img src=x onerror=alert(1)>.tlog"
-    path.write_bytes(log.data + flown.data)
-    return replayed(path, folder)
-
-
-@pytest.fixture(scope="module")
-def still_html(still: Path) -> str:
-    return report(open_run(still))
+    (folder / "still.tlog").write_bytes(log.data + flown.data)
+    return replayed(folder / "still.tlog", folder)
 
 
 def test_the_page_of_a_stream_answers_the_four_questions_and_counts_its_notes(
@@ -75,20 +66,16 @@ def test_the_page_of_a_stream_answers_the_four_questions_and_counts_its_notes(
     assert "per rad" not in Page(html).text
 
 
-def test_a_log_that_cannot_answer_says_no_and_why_and_obeys_none_of_its_names(
-    still: Path, still_html: str
-) -> None:
-    text, page = first_screen(still_html), Page(still_html)
-    decisive = open_run(still).summary.verdict.reasons[0].text
+def test_a_log_that_cannot_answer_says_no_and_why(still: Path) -> None:
+    run = open_run(still)
+    html, decisive = report(run), run.summary.verdict.reasons[0].text
+    text = first_screen(html)
 
     assert f"This log cannot say how the yaw answers the rudder: {decisive}." in text
     assert "Can I use it? No" in text
     assert "Fly rudder doublets" in text
     assert "MIL-F-8785C" not in text
-    assert "img" not in page.tags
-    assert "<img src=x onerror=alert(1)>.tlog" in page.text
-    assert "onerror" not in "".join(page.addresses)
-    assert "&lt;b&gt;&amp;$x_{1}$&lt;/b&gt;" in still_html
+    assert "&lt;b&gt;&amp;$x_{1}$&lt;/b&gt;" in html
 
 
 def test_the_page_stands_alone_and_each_picture_is_drawn_and_says_what_to_look_for(

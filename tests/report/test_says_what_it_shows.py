@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from finished_runs import replayed
 from PIL import Image
-from places import REPLAY_LOGS, ROOT, SRC
+from places import C172P, REPLAY_LOGS, ROOT
 from report_page import Page, first_screen
 from sinks.mcap.mcap_reading import decoded
 from sinks.rerun.rerun_reading import recorded, statics
@@ -19,20 +19,12 @@ from yawid.cli.main import main
 from yawid.report.write import report
 from yawid.sinks.mcap.reader import open_run
 
-PHRASES = (
-    "else 'nowhere'", "which does not show the servo's lag",
-    "starts of the servo lag agree with", "sigma of L_delta_a is",
-    "would cancel the aileron's yaw alone", "takes damping from th",
-    "noise gives so large a B with",
-)  # fmt: skip
-"""Sentences without a subject, or in the terms of the code."""
-
 
 def test_the_page_of_a_usable_flight_contradicts_nothing_and_numbers_every_manoeuvre(
     tmp_path: Path,
 ) -> None:
     """A flight with twelve manoeuvres."""
-    run = yawid.replay(REPLAY_LOGS / "c172p_three_speeds" / "log.tlog")
+    run = yawid.load(replayed(REPLAY_LOGS / "c172p_three_speeds" / "log.tlog", tmp_path))
     html = run.report(tmp_path / "R.html").read_text(encoding="utf-8")
     captions = re.findall(r"<figcaption.*?</figcaption>", html, re.DOTALL)
     (figure,) = re.findall(r'<figure id="whole">.*?</figure>', html, re.DOTALL)
@@ -46,7 +38,7 @@ def test_the_page_of_a_usable_flight_contradicts_nothing_and_numbers_every_manoe
 
 def test_the_remedy_that_helps_comes_before_those_that_cannot(tmp_path: Path) -> None:
     """The rudder follows the aileron: neither more samples nor another order help."""
-    run = yawid.replay(REPLAY_LOGS / "sitl_auto" / "log.tlog")
+    run = yawid.replay(REPLAY_LOGS / "sitl_auto" / "log.tlog", ordinary="off")
     said = first_screen(run.report(tmp_path / "R.html").read_text(encoding="utf-8"))
     assert run.summary.verdict.reasons[0].id == "mixed_rudder"
 
@@ -65,37 +57,25 @@ def test_a_warning_is_called_one_wherever_it_stands(tmp_path: Path, capsys) -> N
     assert "warning rate_low" in page
 
 
-def test_no_odd_phrase_is_left() -> None:
-    texts = [*SRC.rglob("*.py"), *SRC.rglob("*.md"), *(ROOT / "src").glob("*.md")]
-    pages = {path: path.read_text(encoding="utf-8") for path in texts if path.name != "changes.md"}
-    said = {
-        path: " ".join(re.sub(r'["{}]|\bf"', " ", text).split()) for path, text in pages.items()
-    }
-
-    found = [(path.name, each) for path in said for each in PHRASES if each in said[path]]
-    assert found == []
-
-
 @pytest.mark.parametrize("name", ["rerun", "report"])
-def test_a_picture_of_the_readmes_shows_the_answer_that_is_given_today(name: str) -> None:
+def test_a_picture_of_the_readmes_shows_the_answer_that_is_given_today(
+    name: str, tmp_path: Path
+) -> None:
     """The one command that draws both writes into each what it shows: case, options, answer."""
     with Image.open(ROOT / "tools" / "pictures" / f"{name}.png") as image:
         source = json.loads(image.info["yawid"])
-    run = yawid.replay(REPLAY_LOGS / source["case"] / "log.tlog", **source["options"])
+    run = open_run(replayed(REPLAY_LOGS / source["case"] / "log.tlog", tmp_path))
 
-    shown, mode = source["dutch_roll"], run.flight.dutch_roll
+    shown, mode = source["dutch_roll"], run.summary.flight.dutch_roll
+    assert source["options"] == {}
     for key in ("wn_rad_s", "wn_std", "zeta", "zeta_std"):
         assert shown[key] == pytest.approx(getattr(mode, key), rel=2e-3)
-
-
-LOG = REPLAY_LOGS / "sitl_fbwa_50hz" / "log.tlog"
-OPTIONS = ("--rate", 25, "--memory", "inf", "--rudder-max-deg", 25)
 
 
 def test_a_run_says_the_unit_of_its_rudder_and_its_modes_wherever_it_is_read(
     tmp_path: Path,
 ) -> None:
-    in_rad = replayed(LOG, tmp_path / "rad", *OPTIONS)
+    in_rad = replayed(C172P, tmp_path / "rad", "--rate", 10, "--rudder-max-deg", 25)
     assert main(["replay", str(in_rad), "--orders", "3,3,3,1", "--out", str(tmp_path)]) == 0
     again, screen = tmp_path / "log.mcap", tmp_path / "a.rrd"
     assert main(["view", str(again), "--out", str(screen)]) == 0

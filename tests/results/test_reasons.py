@@ -77,16 +77,6 @@ def test_a_fatal_reason_stands_before_a_warning_of_the_same_kind():
     assert Verdict.of([warning, Reason("manoeuvres_disagree", "much")]).why == "manoeuvres_disagree"
 
 
-def test_a_reason_and_a_verdict_come_back_from_json_as_they_were():
-    said = [Reason("no_yaw", "none came", "Ask for it."), Reason("saturated", "at its stops")]
-    verdict = Verdict.of(said, "ct")
-
-    assert msgspec.convert(verdict.to_json(), Verdict) == verdict
-    assert verdict.to_json()["reasons"][1] == {
-        "id": "saturated", "text": "at its stops", "weight": "warning",
-    }  # fmt: skip
-
-
 def test_a_reason_of_a_newer_version_is_fatal_where_it_says_so():
     known = {"id": "of_2030", "text": "so it was", "weight": "fatal"}
     verdict = Verdict.of([msgspec.convert(known, Reason), Reason("no_yaw", "")])

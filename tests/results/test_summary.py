@@ -59,19 +59,6 @@ def test_theta_sigma_and_fits_are_those_of_the_recursion_by_itself(method):
     assert (found.updates, found.held) == (armax.updates, armax.held)
 
 
-def test_the_modes_and_the_numbers_of_eq_22_and_23_are_the_plants_to_their_sigma_of_noise():
-    found = of_stream(bank_of(*flown(3000)))["rml"]
-
-    roll, physics = found.dutch_roll, found.physics
-    assert abs(roll.wn_rad_s - 2.4) < 4.0 * roll.wn_std < 0.1
-    assert abs(roll.zeta - 0.25) < 4.0 * roll.zeta_std < 0.04
-    assert (roll.wn_std_noise, roll.zeta_std_noise) == (roll.wn_std, roll.zeta_std)
-    assert roll.level is None
-    for name, true in {"K": 1.0, "T_theta_s": 0.8, "omega_beta": 2.4, "xi_beta": 0.25}.items():
-        assert physics[name].std == physics[name].std_noise > 0.0, name
-        assert physics[name].value == pytest.approx(true, rel=0.05), name
-
-
 def test_a_bank_without_a_dutch_roll_has_none():
     bank = bank_of(np.zeros(300), np.zeros(300))
 

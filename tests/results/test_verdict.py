@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import json
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +14,6 @@ from places import C172P, REPLAY_LOGS
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 import yawid
-from yawid.cli.main import main
 from yawid.config.run import RunConfig
 
 AUTO, OFF = RunConfig(), RunConfig(manoeuvres="off")
@@ -115,9 +112,6 @@ def test_what_nobody_excited_is_not_usable(
     assert not summarised(log, AUTO).deciding.usable
 
 
-OPTIONS = ["--units", "rad", "--rudder-unit", "half-travel", "--rudder-is", "commanded"]
-
-
 @pytest.mark.parametrize("wn", [1.0, 2.0])
 def test_a_slow_light_mode_that_is_right_is_not_said_to_be_of_another_rudder(wn: float) -> None:
     """A doublet, hands off, 50 Hz, noise of 3 % of the peak: wn and zeta are found to a percent."""
@@ -143,19 +137,3 @@ def test_a_movement_of_one_second_before_the_log_ends_does_not_decide() -> None:
     assert all(each.to_s - each.from_s < 2.1 for each in cut)  # with the second of rest before
     for reason in flown.flight.verdict.reasons:
         assert not reason.text.startswith("manoeuvre 2, ")
-
-
-def test_replay_and_inspect_refuse_a_log_for_the_same_reasons(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    log, columns = tmp_path / "noisy.csv", record([Leg(seconds=30.0, noise=0.3)] * 2)
-    with log.open("w", newline="", encoding="utf-8") as file:
-        csv.writer(file).writerows([columns, *zip(*columns.values(), strict=True)])
-    said = []
-    for command in (["replay", "--out", str(tmp_path / "out")], ["inspect"]):
-        assert main([*command, str(log), *OPTIONS, "--json"]) == 5
-        said.append(json.loads(capsys.readouterr().out))
-
-    replayed, inspected = said[0]["verdict"], said[1]["verdict"]
-    assert not inspected["usable"]
-    assert inspected == replayed == said[0]["flight"]["verdict"]

@@ -32,13 +32,17 @@ def long(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return repeated(C172P, tmp_path_factory.mktemp("long") / "long.tlog", 4)
 
 
-@pytest.mark.parametrize("name", CODES)
+@pytest.mark.parametrize(("name", "of", "at"), [("SIGINT", "log", 3), ("SIGTERM", "run", 1)])
 def test_a_replay_that_was_stopped_is_not_usable_and_bears_its_own_name(
-    name: str, long: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    name: str, of: str, at: int, long: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Of three logs it gets the signal in the first; what was kept is replayed, and no answer."""
-    options = ("--out", tmp_path, "--rerun", "save", "--json", "--manoeuvres", "off")
-    done = yawid_with(name, 3, "replay", long, C172P, "x.tlog", *options)
+    """Of three it gets the signal in the first; what was kept is replayed, and no answer."""
+    whole, out = long, tmp_path / "out"
+    if of == "run":  # of two blocks of samples
+        log = repeated(C172P, tmp_path / "long.tlog", 1)
+        whole = replayed(log, tmp_path, "--rate", 50, "--ordinary", "off")
+    options = ("--out", out, "--rerun", "save", "--json", "--manoeuvres", "off")
+    done = yawid_with(name, at, "replay", whole, C172P, "x.tlog", *options)
 
     assert done.returncode == CODES[name], done.stderr
     assert done.stderr == f"yawid: {name}: not reached: {C172P}, x.tlog\n"
@@ -47,11 +51,11 @@ def test_a_replay_that_was_stopped_is_not_usable_and_bears_its_own_name(
     assert (reason["id"], reason["weight"]) == ("interrupted", "fatal")
     assert name in reason["text"]
     assert (summary["verdict"]["usable"], "sha256" in summary) == (False, False)
-    assert 0 < summary["bytes_read"] < long.stat().st_size
+    assert 0 < summary["bytes_read"] < whole.stat().st_size
     names = ["long.interrupted.mcap", "long.interrupted.rrd"]
-    assert sorted(path.name for path in tmp_path.iterdir()) == names
+    assert sorted(path.name for path in out.iterdir()) == names
     assert sorted(Path(path).name for path in summary["files"].values()) == names
-    again = ["replay", str(tmp_path / names[0]), "--orders", "2,2,2,1"]
+    again = ["replay", str(out / names[0]), "--orders", "2,2,2,1"]
     assert main([*again, "--out", str(tmp_path / "again")]) == 130
     assert f"interrupted: {name} after" in capsys.readouterr().out
 
@@ -81,17 +85,17 @@ def test_a_whole_run_is_never_overwritten_by_one_that_was_stopped(
     assert [path.read_bytes() for path in tmp_path.iterdir()] == [b"earlier"]
 
 
-def test_a_replay_of_a_run_is_interrupted_alike(tmp_path: Path) -> None:
-    # Two blocks of samples.
-    first = replayed(repeated(C172P, tmp_path / "a.tlog", 1), tmp_path / "first", "--rate", 50)
-    done = yawid_with("SIGTERM", 1, "replay", first, "--out", tmp_path / "again", "--json")
-
-    assert done.returncode == 143, done.stderr
-    summary = printed("replay", done.stdout)
-    assert summary["verdict"]["reasons"][0]["id"] == "interrupted"
-    assert 0 < summary["bytes_read"] < first.stat().st_size
-    assert "sha256" not in summary
-    assert [path.name for path in (tmp_path / "again").iterdir()] == ["a.interrupted.mcap"]
+STOPPED = """
+import os, signal, sys
+from yawid.cli import main as cli
+from yawid.channels import stage
+from yawid.sinks.mcap import reader as mcap_run
+def signalled(*arguments):
+    os.kill(os.getpid(), getattr(signal, sys.argv[1]))
+stage.Channels.finish = mcap_run.McapRun.blocks = signalled
+sys.exit(cli.main(sys.argv[2:]))
+"""
+"""A command that gets the signal when it has read its log, or goes to draw its rows."""
 
 
 @pytest.mark.parametrize(
@@ -104,36 +108,15 @@ def test_a_command_that_makes_one_answer_ends_without_it(
     if command == "report":
         run = replayed(C172P, tmp_path, "--rate", 10, "--manoeuvres", "off")
         arguments = [command, str(run)]
-    done = stopped(name, arguments)
+    done = subprocess.run(
+        [sys.executable, "-c", STOPPED, name, *arguments],
+        capture_output=True, text=True, check=False, timeout=120, env=ENV,
+    )  # fmt: skip
 
     assert done.returncode == CODES[name], done.stderr
     assert done.stdout == ""
     assert done.stderr == "yawid: interrupted: there was nothing to save\n"
     assert not [path for path in tmp_path.iterdir() if path.suffix in (".html", ".part")]
-
-
-STOPPED = """
-import os, signal, sys
-from yawid.cli import main as cli
-from yawid.channels import stage
-from yawid.sinks.mcap import reader as mcap_run
-def signalled(*arguments):
-    os.kill(os.getpid(), getattr(signal, sys.argv[1]))
-stage.Channels.finish = mcap_run.McapRun.blocks = signalled
-sys.exit(cli.main(sys.argv[2:]))
-"""
-
-
-def stopped(name: str, arguments: list[str]) -> subprocess.CompletedProcess[str]:
-    """Run a command that gets the signal when it has read its log, or goes to draw its rows."""
-    return subprocess.run(
-        [sys.executable, "-c", STOPPED, name, *arguments],
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=120,
-        env=ENV,
-    )
 
 
 STOPS = """

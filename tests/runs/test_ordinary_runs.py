@@ -13,10 +13,11 @@ from typing import Any, NamedTuple
 import jsonschema
 import pytest
 from flights.surgery import split
+from inspecting import inspected
 from live_link import listening, send, tlog_size, wait_for_size
-from mcap.reader import make_reader
 from ordinary_plant import AIRSPEED_M_S, as_tlog, flown, truth
 from printed import printed
+from sinks.mcap.mcap_reading import decoded
 
 import yawid
 from yawid.answers.model_parts import DutchRoll
@@ -62,24 +63,16 @@ def replayed(log: Path, folder: Path, *options: object) -> Replayed:
     return Replayed(code, printed("replay", out.getvalue()), folder / "turns.mcap")
 
 
-@pytest.fixture(scope="session")
-def next_to(log: Path, tmp_path_factory: pytest.TempPathFactory) -> Replayed:
-    return replayed(log, tmp_path_factory.mktemp("auto"))
+OPTIONS = {
+    "next_to": [], "alone": ["--ordinary", "only"], "without": ["--ordinary", "off"],
+    "short": ["--ordinary", "only", "--to", "200"],
+}  # fmt: skip
+"""The runs that the tests look at: next to the other answers, alone, not at all, and too short."""
 
 
 @pytest.fixture(scope="session")
-def alone(log: Path, tmp_path_factory: pytest.TempPathFactory) -> Replayed:
-    return replayed(log, tmp_path_factory.mktemp("only"), "--ordinary", "only")
-
-
-@pytest.fixture(scope="session")
-def without(log: Path, tmp_path_factory: pytest.TempPathFactory) -> Replayed:
-    return replayed(log, tmp_path_factory.mktemp("off"), "--ordinary", "off")
-
-
-@pytest.fixture(scope="session")
-def short(log: Path, tmp_path_factory: pytest.TempPathFactory) -> Replayed:
-    return replayed(log, tmp_path_factory.mktemp("short"), "--ordinary", "only", "--to", 200)
+def runs(log: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Replayed]:
+    return {name: replayed(log, tmp_path_factory.mktemp(name), *OPTIONS[name]) for name in OPTIONS}
 
 
 def page(told: dict[str, Any]) -> str:
@@ -89,105 +82,80 @@ def page(told: dict[str, Any]) -> str:
     return " ".join(out.getvalue().split())
 
 
-def messages(path: Path, *topics: str) -> list[tuple[str, Any, bytes]]:
-    with path.open("rb") as stream:
-        found = make_reader(stream).iter_messages(topics or None, log_time_order=False)
-        return [(channel.topic, schema, message.data) for schema, channel, message in found]
+def test_the_mode_stands_next_to_the_refusal_of_the_rudders_question(
+    runs: dict[str, Replayed],
+) -> None:
+    code, told, _ = runs["next_to"]
+    found, (wn, zeta), said = told["ordinary"], truth(), page(told)
 
-
-def test_the_mode_stands_next_to_the_refusal_of_the_rudders_question(next_to: Replayed) -> None:
-    found, (wn, zeta) = next_to.told["ordinary"], truth()
-
-    assert (next_to.code, next_to.told["verdict"]["reasons"][0]["id"]) == (5, "not_excited")
+    assert (code, told["verdict"]["reasons"][0]["id"]) == (5, "not_excited")
     assert found["verdict"]["usable"]
     assert abs(found["dutch_roll"]["wn_rad_s"] - wn) < 2.0 * found["dutch_roll"]["wn_std"]
     assert abs(found["dutch_roll"]["zeta"] - zeta) < 2.0 * found["dutch_roll"]["zeta_std"]
     assert found["airspeed_m_s"] == pytest.approx(AIRSPEED_M_S)
-    assert "flight" not in next_to.told
-
-
-def test_alone_it_is_the_verdict_and_nothing_else_is_answered(
-    next_to: Replayed, alone: Replayed
-) -> None:
-    assert alone.code == 0
-    assert alone.told["verdict"] == {"method": "ordinary", "usable": True, "reasons": []}
-    assert alone.told["ordinary"] == next_to.told["ordinary"]
-    assert not {"flight", "manoeuvres", "estimates"} & alone.told.keys()
-
-
-def test_alone_a_short_log_is_refused_with_what_is_needed(short: Replayed) -> None:
-    [reason] = short.told["verdict"]["reasons"]
-
-    assert (short.code, reason["id"]) == (5, "ordinary_unknown")
-    assert "290 s of ordinary flight at one airspeed are needed" in reason["text"]
-    assert short.told["verdict"]["next"] == short.told["ordinary"]["verdict"]["next"]
-    assert "dutch_roll" not in short.told["ordinary"]
-
-
-def test_switched_off_nothing_of_it_is_there(without: Replayed, next_to: Replayed) -> None:
-    added = {"ordinary"}
-
-    assert next_to.told.keys() - without.told.keys() == added
-    assert {k: v for k, v in next_to.told.items() if k not in {*added, "files"}} == {
-        k: v for k, v in without.told.items() if k != "files"
-    }
-    topics, more = ({topic for topic, *_ in messages(run.mcap)} for run in (without, next_to))
-    assert more - topics == {"/yawid/attitude", "/yawid/commands", "/yawid/ordinary"}
-
-
-def test_the_file_has_the_answer_as_json_with_its_schema(next_to: Replayed) -> None:
-    [(_, schema, data)] = messages(next_to.mcap, "/yawid/ordinary")
-    shape = json.loads(schema.data)
-
-    assert (schema.encoding, shape["type"]) == ("jsonschema", "object")
-    jsonschema.Draft202012Validator(shape).validate(json.loads(data))
-    assert json.loads(data) == next_to.told["ordinary"]
-
-
-def test_a_replay_of_the_file_gives_the_same_to_the_bit(
-    alone: Replayed, short: Replayed, tmp_path: Path
-) -> None:
-    whole, cut = (replayed(run.mcap, tmp_path / run.mcap.parent.name) for run in (alone, short))
-
-    for before, again in ((alone, whole), (short, cut)):
-        assert again.told["ordinary"] == before.told["ordinary"]
-        assert again.told["verdict"] == before.told["verdict"]
-        assert again.code == before.code
-
-
-def test_a_file_without_motion_says_that_the_log_is_needed(
-    without: Replayed, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    again = replayed(without.mcap, tmp_path, "--ordinary", "only")
-
-    [reason] = again.told["verdict"]["reasons"]
-    assert (again.code, reason["id"]) == (5, "ordinary_unknown")
-    assert "holds no lateral motion: for that, replay the log itself" in capsys.readouterr().err
-
-
-def test_the_page_says_both_plainly(next_to: Replayed) -> None:
-    said = page(next_to.told)
-
+    assert "flight" not in told
     assert "verdict NOT USABLE not_excited: the rudder's largest movement" in said
     row = re.search(r"ordinary wn (\S+) ± \S+ rad/s, zeta (\S+) ± ", said)
-    assert row
-    assert float(row[1]) == pytest.approx(truth()[0], rel=0.1)
+    assert float(row[1]) == pytest.approx(found["dutch_roll"]["wn_rad_s"], rel=0.01)
     mode_only = "from ordinary flight: the aircraft without its autopilot, mode only; at 50.0 m/s"
     assert mode_only in said
     assert re.search(r"from 6 of 6 min, \d+ turns", said)
 
 
-def test_the_page_of_a_refusal_has_the_cause_and_the_remedy(short: Replayed) -> None:
-    said = page(short.told)
+def test_alone_it_is_the_verdict_and_a_short_log_is_refused_with_what_is_needed(
+    runs: dict[str, Replayed],
+) -> None:
+    (code, told, _), (refused_code, refused, _) = runs["alone"], runs["short"]
+    [reason], said = refused["verdict"]["reasons"], page(refused)
 
+    assert code == 0
+    assert told["verdict"] == {"method": "ordinary", "usable": True, "reasons": []}
+    assert told["ordinary"] == runs["next_to"].told["ordinary"]
+    assert not {"flight", "manoeuvres", "estimates"} & told.keys()
+    assert (refused_code, reason["id"]) == (5, "ordinary_unknown")
+    assert "290 s of ordinary flight at one airspeed are needed" in reason["text"]
+    assert refused["verdict"]["next"] == refused["ordinary"]["verdict"]["next"]
+    assert "dutch_roll" not in refused["ordinary"]
     assert "ordinary from ordinary flight the aircraft's mode is not known: 290 s of" in said
     assert "next: Fly twelve minutes at one airspeed, with turns" in said
 
 
-def test_python_has_it_as_a_value_that_is_true_where_it_is_known(
-    without: Replayed, alone: Replayed
+def test_switched_off_nothing_of_it_is_there_and_its_answer_is_in_the_file_as_json(
+    runs: dict[str, Replayed],
 ) -> None:
-    unasked, run = (yawid.load(each.mcap) for each in (without, alone))
+    (_, told, mcap), (_, without, plain) = runs["next_to"], runs["without"]
+
+    assert told.keys() - without.keys() == {"ordinary"}
+    added = {"ordinary", "files"}
+    assert {k: v for k, v in told.items() if k not in added} == {
+        k: v for k, v in without.items() if k not in added
+    }
+    topics, more = decoded(plain), decoded(mcap)
+    assert more.keys() - topics.keys() == {
+        "/yawid/attitude", "/yawid/commands", "/yawid/ordinary",
+    }  # fmt: skip
+    [(message, found)] = more["/yawid/ordinary"]
+    jsonschema.Draft202012Validator(found.SHAPE).validate(json.loads(message.data))
+    assert json.loads(message.data) == told["ordinary"]
+
+
+def test_a_replay_of_the_file_gives_the_same_to_the_bit_or_says_that_the_log_is_needed(
+    runs: dict[str, Replayed], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name in ("alone", "short"):
+        again, before = replayed(runs[name].mcap, tmp_path / name), runs[name]
+        assert again.told["ordinary"] == before.told["ordinary"]
+        assert again.told["verdict"] == before.told["verdict"]
+        assert again.code == before.code
+    blind = replayed(runs["without"].mcap, tmp_path, "--ordinary", "only")
+    assert (blind.code, blind.told["verdict"]["reasons"][0]["id"]) == (5, "ordinary_unknown")
+    assert "holds no lateral motion: for that, replay the log itself" in capsys.readouterr().err
+
+
+def test_python_has_it_as_a_value_that_is_true_where_it_is_known(
+    runs: dict[str, Replayed],
+) -> None:
+    unasked, run = (yawid.load(runs[name].mcap) for name in ("without", "alone"))
 
     assert not unasked.ordinary
     assert unasked.ordinary.verdict.next == 'Replay the log with ordinary="auto".'
@@ -199,22 +167,27 @@ def test_python_has_it_as_a_value_that_is_true_where_it_is_known(
         run.model("flight")
 
 
-def test_a_data_set_has_the_mode_over_the_equivalent_airspeed_or_why_not(
-    alone: Replayed, short: Replayed
+def test_data_set_and_report_have_the_mode_with_what_it_rests_on_or_why_it_is_not_known(
+    runs: dict[str, Replayed],
 ) -> None:
-    known, refused = (
-        flight_rows(RunSummary.from_json(json.dumps(run.told).encode()), 1, 360.0)[0]
-        for run in (alone, short)
-    )
-    found = alone.told["ordinary"]
+    summaries = [
+        RunSummary.from_json(json.dumps(runs[name].told).encode()) for name in ("alone", "short")
+    ]
+    known, refused = (flight_rows(each, 1, 360.0)[0] for each in summaries)
+    shown = write_report(runs["alone"].mcap).read_text(encoding="utf-8")
+    wn = runs["alone"].told["ordinary"]["dutch_roll"]["wn_rad_s"]
 
-    assert known["ordinary_kappa_rad_m"] == pytest.approx(found["dutch_roll"]["wn_rad_s"] / 50.0)
+    assert known["ordinary_kappa_rad_m"] == pytest.approx(wn / 50.0)
     assert known["usable"]
     assert not {"wn_rad_s", "answer", "method"} & known.keys()
     assert {*known, *refused} <= {name for name, *_ in TABLES["flights"].columns}
-    assert refused["ordinary_why"] == "too_short"
-    assert not refused["usable"]
+    assert (refused["ordinary_why"], refused["usable"]) == ("too_short", False)
     assert "ordinary_wn_rad_s" not in refused
+    assert "The Dutch roll is ωn" in shown
+    assert "Ordinary flight</h2>" in shown
+    assert '<figure id="ordinary">' in shown
+    assert "290 s of ordinary flight" in "".join(ordinary_section(summaries[1]))
+    assert spectra_picture(summaries[1].ordinary) is None
 
 
 def test_short_flights_of_one_day_answer_together_where_none_alone_can(
@@ -237,30 +210,20 @@ def test_short_flights_of_one_day_answer_together_where_none_alone_can(
         assert abs(each["now"]["value"] - value) < 2.0 * each["now"]["std"]
 
 
-def test_the_report_shows_the_spectra_it_rests_on(alone: Replayed, short: Replayed) -> None:
-    shown = write_report(alone.mcap).read_text(encoding="utf-8")
-    refused = RunSummary.from_json(json.dumps(short.told).encode())
-
-    assert "The Dutch roll is ωn" in shown
-    assert "Ordinary flight</h2>" in shown
-    assert '<figure id="ordinary">' in shown
-    assert "290 s of ordinary flight" in "".join(ordinary_section(refused))
-    assert spectra_picture(refused.ordinary) is None
-
-
 def test_inspect_says_whether_the_log_can_give_it_and_what_is_missing(
-    log: Path, capsys: pytest.CaptureFixture[str]
+    log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["inspect", str(log), "--json"]) == 5
-    can = printed("inspect", capsys.readouterr().out)["can"]
-    assert main(["inspect", str(log), "--json", "--to", "200"]) == 5
-    cannot = printed("inspect", capsys.readouterr().out)["can"]
+    code, known = inspected(log, tmp_path, capsys)
+    short_code, short = inspected(log, tmp_path, capsys, "--to", "200")
 
-    assert can == {"ordinary": {"yes": True, "lacks": []}}
-    assert not cannot["ordinary"]["yes"]
-    assert "290 s of ordinary flight at one airspeed are needed" in cannot["ordinary"]["lacks"][0]
+    assert (code, short_code) == (5, 5)
+    assert known["can"] == {"ordinary": {"yes": True, "lacks": []}}
+    assert not short["can"]["ordinary"]["yes"]
+    needed = "290 s of ordinary flight at one airspeed are needed"
+    assert needed in short["can"]["ordinary"]["lacks"][0]
 
 
+@pytest.mark.long  # the running number and the end of a pipeline are in the gate
 def test_a_live_session_ends_with_the_answer_of_the_replay(log: Path, tmp_path: Path) -> None:
     sent = [frame for _, frame in split(log.read_bytes())]
     config = RunConfig()

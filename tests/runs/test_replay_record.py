@@ -42,29 +42,6 @@ def assert_same(ours: SampleBlock, theirs: SampleBlock, *, but: str = "") -> Non
             np.testing.assert_array_equal(*columns, err_msg=field.name)
 
 
-@pytest.mark.parametrize("suffix", [".csv", ".parquet"])
-def test_what_is_exported_of_a_run_replays_to_the_same_samples_and_answers(
-    tmp_path: Path, suffix: str
-) -> None:
-    options = "--manoeuvres", "off", "--also", "none"
-    in_rad = "--rudder-max-deg", "25"
-    first = replayed(GAPS, tmp_path, *options, *in_rad)
-    exported = tmp_path / f"exported{suffix}"
-    assert main(["export", str(first), "-o", str(exported)]) == 0
-    # The metadata of Parquet say how far the rudder moves; the units of both, in which sense.
-    again = open_run(replayed(exported, tmp_path, *options, *in_rad[: 2 * (suffix == ".csv")]))
-
-    run, later = open_run(first), slice(1, None)
-    assert np.count_nonzero(samples_of(run).held) == 4
-    # The first is held and has a gap behind it: what comes before a record is not in it.
-    ours, theirs = samples_of(again).select(later), samples_of(run).select(later)
-    assert_same(ours, theirs, but="received_us")
-    assert again.summary.estimates == run.summary.estimates
-    assert again.grid == run.grid
-    assert again.summary.vehicle is None
-    assert again.summary.link.frames is None
-
-
 ROWS = st.lists(
     st.tuples(
         st.sampled_from([0.05, 0.05, 0.05, 0.1, 0.4, 0.0, 12.0]),
@@ -110,7 +87,6 @@ def test_no_sample_depends_on_how_a_record_was_cut(
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
     record = Record(path)
     record.settle(Asked(rudder_is=rudder_is))
-    assert record._rows is not None
     whole = RecordBlock.joined(list(record._rows.pieces()))
 
     expected = channels_fed([whole])

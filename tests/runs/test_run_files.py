@@ -22,12 +22,13 @@ from yawid.cli.main import main
 from yawid.sinks.mcap.reader import open_run
 from yawid.sinks.palette import DATA, MODEL, RUDDER
 
+OPTIONS = ("--rate", "10", "--rerun", "save", "--ordinary", "off")
 OTHER = ("--orders", "4,4,2,1", "--memory", "100")
 
 
 @pytest.fixture(scope="module")
-def first(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return replayed(C172P, tmp_path_factory.mktemp("first"), "--rate", 10)
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return replayed(C172P, tmp_path_factory.mktemp("run"), *OPTIONS)
 
 
 @pytest.mark.parametrize(
@@ -36,10 +37,10 @@ def first(tmp_path_factory: pytest.TempPathFactory) -> Path:
     ids=lambda options: " ".join(options) or "as it was",
 )
 def test_a_replay_of_a_run_equals_a_replay_of_its_log_to_the_bit(
-    first: Path, tmp_path: Path, options: tuple[str, ...]
+    run: Path, tmp_path: Path, options: tuple[str, ...]
 ) -> None:
-    direct = replayed(C172P, tmp_path / "direct", "--rate", 10, *options)
-    again = replayed(first, tmp_path / "again", *options)
+    direct = replayed(C172P, tmp_path / "direct", *OPTIONS, *options)
+    again = replayed(run, tmp_path / "again", *options)
 
     assert [(*each[:2], each[4]) for each in raw(again)] == [
         (*each[:2], each[4]) for each in raw(direct)
@@ -51,12 +52,12 @@ def test_a_replay_of_a_run_equals_a_replay_of_its_log_to_the_bit(
 
 
 def test_through_any_number_of_replays_the_log_is_named_and_an_option_takes_the_place_of_the_runs(
-    first: Path, tmp_path: Path
+    run: Path, tmp_path: Path
 ) -> None:
-    second = replayed(first, tmp_path / "second", "--memory", "10", "--manoeuvres", "off")
+    second = replayed(run, tmp_path / "second", "--memory", "10", "--manoeuvres", "off")
     third = replayed(second, tmp_path / "third")
     fourth = replayed(third, tmp_path / "fourth", "--memory", "60")
-    one, two, three, four = (open_run(each).summary for each in (first, second, third, fourth))
+    one, two, three, four = (open_run(each).summary for each in (run, second, third, fourth))
 
     assert (three.source.log, three.source.sha256) == (one.log, one.sha256)
     assert three.log == str(second)
@@ -64,38 +65,7 @@ def test_through_any_number_of_replays_the_log_is_named_and_an_option_takes_the_
     assert four.estimates == one.estimates
 
 
-@pytest.mark.parametrize(
-    ("options", "code", "said"),
-    [
-        ("--rate 5", 2, "replay the log itself"),
-        ("--rudder servo:2", 2, "replay the log itself"),
-        ("--inputs rudder,aileron", 2, "replay the log itself"),
-        (
-            "--from 1e6 --to 2e6 --json", 2,
-            "--from 1e+06 --to 2e+06 is outside {run}, which covers ",
-        ),
-        ("--force --out {run.parent}", 6, "choose another --out"),
-    ],
-)  # fmt: skip
-def test_what_the_samples_cannot_give_is_refused_and_the_run_stays(
-    options: str, code: int, said: str, first: Path, tmp_path: Path, capsys
-) -> None:
-    before, out = first.read_bytes(), tmp_path / "out"
-    words = options.format(run=first).split()
-    assert main(["replay", str(first), "--out", str(out), *words]) == code
-    [line] = capsys.readouterr().err.splitlines()
-    assert said.format(run=first) in line
-    assert first.read_bytes() == before
-    assert not [*out.glob("*")]
-
-
 FOXGLOVE, PLOTJUGGLER = (SRC / "layouts" / name for name in ("foxglove.json", "plotjuggler.xml"))
-
-
-@pytest.fixture(scope="module")
-def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("run")
-    return replayed(C172P, folder, "--rate", 10, "--rerun", "save", "--ordinary", "off")
 
 
 def test_the_view_of_a_run_is_the_recording_the_run_would_have_saved(
@@ -145,32 +115,6 @@ def test_manoeuvres_are_shown_at_their_samples_else_where_their_date_says_or_not
     assert lane["unix_time"] == dated
     [table] = statics(view, "/manoeuvres", "TextDocument:text")[-1]
     assert table.count(" FBWA ") == 2
-
-
-@pytest.mark.parametrize(
-    ("command", "said"),
-    [
-        ("view RUN", "no screen"),
-        ("view RUN --to rerun+http://127.0.0.1:9/proxy", "viewer"),
-        ("view RUN --out mine.rrd", "mine.rrd exists: --force overwrites it"),
-        ("view text.mcap --out x.rrd", "text.mcap"),
-        ("report text.mcap", "text.mcap"),
-        ("view missing.mcap --out x.rrd", "missing.mcap"),
-        ("report missing.mcap", "missing.mcap"),
-    ],
-)
-def test_what_cannot_be_shown_is_one_line_and_exit_code_6(
-    command: str, said: str, run: Path, tmp_path: Path, monkeypatch, capsys
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
-        monkeypatch.delenv(name, raising=False)
-    for name in ("text.mcap", "mine.rrd"):
-        Path(name).write_text("hello", encoding="utf-8")
-    assert main(command.replace("RUN", str(run)).split()) == 6
-    [error] = capsys.readouterr().err.splitlines()
-    assert said in error
-    assert {path.read_text(encoding="utf-8") for path in Path().iterdir()} == {"hello"}
 
 
 @pytest.fixture(scope="module")

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 from checks.judge_trend import Plan, draw_vehicles, flight
-from data_sets import merge
+from data_sets import MADE_BY, merge
 
 STDS = {"kappa_rad_m": "kappa_std", "zeta": "zeta_std", "K_per_V": "K_per_V_std"}
 FALLS = "sysid:7"
@@ -26,19 +26,7 @@ def draw_fleet(seed: int, plan: Plan) -> list[dict[str, Any]]:
 
 
 def write_fleet(folder: Path, rows: Sequence[dict[str, Any]]) -> None:
-    """Write rows of ``flights`` as a data set."""
-    made_by = ("log_sha256", "yawid_version", "analysis_version", "config_hash")
-    merge(
-        folder,
-        [
-            {
-                "logs": [
-                    {"path": f"/{row['log_sha256']}", "outcome": "ok"}
-                    | {name: row[name] for name in made_by}
-                ],
-                "flights": [row],
-                "flights_by_loop": [row],
-            }
-            for row in rows
-        ],
-    )
+    """Write rows of ``flights`` as a data set, in the one transaction of one log."""
+    log = {"path": "/all", "log_sha256": "all", "outcome": "ok"} | MADE_BY
+    flights = {name: list(rows) for name in ("flights", "flights_by_loop")}
+    merge(folder, [{"logs": [log]} | flights] if rows else [])

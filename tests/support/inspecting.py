@@ -7,10 +7,9 @@ from pathlib import Path
 from typing import Any
 
 import msgspec
-from printed import printed
+from printed import answered
 
 from yawid.answers.inspection import Inspection
-from yawid.cli.main import main
 from yawid.sinks.terminal.inspection import print_inspection
 
 
@@ -18,15 +17,19 @@ def inspected(log: bytes | Path, tmp_path: Path, capsys, *options: str) -> tuple
     path = log if isinstance(log, Path) else tmp_path / "log.tlog"
     if isinstance(log, bytes):
         path.write_bytes(log)
-    code = main(["inspect", str(path), "--json", *options])
-    return code, printed("inspect", capsys.readouterr().out)
+    return answered(capsys, "inspect", path, *options)
+
+
+def page_of(report: Any) -> str:
+    """Return the page that a terminal shows of an inspection."""
+    out = io.StringIO()
+    print_inspection(msgspec.convert(report, Inspection), out)
+    return out.getvalue()
 
 
 def assert_is_read_in_ten_seconds(report: Any) -> None:
-    """Print the page of an inspection, and look at its length and width."""
-    out = io.StringIO()
-    print_inspection(msgspec.convert(report, Inspection), out)
-    lines = out.getvalue().splitlines()
+    """Look at the length and width of the page of an inspection."""
+    lines = page_of(report).splitlines()
     assert len(lines) <= 40
     assert lines[1].startswith("verdict")
     assert all(len(line) <= 80 for line in lines[1:] if "yawid replay" not in line)

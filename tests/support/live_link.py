@@ -7,7 +7,7 @@ import signal
 import socket
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, replace
 from itertools import chain
@@ -189,12 +189,17 @@ def send(sent: list[bytes], port: int, own: socket.socket | None = None) -> None
             (own or fresh).sendto(frame, ("127.0.0.1", port))
 
 
+def wait_until(holds: Callable[[], object], every_s: float = 0.02) -> None:
+    """Wait for at most a minute until something holds."""
+    end_s = time.monotonic() + 60.0
+    while not holds():
+        assert time.monotonic() < end_s, "what was waited for has not come"
+        time.sleep(every_s)
+
+
 def wait_for_size(path: Path, size: int) -> None:
     """Wait until a file has grown to a size; it grows as fast as the tap reads."""
-    end_s = time.monotonic() + 60.0
-    while not (path.exists() and path.stat().st_size >= size):
-        assert time.monotonic() < end_s, f"{path.name} has not grown to {size} bytes"
-        time.sleep(0.02)
+    wait_until(lambda: path.exists() and path.stat().st_size >= size)
 
 
 def mixed(*vehicles: list[bytes]) -> list[bytes]:
@@ -210,7 +215,7 @@ def interrupt() -> None:
     signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGINT)
 
 
-def attend(folder: Path, then: object, ended: threading.Event | None = None) -> Screen:
+def attend(folder: Path, then: object, ended: threading.Event) -> Screen:
     """Run a session to which SENT is sent; call ``then(stop, screen)`` when it is recorded.
 
     ``ended`` is set when the session is over.
@@ -229,8 +234,7 @@ def attend(folder: Path, then: object, ended: threading.Event | None = None) -> 
     try:
         live(options, CONFIG, Outputs(folder, "live"), stop, Console(screen))
     finally:
-        if ended is not None:
-            ended.set()
+        ended.set()
         sender.join(60.0)
     return screen
 

@@ -1,4 +1,4 @@
-"""Reads the output of ``--json``, and checks it by the schema that ``yawid schema`` prints."""
+"""Reads what a command prints by ``--json``, checked by ``yawid schema``, and its exit code."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from functools import cache
 from typing import Any
 
 from yawid.cli.json_schema import document
+from yawid.cli.main import main
 
 WHOLE: dict[str, Any] = document()
 
@@ -34,3 +35,17 @@ def printed(command: str, out: str) -> Any:
     told = json.loads(out, parse_constant=_refused)
     assert why_invalid(command, told) == ""
     return told
+
+
+def answered(capsys: Any, command: str, *words: object) -> tuple[int, Any]:
+    """Return the exit code of a command and the object that it prints by ``--json``."""
+    code = main([command, *map(str, words), "--json"])
+    return code, printed(command, capsys.readouterr().out)
+
+
+def ended(words: list[str]) -> object:
+    """Return the exit code of a command line, also where its parser ends the process."""
+    try:
+        return main(words)
+    except SystemExit as by_parser:
+        return by_parser.code

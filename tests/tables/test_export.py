@@ -96,23 +96,16 @@ def test_npz_needs_no_pickle(mcap: Path, run: Run, tmp_path: Path) -> None:
         assert json.loads(str(found["facts"]))["method"] == "els"
 
 
-def test_what_cannot_be_written_is_one_line_and_leaves_nothing(
+def test_of_a_torn_run_no_half_of_a_table_is_left(
     mcap: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    out, torn = tmp_path / "run.csv", tmp_path / "torn.mcap"
-    out.write_text("mine", encoding="utf-8")
-    data = bytearray(mcap.read_bytes())
+    torn, data = tmp_path / "torn.mcap", bytearray(mcap.read_bytes())
     data[data.index(b"zstd", len(data) // 3) + 200] ^= 255  # found when some rows are written
     torn.write_bytes(data)
 
-    assert main(["export", str(mcap), "-o", str(out)]) == 6
     assert main(["export", str(torn), "-o", str(tmp_path / "torn.csv")]) == 6
-    assert main(["export", str(tmp_path / "absent.tlog"), "-o", str(tmp_path / "log.csv")]) == 6
-    said = capsys.readouterr().err.splitlines()
-    for line, words in zip(said, ("--force", "what is left of it", "does not exist"), strict=True):
-        assert words in line
-    assert out.read_text(encoding="utf-8") == "mine"
-    assert {path.name for path in tmp_path.iterdir()} == {"run.csv", "torn.mcap"}
+    assert "what is left of it" in capsys.readouterr().err
+    assert [*tmp_path.iterdir()] == [torn]
 
 
 def test_the_time_of_a_log_without_a_date_is_unknown_and_not_1970(tmp_path: Path) -> None:

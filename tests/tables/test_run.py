@@ -103,7 +103,6 @@ def test_columns_bear_the_names_of_records_and_of_theta_with_their_units(
     ]  # fmt: skip
     np.testing.assert_array_equal(run.modes.wn_std, rows.modes.dutch_roll[:, 1])
     [found] = run.summary.manoeuvres or ()
-    assert found.answer is not None
     assert run.manoeuvres.yaw_acceleration.tolist() == [found.answer.yaw_acceleration.value]
     assert run.manoeuvres.units["wn_std"] == "rad/s"
 

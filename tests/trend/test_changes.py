@@ -10,7 +10,7 @@ from checks.judge_trend import PLANS, Plan, draw_history, draw_off, judge_plan
 from yawid.trend.best_profile import LEAST_DAYS
 from yawid.trend.changes import Fitted, fit_fleets, nights, profile
 from yawid.trend.days import DAY_US, HOUR_US, Track, by_day, days_of, solve_tau2, within_tau2
-from yawid.trend.levels import compare, level_of, slope_of
+from yawid.trend.levels import level_of, slope_of
 
 N, VEHICLES = 40, 20
 
@@ -51,7 +51,6 @@ def test_a_step_and_a_slope_are_found_where_they_are(first: int, last: int) -> N
 
     assert found(fits, 1e-4) == [3]
     change = fits[3].change
-    assert change is not None
     assert change.after / change.before == pytest.approx(0.7, abs=0.09)
     assert abs((change.first + change.last) - (first + last)) / 2.0 <= 4.0
     assert change.t < -6.0
@@ -81,8 +80,6 @@ def test_neither_unit_nor_sign_of_a_number_matters() -> None:
     turned = [Track(-1000.0 * each.value, 1000.0 * each.sigma) for each in tracks]
 
     for one, other in zip(fit_tracks(tracks), fit_tracks(turned), strict=True):
-        assert one.change is not None
-        assert other.change is not None
         assert other.change.t == pytest.approx(-one.change.t)
         assert other.change.after == pytest.approx(-1000.0 * one.change.after)
 
@@ -105,7 +102,6 @@ def test_level_and_slope_are_weighted_least_squares() -> None:
     ones = np.ones(10, bool)
 
     slope = slope_of(x, fit, ones)
-    assert slope is not None
     assert slope[0] == pytest.approx(0.5)
     w = fit.day_std**-2.0
     mean = np.sum(w * x) / np.sum(w)
@@ -119,21 +115,11 @@ def test_the_level_after_a_change_is_that_of_its_end() -> None:
     tracks = fleet(4)
     tracks[0] = changed(tracks[0], 0.7, 15, 16)
     fit = fit_tracks(tracks)[0]
-    assert fit.change is not None
 
     level = level_of(tracks[0], fit, profile(N, fit.change))
 
     assert level.value == pytest.approx(0.7 * 0.15, abs=4.0 * level.std)
     assert level.std == pytest.approx(0.08 * 0.7 * 0.15 / 24**0.5, rel=0.6)
-
-
-def test_a_vehicle_far_from_the_others_stands_out_and_few_are_not_compared() -> None:
-    value = 1.0 + 0.03 * np.random.default_rng(1).standard_normal(20)
-    value[4] = 1.5
-
-    beside = compare(value, np.full(20, 0.01))
-    assert [i for i, each in enumerate(beside) if each and each.p < 1e-4] == [4]
-    assert compare(value[:4], np.full(4, 0.01)) == [None] * 4
 
 
 def test_flights_of_one_day_that_share_an_offset_are_no_change() -> None:
@@ -144,7 +130,6 @@ def test_flights_of_one_day_that_share_an_offset_are_no_change() -> None:
 def test_p_is_of_all_nights_and_all_profiles_by_students_t() -> None:
     for fit in fit_tracks(fleet(6)):
         change = fit.change
-        assert change is not None
         looked = (
             2.5 / 0.75 if change.last - change.first >= N / 2 else 25.0 * np.log(N / 8.0) / 0.25
         )
@@ -170,8 +155,6 @@ def test_fleets_fitted_together_are_as_each_by_itself() -> None:
     together = fit_fleets(both)
     for tracks, fits in zip(both, together, strict=True):
         for one, other in zip(fits, fit_tracks(tracks), strict=True):
-            assert one.change is not None
-            assert other.change is not None
             assert one.change.t == pytest.approx(other.change.t, rel=1e-9)
             assert one.dof == pytest.approx(other.dof)
 

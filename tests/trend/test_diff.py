@@ -16,7 +16,7 @@ from fleets import write_fleet
 from forged_runs import forge
 from hand_flights import four_of_a_flight
 from places import C172P
-from printed import printed
+from printed import answered
 
 from yawid.cli.main import main
 from yawid.sinks.mcap.reader import open_answered
@@ -60,8 +60,7 @@ def made(run: Path) -> Made:
 
 def told(capsys: pytest.CaptureFixture[str], a: Path, b: Path) -> tuple[int, Any, dict[str, Any]]:
     """Return the exit code of a comparison, its JSON object and its numbers by their names."""
-    code = main(["diff", str(a), str(b), "--json"])
-    said = printed("diff", capsys.readouterr().out)
+    code, said = answered(capsys, "diff", a, b)
     return code, said, {each["quantity"]: each for each in said["numbers"]}
 
 

@@ -10,7 +10,7 @@ import pytest
 import scipy.stats
 from checks.judge_trend import START_US, Plan, flight
 from fleets import FALLS, draw_fleet, write_fleet
-from printed import printed
+from printed import answered
 
 import yawid
 from yawid.cli.main import main
@@ -30,11 +30,6 @@ def fallen(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def told(capsys: pytest.CaptureFixture[str], *argv: object) -> tuple[int, Any]:
-    code = main([*map(str, argv), "--json"])
-    return code, printed(str(argv[0]), capsys.readouterr().out)
-
-
 def steady(vehicle: int, count: int, **more: Any) -> list[dict[str, Any]]:
     numbers = {"zeta": 0.15, "zeta_std": 0.01, "kappa_rad_m": 0.12, "kappa_std": 0.002,
                "K_per_V": 0.04, "K_per_V_std": 0.002}  # fmt: skip
@@ -48,7 +43,7 @@ def steady(vehicle: int, count: int, **more: Any) -> list[dict[str, Any]]:
 def test_the_fall_is_found_and_said_first_nothing_else_is_and_the_exit_code_is_7(
     fallen: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    code, said = told(capsys, "trend", fallen)
+    code, said = answered(capsys, "trend", fallen)
 
     assert (code, said["changed"], said["false_alarm_rate"]) == (7, True, 0.01)
     assert (said["histories_tested"], said["numbers_tested"]) == (60, 3600)
@@ -78,7 +73,7 @@ def test_one_vehicle_is_judged_among_all_and_its_page_stands_alone(
 ) -> None:
     page = tmp_path / "r.html"
     of_falls = ["trend", str(fallen), "--vehicle", FALLS, "-o", str(page)]
-    code, said = told(capsys, "trend", fallen, "--vehicle", "sysid:2")
+    code, said = answered(capsys, "trend", fallen, "--vehicle", "sysid:2")
 
     assert (code, said["histories_tested"]) == (0, 60)
     assert {each["vehicle"] for each in said["followed"]} == {"sysid:2"}
@@ -119,47 +114,36 @@ def test_what_cannot_be_followed_is_left_out_and_counted(tmp_path: Path) -> None
     }  # fmt: skip
 
 
-def test_the_bare_airframe_has_a_history_of_its_own(tmp_path: Path) -> None:
-    """Its zeta falls by a third while the aircraft flown with its roll loop stays as it was.
+def test_the_bare_airframe_and_ordinary_flight_have_histories_of_their_own(tmp_path: Path) -> None:
+    """Their zeta falls by a third while that of vehicle 1, as flown, stays as it was.
 
-    A flight with answers of two loops has one airframe. Wn / V is by the equivalent airspeed: at
-    2 000 m of the standard atmosphere, 0.9065 of the true one.
+    Vehicle 2 never had a manoeuvre. A flight with answers of two loops has one airframe. Wn / V is
+    by the equivalent airspeed: at 2 000 m of the standard atmosphere, 0.9065 of the true one.
     """
+    nothing = {"loop": None, "wn_rad_s": None, "zeta": None, "kappa_rad_m": None, "K_per_V": None,
+               "usable": False, "answer": None}  # fmt: skip
     rows = steady(1, 30, loop="with_roll_loop", altitude_m=2000.0)
-    for i, row in enumerate(rows):
+    others = [row | nothing for row in steady(2, 30)]
+    for i, (row, other) in enumerate(zip(rows, others, strict=True)):
+        zeta = (0.30 if i < 18 else 0.20) + 0.01 * (-1) ** i
         row |= {"bare_wn_rad_s": 2.4, "bare_wn_std": 0.05, "bare_airspeed_m_s": 50.0,
-                "bare_zeta": (0.30 if i < 18 else 0.20) + 0.01 * (-1) ** i,
-                "bare_zeta_std": 0.01}  # fmt: skip
-    rows.append(rows[4] | {"loop": "airframe"})
+                "bare_zeta": zeta, "bare_zeta_std": 0.01}  # fmt: skip
+        other |= {"ordinary_wn_rad_s": 2.4, "ordinary_kappa_rad_m": 0.048,
+                  "ordinary_kappa_std": 0.001, "ordinary_zeta": zeta,
+                  "ordinary_zeta_std": 0.01}  # fmt: skip
 
-    said = followed(tmp_path, rows)
+    said = followed(tmp_path, [*rows, rows[4] | {"loop": "airframe"}, *others])
 
-    bare = {each.quantity: each for each in said.followed if each.loop == "bare"}
-    assert {name: each.flights for name, each in bare.items()} == {"kappa_rad_m": 30, "zeta": 30}
+    known = {(each.loop, each.quantity): each for each in said.followed}
+    alone = [("bare", "kappa_rad_m"), ("bare", "zeta")]
+    assert [known[each].flights for each in alone] == [30, 30]
     equivalent = 50.0 * (1.0 - 0.0065 * 2000.0 / 288.15) ** (4.2559 / 2.0)
-    assert bare["kappa_rad_m"].now.value == pytest.approx(2.4 / equivalent, rel=1e-3)
-    changed = [(each.loop, each.quantity) for each in said.followed if each.change is not None]
-    assert changed == [("bare", "zeta")]
-    assert said.flights == 30
-
-
-def test_ordinary_flights_have_a_history_of_their_own_without_any_manoeuvre(tmp_path: Path) -> None:
-    """Their zeta falls by a third, and nobody ever moved a rudder."""
-    nothing = {"loop": None, "wn_rad_s": None, "zeta": None, "kappa_rad_m": None, "K_per_V": None}
-    rows = [row | nothing | {"usable": False, "answer": None} for row in steady(1, 30)]
-    for i, row in enumerate(rows):
-        row |= {"ordinary_wn_rad_s": 2.4, "ordinary_kappa_rad_m": 0.048,
-                "ordinary_kappa_std": 0.001,
-                "ordinary_zeta": (0.30 if i < 18 else 0.20) + 0.01 * (-1) ** i,
-                "ordinary_zeta_std": 0.01}  # fmt: skip
-
-    said = followed(tmp_path, rows)
-
-    assert {each.loop for each in said.followed} == {"ordinary"}
-    found = {each.quantity: each for each in said.followed}
-    assert found["kappa_rad_m"].now.value == pytest.approx(0.048)
-    assert found["kappa_rad_m"].change is None
-    assert found["zeta"].change is not None
+    assert known["bare", "kappa_rad_m"].now.value == pytest.approx(2.4 / equivalent, rel=1e-3)
+    assert known["ordinary", "kappa_rad_m"].now.value == pytest.approx(0.048)
+    assert {each.loop for each in said.followed if each.vehicle == "sysid:2"} == {"ordinary"}
+    changed = {(each.loop, each.quantity) for each in said.followed if each.change is not None}
+    assert changed == {("bare", "zeta"), ("ordinary", "zeta")}
+    assert said.flights == 60
 
 
 def test_flights_that_agree_better_than_their_sigmas_are_known_no_better_than_those(
@@ -196,6 +180,7 @@ def test_two_loops_are_two_histories_and_flights_of_one_day_are_none(tmp_path: P
         ("sysid:2", "airframe"): (16, 1, False),
     }  # fmt: skip
     assert not said.changed
+    assert not [each for each in said.followed if each.beside is not None]  # of too few vehicles
 
 
 def yearly(days: int, apart: int, swing: float, fall: float = 0.0) -> list[dict[str, Any]]:
@@ -214,7 +199,7 @@ def test_what_a_season_may_do_is_no_alarm_before_two_years_are_there(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     write_fleet(tmp_path, yearly(24, 7, swing=0.03))  # half a year
-    code, said = told(capsys, "trend", tmp_path)
+    code, said = answered(capsys, "trend", tmp_path)
 
     zeta = said["followed"][0]
     assert (code, said["changed"], "change" in zeta, "season" in zeta) == (0, False, False, False)
@@ -235,7 +220,7 @@ def test_two_years_show_the_season_and_what_changes_next_to_it(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     write_fleet(tmp_path / "steady", yearly(110, 7, swing=0.1))
-    code, said = told(capsys, "trend", tmp_path / "steady")
+    code, said = answered(capsys, "trend", tmp_path / "steady")
     zeta = said["followed"][0]
     assert code == 0
     assert not {"change", "may_be_season"} & set(zeta)
@@ -245,7 +230,6 @@ def test_two_years_show_the_season_and_what_changes_next_to_it(
     assert zeta["now"]["value"] == pytest.approx(0.15, abs=0.001)
 
     change = followed(tmp_path / "fallen", yearly(110, 7, swing=0.1, fall=0.05)).followed[0].change
-    assert change is not None
     assert change.percent == pytest.approx(-5.0, abs=1.0)
     assert abs(change.from_flight - 55) <= 3
 
@@ -269,7 +253,6 @@ def test_outliers_and_who_stands_out_are_judged_over_all_numbers(tmp_path: Path)
     assert 1e-4 < p[5] < 0.01
     assert [(each.flight, each.p) for each in one.followed.outliers] == [(6, pytest.approx(p[5]))]
     for each in studied:
-        assert each.followed.beside is not None
         p_one = 2.0 * scipy.stats.t.sf(abs(each.followed.beside.sigmas), 5)
         assert each.followed.beside.p == pytest.approx(min(1.0, 6 * p_one))
     assert said.numbers_tested == 66
@@ -288,12 +271,10 @@ def write(folder: Path, flights: list[dict[str, Any]], **more: Any) -> Path:
     return folder
 
 
-def judged(capsys: pytest.CaptureFixture[str], *argv: object) -> tuple[int, Any, str]:
+def judged(capsys: pytest.CaptureFixture[str], *argv: Any) -> tuple[int, Any, str]:
     """Return a command's exit code, its JSON object and its text in one line."""
-    arguments = [*map(str, argv)]
-    code = main([*arguments, "--json"])
-    said = printed(arguments[0], capsys.readouterr().out)
-    assert main(arguments) == code
+    code, said = answered(capsys, *argv)
+    assert main([*map(str, argv)]) == code
     return code, said, " ".join(capsys.readouterr().out.split())
 
 

@@ -19,7 +19,18 @@ from bench.programs import kill_once
 from checks.children import child, free_udp_port
 from flights.surgery import split
 from interrupting import SLOW_TO_END
-from live_link import SENT, attend, frames, interrupt, left, listening, send, tlog_size
+from live_link import (
+    SENT,
+    attend,
+    frames,
+    interrupt,
+    left,
+    listening,
+    send,
+    tlog_size,
+    wait_for_size,
+    wait_until,
+)
 from places import REPLAY_LOGS
 from printed import printed
 
@@ -40,23 +51,6 @@ GAPS = split((REPLAY_LOGS / "c172p_gaps" / "log.tlog").read_bytes())
 TWO = [frame for stamp, frame in GAPS if stamp < GAPS[0][0] + 42_000_000]
 """Two manoeuvres of a Cessna, of which the second has not ended."""
 LEFT_OUT = "was not ready in time for the end of the session: a replay of the tlog gives it"
-
-
-# Python drops an interrupt that meets it within a __del__ and warns; a user presses once more.
-@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
-def test_an_interrupted_session_ends_at_once_and_keeps_what_was_recorded(tmp_path: Path) -> None:
-    ended = threading.Event()
-
-    def press(*_: object) -> None:
-        interrupt()
-        while not ended.wait(5.0):
-            interrupt()
-
-    with pytest.raises(KeyboardInterrupt):
-        attend(tmp_path, press, ended)
-    assert left(tmp_path) == {"live.tlog.part", "live.mcap.part"}
-    assert (tmp_path / "live.tlog.part").stat().st_size == tlog_size(SENT)
-    assert not [t for t in threading.enumerate() if t.name == "yawid-tap"]
 
 
 class Stuck(Sink):
@@ -84,8 +78,8 @@ def test_ending_at_once_waits_for_no_viewer() -> None:
 
 
 @pytest.fixture
-def slow_fit(monkeypatch: pytest.MonkeyPatch) -> threading.Event:
-    """A fit that is not done before this is set."""
+def slow_fit(monkeypatch: pytest.MonkeyPatch) -> Iterator[threading.Event]:
+    """A fit that is not done before this is set, at the latest at the end of the test."""
     done = threading.Event()
 
     def wait(*asked: object) -> Manoeuvre:
@@ -93,7 +87,8 @@ def slow_fit(monkeypatch: pytest.MonkeyPatch) -> threading.Event:
         return answer(*asked)  # type: ignore[arg-type] # as the stage calls it
 
     monkeypatch.setattr("yawid.manoeuvre.stage.answer", wait)
-    return done
+    yield done
+    done.set()
 
 
 def test_the_loop_does_not_wait_for_a_fit_and_the_end_of_the_session_does(
@@ -111,18 +106,27 @@ def test_the_loop_does_not_wait_for_a_fit_and_the_end_of_the_session_does(
     assert [each.n for each in session.ended[0].summary.manoeuvres] == [1, 2]
 
 
-def test_a_second_signal_ends_a_session_that_waits_for_a_fit(
-    slow_fit: threading.Event, tmp_path: Path
+# Python drops an interrupt that meets it within a __del__ and warns; a user presses once more.
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+@pytest.mark.parametrize("waits_for_a_fit", [False, True])
+def test_an_interrupted_session_ends_at_once_and_keeps_what_was_recorded(
+    waits_for_a_fit: bool, slow_fit: threading.Event, tmp_path: Path
 ) -> None:
-    def end_twice(stop: StopFlag, _: object) -> None:
-        stop.is_set = True
-        time.sleep(1.0)
+    ended = threading.Event()
+
+    def press(stop: StopFlag, _: object) -> None:
+        if waits_for_a_fit:  # as after a first signal
+            stop.is_set = True
+            time.sleep(1.0)
         interrupt()
+        while not ended.wait(5.0):
+            interrupt()
 
     with pytest.raises(KeyboardInterrupt):
-        attend(tmp_path, end_twice)
+        attend(tmp_path, press, ended)
     assert left(tmp_path) == {"live.tlog.part", "live.mcap.part"}
-    slow_fit.set()
+    assert (tmp_path / "live.tlog.part").stat().st_size == tlog_size(SENT)
+    assert not [t for t in threading.enumerate() if t.name == "yawid-tap"]
 
 
 def test_an_answer_that_is_not_ready_is_left_out_with_a_line_and_the_others_are_as_in_a_replay(
@@ -190,22 +194,17 @@ def of_five_vehicles(
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=env, start_new_session=True,
     ) as process:  # fmt: skip
         assert "listening" in process.stderr.readline()
-        session, end_s = psutil.Process(process.pid), time.monotonic() + 60.0
+        session = psutil.Process(process.pid)
         for sysid in VEHICLES:
             if sysid == VEHICLES[-1]:
                 assert fitting(session) == []
             sent = frames(seconds, sysid=sysid)
             send(sent, port)
-            while not any(
-                part.stat().st_size >= tlog_size(sent)
-                for part in folder.glob(f"*-{sysid}.tlog.part")
-            ):
-                assert time.monotonic() < end_s
-                time.sleep(0.02)
-        while len(children := fitting(session)) < min(cores(), 4):
-            assert time.monotonic() < end_s
-            time.sleep(0.02)
-        yield process, children
+            name = f"*-{sysid}.tlog.part"
+            wait_until(lambda name=name: [*folder.glob(name)])
+            wait_for_size(*folder.glob(name), tlog_size(sent))
+        wait_until(lambda: len(fitting(session)) >= min(cores(), 4))
+        yield process, fitting(session)
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="it stops a process by SIGSTOP")

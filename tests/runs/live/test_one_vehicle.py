@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import math
 import os
-import re
 import socket
 import sys
 from dataclasses import replace
@@ -204,42 +203,3 @@ def test_a_link_nobody_sends_on_has_no_vehicle_and_leaves_no_file(
     [line] = capsys.readouterr().out.splitlines()
     assert (code, json.loads(line)["verdict"]["reasons"][0]["id"]) == (3, "no_vehicle")
     assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.parametrize(
-    ("words", "code", "said"),
-    [
-        (["live", "udpout:127.0.0.1:14550"], 2, "passive"),
-        (["live", "udpin:127.0.0.1:FREE", "--seconds", "0"], 2, "--seconds"),
-        (["live", "udpin:127.0.0.1:FREE", "--request-rates", "-1"], 2, "--request-rates"),
-        (
-            ["live", "udpin:127.0.0.1:FREE", "--request-rates", "5", "--sysid", "all"],
-            2,
-            "--sysid N",
-        ),
-        (
-            ["live", "udpin:127.0.0.1:FREE", *["--publish", "udpout:127.0.0.1:9"] * 2],
-            2,
-            "given twice",
-        ),
-        (["live", "udpin:127.0.0.1:BUSY"], 6, "in use"),
-        (["live", "udpin:127.0.0.1:FREE", "--out", "file"], 6, "cannot write"),
-        (["replay", "x.tlog", "--sysid", "all"], 2, "sysid"),
-    ],
-)
-def test_what_cannot_be_asked_is_refused_in_one_line_and_leaves_nothing(
-    words: list[str], code: int, said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    Path("file").touch()
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
-        taken.bind(("127.0.0.1", 0))
-        ports = {"BUSY": str(taken.getsockname()[1]), "FREE": str(free_udp_port())}
-        asked = [re.sub("BUSY|FREE", lambda name: ports[name[0]], word) for word in words]
-        try:
-            ended: object = main(asked)
-        except SystemExit as by_parser:
-            ended = by_parser.code
-    assert ended == code
-    assert said in capsys.readouterr().err.splitlines()[-1]
-    assert [path.name for path in tmp_path.rglob("*") if path.is_file()] == ["file"]

@@ -5,21 +5,22 @@ from __future__ import annotations
 import math
 import re
 import socket
+import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 from struct import pack
 from typing import Any
 
 import pytest
 from checks.children import free_udp_port
-from live_link import CONFIG, frames, listening, send
+from live_link import CONFIG, frames, listening, received, send, wait_until
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+import yawid
 from yawid.answers.reasons import Reason, Verdict
 from yawid.answers.run_summary import DutchRoll, Flight
 from yawid.channels.stage import WANTED
@@ -31,8 +32,6 @@ from yawid.runs.live import LiveOptions
 from yawid.runs.live.publish import values_of, verdict_text
 from yawid.runs.live.running_answer import Answer, RunningAnswer, said
 from yawid.runs.live.screen_facts import Gatherer
-from yawid.runs.outputs import Outputs
-from yawid.runs.replay import StopFlag, replay
 from yawid.sources.mavlink.decoder import Decoder
 
 # One doublet, and rest, that ends the manoeuvre.
@@ -96,10 +95,8 @@ def test_ground_stations_get_the_flight_s_answer_and_the_session_stays_what_it_i
         # What is published comes back over the link, as from a router.
         echo = [bytes(message.get_msgbuf()) for message in got]
         session.fly(echo)
-        lines, patience_s = len(session.lines(" samples")), time.monotonic() + 60.0
-        while len(session.lines(" samples")) < lines + 3:
-            assert time.monotonic() < patience_s
-            time.sleep(0.02)
+        lines = len(session.lines(" samples"))
+        wait_until(lambda: len(session.lines(" samples")) >= lines + 3)
     [(summary, _)] = session.ended
     assert (summary.vehicle.sysid, summary.vehicle.compid) == (1, 1)
     assert {(m.get_srcSystem(), m.get_srcComponent()) for m in got} == {(1, 194)}
@@ -125,15 +122,14 @@ def test_ground_stations_get_the_flight_s_answer_and_the_session_stays_what_it_i
     shown = re.search(
         r"wn ([\d.]+) ± ([\d.]+) rad/s, zeta ([\d.]+) ± ([\d.]+)", session.lines(" samples")[-1]
     )
-    assert shown is not None
     of_flight = (roll.wn_rad_s, roll.wn_std, roll.zeta, roll.zeta_std)
     for text, value in zip(shown.groups(), of_flight, strict=True):
         assert text == f"{value:.{len(text.partition('.')[2])}f}"
     assert roll.wn_std > 2.0 * roll.wn_std_noise
 
     (tmp_path / "quiet.tlog").write_bytes(stamped(SENT))
-    to, settings = Outputs(tmp_path / "quiet", "quiet"), asdict(CONFIG)
-    quiet = replay(tmp_path / "quiet.tlog", settings, to, StopFlag())
+    options = {name: getattr(CONFIG, name) for name in ("rate", "orders", "memory")}
+    quiet = yawid.replay(tmp_path / "quiet.tlog", **options).summary
     assert (quiet.estimates, quiet.verdict) == (summary.estimates, summary.verdict)
     assert quiet.manoeuvres[0].estimates == summary.manoeuvres[0].estimates
     assert quiet.flight.dutch_roll == roll
@@ -142,26 +138,16 @@ def test_ground_stations_get_the_flight_s_answer_and_the_session_stays_what_it_i
 def test_publish_given_twice_sends_the_same_to_both(
     tmp_path: Path, stations: list[socket.socket], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    port, sent, to = free_udp_port(), frames(4.0), ends(stations)
+    port, to = free_udp_port(), ends(stations)
+    vehicle = threading.Timer(0.5, send, (frames(4.0), port))
+    vehicle.start()
+    main(["live", f"udpin:127.0.0.1:{port}", "--seconds", "1.5", "--out", str(tmp_path),
+          *(word for each in to for word in ("--publish", each))])  # fmt: skip
+    vehicle.join(60.0)
 
-    def vehicle() -> None:
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as link:
-            for frame in sent:
-                link.sendto(frame, ("127.0.0.1", port))
-                time.sleep(1.0 / len(sent))
-
-    with ThreadPoolExecutor(1) as flying:
-        flying.submit(vehicle)
-        main(["live", f"udpin:127.0.0.1:{port}", "--seconds", "1.5", "--out", str(tmp_path),
-              *(word for each in to for word in ("--publish", each))])  # fmt: skip
-    got: list[list[bytes]] = [[], []]
-    for station, own in zip(stations, got, strict=True):
-        with suppress(TimeoutError):
-            while True:
-                own.append(station.recv(2048))
+    one, two = map(received, stations)
     assert f"publishing to {', '.join(to)} as" in capsys.readouterr().err
-    assert got[0]
-    assert got[0] == got[1]
+    assert one == two != []
 
 
 def test_back_over_the_tap_two_vehicles_have_their_turns_each_in_its_own_name(

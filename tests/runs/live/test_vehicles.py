@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import socket
 import threading
 import time
@@ -11,12 +10,10 @@ from functools import partial
 from operator import itemgetter
 from pathlib import Path
 
-import psutil
 import pytest
 from finished_runs import messages
 from flights.surgery import rewrite
 from live_link import CONFIG, frames, listening, mixed, send, tlog_size, wait_for_size
-from printed import why_invalid
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from yawid.runs.live.overload import Overload
@@ -26,7 +23,6 @@ from yawid.sources.link.inbox import Stamps
 from yawid.sources.link.udp import UdpTap
 from yawid.sources.mavlink.signing import SigningKey
 from yawid.sources.open_log import ReadOptions
-from yawid.system.processes import cores
 
 GROUND = mavlink.MAVLink(None, srcSystem=255, srcComponent=190)
 BEAT = bytes(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3).pack(GROUND))
@@ -76,56 +72,16 @@ def test_each_vehicle_has_its_own_files_and_answers_and_who_is_none_or_one_too_m
         assert again.estimates["els"].updates > 100
         found, own = (run.to_json() for run in (summary, again))
         assert (found["manoeuvres"], found["flight"]) == (own["manoeuvres"], own["flight"])
+        live, replayed = (
+            sorted(messages(tmp_path / f"live-{sysid}{end}.mcap"), key=itemgetter(0))
+            for end in ("", "-again")
+        )
+        assert live == replayed
         [one] = summary.manoeuvres
         said = f"system {sysid}: manoeuvre 1 ({one.from_s:.0f} to {one.to_s:.0f} s, "
         assert len(session.lines(said)) == 1
     one, two = (summary.manoeuvres[0] for summary in ended.values())
     assert (one.duration_s, one.dutch_roll) != (two.duration_s, two.dutch_roll)
-
-
-@pytest.mark.long
-def test_vehicles_that_fly_a_doublet_at_once_give_what_their_replays_give_to_the_bit(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    sent = {sysid: frames(20.0, sysid=sysid, doublet_s=9.0) for sysid in range(1, 7)}
-    at_once, syncing = mixed(*sent.values()), []
-    fsync = os.fsync
-
-    def noted(descriptor: int) -> None:
-        syncing.append(threading.current_thread().name)
-        fsync(descriptor)
-
-    monkeypatch.setattr("os.fsync", noted)
-    before = set(threading.enumerate())
-    with listening(tmp_path, every_vehicle=True) as session:
-        for first in range(0, len(at_once), 500):  # some 100 times as fast as it was flown
-            send(at_once[first : first + 500], session.port)
-            time.sleep(0.02)
-        session.screen.wait_for("6 vehicles, ")
-        session.screen.wait_for(": 6 tracking")
-        children = [each.cmdline() for each in psutil.Process().children()]
-        wait_for_size(session.part("tlog", "live-6"), tlog_size(sent[6]))
-        own = {each.name for each in set(threading.enumerate()) - before}
-        in_the_loop = set(syncing) - {"yawid-disk"}
-
-    assert sum("yawid.system.child" in each for each in children) == min(cores(), 4)
-    threads = {name for name in own if name.startswith("yawid-")}
-    assert threads == {"yawid-tap", "yawid-manoeuvres", "yawid-disk", "yawid-console"}
-    assert (in_the_loop, "yawid-disk" in syncing) == (set(), True)
-    assert [each.summary.vehicle.sysid for each in session.ended] == [*sent]
-    for summary in (each.summary for each in session.ended):
-        name = f"live-{summary.vehicle.sysid}"
-        assert (summary.link.lost, sum(summary.live.dropped.values())) == (0, 0)
-        told, own_told = summary.to_json(), session.again(name).to_json()
-        assert why_invalid("live", told) == ""
-        assert len(told["manoeuvres"]) == 1
-        for key in ("estimates", "manoeuvres", "flight", "verdict"):
-            assert told[key] == own_told[key]
-        live, replayed = (
-            sorted(messages(tmp_path / f"{name}{end}.mcap"), key=itemgetter(0))
-            for end in ("", "-again")
-        )
-        assert live == replayed
 
 
 @pytest.mark.parametrize("sysid", [None, 2])
