@@ -57,6 +57,13 @@ def test_theta_sigma_and_fits_are_those_of_the_recursion_by_itself(method):
     assert found.fit.simulation_pct == pytest.approx(fit_percent(y, simulated), abs=1e-9)
     assert found.fit.one_step_pct == pytest.approx(fit_percent(y, block.y_hat), abs=1e-9)
     assert (found.updates, found.held) == (armax.updates, armax.held)
+    roll, of_eq_23 = found.dutch_roll, ("K", "T_theta_s", "omega_beta", "xi_beta")
+    assert (roll.wn_std_noise, roll.zeta_std_noise, roll.level) == (
+        roll.wn_std,
+        roll.zeta_std,
+        None,
+    )
+    assert all(found.physics[name].std == found.physics[name].std_noise > 0.0 for name in of_eq_23)
 
 
 def test_a_bank_without_a_dutch_roll_has_none():
