@@ -80,7 +80,7 @@ def _sections(run: McapRun, data: ReportData | None, name: str) -> Iterator[str]
         yield pictures(title, _of_model(first, summary, unit), against)
     if flight is not None:
         yield tables("Numbers of the answer", flight_numbers(summary, drawn, unit), against)
-    elif data is not None:
+    elif data is not None and summary.answer is not None and summary.answer.updates:
         yield pictures("What was estimated, and when", [modes_picture(data)])
         yield from _stream("Numbers", summary, data)
     yield tables("Channels and link", channel_tables(summary, data), facts=True)
