@@ -64,9 +64,11 @@ def test_a_flight_gives_the_same_answers_through_its_tables(
         assert (again.summary.vehicle, again.summary.link.frames) == (None, None)
 
 
-def test_a_flight_gives_the_same_answers_over_a_live_link(tmp_path: Path) -> None:
+@pytest.mark.parametrize("log", [C172P, GAPS], ids=lambda log: log.parent.name)
+def test_a_flight_gives_the_same_answers_over_a_live_link(log: Path, tmp_path: Path) -> None:
+    """It flies a hundred times as fast as recorded, so that the times of reception are others."""
     with listening(tmp_path, RunConfig()) as session:
-        session.fly([frame for _, frame in split(C172P.read_bytes())])
+        session.fly([frame for _, frame in split(log.read_bytes())])
 
     [(summary, _)] = session.ended
-    assert answers(summary) == answers(open_run(replayed(C172P, tmp_path / "log")).summary)
+    assert answers(summary) == answers(open_run(replayed(log, tmp_path / "log")).summary)

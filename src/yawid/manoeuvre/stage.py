@@ -56,7 +56,7 @@ class Manoeuvres:
         self.waiting: deque[tuple[int, Future[Manoeuvre]]] = deque()
         self._count = self._repeated = 0
         self._flown: list[tuple[Ints, Floats]] = []
-        self._running: deque[tuple[Ints, Mapping[str, EstimateBlock]]] = deque()
+        self._running: deque[tuple[SampleBlock, Mapping[str, EstimateBlock]]] = deque()
         low_us, high_us = setting.config.window_us
         self.finder = Finder(
             setting.sample_time_s,
@@ -73,9 +73,9 @@ class Manoeuvres:
 
     def feed(self, samples: SampleBlock, estimates: Mapping[str, EstimateBlock]) -> None:
         """Take samples in, and the recursive estimates of them by method."""
-        self._running.append((samples.unix_ns, estimates))
+        self._running.append((samples, estimates))
         until_ns = samples.unix_ns[-1] - 1e9 * LATEST_S
-        while len(self._running) > 1 and self._running[0][0][-1] < until_ns:
+        while len(self._running) > 1 and self._running[0][0].unix_ns[-1] < until_ns:
             self._running.popleft()
         self._airspeed.feed(samples)
         for found in self.finder.feed(samples):
@@ -137,11 +137,14 @@ class Manoeuvres:
             return None
         return self.laterals.flight(self.flights([]))
 
-    def _stream_at(self, unix_ns: int) -> dict[str, EstimateBlock]:
-        """Return the recursive estimates of the last sample until a time, each a block of one."""
-        for times, estimates in reversed(self._running):
-            if (at := int(np.searchsorted(times, unix_ns, "right")) - 1) >= 0:
-                return {name: each.row(at) for name, each in estimates.items()}
+    def _stream_at(self, k: int) -> dict[str, EstimateBlock]:
+        """Return the recursive estimates of the newest sample of this number, each a block of one.
+
+        Its time would not do: a link that lags gives two samples the same one.
+        """
+        for samples, estimates in reversed(self._running):
+            if len(at := np.flatnonzero(samples.k == k)):
+                return {name: each.row(int(at[-1])) for name, each in estimates.items()}
         return {}
 
     def _is_repeated(self, found: SampleBlock) -> bool:
@@ -159,7 +162,7 @@ class Manoeuvres:
             return
         self._count += 1
         self.spans_ns[self._count] = int(found.unix_ns[0]), int(found.unix_ns[-1])
-        running = self._stream_at(found.unix_ns[-1])
+        running = self._stream_at(int(found.k[-1]))
         if self._worker is not None:
             future = self._worker.submit(answer, found, self._count, self._setting, running)
         else:
