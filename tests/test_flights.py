@@ -78,7 +78,8 @@ def test_a_flight_that_cannot_answer_is_refused_with_its_reasons(log: Path, caps
     for path, value in facts.items():
         assert reduce(getitem, path, summary) == value
     assert code != 3 or "estimates" not in summary
-    assert name != "copter_sik_radio" or summary["link"]["lost"] >= 2856
+    # 144 were lost in a jump over 128, in the time that so many frames take.
+    assert name != "copter_sik_radio" or 2856 + 144 <= summary["link"]["lost"] < 3200
 
 
 @pytest.mark.parametrize(

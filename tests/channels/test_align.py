@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import math
 from itertools import pairwise
 from pathlib import Path
@@ -10,15 +9,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from flightlog import FlightLog, Samples, fly, samples_of
+from flightlog import fly, samples_of
 from scipy.linalg import expm
 
 from yawid.blocks import Held, RecordBlock, SampleBlock
 from yawid.channels.stage import Channels
-from yawid.config.estimator import ArmaxOrders
 from yawid.config.run import RunConfig
 from yawid.errors import ConfigError
-from yawid.physics.derivatives import yaw_channel
 from yawid.runs.job import open_log
 
 START_S = 10.0
@@ -91,65 +88,19 @@ def test_the_default_rate_is_20_hz_or_the_slower_channels_above_which_none_is_ta
         samples_of(log.data, RunConfig(rate=1.1 * most))
 
 
-def poles_of(
-    u: np.ndarray, y: np.ndarray, nb: int, sample_time_s: float
-) -> tuple[float, float, np.ndarray]:
-    """Return by least squares wn, zeta and theta of the ARX(2, nb, 1) model of u and y (n,)."""
-    columns = [-np.roll(y, 1), -np.roll(y, 2), *(np.roll(u, 1 + i) for i in range(nb))]
-    phi = np.stack(columns, axis=1)[max(2, nb) :]
-    theta = np.linalg.lstsq(phi, y[max(2, nb) :], rcond=None)[0]
-    s = np.log(np.roots([1.0, *theta[:2]]).astype(complex)) / sample_time_s
-    wn = math.sqrt(abs(s[0] * s[1]))
-    return wn, -(s[0] + s[1]).real / 2.0 / wn, theta
+def wn_of(u: np.ndarray, y: np.ndarray) -> float:
+    """Return by least squares wn of the ARX(2, 3, 1) model of u and y (n,)."""
+    columns = [-np.roll(y, 1), -np.roll(y, 2), *(np.roll(u, 1 + i) for i in range(3))]
+    theta = np.linalg.lstsq(np.stack(columns, axis=1)[3:], y[3:], rcond=None)[0]
+    poles = np.roots([1.0, *theta[:2]]).astype(complex)
+    return math.sqrt(abs(np.prod(np.log(poles)))) / TS
 
 
-WN, ZETA, GAIN, LEAD = 2.5, 0.2, 1.0, 0.8
+TS, WN, ZETA, GAIN, LEAD = 0.05, 2.5, 0.2, 1.0, 0.8
 PLANT = np.zeros((4, 4))
 PLANT[:2, :2], PLANT[1, 2], PLANT[2, 3] = [[0.0, 1.0], [-(WN**2), -2.0 * ZETA * WN]], 1.0, 1.0
 """Eq. 23: the state, the rudder, and its slope, which is constant."""
 C = GAIN * WN**2 * np.array([1.0, LEAD])
-
-
-def plant_log(switches: np.ndarray, seed: int) -> FlightLog:
-    """A Dutch roll (eq. 23 for the rate) driven for a minute by pulses held from these times on."""
-    levels = np.random.default_rng(seed).integers(1300, 1700, len(switches)).tolist()
-    pulses = dict(zip(switches.round(6).tolist(), levels, strict=True))
-    instants = {round(0.02 * i, 6) for i in range(3000)}
-    transition = functools.cache(lambda dt: expm(PLANT * dt))  # most of the steps are alike
-    log, state, now, level = FlightLog(), np.zeros(2), 0.0, 1500
-    log.heartbeat(START_S)
-    for t in sorted(instants | pulses.keys()):
-        state = (transition(round(t - now, 9)) @ [*state, (level - 1500) / 400, 0.0])[:2]
-        now, level = t, pulses.get(t, level)
-        log.servos(START_S + t, [1500, 1500, 1500, level])
-        if t in instants:
-            log.attitude(START_S + t, float(C @ state))
-    return log
-
-
-ON_THE_GRID = 0.1 * np.sort(np.random.default_rng(5).choice(np.arange(5, 590), 60, replace=False))
-ANYWHERE = np.sort(np.random.default_rng(6).uniform(0.5, 59.0, 60))
-
-
-@pytest.mark.parametrize(
-    ("switches", "nb", "of_poles", "of_gain"),
-    # ATTITUDE carries float32: that is what 1e-6 leaves room for.
-    [(ON_THE_GRID, 2, 1e-6, 1e-6), (ANYWHERE, 3, 0.01, 0.05)],
-)
-def test_inputs_give_the_plant_back_exactly_where_they_switch_on_the_grid(
-    switches: np.ndarray, nb: int, of_poles: float, of_gain: float
-):
-    found: Samples = samples_of(plant_log(switches, 7).data, RunConfig(rate=10.0))
-    wn, zeta, theta = poles_of(found.u[:, 0], found.y, nb, 0.1)
-
-    assert (wn, zeta) == (pytest.approx(WN, rel=of_poles), pytest.approx(ZETA, rel=of_poles))
-    assert theta[2:].sum() / (1 + theta[:2].sum()) == pytest.approx(GAIN, rel=of_gain)
-    values, _ = yaw_channel(theta[None], ArmaxOrders(2, nb, 0, 1), 0.1)
-    assert values[0, 1] == pytest.approx(LEAD, rel=of_gain)
-    assert math.isclose(values[0, 2], wn, rel_tol=1e-6)
-
-
-TS = 0.05
 
 
 def flown(rudder: np.ndarray) -> np.ndarray:
@@ -188,14 +139,15 @@ def test_a_rudder_on_straight_lines_gives_the_plant_back_and_held_is_half_a_samp
         for options in ({}, {"rudder_is": "commanded"})
     )
 
-    assert poles_of(measured.u[:, 0], measured.y, 3, TS)[0] == pytest.approx(WN, rel=1e-6)
+    assert wn_of(measured.u[:, 0], measured.y) == pytest.approx(WN, rel=1e-6)
     # Half a sample late: d(k) stands where (d(k) + d(k+1)) / 2 belongs.
     np.testing.assert_allclose(
         measured.u[:-1, 0], (held.u[:-1, 0] + held.u[1:, 0]) / 2.0, atol=1e-12
     )
     by_a_fit_of_these_two_alone = -8e-4
-    wn, *_ = poles_of(held.u[:, 0], held.y, 3, TS)
-    assert wn / WN - 1.0 == pytest.approx(by_a_fit_of_these_two_alone, rel=0.1)
+    assert wn_of(held.u[:, 0], held.y) / WN - 1.0 == pytest.approx(
+        by_a_fit_of_these_two_alone, rel=0.1
+    )
 
 
 @pytest.mark.parametrize(

@@ -175,10 +175,7 @@ def test_a_rudder_that_follows_the_yaw_rate_is_a_passengers(gain: float):
     assert "not_in_command" in reason_ids(of_stream(log, {}))
 
 
-RECORDED = pytest.mark.skipif(not FLIGHTS.is_dir(), reason="the recorded flights are not here")
-
-
-@RECORDED
+@pytest.mark.skipif(not FLIGHTS.is_dir(), reason="the recorded flights are not here")
 @pytest.mark.parametrize(
     ("name", "config", "zeta"),
     # CATALOG.md: control 2 of the first is the same stick; 1.19 to 1.32 rad/s, zeta .35 to .53.
@@ -195,16 +192,3 @@ def test_a_flight_by_the_receiver_of_an_autopilot_never_armed_is_refused_or_righ
         roll = summary.flight.dutch_roll
         assert 1.19 <= roll.wn_rad_s <= 1.35
         assert roll.zeta == pytest.approx(zeta, abs=0.15)
-
-
-@RECORDED
-@pytest.mark.parametrize(
-    "config",
-    [{}, {"rudder": "control:2"}, {"rudder": "rc:4", "inputs": ("rudder", "aileron")}],
-)
-def test_a_recorded_quadrotors_yaw_torque_is_no_rudder(config: dict[str, Any]):
-    verdict = summarised(FLIGHTS / "px4_quad_bench.ulg", RunConfig(**config)).verdict
-
-    assert verdict.exit_code == 3
-    [text] = [each.text for each in verdict.reasons if each.id == "no_rudder"]
-    assert "quadrotor (type 2) on PX4" in text

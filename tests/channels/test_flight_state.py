@@ -9,8 +9,6 @@ from typing import Any
 import numpy as np
 import pytest
 from flightlog import beat, every, fly, hud, reasons_of, samples_of, summary_of, told
-from hypothesis import given
-from hypothesis import strategies as st
 from printed import printed
 from pymavlink import mavutil
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
@@ -214,22 +212,6 @@ def test_a_take_off_roll_ends_with_5_degrees_or_5_m():
         (unknown, LEVEL, ALTITUDE, unknown),
     ):
         np.testing.assert_array_equal(TakeOff().rolls(ground, roll, altitude), rolls)
-
-
-VALUES = st.sampled_from([0.0, 0.05, 0.1, 1.0, 3.0, 6.0, 12.0, 40.0, NAN])
-
-
-@given(
-    rows=st.lists(st.tuples(VALUES, VALUES, VALUES), min_size=2, max_size=30), cut=st.floats(0, 1)
-)
-def test_no_row_of_either_depends_on_how_they_were_cut(rows: list[tuple[float, ...]], cut: float):
-    columns, at = np.array(rows).T, 1 + int(cut * (len(rows) - 2))
-    for whole, parts in (
-        (TakeOff().rolls, TakeOff().rolls),
-        (SlowFlight().shows, SlowFlight().shows),
-    ):
-        pieces = [parts(*columns[:, :at]), parts(*columns[:, at:])]
-        np.testing.assert_array_equal(np.concatenate(pieces), whole(*columns))
 
 
 def test_the_samples_of_a_roll_are_held_until_it_has_climbed():

@@ -127,6 +127,12 @@ def test_what_cannot_be_written_leaves_the_last_files_and_the_next_fleet_writes_
     assert {path: path.stat().st_mtime_ns for path in tmp_path.iterdir()} == before
 
 
+def test_a_data_set_that_is_there_has_one_fleet_at_a_time(tmp_path: Path) -> None:
+    merge(tmp_path, [entry("/a", "A", MAY)])
+    with DataSet(tmp_path), pytest.raises(SinkError, match="another yawid fleet is writing"):
+        DataSet(tmp_path)
+
+
 def test_a_disk_without_locks_is_refused_in_one_line(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

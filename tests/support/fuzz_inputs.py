@@ -94,20 +94,17 @@ def _payload(name: str, boot_s: float, t: float, swing: float) -> bytes:
     ms, us = int(1e3 * boot_s) % 2**32, int(1e6 * boot_s) % 2**32
     rate = 0.4 * np.sin(2.0 * t) + 0.01 * swing
     pulse = 1500 + int(np.clip(100.0 * swing, -390.0, 390.0))
-    if name == "SERVO_OUTPUT_RAW":
-        return struct.pack("<I8H", us, *[pulse] * 8)
-    if name == "RC_CHANNELS":
-        return struct.pack("<I18H", ms, *[pulse] * 18)
-    if name in ("ACTUATOR_CONTROL_TARGET", "ACTUATOR_OUTPUT_STATUS", "HIL_ACTUATOR_CONTROLS"):
-        head = (
-            struct.pack("<QI", us, 8) if name == "ACTUATOR_OUTPUT_STATUS" else struct.pack("<Q", us)
-        )
-        return head + struct.pack("<8f", *[float(np.clip(swing, -1, 1))] * 8)
-    if name == "ATTITUDE_QUATERNION":
-        return struct.pack("<I7f", ms, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, rate)
-    if name == "VFR_HUD":
-        return struct.pack("<4fhH", 20.0, 20.0, 100.0, 0.0, int(50.0 * t) % 360, 50)
-    return struct.pack("<I6f", ms, 0.1, 0.0, np.sin(t), 0.0, 0.0, rate)
+    controls, attitude = [np.clip(swing, -1, 1)] * 8, ("<I6f", ms, 0.1, 0.0, np.sin(t), 0, 0, rate)
+    packed: dict[str, tuple[Any, ...]] = {
+        "SERVO_OUTPUT_RAW": ("<I8H", us, *[pulse] * 8),
+        "RC_CHANNELS": ("<I18H", ms, *[pulse] * 18),
+        "ACTUATOR_OUTPUT_STATUS": ("<QI8f", us, 8, *controls),
+        "ACTUATOR_CONTROL_TARGET": ("<Q8f", us, *controls),
+        "HIL_ACTUATOR_CONTROLS": ("<Q8f", us, *controls),
+        "ATTITUDE_QUATERNION": ("<I7f", ms, 1.0, 0, 0, 0, 0, 0, rate),
+        "VFR_HUD": ("<4fhH", 20.0, 20.0, 100.0, 0.0, int(50.0 * t) % 360, 50),
+    }
+    return struct.pack(*packed.get(name, attitude))
 
 
 def damage(data: bytearray, where: float, kind: str, rng: np.random.Generator) -> None:

@@ -63,12 +63,6 @@ def test_where_nothing_can_be_written_one_line_says_what_to_do(
             write_whole({Path("/sys/a"): b""})
 
 
-def test_a_replay_that_fails_removes_its_own_parts(tmp_path: Path) -> None:
-    arguments = ["replay", str(C172P), "--out", str(tmp_path), "--rerun", "save", "--rate", "90"]
-    assert main(arguments) == 2
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_a_view_of_a_damaged_run_and_a_simulation_remove_their_own_parts(tmp_path: Path) -> None:
     run = replayed(C172P, tmp_path / "run", "--rate", 10, "--ordinary", "off")
     data = bytearray(run.read_bytes())

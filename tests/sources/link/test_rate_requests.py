@@ -1,19 +1,16 @@
-"""Asking for rates, against a vehicle that answers over a real socket; time is the test's own."""
+"""Asking a vehicle for rates; the time is the test's own (over a socket: runs/live)."""
 
 from __future__ import annotations
 
-import socket
-import time
-from collections.abc import Iterator
+from typing import Any
 
 import pytest
-from flights.surgery import Encoder
-from live_link import received
+from flightlog import START_US
+from flights.surgery import Encoder, join
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from yawid.sources.link.endpoints import Endpoint
 from yawid.sources.link.rate_requests import RateRequests
-from yawid.sources.link.udp import UdpTap
 from yawid.sources.mavlink.signing import SigningKey
 from yawid.sources.open_log import ReadOptions
 
@@ -23,12 +20,18 @@ HEARTBEAT = mavlink.MAVLink_heartbeat_message(1, 3, 0x81, 5, 4, 3)
 
 
 class Link:
-    """A vehicle, and the requests for 50 Hz that are sent to it."""
+    """A vehicle behind a tap, and the requests for 50 Hz that are sent to it."""
 
-    def __init__(self, vehicle: socket.socket, tap: UdpTap) -> None:
-        self.vehicle, self.tap = vehicle, tap
-        self.requests = RateRequests(tap, 50.0)
+    def __init__(self, kind: str = "udpin", **options: Any) -> None:
+        self.endpoint, self.sent = Endpoint("127.0.0.1", 0, kind), list[bytes]()
+        self.requests = RateRequests(self, **options)
         self.encoder = Encoder()
+
+    def transmit(self, frame: bytes, sysid: int) -> bool:
+        """Send a frame as a tap does; without a vehicle it is for whoever listens."""
+        assert sysid in (0, VEHICLE[0])
+        self.sent.append(frame)
+        return True
 
     def tick(self, *times_s: float) -> list[str]:
         """Let time go on; return what is said at the last of the times."""
@@ -36,13 +39,8 @@ class Link:
 
     def say(self, *messages: object) -> None:
         """The vehicle speaks and the requests hear it."""
-        before = self.tap.inbox.received
-        for message in messages:
-            self.vehicle.send(self.encoder.frame(message, VEHICLE))
-        data, patience = b"", time.monotonic() + 60.0
-        while self.tap.inbox.received < before + len(messages) and time.monotonic() < patience:
-            data += self.tap.read(0.2)
-        self.requests.feed(data + self.tap.read(0.0), VEHICLE)
+        frames = [self.encoder.frame(message, VEHICLE) for message in messages]
+        self.requests.feed(join(enumerate(frames, START_US)), VEHICLE)
 
     def answer(self, result: int) -> None:
         self.say(mavlink.MAVLink_command_ack_message(511, result))
@@ -59,30 +57,20 @@ class Link:
         rows += [mavlink.MAVLink_servo_output_raw_message(i, 0, *[0] * 8) for i in range(servos)]
         self.say(*rows)
 
+    def heard(self) -> list[Any]:
+        """Return the messages sent to the vehicle since."""
+        frames, self.sent = self.sent, []
+        return [mavlink.MAVLink(None).decode(bytearray(frame)) for frame in frames]
+
     def asked(self) -> list[int]:
         """Return for which messages the vehicle has been asked since, at 50 Hz."""
-        parser = mavlink.MAVLink(None)
-        sent = [
-            each for frame in received(self.vehicle) for each in parser.parse_buffer(frame) or []
-        ]
+        sent = self.heard()
         assert {(m.target_system, m.command, m.param2) for m in sent} <= {(3, 511, 20_000.0)}
         return [int(m.param1) for m in sent]
 
 
-@pytest.fixture
-def link() -> Iterator[Link]:
-    with (
-        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as vehicle,
-        UdpTap(Endpoint("127.0.0.1", 0), may_transmit=True) as tap,
-    ):
-        vehicle.connect(tap.address)
-        vehicle.settimeout(0.0)
-        yield Link(vehicle, tap)
-
-
-def test_both_messages_are_asked_for_one_after_the_other_and_again_after_ten_seconds(
-    link: Link,
-) -> None:
+def test_both_messages_are_asked_for_one_after_the_other_and_again_after_ten_seconds() -> None:
+    link = Link()
     link.requests.tick(0.0, None)
     assert link.asked() == []  # of no vehicle
     link.say(HEARTBEAT)
@@ -105,8 +93,9 @@ def test_both_messages_are_asked_for_one_after_the_other_and_again_after_ten_sec
     ],
 )
 def test_a_rate_is_said_next_to_the_one_asked_for_and_asked_for_again_where_it_was_set_back(
-    flows: list[tuple[int, int]], said: str, again: list[int], link: Link
+    flows: list[tuple[int, int]], said: str, again: list[int]
 ) -> None:
+    link = Link()
     link.settle()
     for step, flow in enumerate(flows, 1):
         link.flow(*flow)
@@ -120,7 +109,8 @@ def test_a_rate_is_said_next_to_the_one_asked_for_and_asked_for_again_where_it_w
         assert link.asked()[2:] == again
 
 
-def test_a_refusal_is_said_with_its_reason(link: Link) -> None:
+def test_a_refusal_is_said_with_its_reason() -> None:
+    link = Link()
     link.say(HEARTBEAT)
     link.tick(0.0)
     link.answer(2)
@@ -134,15 +124,10 @@ def test_it_speaks_as_an_onboard_controller_and_never_as_the_ground_station(
     sysid: int | None,
 ) -> None:
     """System 255's HEARTBEATs would keep ArduPilot's failsafe from acting."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as router:
-        router.bind(("127.0.0.1", 0))
-        router.settimeout(60.0)
-        with UdpTap(Endpoint(*router.getsockname(), "udpout"), may_transmit=True) as tap:
-            requests = RateRequests(tap) if sysid is None else RateRequests(tap, sysid=sysid)
-            requests.tick(0.0, None)
-            requests.tick(1.0, VEHICLE)
-            parser = mavlink.MAVLink(None)
-            sent = [parser.decode(bytearray(router.recv(300))) for _ in range(3)]
+    link = Link("udpout", **({} if sysid is None else {"sysid": sysid}))
+    link.requests.tick(0.0, None)
+    link.tick(1.0)
+    sent = link.heard()
     senders = [(m.get_type(), m.get_srcSystem(), m.get_srcComponent()) for m in sent]
     assert senders == [
         ("HEARTBEAT", sysid or 250, 194), ("HEARTBEAT", 3, 194), ("COMMAND_LONG", 3, 194),
@@ -152,8 +137,8 @@ def test_it_speaks_as_an_onboard_controller_and_never_as_the_ground_station(
     }
 
 
-def test_with_a_key_an_unsigned_answer_is_none(link: Link) -> None:
-    link.requests = RateRequests(link.tap, 50.0, ReadOptions(key=SigningKey(KEY)))
+def test_with_a_key_an_unsigned_answer_is_none() -> None:
+    link = Link(read_options=ReadOptions(key=SigningKey(KEY)))
     link.say(HEARTBEAT)
     link.tick(0.0)
     for key in (None, KEY):

@@ -116,15 +116,3 @@ def telemetry_of(
             hud = mavlink.MAVLink_vfr_hud_message(airspeed_m_s, groundspeed_m_s, 0, 0, 500.0, 0.0)
             log.add(t + 0.005, hud)
     return log
-
-
-def assert_same_samples(mine: Samples, theirs: Samples) -> None:
-    """An on-board log has angles five rows apart: the yaw bends by the rate's change between."""
-    assert len(mine) > 1100
-    np.testing.assert_array_equal(mine.k, theirs.k)
-    np.testing.assert_array_equal(mine.u, theirs.u)
-    np.testing.assert_array_equal(mine.y, theirs.y)
-    np.testing.assert_array_equal(mine.held, theirs.held)
-    np.testing.assert_allclose(np.angle(np.exp(1j * (mine.yaw - theirs.yaw))), 0.0, atol=6e-3)
-    np.testing.assert_allclose(mine.roll, theirs.roll, atol=3e-4)
-    np.testing.assert_allclose(mine.airspeed, 18.5, rtol=1e-6)

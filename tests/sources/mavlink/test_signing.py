@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import hashlib
 import json
-import logging
 import traceback
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from flightlog import finished, fly
+from flightlog import fly
 from flights.surgery import Encoder, join, rewrite, split
 from hypothesis import given
 from hypothesis import strategies as st
@@ -21,11 +20,9 @@ from sources.tlog_records import BY_NAME, START_US, message, orders, pack, recor
 from sources.tlog_records import KEY as OWN
 
 from yawid.cli.main import main
-from yawid.config.run import RunConfig
 from yawid.errors import ConfigError
 from yawid.sources.mavlink.decoder import Decoder
 from yawid.sources.mavlink.signing import Check, Signing, SigningKey
-from yawid.sources.open_log import ReadOptions
 
 OURS = SigningKey(OWN)
 
@@ -202,14 +199,11 @@ def test_a_file_that_holds_no_key_is_one_line_without_a_word_of_it_and_exit_code
         assert SECRET.decode() not in line
 
 
-def test_a_key_shows_itself_nowhere(caplog: pytest.LogCaptureFixture) -> None:
-    caplog.set_level(logging.DEBUG)
+def test_a_key_shows_itself_nowhere() -> None:
     key = SigningKey(OWN)
     _, decoder = decoded([beat(signer(1)), beat(sender(), seq=1)], key)
-    shown = [f"{thing!r} {thing!s}" for thing in (key, decoder, decoder.link)]
-    shown += [caplog.text, repr([vars(decoder), [getattr(key, name) for name in key.__slots__]])]
-    for secret in (OWN.hex(), repr(OWN)):
-        assert secret not in "".join(shown)
+    shown = f"{key!r} {key} {vars(decoder)} {[getattr(key, name) for name in key.__slots__]}"
+    assert not any(secret in shown for secret in (OWN.hex(), repr(OWN)))
     with pytest.raises(ConfigError, match="32 bytes, not 3"):
         SigningKey(b"abc")
 
@@ -304,26 +298,6 @@ def test_frames_count_by_the_key_and_that_signatures_were_not_checked_is_said(
     main(["inspect", str(tmp_path / "log.tlog"), *options])
     page = capsys.readouterr().out
     assert ("signatures were not checked" in page) == bool(said)
-
-
-def test_a_live_session_with_a_key_replays_to_the_same_bits(tmp_path: Path) -> None:
-    frames = [frame for _, frame in SIGNED[:500]]
-    plain = intruders()
-    wrong = rewrite(plain[7:14], key=WRONG)
-    forged = [*frames[:6], *(frame for _, frame in (*plain[:7], *wrong))]
-    mixed = [[f, forged[i // 25]] if i % 25 == 24 else [f] for i, f in enumerate(frames)]
-    options = ReadOptions(SigningKey(KEY))
-    with listening(tmp_path, RunConfig(rate=10.0), read_options=options) as session:
-        session.fly([frame for each in mixed for frame in each])
-
-    log = (tmp_path / "live.tlog").read_bytes()
-    live = session.ended[0].summary.to_json()
-    again = finished(log, session.config, options=options).to_json()
-    assert live["link"] == again["link"]
-    assert live["link"]["unsigned_rejected"] == 20
-    assert live["link"]["frames"] == 520
-    assert live["estimates"] == again["estimates"]
-    assert KEY not in log
 
 
 def test_a_live_session_without_a_key_says_one_time_that_frames_are_signed(tmp_path: Path) -> None:

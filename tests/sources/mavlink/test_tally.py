@@ -7,8 +7,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from flightlog import fly, samples_of
-from flights.surgery import join, split
 from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.generator.mavcrc import x25crc
@@ -186,15 +184,6 @@ def test_what_comes_again_is_a_duplicate_and_is_left_out(
         link = decoder.link
         assert len(rows(blocks)) == len(heard) - duplicates
         assert (link.frames, link.duplicates, link.lost) == (len(heard), duplicates, 0)
-
-
-def test_a_doubled_flight_gives_the_same_samples() -> None:
-    log = fly(lambda t: 0.3 * np.sin(2.0 * t), lambda t: 1500 + 100 * (int(t) % 2), 12.0)
-    records = [join([each]) for each in split(log.data)]
-    once, both = samples_of(log.data), samples_of(b"".join(doubled(records, 6, seed=3)))
-    assert len(both) == len(once) > 100
-    for name in ("k", "boot_us", "u", "y", "held"):
-        np.testing.assert_array_equal(getattr(both, name), getattr(once, name))
 
 
 def test_what_one_link_lost_and_the_other_brought_is_not_lost() -> None:
