@@ -34,8 +34,9 @@ def test_unwrapping_beside_the_full_clock_inverts_the_wrap(start, steps, skew):
     np.testing.assert_array_equal(found, true)
 
 
-def still(seconds: float, start_s: float, attitude_s: float = 0.02) -> bytes:
-    return fly(lambda t: 0.1, lambda t: 1500, seconds, start_s=start_s, attitude_s=attitude_s).data
+def still(seconds: float, start_s: float, attitude_s: float = 0.02, servo_s: float = 0.02) -> bytes:
+    steps = {"start_s": start_s, "attitude_s": attitude_s, "servo_s": servo_s}
+    return fly(lambda t: 0.1, lambda t: 1500, seconds, **steps).data
 
 
 @pytest.mark.parametrize(
@@ -75,30 +76,27 @@ def test_a_servo_message_in_unix_time_is_brought_to_the_vehicles_clock():
     assert abs(found.boot_us[np.argmax(found.u[:, 0] > 0.4)] - 15.0e6) < 0.06e6
 
 
-def rates_of(log: bytes) -> list[tuple[float, float | None]]:
+MEAN_HZ = (200 + 500) / 68.0
+
+
+@pytest.mark.parametrize(
+    ("stretches", "expected"),
+    [
+        # A servo that is heard late: seconds, start, and the steps of both channels.
+        ([(60.0, 10.0, 0.05, 99.0), (20.0, 70.0, 0.05, 0.05)], [(20.0, None), (20.0, None)]),
+        ([(8.0, at, 0.1, 0.02) for at in (100.0, 140.0, 20.0)], [(10.0, None), (50.0, None)]),
+        ([(8.0, 10.0, 0.04, 0.04), (60.0, 18.0, 0.12, 0.12)], [(MEAN_HZ, 25.0)] * 2),
+    ],
+)
+def test_a_rate_is_of_the_time_in_which_the_channel_flowed_and_one_that_changes_has_the_first_too(
+    stretches: list[tuple[float, ...]], expected: list[tuple[float, float | None]]
+):
+    log = b"".join(still(*stretch) for stretch in stretches)
     summary = finished(log, RunConfig(manoeuvres="off"))
-    found = [summary.channels[name] for name in ("yaw", "rudder")]
-    return [(each.rate_hz, each.first_rate_hz) for each in found]
-
-
-def test_a_rate_is_that_of_the_time_in_which_the_channel_flowed():
-    late = fly(lambda t: 0.1, lambda t: 1500, 60.0, attitude_s=0.05, servo_s=99.0).data
-    late += fly(
-        lambda t: 0.1, lambda t: 1500, 20.0, start_s=70.0, attitude_s=0.05, servo_s=0.05
-    ).data
-    silent = still(8.0, 100.0, 0.1) + still(8.0, 140.0, 0.1) + still(8.0, 20.0, 0.1)
-    for log, hz in ((late, (20.0, 20.0)), (silent, (10.0, 50.0))):
-        assert rates_of(log) == [(pytest.approx(each), None) for each in hz]
-
-
-def test_a_rate_that_changes_is_given_with_the_one_that_chose_the_grid():
-    log = fly(lambda t: 0.1, lambda t: 1500, 8.0, attitude_s=0.04, servo_s=0.04).data
-    log += fly(
-        lambda t: 0.1, lambda t: 1500, 60.0, start_s=18.0, attitude_s=0.12, servo_s=0.12
-    ).data
-
-    mean = pytest.approx((200 + 500) / 68.0, rel=0.01)
-    assert rates_of(log) == [(mean, pytest.approx(25.0, rel=0.01))] * 2
+    for name, (mean, first) in zip(("yaw", "rudder"), expected, strict=True):
+        channel = summary.channels[name]
+        assert channel.rate_hz == pytest.approx(mean, rel=0.01 if first else 1e-6)
+        assert channel.first_rate_hz == (first and pytest.approx(first, rel=0.01))
 
 
 STREAM = ("--manoeuvres", "off")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -153,14 +154,16 @@ def thinning() -> GridFilter:
     return GridFilter(butterworth(3.0, "low", 50.0), 5, 0.1)
 
 
-def fine_block(k: np.ndarray) -> SampleBlock:
+def fine_block(k: np.ndarray, held_at: int = 0, why: Held = Held.NONE, epoch: int = 0):
     rng = np.random.default_rng(3)
     n, us = len(k), np.rint(k * 20_000).astype(np.int64)
     zero, number = np.zeros(n), np.zeros(n, np.int64)
     u, y = rng.standard_normal((n, 1)), rng.standard_normal(n)
-    return SampleBlock(
+    block = SampleBlock(
         0.02, k, us, us * 1000, us, u, y, *[zero] * 4, *[number] * 3, *[zero] * 7
     )  # fmt: skip
+    held = np.where(np.arange(n) == held_at, int(why), 0)
+    return replace(block, held=held, epoch=np.full(n, epoch))
 
 
 def test_u_is_the_mean_and_y_the_value_at_the_instant_of_what_the_low_pass_leaves():
@@ -177,3 +180,15 @@ def test_u_is_the_mean_and_y_the_value_at_the_instant_of_what_the_low_pass_leave
     np.testing.assert_allclose(found.u[:, 0], u[3:398].reshape(-1, 5).mean(axis=1), atol=1e-9)
     np.testing.assert_allclose(found.y, y[3:398:5], atol=1e-9)
     assert found.received_us.tolist() == [20_000 * (5 * k + 4) for k in range(2, 81)]
+
+
+def test_no_sample_is_made_of_two_segments_or_of_two_meanings_of_the_rudder():
+    again = fine_block(np.array([*range(10, 15), 14, *range(15, 20)]), 5, Held.REBOOT)
+    found = thinning().feed_samples(again)
+    assert (found.k.tolist(), found.held.tolist()) == ([2, 2, 3], [0, Held.REBOOT, 0])
+
+    decimator = thinning()
+    assert decimator.feed_samples(fine_block(np.arange(10, 13))) is None
+    found = decimator.feed_samples(fine_block(np.arange(13, 20), 0, Held.RUDDER_CHANGED, epoch=1))
+    assert (found.k.tolist(), found.held.tolist()) == ([2, 3], [Held.RUDDER_CHANGED, 0])
+    assert set(found.epoch) == {1}

@@ -5,11 +5,9 @@ from __future__ import annotations
 import contextlib
 import pickle
 import socket
-import struct
 import sys
 import time
 from collections.abc import Iterator
-from functools import partial
 
 import numpy as np
 import pytest
@@ -18,14 +16,12 @@ from sources.tlog_records import random_records, rows, run
 
 from yawid.sources.link.endpoints import Endpoint
 from yawid.sources.link.inbox import MOST_AT_ONCE, Addresses, Inbox, Stamps
-from yawid.sources.link.receiver import MOST, NOTHING, Receiver
 from yawid.sources.link.tap import split_datagram
 from yawid.sources.link.udp import UdpTap, dropped_by
 
 ANY_PORT = Endpoint("127.0.0.1", 0)
 FRAMES = [rec[8:] for rec in random_records(np.random.default_rng(0), 8)]
 CLOCK_US = 200  # two clocks are read one after the other
-ON_LINUX = pytest.mark.skipif(sys.platform != "linux", reason="only Linux has times of arrival")
 
 
 @pytest.fixture
@@ -142,61 +138,6 @@ def test_a_clock_set_while_datagrams_gather_moves_no_stamp(
     if jump_s == 0 and sys.platform == "linux":  # each stamp is when its datagram arrived
         for stamp, (first, last) in zip(got, sent, strict=True):
             assert first - CLOCK_US <= stamp <= last + CLOCK_US
-
-
-SIZES = [1, 0, 75, 280, 1472, 9000, 65507]
-
-
-@pytest.fixture
-def hearing() -> Iterator[socket.socket]:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as udp:
-        udp.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4 << 20)
-        udp.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, struct.pack("@ll", 0, 100_000))
-        udp.bind(("127.0.0.1", 0))
-        yield udp
-
-
-def everything(receiver: Receiver) -> list[tuple[int, bytes, tuple[str, int]]]:
-    """Wait for the first, then take what there is."""
-    found = list(zip(*receiver.receive(wait=True), strict=True))
-    while more := list(zip(*receiver.receive(), strict=True)):
-        found += more
-    return found
-
-
-@pytest.mark.parametrize("has_time", [True, False])
-def test_datagrams_of_any_size_come_whole_in_order_whether_or_not_the_system_has_their_times(
-    has_time: bool, hearing: socket.socket, vehicle: socket.socket
-) -> None:
-    receiver, rng = Receiver(hearing), np.random.default_rng(0)
-    receiver._has_time &= has_time
-    sent = [rng.bytes(SIZES[i % len(SIZES)]) for i in range(3 * MOST // 2)]
-    for data in sent:
-        vehicle.sendto(data, hearing.getsockname())
-    found = everything(receiver)
-    assert [data for _, data, _ in found] == sent
-    assert {sender for *_, sender in found} == {("127.0.0.1", vehicle.getsockname()[1])}
-
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as gone:
-        gone.bind(("127.0.0.1", 0))
-        absent = gone.getsockname()
-    assert receiver.receive(wait=True) == receiver.receive() == NOTHING
-    hearing.connect(absent)
-    for ask in (partial(receiver.receive, wait=True), receiver.receive):
-        hearing.send(b"anyone there?")
-        assert ask() == NOTHING
-
-
-@ON_LINUX
-def test_a_time_that_the_system_does_not_have_is_not_the_one_before(
-    hearing: socket.socket, vehicle: socket.socket
-) -> None:
-    receiver = Receiver(hearing)
-    vehicle.sendto(b"timed", hearing.getsockname())
-    assert everything(receiver)[0][0] > 0
-    hearing.setsockopt(socket.SOL_SOCKET, 29, 0)
-    vehicle.sendto(b"not timed", hearing.getsockname())
-    assert [(at_us, data) for at_us, data, _ in everything(receiver)] == [(0, b"not timed")]
 
 
 def test_a_flood_from_ever_new_ports_is_said_once_and_not_remembered() -> None:

@@ -199,11 +199,25 @@ def test_what_cannot_be_opened_is_one_line_with_the_remedy(
 def test_bytes_that_are_no_frame_stay_out_and_are_counted(opened: Callable[..., Way]) -> None:
     way = opened("udpin4")
     torn = FRAMES[2][:-1]
-    for datagram in (b"hello", b"ab" + FRAMES[0] + b"cde" + FRAMES[1] + torn, b""):
+    long = b"".join(FRAMES[3:40])
+    for datagram in (b"", b"hello", b"ab" + FRAMES[0] + b"cde" + FRAMES[1] + torn, long, b""):
         way.send(datagram)
-    assert len(heard(way.tap, tlog_size(FRAMES[:2]))) == tlog_size(FRAMES[:2])
+    size = tlog_size([*FRAMES[:2], *FRAMES[3:40]])
+    assert len(heard(way.tap, size)) == size
     assert way.tap.skipped_bytes == 5 + 2 + 3 + len(torn)
     assert way.tap.read(0.01) == b""
+
+
+def test_a_listener_that_is_not_there_yet_is_waited_for() -> None:
+    place = "127.0.0.1", free_udp_port()
+    with UdpTap(Endpoint(*place, "udpout"), may_transmit=True) as tap:
+        for _ in range(3):
+            tap.transmit(FRAMES[0], 1)
+            assert tap.read(0.2) == b""
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as vehicle:
+            vehicle.bind(place)
+            vehicle.sendto(FRAMES[0], tap.address)
+            assert heard(tap, 1)[8:] == FRAMES[0]
 
 
 def test_closing_ends_the_thread_and_frees_the_port() -> None:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from flightlog import FlightLog, Samples, samples_from
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
-from scipy.signal import cont2discrete
+from scipy.signal import cont2discrete, lfilter
 
 from yawid.blocks import MotionBlock
 from yawid.config.run import RunConfig
@@ -63,13 +63,8 @@ def flown(seconds: float = 60.0, seed: int = 3) -> Flight:
     rng = np.random.default_rng(seed)
     n = round(seconds / STEP_S)
     rudder = np.repeat(rng.choice([-0.3, 0.0, 0.3], n // 20 + 1), 20)[:n]
-    A = np.array([[0.0, 1.0], [-(WN**2), -2.0 * ZETA * WN]])
-    B = np.array([[0.0], [GAIN * WN**2]])
-    Ad, Bd, *_ = cont2discrete((A, B, np.eye(2), np.zeros((2, 1))), STEP_S)
-    x, r = np.zeros(2), np.zeros(n)
-    for k in range(n):
-        r[k] = x[0]
-        x = Ad @ x + Bd[:, 0] * rudder[k]
+    b, a, _ = cont2discrete(([GAIN * WN**2], [1.0, 2.0 * ZETA * WN, WN**2]), STEP_S)
+    r = lfilter(b[0], a, rudder)
     t = START_S + STEP_S * np.arange(n)
     roll, pitch = 0.1 * np.sin(0.5 * t), 0.05 * np.cos(0.3 * t)
     yaw = (3.0 + 0.1 * t + np.cumsum(r) * STEP_S + np.pi) % (2.0 * np.pi) - np.pi

@@ -49,7 +49,7 @@ class ULogFile:
             text = ";".join(("uint64_t timestamp", *fields))
             self._message("F", f"{name}:{text};".encode())
         for key, value in parameters.items():
-            self._parameter(key, value)
+            self.parameter(key, value)
         self._ids: dict[tuple[str, int], int] = {}
 
     @property
@@ -75,14 +75,10 @@ class ULogFile:
             body += struct.pack(f"<{len(column)}{CODES[base]}", *column)
         self._message("D", body)
 
-    def change(self, key: str, value: float) -> None:
-        """Append a parameter changed in flight."""
-        self._parameter(key, value)
-
     def sync(self) -> None:
         self._message("S", SYNC)
 
-    def _parameter(self, key: str, value: float) -> None:
+    def parameter(self, key: str, value: float) -> None:
         kind = "int32_t" if isinstance(value, int) else "float"
         named = f"{kind} {key}".encode()
         packed = struct.pack(f"<{CODES[kind]}", value)
@@ -148,5 +144,5 @@ def whole() -> bytes:
 
 def change(log: ULogFile, t_us: int) -> None:
     """Append a parameter that changes in flight."""
-    log.change("PWM_MAIN_MAX3", 2000)
+    log.parameter("PWM_MAIN_MAX3", 2000)
     log.add("actuator_outputs", t_us, [1500])

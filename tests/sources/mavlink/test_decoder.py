@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections import Counter
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from flights.surgery import split
 from fuzz_inputs import KINDS, damage
 from hypothesis import example, given
 from hypothesis import strategies as st
@@ -15,7 +17,6 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from pymavlink.generator.mavcrc import x25crc
 from recorded_flights import recorded
 from sources.tlog_records import (
-    ALL_NAMES,
     BY_NAME,
     CLASSES,
     START_US,
@@ -179,16 +180,9 @@ def walked(data: bytes) -> Counter[str]:
     pymavlink's own log reader loses good frames where versions mix: it is no oracle.
     """
     counts: Counter[str] = Counter()
-    at = 8
-    while at + 8 < len(data):
-        size = data[at + 1] + (8 if data[at] == 0xFE else 12 + 13 * (data[at + 2] & 1))
-        try:
-            msg = decode(data[at : at + size])
-        except dialect.MAVError:
-            msg = None
-        if msg is not None and msg.get_type() in ALL_NAMES:
-            counts[msg.get_type()] += 1
-        at += size + 8
+    for _, frame in split(data):
+        with contextlib.suppress(dialect.MAVError):
+            counts[decode(frame).get_type()] += 1
     return counts
 
 

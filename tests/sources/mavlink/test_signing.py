@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import json
 import traceback
@@ -62,11 +63,9 @@ def accepted_by_pymavlink(frames: list[bytes]) -> list[int]:
     link.signing.timestamp = 0
     accepted = []
     for i, frame in enumerate(frames):
-        try:
+        with contextlib.suppress(dialect.MAVError):
             link.decode(bytearray(frame))
             accepted.append(i)
-        except dialect.MAVError:
-            pass
     return accepted
 
 

@@ -165,28 +165,24 @@ def test_a_line_without_an_end_takes_no_memory(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("rows", [8191, 8192, 8193, 20_000])
-def test_a_number_is_the_same_wherever_a_piece_ends(rows: int, tmp_path: Path) -> None:
-    path = of_rows(tmp_path / "a.csv", rows)
-    record = Record(path)
-    record._table.load([0, 1])
-
-    t, rudder = np.loadtxt(path, delimiter=",", skiprows=1, usecols=(0, 1), unpack=True)
-    np.testing.assert_array_equal(record._table.numbers(0), t)
-    np.testing.assert_array_equal(record._table.numbers(1), rudder)
-    assert record._table.line(rows - 1) == f"line {rows + 1}"
-
-
-def test_modes_and_dates_are_understood_from_whichever_piece_they_begin_in(tmp_path: Path) -> None:
-    rows = [f"{k / 50},1,1,{'' if k < 9000 else 'AUTO' if k % 2 else 7},," for k in range(20_000)]
-    rows = [row + ("" if k < 9000 else "2024-05-01T00:00:01Z") for k, row in enumerate(rows)]
-    (tmp_path / "a.csv").write_text(
-        "t,rudder_deg,r_deg_s,mode,x,time\n" + "\n".join(rows) + "\n", encoding="utf-8"
-    )
+def test_numbers_modes_and_dates_are_the_same_wherever_a_piece_ends_and_they_begin(
+    rows: int, tmp_path: Path
+) -> None:
+    late, date = 9 * rows // 20, "2024-05-01T00:00:01Z"
+    modes = [""] * late + ["AUTO" if k % 2 else "7" for k in range(late, rows)]
+    cells = [(f"{k / 50}", f"{k % 97 / 7:.3f}", "1", mode, "") for k, mode in enumerate(modes)]
+    lines = [",".join((*row, date if k >= late else "")) for k, row in enumerate(cells)]
+    text = "\n".join(["t,rudder_deg,r_deg_s,mode,x,time", *lines, ""])
+    (tmp_path / "a.csv").write_text(text, encoding="utf-8")
     table = Record(tmp_path / "a.csv")._table
-    table.load([3, 5])
+    table.load([0, 1, 3, 5])
+
+    for column in (0, 1):
+        expected = [float(row[column]) for row in cells]
+        np.testing.assert_array_equal(table.numbers(column), expected)
     texts, row_has = table.words(3)
-    assert [texts[i] for i in row_has] == [r.split(",")[3] for r in rows]
-    dates = table.dates_ns(5)
-    assert dates is not None
-    assert set(dates[:9000].tolist()) == {np.iinfo(np.int64).min}
-    assert set(dates[9000:].tolist()) == {1_714_521_601 * 10**9}
+    assert [texts[i] for i in row_has] == modes
+    unknown = np.iinfo(np.int64).min
+    ns = [unknown] * late + [1_714_521_601 * 10**9] * (rows - late)
+    np.testing.assert_array_equal(table.dates_ns(5), ns)
+    assert table.line(rows - 1) == f"line {rows + 1}"
