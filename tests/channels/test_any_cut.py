@@ -71,7 +71,17 @@ def leap() -> bytes:
 
 
 STILL = fly(lambda t: 0.1, lambda t: [1500 + (t > 4.0)] * 4, 8.0, vehicle=beat(1, 12)).data
-LOGS = {"lives": lives(), "leap": leap(), "still": STILL}
+
+
+def climb(t: float) -> Any:
+    """A slow aircraft climbs, its altitude leaps, and it is fast for a second."""
+    speed = 13.0 if 16.0 < t < 17.0 else 3.0
+    return hud(speed, speed, 300.0 + 4.0 * t + 690.0 * (t > 10.0))
+
+
+CLIMB = every(0.2, 20.0, climb)
+SLOW = fly(rate, outputs, 20.0, more=[*CLIMB, *every(1.0, 20.0, lambda t: beat(base_mode=128))])
+LOGS = {"lives": lives(), "leap": leap(), "still": STILL, "slow": SLOW.data}
 CONFIGS = {
     "as they are": ("lives", RunConfig()),
     "without the turn, filtered and thinned": (
@@ -82,6 +92,7 @@ CONFIGS = {
     "a part, with its motion": ("lives", RunConfig(lateral="auto", from_s=14.0, to_s=33.0)),
     "a boot": ("lives", RunConfig(boot=1, band=(0.2, 3.0))),
     "another clock": ("leap", RunConfig(from_s=12.0)),
+    "a slow climb": ("slow", RunConfig(rudder="servo:4")),
     "outputs that stand still": ("still", RunConfig(rudder="servo:4", from_s=13.2, to_s=15.7)),
 }
 
@@ -119,6 +130,9 @@ def test_the_logs_have_every_event():
     noted = Noted.MODE_CHANGED | Noted.AIRSPEED_CHANGED | Noted.NOT_EXCITED
     assert np.bitwise_or.reduce(lives["noted"]) & noted == noted
     assert len(set(lives["epoch"])) == 2
+    # Until it is 15 m high, again after the leap, and after it was fast.
+    stands = (whole("a slow climb")["held"] & Held.ON_GROUND) != 0
+    assert np.count_nonzero(np.diff(stands.astype(int))) == 4
     assert len(whole("outputs that stand still")["command"][0]) == 4
     assert len(whole("a part, with its motion")["acceleration t_us"]) > 100
     assert leap["steps"][1] == 1

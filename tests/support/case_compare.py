@@ -5,6 +5,8 @@ Counts, times and status are compared exactly. Values are compared by a toleranc
 relative to the larger of the value and the column's root mean square; NaN equals NaN.
 """
 
+import csv
+import io
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -12,7 +14,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
 
 from yawid.blocks import Floats
 from yawid.errors import ConfigError
@@ -248,10 +249,11 @@ class TableSink(Sink):
 
 def csv_of(columns: list[str], rows: list[list[float]]) -> bytes:
     """Return a table as CSV text, which ``git diff`` can show."""
-    table = pd.DataFrame(rows, columns=columns)
-    return table.to_csv(
-        None, index=False, float_format="%.9g", na_rep="nan", lineterminator="\n"
-    ).encode()
+    text = io.StringIO(newline="")
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(columns)
+    writer.writerows([f"{value:.9g}" for value in row] for row in rows)
+    return text.getvalue().encode()
 
 
 def read_csv(path: Path) -> tuple[list[str], Floats]:
@@ -260,5 +262,8 @@ def read_csv(path: Path) -> tuple[list[str], Floats]:
     Raises:
         OSError, ValueError: the file cannot be read, or is not such a table.
     """
-    table = pd.read_csv(path, float_precision="round_trip")
-    return list(table), table.to_numpy(float)
+    with path.open(newline="", encoding="utf-8") as stream:
+        header, *rows = csv.reader(stream)
+    return header, np.array([[float(value) for value in row] for row in rows]).reshape(
+        len(rows), len(header)
+    )
