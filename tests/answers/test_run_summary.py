@@ -64,21 +64,3 @@ def test_a_dutch_roll_without_frequency_or_damping_is_none():
     )
     for row in ([np.nan] * 4, [2.0, 0.1, np.nan, np.nan], [0.0, 0.1, 1.0, 0.1], [np.inf, 0, 0, 0]):
         assert DutchRoll.of(row) is None
-
-
-@pytest.mark.parametrize(
-    ("change", "place"),
-    [
-        ({"duration_s": "long"}, "duration_s: Expected `float`, got `str`"),
-        ({"duration_s": float("nan")}, "duration_s: "),
-        ({"duration_s": 10**400}, "duration_s: "),
-        ({"link": {"lost": -1}}, "link.lost: "),
-        ({"verdict": {"usable": 1, "reasons": []}}, "verdict.usable: Expected `bool`, got `int`"),
-        ({"boots": [{"boot": 1, "from": 0.0, "to": None}]}, r"boots\[0\].to: "),
-    ],
-)
-def test_a_wrong_value_is_refused_by_its_field(change: dict[str, Any], place: str):
-    data = json.dumps(summary().to_json() | change).encode()
-
-    with pytest.raises(ValueError, match=f"^{place}"):
-        RunSummary.from_json(data)

@@ -4,14 +4,9 @@ from __future__ import annotations
 
 import datetime
 import math
-import random
 import re
 import shutil
-import signal
 import sqlite3
-import subprocess
-import sys
-import time
 from collections import Counter
 from pathlib import Path
 from typing import Any
@@ -20,11 +15,10 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from checks.children import child
 from data_sets import JUNE, MAY, entry, killed_at_every_step, merge
 from hand_flights import by_ct, estimate, manoeuvre, mixed_loops, roll_of, summary
 from msgspec.structs import replace
-from places import SRC, TESTS
+from places import SRC
 
 from yawid.answers.reasons import Verdict
 from yawid.answers.run_summary import Bare, DutchRoll, TimeConstant
@@ -167,6 +161,20 @@ def test_what_is_no_data_set_or_of_another_version_is_refused_in_one_line(tmp_pa
     database.close()
     with pytest.raises(SourceError, match="has format 99, this version reads 3"):
         DataSet(tmp_path)
+
+
+@pytest.mark.parametrize("depth", [1_500, 100_000])
+def test_rows_that_are_nested_too_deeply_are_refused_in_one_line(
+    depth: int, tmp_path: Path
+) -> None:
+    merge(tmp_path, [])
+    database = sqlite3.connect(tmp_path / DATABASE)
+    database.execute("INSERT INTO rows VALUES ('/b', 'logs', ?)", ["[" * depth + "]" * depth])
+    database.commit()
+    database.close()
+    with pytest.raises((SourceError, SinkError), match=rf"^.*{DATABASE}.*$") as caught:
+        merge(tmp_path, [entry("/a", "A", MAY)])
+    assert "\n" not in str(caught.value)
 
 
 def test_a_data_set_holds_its_schema_which_names_every_column(tmp_path: Path) -> None:
@@ -326,39 +334,3 @@ def test_killed_at_any_step_a_glob_reads_the_old_rows_or_the_new_ones_and_the_ne
 
 def files(folder: Path) -> set[str]:
     return {path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()}
-
-
-WRITER = """
-import sys
-from pathlib import Path
-from data_sets import MAY, entry
-from yawid.dataset.files import DataSet
-with DataSet(Path(sys.argv[1])) as data:
-    for i in range(100_000):
-        data.add(entry(f"/{i}", f"{i}", *[MAY] * 20))
-        print(i, flush=True)
-"""
-
-
-@pytest.mark.skipif(sys.platform == "win32", reason="kill -9 is of POSIX")
-def test_killed_at_any_time_no_finished_log_is_lost(tmp_path: Path) -> None:
-    """The moments of the kills are drawn: also within a transaction, of which SQLite has parts."""
-    drawn = random.Random(3)
-    for i in range(6):
-        folder = tmp_path / f"{i}"
-        command = [sys.executable, "-c", WRITER, str(folder)]
-        path = f"{TESTS / 'support'}"
-        with child(command, stdout=subprocess.PIPE, text=True, cwd=path) as writer:
-            assert writer.stdout is not None
-            writer.stdout.readline()
-            time.sleep(drawn.uniform(0.0, 0.3))
-            writer.send_signal(signal.SIGKILL)
-            finished = 1 + len(writer.stdout.read().split())
-            writer.wait(60.0)
-        with DataSet(folder):
-            pass
-        paths = read_table(folder, "logs", ["path"])["path"].to_pylist()
-        assert {f"/{n}" for n in range(finished)} <= set(paths)
-        assert len(set(paths)) == len(paths) <= finished + 1
-        flown = Counter(read_table(folder, "flights")["log_sha256"].to_pylist())
-        assert flown == dict.fromkeys((path[1:] for path in paths), 20)

@@ -203,13 +203,9 @@ def run_script(script: str, *arguments: str) -> subprocess.CompletedProcess[str]
     """Run a script in an interpreter of its own that sees what this one sees."""
     return subprocess.run(
         [sys.executable, "-c", script, *arguments],
-        env=script_environment(),
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
         capture_output=True,
         text=True,
         check=True,
         timeout=300,
     )
-
-
-def script_environment() -> dict[str, str]:
-    return {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}

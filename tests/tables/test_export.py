@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import csv
 import json
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -37,63 +39,69 @@ def many_groups(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(yawid.sinks.mcap.reader, "BLOCK_ROWS", 100)
 
 
-def unknown(values: np.ndarray) -> np.ndarray:
-    return np.array([each is None or each != each for each in values])
+Contents = tuple[dict[str, list[Any]], dict[str, str]]
+"""Columns and units by name."""
 
 
-def test_parquet_has_every_number_its_unit_and_null_for_the_unknown(mcap: Path, run: Run) -> None:
+def in_parquet(path: Path) -> Contents:
+    table = pq.read_table(path)
+    columns = {name: table[name].to_numpy().tolist() for name in table.column_names}
+    return columns, {field.name: field.metadata[b"unit"].decode() for field in table.schema}
+
+
+def in_csv(path: Path) -> Contents:
+    assert b"\r" not in path.read_bytes()
+    with path.open(encoding="utf-8", newline="") as stream:
+        names, units, *rows = csv.reader(stream)
+    columns = dict(zip(names, map(list, zip(*rows, strict=True)), strict=True))
+    times = [cell.removesuffix("Z") or "NaT" for cell in columns["time"]]
+    columns["time"] = np.array(times, "M8[ns]").tolist()
+    return columns, dict(zip(names, units, strict=True))
+
+
+def in_npz(path: Path) -> Contents:
+    with np.load(path, allow_pickle=False) as found:
+        columns = {name: column.tolist() for name, column in found.items()}
+    units = json.loads(columns.pop("units"))
+    assert json.loads(columns.pop("facts"))["method"] == "els"
+    return columns, units
+
+
+def known(values: list[Any], kind: str) -> list[Any]:
+    """The values, with None for what is unknown; a number may be text."""
+    told = [None if each in (None, "") or each != each else each for each in values]
+    return [each and float(each) for each in told] if kind == "f" else told
+
+
+@pytest.mark.parametrize("read", [in_parquet, in_csv, in_npz])
+def test_a_table_has_every_number_to_the_bit_its_unit_and_nothing_for_the_unknown(
+    read: Callable[[Path], Contents], mcap: Path, run: Run, tmp_path: Path
+) -> None:
+    out = tmp_path / f"run.{read.__name__.removeprefix('in_')}"
+    assert main(["export", str(mcap), "-o", str(out)]) == 0
+
+    columns, units = read(out)
+    assert [*columns] == list(run.record)
+    held = {} if read == in_npz else {"rudder": "rad nose-right held"}  # which a record must say
+    assert units == run.record.units | held
+    for name, column in columns.items():
+        ours = run.record[name]
+        assert known(column, ours.dtype.kind) == known(ours.tolist(), ours.dtype.kind), name
+
+
+def test_parquet_has_null_for_the_unknown_and_says_whose_run_it_is(mcap: Path, run: Run) -> None:
     assert main(["export", str(mcap)]) == 0
 
     file = pq.ParquetFile(mcap.with_suffix(".parquet"))
     found = file.read()
     assert file.metadata.num_row_groups == 12
-    assert found.column_names == list(run.record)
-    for name, values in zip(found.column_names, found.columns, strict=True):
-        ours = run.record[name]
-        assert values.null_count == np.count_nonzero(unknown(ours)), name
-        known = values.to_numpy()[~unknown(ours)]
-        assert known.tolist() == ours[~unknown(ours)].tolist(), name
-    assert found.schema.field("r").metadata[b"unit"] == b"rad/s"
+    unknown = [known(run.record[name].tolist(), "").count(None) for name in run.record]
+    assert [column.null_count for column in found.columns] == unknown
     facts = {name.decode(): text.decode() for name, text in found.schema.metadata.items()}
-    assert facts["log"] == str(C172P)
     assert facts["log_sha256"] == run.summary.sha256
     assert facts["sign"].startswith("positive rudder = nose right")
-    assert [facts[name] for name in ("rudder_unit", "orders", "method", "autopilot")] == [
-        "rad", "3,3,2,1", "els", "ArduPilot",
-    ]  # fmt: skip
-
-
-def test_csv_has_a_row_of_units_and_numbers_that_come_back_to_the_bit(
-    mcap: Path, run: Run, tmp_path: Path
-) -> None:
-    out = tmp_path / "run.csv"
-    assert main(["export", str(mcap), "-o", str(out)]) == 0
-
-    data = out.read_bytes()
-    names, units, *rows = csv.reader(data.decode().splitlines())
-    assert b"\r" not in data
-    assert names == list(run.record)
-    held = {"rudder": "rad nose-right held"}  # which a record must say
-    assert dict(zip(names, units, strict=True)) == run.record.units | held
-    assert len(rows) == len(run.record)
-    for name, column in zip(names, zip(*rows, strict=True), strict=True):
-        ours = run.record[name]
-        assert [cell == "" for cell in column] == unknown(ours).tolist(), name
-        if ours.dtype == float:
-            np.testing.assert_array_equal([float(cell or "nan") for cell in column], ours)
-        elif ours.dtype == object:
-            assert [cell or None for cell in column] == ours.tolist()
-
-
-def test_npz_needs_no_pickle(mcap: Path, run: Run, tmp_path: Path) -> None:
-    out = tmp_path / "run.npz"
-    assert main(["export", str(mcap), "-o", str(out)]) == 0
-
-    with np.load(out, allow_pickle=False) as found:
-        np.testing.assert_array_equal(found["wn"], run.record.wn)
-        assert [each or None for each in found["held"].tolist()] == run.record.held.tolist()
-        assert json.loads(str(found["units"]))["wn"] == "rad/s"
-        assert json.loads(str(found["facts"]))["method"] == "els"
+    names = ("log", "rudder_unit", "orders", "method", "autopilot")
+    assert [facts[name] for name in names] == [str(C172P), "rad", "3,3,2,1", "els", "ArduPilot"]
 
 
 def test_of_a_torn_run_no_half_of_a_table_is_left(

@@ -23,7 +23,7 @@ import yawid
 from yawid.answers.reasons import Verdict
 from yawid.answers.run_summary import Bare, DutchRoll, Value
 from yawid.config.run import RunConfig
-from yawid.errors import ConfigError, SourceError, YawidError
+from yawid.errors import ConfigError
 from yawid.sinks.base import Grid
 from yawid.sinks.mcap import reader
 from yawid.tables.columns import Units, manoeuvre_columns
@@ -174,17 +174,6 @@ def test_a_table_shows_its_first_and_last_rows() -> None:
     assert page.count("<tr>") == 1 + 10 + 1
     assert re.search("<td[^>]*>39</td><td[^>]*></td>", page)
     assert repr(table) == "rows, 40 rows: n, x [m]"
-
-
-def test_what_is_torn_or_no_run_is_refused_by_its_name(mcap: Path, tmp_path: Path) -> None:
-    torn = tmp_path / "torn.mcap"
-    torn.write_bytes(mcap.read_bytes()[: mcap.stat().st_size // 2])
-    with pytest.raises(SourceError, match="what is left of it"):
-        yawid.load(torn)
-    with pytest.raises(SourceError, match="not an MCAP file"):
-        yawid.load(C172P)
-    with pytest.raises(YawidError, match="cannot read"):
-        yawid.load(tmp_path / "absent.mcap")
 
 
 def test_a_table_is_one_of_arrow_and_one_of_pandas_and_a_library_that_is_missing_is_named(

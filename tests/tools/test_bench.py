@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 import datetime
-import importlib
-import inspect
 import math
 import os
-import runpy
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -17,7 +14,6 @@ from typing import Any
 import pytest
 from bench import frame as bench
 from checks import readme_tables
-from places import ROOT
 
 
 def tables(options: Any) -> Iterator[str]:
@@ -52,21 +48,3 @@ def test_a_bench_writes_its_table_names_no_path_and_exits_with_1_if_it_misses_an
     assert code == (missed != "")
     assert capsys.readouterr().out == f"{table}\n| more | s |\n|---|---|\n| c | 3 |\n{missed}"
     assert readme.read_text(encoding="utf-8") == f"<!-- fake -->\n{table}\nwhat follows\n"
-
-
-@pytest.mark.parametrize("path", sorted((ROOT / "tools").glob("*.py")), ids=lambda path: path.name)
-def test_a_tool_in_the_root_runs_as_a_command(
-    path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-):
-    monkeypatch.setattr(sys, "argv", [path.name, "--help"])
-    with pytest.raises(SystemExit) as end:
-        runpy.run_path(str(path), run_name="__main__")
-
-    assert end.value.code in (0, 2)
-    assert "usage: " in "".join(capsys.readouterr())
-
-
-@pytest.mark.parametrize("name", bench.BENCHES)
-def test_every_bench_gives_its_table_line_by_line(name: str):
-    module, _ = bench.BENCHES[name]
-    assert inspect.isgeneratorfunction(getattr(importlib.import_module(f"bench.{module}"), name))

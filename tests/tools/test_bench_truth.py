@@ -122,34 +122,6 @@ def test_the_figures_of_two_answers_are_those_by_hand() -> None:
     assert frame.cells(rows(), "bare")["answered %"] == "67"
 
 
-def missed(*off_pct: float) -> dict[str, float]:
-    """The figures that calm answers miss, and their errors, by wn's errors in % and in sigma.
-
-    Each answer is of a flight of its own.
-    """
-    answers = [
-        CONDITIONS | {
-            "kind": "manoeuvre", "number": number, "usable": True, "wn_error_pct": off,
-            "wn_z": off, "zeta": 0.2, "zeta_error": 0.0, "zeta_z": 0.0,
-        }
-        for number, off in enumerate(off_pct)
-    ]  # fmt: skip
-    said = (each.removeprefix("not met: ").split(" ± ") for each in bench.criteria(answers))
-    return {figure: float(error.split(",")[0]) for figure, error in said}
-
-
-def test_a_figure_misses_its_limit_only_by_more_than_its_own_error() -> None:
-    # with an error of about .3 / sqrt(4): the RMS is 1.73, and 2.22
-    assert not any("wn, calm: RMS" in figure for figure in missed(1.4, -1.4, 2.0, -2.0))
-    far = missed(1.9, -1.9, 2.5, -2.5)
-    assert far["wn, calm: RMS: 2.22"] == pytest.approx(0.15, abs=0.03)
-    assert not any("turbulence" in figure for figure in far)  # nothing was flown in it
-    without_error = missed(1.7, -1.7, 1.7, -1.7)
-    assert without_error["wn, calm: RMS: 1.7"] == pytest.approx(0.0, abs=1e-12)
-    assert "wn, calm: median: 1.7" in without_error
-    assert "wn: beyond: 1" in missed(0.0, 0.5, 3.6)
-
-
 def answering(of: Response) -> Manoeuvre:
     """A manoeuvre whose answer has this response."""
     made = found(1, 40.0, 2.0, verdict())

@@ -2,26 +2,13 @@
 
 from __future__ import annotations
 
-import re
 import tomllib
-from importlib.metadata import version
 
-from checks.check_install import newest_allowed
 from places import ROOT, SRC
 
 from yawid.version import __version__
 
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
-
-
-def test_every_library_has_a_lower_bound_that_can_be_tried():
-    bound = re.compile(r"[\w-]+>=\d[\d.]*(,<[\d.]+)?")
-    assert [each for each in PROJECT["project"]["dependencies"] if not bound.fullmatch(each)] == []
-
-
-def test_numba_and_its_llvmlite_have_upper_bounds_and_the_newest_pair_is_the_one_tested_here():
-    here = [f"{name}=={version(name).rpartition('.')[0]}.*" for name in ("numba", "llvmlite")]
-    assert newest_allowed() == here
 
 
 def test_what_the_package_holds_besides_modules_is_packed_and_nothing_else():

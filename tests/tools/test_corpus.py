@@ -1,6 +1,5 @@
 """The corpora: true, repeatable, and a quiet log's rudder has nothing of its own."""
 
-import math
 from pathlib import Path
 from typing import Any
 
@@ -133,32 +132,3 @@ def test_made_logs_are_judged_into_rows_beside_their_truth(
     assert mixed["group"] == "mixed"
     assert not mixed["usable"]
     assert (tmp_path / "excited_003.tlog").read_bytes() == made.log
-
-
-def judged_row(kind: str, off_pct: float = math.inf, **own: Any) -> dict[str, Any]:
-    return {
-        "name": f"{kind}_{off_pct}", "log": kind, "group": "g", "usable": True, "fatal": "",
-        "warnings": "", "wn": 2.0, "off_pct": off_pct,
-    } | own  # fmt: skip
-
-
-@pytest.mark.parametrize(
-    ("rows", "said"),
-    [
-        ([judged_row("unexcited")], "not met: judged wrongly: 1 unexcited"),
-        ([judged_row("upset")], "not met: judged wrongly: 1 upset"),
-        ([judged_row("misled", 4.5)], None),
-        (
-            [judged_row("misled", 4.5), judged_row("misled", 0.1)],
-            "not met: judged wrongly: 2 misled",
-        ),
-        ([judged_row("excited", 11.0)], "not met: judged wrongly: 1 excited"),
-        ([judged_row("excited", 7.0), judged_row("excited", 19.0, usable=False)], None),
-    ],
-)
-def test_one_misled_log_may_be_usable_and_no_other_that_should_not(
-    rows: list[dict[str, Any]], said: str | None
-) -> None:
-    missed = [each for each in verdict.mistakes(rows) if each.startswith("not met: ")]
-
-    assert missed == ([said] if said else [])

@@ -121,27 +121,6 @@ def test_the_command_writes_a_tlog_and_its_truth(
 
 
 @pytest.mark.parametrize(
-    ("options", "reason"),
-    [
-        (["--aircraft", "nonsense"], "cannot load 'nonsense'"),
-        (["--amplitude", "1.5"], "pass the rudder's stop"),
-        (["--seconds", "nan"], "seconds must be > 0"),
-        (["--servo-hz", "0"], "servo_hz must lie in"),
-    ],
-)
-def test_what_cannot_be_flown_is_one_line_and_code_2(
-    options: list[str], reason: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
-    code = fly_jsbsim.main([*options, "--out", str(tmp_path / "log.tlog")])
-
-    said = capfd.readouterr()
-    assert code == 2
-    assert reason in said.err
-    assert said.err.count("\n") == 1
-    assert said.out == ""
-
-
-@pytest.mark.parametrize(
     ("aircraft", "speed_kt", "altitude_ft"), [("c172p", 100.0, 3000.0), ("T37", 200.0, 10000.0)]
 )
 def test_the_linearised_dutch_roll_is_what_decays_after_a_rudder_pulse(

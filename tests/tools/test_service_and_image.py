@@ -7,7 +7,7 @@ import shlex
 import string
 from pathlib import Path
 
-from places import ROOT, TOOLS
+from places import TOOLS
 
 from yawid.cli import main as command_line
 from yawid.sources.link.endpoints import parse_endpoint
@@ -27,12 +27,3 @@ def test_the_service_starts_a_live_tap_and_so_do_the_options_that_it_names():
         parse_endpoint(arguments.endpoint)
         assert arguments.out == Path("/var/lib/yawid")
         assert arguments.request_rates is None
-
-
-def test_the_image_copies_files_that_there_are():
-    copied = re.findall(
-        r"^COPY (?!--)(.*) \S+$", (TOOLS / "Dockerfile").read_text(encoding="utf-8"), re.MULTILINE
-    )
-
-    assert [name for name in " ".join(copied).split() if not (ROOT / name).exists()] == []
-    assert "src" in copied

