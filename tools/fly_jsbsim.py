@@ -5,27 +5,25 @@
     python tools/fly_jsbsim.py --udp 127.0.0.1:14560
 
 The first command writes a tlog that any MAVLink tool reads, and the Dutch roll that should be found
-in it. --udp sends the same frames to a UDP endpoint at the pace of the flight, with --out after it
-is flown. The same command gives the same bytes. A plan (flights/plan.py) is a whole flight; its
-truth, manoeuvre by manoeuvre, is written next to the log as log.truth.json, or to the file of
---truth.
+in it: to the file of --truth, by default next to the log as log.truth.json. --udp sends the same
+frames to a UDP endpoint at the pace of the flight, with --out after it is flown. The same command
+gives the same bytes. A plan (flights/plan.py) is a whole flight, whose truth is that of each
+manoeuvre.
 """
 
 from __future__ import annotations
 
 import argparse
-import json
 import shlex
 import sys
 from collections.abc import Iterable, Sequence
 from dataclasses import fields, replace
 from pathlib import Path
 
-from flights.fly import LegFlight, flight_of, leg_truth
+from flights.fly import flight_of, fly, written
 from flights.plan import FlightError, FlightPlan, Servo, read_plan
-from flights.surgery import Record, join
+from flights.surgery import Record, split
 from flights.telemetry import Link, send, telemetry
-from flights.truth import after_lead_in, truth
 
 OF_KIND = {
     str: "a name", float: "a number", int: "a whole number", Servo: "MIN,TRIM,MAX[,REVERSED] in us"
@@ -70,31 +68,32 @@ def parse(argv: Sequence[str]) -> argparse.Namespace:
     return options
 
 
+def asked(options: argparse.Namespace) -> tuple[FlightPlan, Link]:
+    """Return the flight and the link that options ask for."""
+    given = vars(options)
+    link = Link(**{each.name: given[each.name] for each in fields(Link)})
+    plan = FlightPlan(**{x.name: given[x.name] for x in fields(FlightPlan) if x.name in given})
+    if options.plan:
+        plan = replace(read_plan(options.plan), true_feedback=plan.true_feedback)
+    return plan, link
+
+
 def main(argv: Sequence[str]) -> int:
     """Fly, write and send; return 0, or 2 after printing the reason in one line."""
-    options = vars(parse(argv))
-    out, path, udp, named = (options.pop(name) for name in ("out", "truth", "udp", "plan"))
+    options = parse(argv)
+    out, path, udp = options.out, options.truth, options.udp
     try:
-        link = Link(**{each.name: options.pop(each.name) for each in fields(Link)})
-        plan = FlightPlan(**options)
-        if named:
-            plan = replace(read_plan(named), true_feedback=plan.true_feedback)
-        flight = flight_of(plan, link)
-        frames: Iterable[Record] = telemetry(link, flight)
-        if out:
-            frames = [*frames]
-            out.write_bytes(join(frames))
-        count = send(frames, udp) if udp else sum(1 for _ in frames)
+        plan, link = asked(options)
+        if not (out or path):
+            frames: Iterable[Record] = telemetry(link, flight_of(plan, link))
+        else:
+            made = fly(plan, link, command=shlex.join(["python", "tools/fly_jsbsim.py", *argv]))
+            frames = split(made.log)
+            if out:
+                out.write_bytes(made.log)
+            (path or out.with_suffix(".truth.json")).write_text(written(made), encoding="utf-8")
+        count = send(frames, udp) if udp else len([*frames])
         print(f"fly_jsbsim: {count} frames", file=sys.stderr)
-        if isinstance(flight, LegFlight):
-            found = leg_truth(plan, link, flight) | {"plan": named}
-            path = path or (out and out.with_suffix(".truth.json"))
-        elif path:
-            found = truth(plan, after_lead_in(flight.flown))
-            found |= {"seconds": plan.seconds, "manoeuvre": plan.manoeuvre, "seed": link.seed}
-        if path:
-            found["command"] = shlex.join(["python", "tools/fly_jsbsim.py", *argv])
-            path.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
     except (FlightError, ValueError, OSError, OverflowError) as error:
         print(f"fly_jsbsim: {error}", file=sys.stderr)
         return 2

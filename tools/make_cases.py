@@ -13,15 +13,13 @@ from __future__ import annotations
 
 import argparse
 import hashlib
-import json
 import re
 import sys
-import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
 from cases.recipes import RECIPES
-from flights.fly import Made
+from flights.fly import Made, written
 
 CASES = Path(__file__).resolve().parents[1] / "replay_logs"
 MOST_BYTES = 1_000_000
@@ -33,8 +31,8 @@ def write(name: str, made: Made, folder: Path) -> None:
     (folder / "log.tlog").write_bytes(made.log)
     if made.truth is not None:
         command = {"command": f"python tools/make_cases.py {name}"}  # unless it has another one
-        text = json.dumps(made.truth | command | made.truth, indent=1) + "\n"
-        (folder / "truth.json").write_text(text, encoding="utf-8")
+        truth = written(Made(made.log, made.truth | command | made.truth))
+        (folder / "truth.json").write_text(truth, encoding="utf-8")
     text = (CASES / name / "case.toml").read_text(encoding="utf-8")
     checksum = f'sha256 = "{hashlib.sha256(made.log).hexdigest()}"'
     text = re.sub(r'^sha256 = "\w*"', checksum, text, count=1, flags=re.MULTILINE)
@@ -45,8 +43,7 @@ def _one(name: str, options: argparse.Namespace) -> bool:
     if name.startswith("sitl_") and not options.flights.is_dir():
         print(f"left out  {name}: no recorded flights in {options.flights}")
         return True
-    with tempfile.TemporaryDirectory() as scratch:
-        made = RECIPES[name](Path(scratch), options.flights)
+    made = RECIPES[name](options.flights)
     assert len(made.log) < MOST_BYTES, f"{len(made.log)} bytes: a case's log has less"
     path = options.folder / name / "log.tlog"
     same = path.exists() and path.read_bytes() == made.log

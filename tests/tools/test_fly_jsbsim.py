@@ -11,7 +11,7 @@ import pytest
 from flights import truth as jsbsim_truth
 from flights.flight import Flight, Hands, trimmed
 from flights.fly import flight_of
-from flights.plan import FlightPlan, Servo, excitation
+from flights.plan import KNOT, FlightPlan, Servo, excitation
 from flights.surgery import Record, join, messages
 from flights.telemetry import Link, telemetry
 from hypothesis import given
@@ -114,8 +114,9 @@ def test_the_command_writes_a_tlog_and_its_truth(
     assert log.read_bytes() == join(frames)
     found = json.loads(truth.read_text(encoding="utf-8"))
     assert found["command"].startswith("python tools/fly_jsbsim.py --aircraft T37 --speed-kt 200")
-    assert found["mean_flown"]["speed_kt"] < found["speed_kt"] == 200.0
-    assert found["dutch_roll"]["wn_rad_s"] < found["dutch_roll_at_trim"]["wn_rad_s"]
+    assert found["airspeed_m_s"] < KNOT * found["speed_kt"] == KNOT * 200.0
+    at_trim = jsbsim_truth.linear_dutch_rolls(replace(SHORT, aircraft="T37", speed_kt=200.0))
+    assert found["dutch_roll"]["wn_rad_s"] < at_trim["dutch_roll"]["wn_rad_s"]
     assert 0.0 < found["dutch_roll"]["wn_std"] < 0.01 * found["dutch_roll"]["wn_rad_s"]
     assert capfd.readouterr() == ("", f"fly_jsbsim: {len(frames)} frames\n")
 
@@ -128,21 +129,22 @@ def test_the_linearised_dutch_roll_is_what_decays_after_a_rudder_pulse(
 ) -> None:
     plan = FlightPlan(aircraft=aircraft, speed_kt=speed_kt, altitude_ft=altitude_ft)
 
-    found = jsbsim_truth.truth(plan, np.array([[10.0, speed_kt, altitude_ft]]))
+    found = jsbsim_truth.flown_dutch_rolls(plan, np.array([[10.0, speed_kt, altitude_ft]]))
 
-    linear, seen = found["dutch_roll"], found["dutch_roll_pulse"]
+    linear, seen = found["dutch_roll"], jsbsim_truth.pulse_dutch_roll(plan)
     assert seen["wn_rad_s"] == pytest.approx(linear["wn_rad_s"], rel=0.005)
     assert seen["zeta"] == pytest.approx(linear["zeta"], abs=0.005)
     assert abs(seen["zeta"] - found["dutch_roll_open_loop"]["zeta"]) > 0.03
     assert linear["wn_std"] == pytest.approx(abs(seen["wn_rad_s"] - linear["wn_rad_s"]))
-    assert found["dutch_roll_at_trim"]["wn_rad_s"] == linear["wn_rad_s"]
+    at_trim = jsbsim_truth.linear_dutch_rolls(plan)
+    assert at_trim["dutch_roll"]["wn_rad_s"] == linear["wn_rad_s"]
 
 
 def test_the_sigma_of_a_truth_has_the_airspeeds_flown_and_the_pulse_in_it() -> None:
     plan = FlightPlan(aircraft="T37", speed_kt=200.0, altitude_ft=5000.0)
     wavy = np.array([[10.0 + i, 190.0 + 4.0 * (-1) ** i, 5000.0] for i in range(20)])
 
-    found = jsbsim_truth.truth(plan, wavy)["dutch_roll"]
+    found = jsbsim_truth.flown_dutch_rolls(plan, wavy)["dutch_roll"]
 
     line = jsbsim_truth.truth_lines(plan, wavy)["dutch_roll"]
     ends = [jsbsim_truth.linear_dutch_rolls(replace(plan, speed_kt=v)) for v in (186.0, 194.0)]

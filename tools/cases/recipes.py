@@ -6,7 +6,6 @@ seems to have another autopilot or servos.
 
 from __future__ import annotations
 
-import json
 import shlex
 from collections.abc import Callable, Iterable, Sequence
 from functools import partial
@@ -16,7 +15,7 @@ from typing import Any
 import fly_jsbsim
 import numpy as np
 from flights.flight import Hands
-from flights.fly import Made, flight_of
+from flights.fly import Made, fly
 from flights.ordinary import Ordinary, fly_ordinary
 from flights.plan import FlightPlan, excitation
 from flights.surgery import (
@@ -25,15 +24,14 @@ from flights.surgery import (
     edited,
     join,
     littered,
-    px4_control,
+    px4_controls,
     rewrite,
     setting,
     split,
     together,
     without,
 )
-from flights.telemetry import Link, telemetry
-from flights.truth import after_lead_in, linear_dutch_rolls, truth
+from flights.telemetry import Link
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from trim_tlog import ESSENTIAL, trim
 
@@ -59,19 +57,14 @@ def _set(values: dict[str, float], message: Any) -> None:
     message.param_value = values.get(message.param_id, message.param_value)
 
 
-_as_px4 = setting(autopilot=mavlink.MAV_AUTOPILOT_PX4)
-
-
-def px4_controls(records: list[Record]) -> list[Record]:
+def px4_groups(records: list[Record]) -> list[Record]:
     """Make the autopilot a PX4 that reports normalised controls, of group 0 and of another."""
 
-    def servos(message: Any) -> list[Any]:
-        yaw, roll = (message.servo4_raw - 1500) / 400, (message.servo1_raw - 1500) / 400
-        other = (message.time_usec, 1, [0.3] * 8)
-        mine = px4_control(message.time_usec, roll, yaw)
+    def controls(mine: Any) -> list[Any]:
+        other = (mine.time_usec, 1, [0.3] * 8)
         return [mine, mavlink.MAVLink_actuator_control_target_message(*other)]
 
-    return edited(records, HEARTBEAT=_as_px4, PARAM_VALUE=lambda _: [], SERVO_OUTPUT_RAW=servos)
+    return edited(px4_controls(records), ACTUATOR_CONTROL_TARGET=controls)
 
 
 PX4_PARAMETERS = (
@@ -111,7 +104,8 @@ def px4_outputs(records: list[Record]) -> list[Record]:
     def parameter(message: Any) -> list[Any]:
         return [parameters.pop(0)] if parameters else []
 
-    return edited(records, HEARTBEAT=_as_px4, PARAM_VALUE=parameter, SERVO_OUTPUT_RAW=servos)
+    heartbeat = setting(autopilot=mavlink.MAV_AUTOPILOT_PX4)
+    return edited(records, HEARTBEAT=heartbeat, PARAM_VALUE=parameter, SERVO_OUTPUT_RAW=servos)
 
 
 def no_rudder(records: list[Record]) -> list[Record]:
@@ -138,25 +132,20 @@ KEY = bytes(range(32))
 UINT32_WRAP_S = 2**32 / 1e6
 
 
-def flown(command: str, scratch: Path, flights: Path) -> Made:
+def flown(command: str, *_: Path) -> Made:
     """Fly as tools/fly_jsbsim.py does with these options."""
-    log, found = scratch / "log.tlog", scratch / "truth.json"
-    code = fly_jsbsim.main([*shlex.split(command), "--out", str(log), "--truth", str(found)])
-    if code:
-        raise ValueError(f"fly_jsbsim.py {command} failed")
-    truth = json.loads(found.read_text(encoding="utf-8"))
-    truth.pop("command")
-    return Made(log.read_bytes(), {"flight": f"tools/fly_jsbsim.py {command}"} | truth)
+    options = fly_jsbsim.parse([*shlex.split(command), "--out", "log.tlog"])
+    return fly(*fly_jsbsim.asked(options), flight=f"tools/fly_jsbsim.py {command}")
 
 
 def changed(
     command: str,
     change: Callable[[list[Record]], Iterable[Record] | bytes],
-    *rest: Path,
+    *_: Path,
     has_truth: bool = True,
 ) -> Made:
     """Fly, then change the log's records; without ``has_truth``, the result has no truth."""
-    made = flown(command, *rest)
+    made = flown(command)
     log = change(split(made.log))
     return Made(log if isinstance(log, bytes) else join(log), made.truth if has_truth else None)
 
@@ -165,23 +154,23 @@ def flown_twice(
     first: str,
     second: str,
     combine: Callable[[list[Record], list[Record]], Sequence[Record]],
-    *rest: Path,
+    *_: Path,
 ) -> Made:
     """Fly twice and combine the logs; the truth is that of the second flight."""
-    a, b = flown(first, *rest), flown(second, *rest)
+    a, b = flown(first), flown(second)
     return Made(join(combine(split(a.log), split(b.log))), b.truth)
 
 
-def cut(name: str, low_s: float, high_s: float, truth: Truth | None, *rest: Path) -> Made:
+def cut(name: str, low_s: float, high_s: float, truth: Truth | None, flights: Path) -> Made:
     """Cut a stretch out of a recorded flight, keeping only the messages that yawid reads."""
-    log = (rest[1] / f"{name}.tlog").read_bytes()
+    log = (flights / f"{name}.tlog").read_bytes()
     command = (
         f"python tools/trim_tlog.py {name}.tlog log.tlog --from {low_s:g} --to {high_s:g} --only"
     )
     return Made(trim(log, low_s, high_s, ESSENTIAL), truth and truth | {"command": command})
 
 
-def with_aileron(scratch: Path, flights: Path) -> Made:
+def with_aileron(_: Path) -> Made:
     """Fly with rudder and aileron both moved on purpose, so that each moves the yaw on its own.
 
     The aileron is then an input, so that the Dutch roll estimated is that of the bare airframe.
@@ -192,14 +181,9 @@ def with_aileron(scratch: Path, flights: Path) -> Made:
     pulses[: round(5.0 / 0.3)] = 0.0
     rudder = excitation(plan)
     hands = Hands(rudder, np.repeat(pulses, 300)[: len(rudder)], nose_held=False)
-    flight = flight_of(plan, link, hands)
-    log = join(telemetry(link, flight))
-    found = truth(plan, after_lead_in(flight.flown))
-    bare = {
-        "dutch_roll": found["dutch_roll_open_loop"],
-        "dutch_roll_at_trim": linear_dutch_rolls(plan)["dutch_roll_open_loop"],
-    }
-    return Made(log, found | bare | {"seed": link.seed})
+    made = fly(plan, link, hands)
+    assert made.truth is not None
+    return Made(made.log, made.truth | {"dutch_roll": made.truth["dutch_roll_open_loop"]})
 
 
 def turned(severity: int, mix: float, law: str, lag_s: float, *_: Path) -> Made:
@@ -237,14 +221,14 @@ SEGMENTS = {
 }
 """The parts of the flight at 50 Hz, in s since boot."""
 
-RECIPES: dict[str, Callable[[Path, Path], Made]] = {
+RECIPES: dict[str, Callable[[Path], Made]] = {
     "c172p_3211": partial(flown, _FIRST),
     "c172p_gcs_rates": partial(flown, _GCS),
     "c172p_three_speeds": partial(flown, _SPEEDS),
     "c172p_mavlink1": partial(flown, f"{FLY} 3 --mavlink1"),
     "c172p_reversed": partial(flown, f"{FLY} 4 --rudder 1050,1430,1900,1"),
     "c172p_vtail": partial(changed, f"{FLY} 5", vtail),
-    "px4_controls": partial(changed, f"{FLY} 6", px4_controls),
+    "px4_controls": partial(changed, f"{FLY} 6", px4_groups),
     "px4_outputs": partial(changed, f"{FLY} 7", px4_outputs),
     "c172p_yaw_output": partial(flown, f"{FLY} 8 --heading-deg 0"),
     "c172p_aileron": with_aileron,
@@ -271,5 +255,5 @@ RECIPES: dict[str, Callable[[Path, Path], Made]] = {
     "sitl_fbwa_manoeuvres": partial(cut, "sitl_fbwa_stock_33hz", 70.0, 263.0, SITL_TRUTH),
     "sitl_auto": partial(cut, "sitl_auto_25hz", 60.0, 360.0, None),
 }
-"""How each log is made, by a function of a scratch folder and the folder of recorded flights; what
-is said of it stands in its case.toml. Those named sitl are cut out of recorded flights."""
+"""How each log is made, by a function of the folder of recorded flights, out of which those named
+sitl are cut; what is said of a log stands in its case.toml."""

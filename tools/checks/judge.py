@@ -19,11 +19,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from bench.frame import METHODS, Floats, Row, Truth
 from flights.fly import Made
 from flights.linear import GRAVITY
 from flights.plan import FOOT, KNOT, plan_at
 from flights.truth import LATERAL, at_airspeeds, response, with_roll_hold, yaw_channel
-from numpy.typing import NDArray
 
 from yawid.answers.reasons import Verdict
 from yawid.answers.run_summary import (
@@ -39,12 +39,8 @@ from yawid.pipeline import Pipeline
 from yawid.results.summary import summarise
 from yawid.runs.job import feed_all, open_log
 
-Row = dict[str, Any]
-Truth = dict[str, Any]
-Floats = NDArray[np.float64]
 Known = tuple[Floats, Floats]
 """True wn in rad/s and zeta (2,), and their sigmas (2,)."""
-METHODS = ("rml", "els")
 BARE = ("aileron",)
 """The input with which a truth is that of the bare airframe."""
 NOT_JUDGED = Verdict(usable=False, reasons=[])
@@ -83,22 +79,15 @@ def true_at(truth: Truth, from_s: float, to_s: float, inputs: Sequence[str]) -> 
     With the aileron as an input, the roll hold is not part of the model, and the truth is that of
     the bare airframe.
     """
-    bare = BARE[0] in inputs
-    if "lines" in truth:
-        line = truth["lines"]["dutch_roll_open_loop" if bare else "dutch_roll"]
-        flown = np.array(truth["flown"])
-        inside = (flown[:, 0] >= from_s) & (flown[:, 0] <= to_s)
-        return line and at_airspeeds(line, flown[inside, 1])
-    of: Truth | None = truth
-    if "manoeuvres" in truth:
-        meant = (m for m in truth["manoeuvres"] if m["from_s"] < to_s and from_s < m["to_s"])
-        of = next(meant, None)
-    names = ("airframe", "dutch_roll_open_loop") if bare else ("dutch_roll",)
-    mode = next((of[name] for name in names if name in of), None) if of else None
-    if mode is None:
-        return None
-    sigma = mode.get("wn_std", 0.0), mode.get("zeta_std", 0.0)
-    return np.array([mode["wn_rad_s"], mode["zeta"]]), np.array(sigma)
+    name = "dutch_roll_open_loop" if BARE[0] in inputs else "dutch_roll"
+    line = truth.get("lines", {}).get(name)
+    return line and at_airspeeds(line, flown_kt(truth, from_s, to_s))
+
+
+def flown_kt(truth: Truth, from_s: float, to_s: float) -> Floats:
+    """Return the airspeeds (n,) in kt that a truth has between two boot times."""
+    flown = np.array(truth["flown"])
+    return np.asarray(flown[(flown[:, 0] >= from_s) & (flown[:, 0] <= to_s), 1])
 
 
 def compared(summary: RunSummary, truth: Truth, config: RunConfig | None = None) -> list[Row]:
@@ -106,7 +95,7 @@ def compared(summary: RunSummary, truth: Truth, config: RunConfig | None = None)
     inputs, found = (config or RunConfig()).inputs, summary.manoeuvres or []
     known = {each.n: true_at(truth, each.from_s, each.to_s, each.inputs) for each in found}
     rows = [row for each in found for row in _manoeuvre_rows(each, known[each.n], truth, inputs)]
-    return [*rows, _flight_row(summary, truth, known)]
+    return [*rows, _flight_row(summary, known)]
 
 
 def _manoeuvre_rows(
@@ -127,14 +116,13 @@ def _manoeuvre_rows(
         yield where | {"kind": "bare"} | judged_answer(bare.dutch_roll, of_bare, bare.verdict)
 
 
-def _flight_row(summary: RunSummary, truth: Truth, known: Mapping[int, Known | None]) -> Row:
+def _flight_row(summary: RunSummary, known: Mapping[int, Known | None]) -> Row:
     flight, verdict = summary.flight, summary.deciding
     if flight is None:
         return {"kind": "flight"} | judged_answer(None, None, verdict)
-    at_speed = flight.airspeed_m_s if {"lines", "manoeuvres"} & truth.keys() else None
     used = [m for m in summary.manoeuvres or [] if m.n in flight.used or not flight.used]
     roll = flight.dutch_roll if verdict.usable else None
-    of = _together(used, known, at_speed)
+    of = _together(used, known, flight.airspeed_m_s)
     return {"kind": "flight"} | judged_answer(roll, of, verdict)
 
 
@@ -143,8 +131,8 @@ def _together(
 ) -> Known | None:
     """Return the mean truth of manoeuvres and its sigma, from their sigmas and their scatter.
 
-    wn is scaled to ``at_speed`` in m/s; with None it is not, as all manoeuvres have one truth. The
-    result is None if the truth of a manoeuvre is unknown.
+    wn is scaled to ``at_speed`` in m/s; with None it is not. The result is None if the truth of a
+    manoeuvre is unknown.
     """
     truths = [one for each in used if (one := known[each.n]) is not None]
     if len(truths) < len(used):
@@ -230,9 +218,7 @@ def against(row: Row, truth: dict[str, Any]) -> Row:
     """
     if SHOWN[0] not in row or not row["usable"]:
         return row
-    flown = np.array(truth["flown"])
-    inside = (flown[:, 0] >= row["from_s"]) & (flown[:, 0] <= row["to_s"])
-    knots = round(float(flown[inside, 1].mean()), 1)
+    knots = round(float(flown_kt(truth, row["from_s"], row["to_s"]).mean()), 1)
     plan = plan_at((truth["aircraft"], truth["altitude_m"] / FOOT, knots))
     bare, closed = with_roll_hold(plan)
     model = bare if "aileron" in row["inputs"] else closed

@@ -8,6 +8,7 @@ the airspeed, so the truth is linearised at the airspeed flown.
 
 from __future__ import annotations
 
+import json
 import math
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -46,6 +47,12 @@ class Made:
 
     log: bytes
     truth: dict[str, Any] | None = None
+
+
+def written(made: Made) -> str:
+    """Return the truth of a flight as JSON, without that at other airspeeds than its mean."""
+    shown = {name: x for name, x in (made.truth or {}).items() if name not in ("lines", "flown")}
+    return json.dumps(shown, indent=1) + "\n"
 
 
 def flight_of(
@@ -90,7 +97,8 @@ def fly(
     lines = truth_lines(plan, flown)
     speed_kt, altitude_ft = flown[:, 1:3].mean(axis=0).tolist()
     conditions = {
-        "aircraft": plan.aircraft, "severity": severity, "seed": link.seed,
+        "aircraft": plan.aircraft, "jsbsim": jsbsim.__version__, "severity": severity,
+        "seed": link.seed,
         "airspeed_m_s": round(speed_kt * KNOT, 3), "altitude_m": round(altitude_ft * FOOT, 1),
         "speed_kt": plan.speed_kt, "seconds": plan.seconds, "manoeuvre": plan.manoeuvre,
         "amplitude": plan.amplitude, "attitude_hz": link.attitude_hz, "servo_hz": link.servo_hz,
@@ -274,17 +282,16 @@ def leg_truth(plan: FlightPlan, link: Link, flight: LegFlight) -> dict[str, Any]
     rudder. Means are from 1 s before that to 4 s after it. The Dutch roll is linearised at these
     means for the loop flown (``dutch_roll``), bare (``airframe``) and with the roll hold
     (``with_roll_loop``), each with its sigmas. ``dutch_roll_at_trim`` is linearised at the airspeed
-    at the beginning. ``legs`` has all legs, to judge manoeuvres that are found elsewhere.
+    at the beginning.
     """
     flown = np.array(flight.flown)
-    legs: list[dict[str, Any]] = []
     found: list[dict[str, Any]] = []
     for leg, (start, stop) in zip(plan.legs, pairwise(flight.starts_ms), strict=True):
-        legs.append({"kind": leg.kind, "mode": leg.mode} | _span(link, start, stop))
         moved = start + np.flatnonzero(flight.rudder_moves[start:stop])
         if leg.kind == "manoeuvre" and len(moved):
             ends_ms = int(moved[0]), int(moved[-1]) + 1
-            known = {"n": len(found) + 1, "kind": leg.shape} | _span(link, *ends_ms)
+            from_s, to_s = (round(ms / 1e3 + link.boot_s, 3) for ms in ends_ms)
+            known = {"n": len(found) + 1, "kind": leg.shape, "from_s": from_s, "to_s": to_s}
             found.append(known | _manoeuvre(plan, leg, flown, ends_ms))
     return {
         "aircraft": plan.aircraft,
@@ -292,15 +299,7 @@ def leg_truth(plan: FlightPlan, link: Link, flight: LegFlight) -> dict[str, Any]
         "seed": link.seed,
         "roll_hold": {"aileron_per_rad": plan.roll_gain, "aileron_per_rad_s": plan.roll_rate_gain},
         "manoeuvres": found,
-        "kappa_rad_m": {loop: _kappa(found, loop) for loop in LOOPS},
-        "legs": legs,
     }
-
-
-def _span(link: Link, *ends_ms: int) -> dict[str, float]:
-    """Return the boot times in s of two milliseconds of the flight."""
-    from_s, to_s = (round(ms / 1e3 + link.boot_s, 3) for ms in ends_ms)
-    return {"from_s": from_s, "to_s": to_s}
 
 
 def _manoeuvre(
@@ -329,9 +328,3 @@ def _manoeuvre(
         "dutch_roll_at_trim": before[LOOPS[loop]],
         **{each: modes[name] for each, name in LOOPS.items()},
     }
-
-
-def _kappa(found: list[dict[str, Any]], loop: str) -> dict[str, float] | None:
-    """Return the mean and standard deviation of wn/V over the manoeuvres, in rad/m."""
-    ratios = [m[loop]["wn_rad_s"] / m["airspeed_m_s"] for m in found if m[loop]]
-    return {"mean": float(np.mean(ratios)), "std": float(np.std(ratios))} if ratios else None

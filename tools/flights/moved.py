@@ -109,8 +109,6 @@ AIRCRAFT: tuple[tuple[str, float, tuple[float, ...]], ...] = (
 pulse and linearisation agree (flights/truth.py), so that the linearisation is the truth."""
 CONDITIONS = [(name, feet, knots) for name, feet, speeds in AIRCRAFT for knots in speeds]
 PLACES = [(name, feet, knots) for name, feet, ends in AIRCRAFT for knots in (ends[0], ends[-1])]
-TABLE = 162
-"""The seed of the grid's table; thresholds were chosen with 161."""
 SEED = 13
 """Seed of the corpora: a log's generator has the seed (SEED, kind, number)."""
 SHAPES = ("3211", "doublets", "sweep")
@@ -154,7 +152,8 @@ def of_grid(draw: Draw, number: int) -> Made:
     """Return flight ``number`` (0 to PER_PLACE for each place, less 1) of the grid.
 
     Aircraft, speed, manoeuvre, calm or turbulent air and gyro form a full grid; rates and
-    severities come in turn. Amplitude (10 to 30 % of travel), length and heading are random.
+    severities come in turn. Amplitude (10 to 30 % of travel), length and heading are random. Limits
+    were chosen with the seed 161.
     """
     rng = np.random.default_rng([draw.seed, number])
     grid = len(GYROS), 2, len(SHAPES), len(draw.places)

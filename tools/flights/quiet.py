@@ -23,7 +23,16 @@ from flights.flight import Hands
 from flights.fly import Made, fly
 from flights.moved import CHOSEN, SEED, Damper, Draw, Mixed, by_hand, drawn_link, excited, wander
 from flights.plan import FOOT, KNOT, PLANS, STEP_S, FlightPlan, Floats, Place, count, plan_at
-from flights.surgery import Record, edited, join, messages, px4_control, setting, split
+from flights.surgery import (
+    Record,
+    edited,
+    join,
+    messages,
+    px4_control,
+    px4_controls,
+    setting,
+    split,
+)
 from flights.telemetry import ARMED, DISARMED, Played, telemetry
 
 GENTLE = (
@@ -258,8 +267,8 @@ def changed(group: str, rng: np.random.Generator, log: bytes, facts: Facts) -> t
             mode = int(rng.choice([QSTABILIZE, QHOVER, QLOITER, AUTO]))
             as_sent = on_lift_motors(split(log), rng, kind=kind, mode=mode)
             return as_sent, {"mode": mode, "mav_type": kind}
-        case "quadrotor":
-            return as_quadrotor(split(log)), {}
+        case "quadrotor":  # its third control is a torque, not a rudder
+            return join(px4_controls(split(log), type=mavlink.MAV_TYPE_QUADROTOR)), {}
         case "disarmed":
             heartbeat = setting(base_mode=DISARMED, custom_mode=MANUAL)
             return join(edited(split(log), HEARTBEAT=heartbeat)), {}
@@ -341,18 +350,6 @@ def on_lift_motors(
 
     heartbeat = setting(type=kind, custom_mode=mode)
     edits = {"HEARTBEAT": heartbeat, "PARAM_VALUE": parameter, "SERVO_OUTPUT_RAW": servos}
-    return join(edited(records, **edits))
-
-
-def as_quadrotor(records: list[Record]) -> bytes:
-    """Change a log into that of PX4's quadrotor: its third control is a torque, not a rudder."""
-
-    def servos(message: Any) -> list[Any]:
-        roll, yaw = ((p - 1500) / 400.0 for p in (message.servo1_raw, message.servo4_raw))
-        return [px4_control(message.time_usec, roll, yaw)]
-
-    heartbeat = setting(type=mavlink.MAV_TYPE_QUADROTOR, autopilot=mavlink.MAV_AUTOPILOT_PX4)
-    edits = {"HEARTBEAT": heartbeat, "PARAM_VALUE": lambda _: [], "SERVO_OUTPUT_RAW": servos}
     return join(edited(records, **edits))
 
 

@@ -152,6 +152,20 @@ def px4_control(time_us: int, roll: float, yaw: float) -> Any:
     return mavlink.MAVLink_actuator_control_target_message(time_us, 0, controls)
 
 
+def px4_controls(records: Iterable[Record], **heartbeat: int) -> list[Record]:
+    """Make the autopilot a PX4 that sends no parameters, and its controls in place of its outputs.
+
+    ``heartbeat`` has more fields of its HEARTBEAT.
+    """
+
+    def servos(message: Any) -> list[Any]:
+        roll, yaw = ((p - 1500) / 400.0 for p in (message.servo1_raw, message.servo4_raw))
+        return [px4_control(message.time_usec, roll, yaw)]
+
+    beat = setting(autopilot=mavlink.MAV_AUTOPILOT_PX4, **heartbeat)
+    return edited(records, HEARTBEAT=beat, PARAM_VALUE=lambda _: [], SERVO_OUTPUT_RAW=servos)
+
+
 def without(records: Sequence[Record], low_s: float, high_s: float) -> list[Record]:
     """Return the records without those received from ``low_s`` to ``high_s`` after the first."""
     low, high = (records[0][0] + round(1e6 * s) for s in (low_s, high_s))

@@ -33,37 +33,6 @@ SLOPE_SHARE = 0.01
 """Step for the slope over the airspeed, as a fraction of it: trim and linearisation are smooth."""
 
 
-def truth(plan: FlightPlan, flown: Floats) -> dict[str, Any]:
-    """Return what identification should find in a flight; ``flown`` (n, 3 or 4) is Flight's.
-
-    All values but ``dutch_roll_at_trim``, which is that of the plan, are for the mean airspeed and
-    altitude flown, by the lateral block of ``jsbsim.FGLinearization`` (beta, roll, p, r; rad and
-    rad/s). That has only the statics of the flight-control system; ``dutch_roll_pulse``, from the
-    simulation itself, differs if an aircraft has actuator lags or dampers of its own.
-
-    Raises:
-        FlightError: the aircraft finds no trim at the airspeed flown.
-    """
-    mean = mean_plan(plan, flown)
-    fdm = trimmed(mean)
-    return {
-        "aircraft": plan.aircraft,
-        "jsbsim": jsbsim.__version__,
-        "speed_kt": plan.speed_kt,
-        "altitude_ft": plan.altitude_ft,
-        "mean_flown": {
-            "speed_kt": mean.speed_kt,
-            "speed_std_kt": round(float(flown[:, 1].std()), 3),
-            "altitude_ft": mean.altitude_ft,
-        },
-        "true_airspeed_m_s": round(fdm["velocities/vt-fps"] * 0.3048, 3),
-        **flown_dutch_rolls(plan, flown),
-        "dutch_roll_pulse": pulse_dutch_roll(mean),
-        "dutch_roll_at_trim": linear_dutch_rolls(plan)["dutch_roll"],
-        "roll_hold": {"aileron_per_rad": plan.roll_gain, "aileron_per_rad_s": plan.roll_rate_gain},
-    }
-
-
 def after_lead_in(flown: Sequence[tuple[float, ...]]) -> Floats:
     """Return the rows of ``flown`` (n, 4) after the lead-in; all rows if there is none after it."""
     rows = np.array(flown)
