@@ -85,7 +85,7 @@ def test_two_runs_in_different_surroundings_give_the_same_contents(tmp_path: Pat
     assert main(["replay", str(GAPS), "--out", str(tmp_path / "a"), *options]) == 0
     surroundings = {"PYTHONHASHSEED": "77", "TZ": "Pacific/Kiritimati", "LC_ALL": "C"}
     shutil.copy(GAPS, tmp_path / "log.tlog")
-    command = "-m", "yawid", "replay", tmp_path / "log.tlog", "--out", tmp_path / "b"
+    command = "-W", "error", "-m", "yawid", "replay", tmp_path / "log.tlog", "--out", tmp_path / "b"
     other = run_python(*command, *options, **surroundings)
     assert other.returncode == 0, other.stderr
 

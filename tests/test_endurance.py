@@ -255,6 +255,4 @@ def test_memory_and_grid_after_a_day_without_servo_messages():
     first = fly(lambda t: 0.1 * math.sin(t), lambda t: 1500, 3.0, servo_s=100.0)
     samples = samples_of(first.data)
 
-    startup = samples.channels.startup
-    assert startup is not None
-    assert sum(len(piece.yaw) for piece in startup.pieces) <= 2
+    assert sum(len(piece.yaw) for piece in samples.channels.startup.pieces) <= 2

@@ -30,27 +30,6 @@ def reasons(summary: dict[str, Any]) -> dict[str, str]:
     return {reason["id"]: reason["text"] for reason in reasons_of(summary)}
 
 
-AS_FLOWN = {"wn": 10.22, "zeta": 0.630}
-"""The simulator's plane at 22 m/s, linearised and closed with FBWA's roll loop."""
-EXCITED = ("--rate", 25, "--memory", "inf", "--from", 86.5, "--to", 253.9)
-
-
-@recorded("sitl_fbwa_50hz", "sitl_fbwa_stock_33hz")
-def test_sitl_fbwa_has_its_dutch_roll(log, capsys, tmp_path):
-    """At stock rates nearly the same; sigma covers the aircraft as flown with its roll loop."""
-    code, summary = replay(capsys, tmp_path, log, *EXCITED, "--method", "rml")
-
-    found, stock = summary["estimates"]["rml"], "stock" in str(log)
-    roll, servo = found["dutch_roll"], found["physics"]["servo_tau_s"]
-    assert code == 0
-    assert roll["wn_rad_s"] == pytest.approx(AS_FLOWN["wn"], rel=0.02 if stock else 0.01)
-    assert roll["zeta"] == pytest.approx(AS_FLOWN["zeta"], abs=0.04 if stock else 0.02)
-    assert stock or abs(roll["wn_rad_s"] - AS_FLOWN["wn"]) < 3.0 * roll["wn_std"]
-    assert stock or abs(roll["zeta"] - AS_FLOWN["zeta"]) < 3.0 * roll["zeta_std"]
-    assert stock or servo["value"] == pytest.approx(0.14, abs=0.03)
-    assert "rudder_assumed" in reasons(summary)
-
-
 RUDDER = ("channels", "rudder")
 REFUSED: dict[str, tuple[int, dict[str, str], dict[tuple[str, ...], object]]] = {
     "sitl_fbwa_gcs_4hz": (4, {"rate_too_low": "2 Hz"}, {}),
@@ -115,21 +94,6 @@ def test_alfas_rudder_and_aileron_cannot_be_separated(capsys, tmp_path):
     assert code == 4
     assert list(reasons(summary))[:2] == ["rate_too_low", "mixed_rudder"]
     assert "follows the aileron" in reasons(summary)["mixed_rudder"]
-
-
-STOCK = {"min_us": 1100, "trim_us": 1500, "max_us": 1900, "reversed": False, "how": "assumed"}
-
-
-@recorded("sitl_fbwa_50hz", "sitl_fbwa_stock_33hz", "sitl_fbwa_gcs_4hz", "sitl_auto_25hz")
-def test_without_functions_the_stock_channels_are_assumed(log: Path, capsys, tmp_path):
-    options = ("--inputs", "rudder,aileron", "--manoeuvres", "off")
-    _, summary = replay(capsys, tmp_path, log, *options)
-
-    for surface, servo in (("rudder", 4), ("aileron", 1)):
-        found = summary["channels"][surface]
-        assert found["source"] == f"SERVO_OUTPUT_RAW.servo{servo}_raw"
-        assert STOCK.items() <= found.items()
-    assert "rudder_assumed" in reasons(summary)
 
 
 # On the vehicle's clock: yaw Hz, rudder Hz, seconds; the longest phase and its seconds.

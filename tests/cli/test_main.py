@@ -2,43 +2,19 @@
 
 from __future__ import annotations
 
-import os
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 from flightlog import FlightLog, fly
+from hostile import FLIGHT
 from places import C172P
 from printed import printed
 
+import yawid.runs.job
 from yawid.cli.main import main
-
-
-def yawid(*arguments: object, **environment: str) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-W", "error", "-m", "yawid", *map(str, arguments)]
-    return subprocess.run(
-        command,
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=120,
-        env=os.environ | environment,
-    )
-
-
-def test_a_replay_in_a_process_prints_one_json_object_and_writes_its_files(tmp_path: Path):
-    done = yawid("replay", C172P, "--rate", 10, "--out", tmp_path, "--rerun", "save", "--json")
-
-    assert done.returncode == 0, done.stderr
-    assert done.stdout.count("\n") == 1
-    summary = printed("replay", done.stdout)
-    assert summary["verdict"]["usable"] is True
-    assert summary["log"] == str(C172P)
-    for kind in ("mcap", "rrd"):
-        assert Path(summary["files"][kind]).is_absolute()
-        assert Path(summary["files"][kind]).stat().st_size > 10_000
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["log.mcap", "log.rrd"]
+from yawid.errors import EXIT_CODES
 
 
 def test_several_logs_give_a_line_each_files_of_their_own_and_the_highest_code(
@@ -99,3 +75,36 @@ def test_a_command_loads_only_what_it_uses(unused: tuple[str, ...], words: list[
     command = [sys.executable, "-c", LOADED, " ".join(unused), *words]
     done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=60)
     assert done.stderr.splitlines()[-1] == "[]"
+
+
+@pytest.fixture
+def faulty(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A log whose run hits a fault of yawid's own: here one that is put into it."""
+
+    def fail(*_: object, **__: object) -> None:
+        raise ZeroDivisionError("a line\nand \x1b[2Jmore")
+
+    monkeypatch.setattr(yawid.runs.job, "summarise", fail)
+    (tmp_path / "a.tlog").write_bytes(FLIGHT)
+    return tmp_path / "a.tlog"
+
+
+def test_what_is_unforeseen_is_one_line_and_exit_70_with_a_traceback_for_who_asks(
+    faulty: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.delenv("YAWID_DEBUG", raising=False)
+    replay = ["replay", str(faulty), str(tmp_path / "none.tlog"), "--out", str(tmp_path / "out")]
+    assert main(replay) == 70 in EXIT_CODES
+
+    first, second = capsys.readouterr().err.splitlines()
+    assert "ZeroDivisionError: a line and \\x1b[2Jmore; YAWID_DEBUG=1" in first
+    assert "none.tlog" in second  # a log behind one that fails is run all the same
+    assert not list((tmp_path / "out").glob("*.mcap"))
+    monkeypatch.setenv("YAWID_DEBUG", "1")
+    assert main(replay) == 70
+    said = capsys.readouterr().err
+    assert "Traceback" in said
+    assert "\x1b" not in said

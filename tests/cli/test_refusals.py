@@ -87,6 +87,7 @@ REFUSED = [
     ("replay log.tlog --out theirs --boot 7", 2, "the log, which holds 1 boot: 30.0 to 150.0 s"),
     ("replay log.tlog --config url.toml", 2, "'file:///tmp/day' is a URL, but a path"),
     ("inspect reboot.tlog --boot 7", 2, "the log, which holds 2 boots: boot 1 from "),
+    ("inspect log.mcap", 6, "log.mcap is an MCAP file, not a telemetry log"),
     ("orders no_rudder.tlog", 3, "no_rudder"),
     # Of a run's own samples.
     *((f"replay log.mcap --out out {each}", 2, "replay the log itself") for each in OF_RUNS),

@@ -100,32 +100,6 @@ def test_a_fleet_that_is_killed_goes_on_with_a_cluster_and_ends_with_the_rows_of
     assert tables(out) == tables(reference)
 
 
-def test_what_is_known_is_not_run_again_unless_it_changed_or_is_to_be_retried(
-    place: Path, reference: Path, logs: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    def to_run(*options: str) -> str:
-        assert main(["fleet", str(logs), "--out", str(out), "--dry-run", *options]) == 0
-        return capsys.readouterr().out
-
-    out = place / "known"
-    shutil.copytree(reference, out)
-    before = {path: path.stat().st_mtime_ns for path in out.rglob("*.*")}
-
-    assert to_run() == f"to run: 0 logs, 0.0 MB; known already: {COUNT + 4}\n"
-    assert "to run: 0 logs" in to_run("--retry")
-    assert f"to run: {COUNT + 4} logs" in to_run("--orders", "2,2,2,1")
-    assert main(["fleet", str(logs), "--out", str(out)]) == 0
-    assert before.items() <= {path: path.stat().st_mtime_ns for path in out.rglob("*.*")}.items()
-    times = {name: (logs / name).stat().st_mtime_ns for name in ("05.tlog", "text.tlog")}
-    try:
-        for name in times:
-            (logs / name).touch()
-        assert "to run: 2 logs" in to_run()
-    finally:
-        for name, time_ns in times.items():
-            os.utime(logs / name, ns=(time_ns, time_ns))
-
-
 AGAIN = "yawid: {} logs failed for a reason that may pass: repeat the command"
 LATE, IRREGULAR = (
     "it did not finish within 3 s: allow more with --timeout",

@@ -316,7 +316,10 @@ def test_a_store_s_log_is_known_by_its_url_and_a_copy_stays_in_its_folder_on_win
     (logs / "..\\..\\evil.tlog").write_bytes(b"no log\n")
     (logs / "a.tlog").write_bytes(C172P.read_bytes())
     fleet = ["fleet", f"file://{logs}", "--out", str(data), "--workers", "1"]
-    assert main(fleet) == main(fleet) == 0
+    assert main(fleet) == 0
+    before = {path: path.stat().st_mtime_ns for path in data.rglob("*.*")}
+    assert main(fleet) == 0
+    assert before.items() <= {path: path.stat().st_mtime_ns for path in data.rglob("*.*")}.items()
     assert "0 logs to run, 2 known already" in capsys.readouterr().err
     evil, own = sorted(read_table(data, "logs").to_pylist(), key=lambda row: row["path"])
     assert (own["path"], own["outcome"]) == (f"file://{logs}/a.tlog", "ok")

@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from finished_runs import replayed
 from places import C172P, ROOT, SRC
 
 import yawid
@@ -145,17 +144,6 @@ def test_python_on_a_page_runs_and_does_what_it_shows(name: str, tmp_path: Path,
     assert known["changed"] == []
     (dutch_roll,) = {each[1] for each in known["points"]}
     assert dutch_roll == run.flight.dutch_roll.zeta
-
-
-def test_the_first_flight_says_which_logs_inspect_takes(tmp_path: Path, capsys):
-    (section,) = re.findall(r"## 1\. (.*?)\n## 2", PAGES["first_flight.md"], re.DOTALL)
-    (log,) = re.findall(r"A log is .*?\.\s", section, re.DOTALL)
-    run = replayed(C172P, tmp_path)
-
-    assert command_line.main(["inspect", str(run)]) == 6
-    assert "is an MCAP file, not a telemetry log" in capsys.readouterr().err
-    assert (".tlog" in log, "MCAP" in log) == (True, False)
-    assert "MCAP of an earlier run; `inspect` needs the log" in " ".join(section.split())
 
 
 def test_the_settings_file_has_every_option_with_its_default():

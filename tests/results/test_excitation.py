@@ -4,13 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from flightlog import run_through
 from hypothesis import given
 from hypothesis import strategies as st
-from places import REPLAY_LOGS
 
-from yawid.config.run import RunConfig
-from yawid.results.excitation import LEAST_STROKE, around, excitation, own_part
+from yawid.results.excitation import LEAST_STROKE, excitation, own_part
 from yawid.results.judge_samples import excitation_reasons
 
 TS = 0.05
@@ -106,21 +103,3 @@ def test_a_record_shorter_than_the_lags_has_no_part_of_its_own(n):
 
     assert len(excitation(rudder, aileron, np.zeros(n), 1.0, TS).own) == n
     assert not np.isfinite(own_part(rudder, aileron, np.zeros(n), TS)).any()
-
-
-def test_around_is_five_seconds_before_and_after():
-    excited = np.zeros(1000, bool)
-    excited[500] = True
-
-    assert np.flatnonzero(around(excited, TS)).tolist() == list(range(400, 601))
-
-
-def test_the_aileron_of_a_real_log_is_read_though_it_is_no_input():
-    log = REPLAY_LOGS / "c172p_aileron" / "log.tlog"
-    alone = run_through(log, RunConfig(rate=10.0))[0].bank.history()
-    both = run_through(log, RunConfig(rate=10.0, inputs=("rudder", "aileron")))[0].bank.history()
-
-    used = np.isfinite(both.u[:, 1])
-    assert used.sum() > 500
-    np.testing.assert_array_equal(alone.aileron[used], both.u[used, 1])
-    np.testing.assert_array_equal(alone.u[:, 0], both.u[:, 0])

@@ -11,10 +11,9 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import jsonschema
+import msgspec
 import pytest
-from flights.surgery import split
 from inspecting import inspected
-from live_link import listening, send, tlog_size, wait_for_size
 from ordinary_plant import AIRSPEED_M_S, as_tlog, flown, truth
 from printed import printed
 from sinks.mcap.mcap_reading import decoded
@@ -223,23 +222,9 @@ def test_inspect_says_whether_the_log_can_give_it_and_what_is_missing(
     assert needed in short["can"]["ordinary"]["lacks"][0]
 
 
-@pytest.mark.long  # the running number and the end of a pipeline are in the gate
-def test_a_live_session_ends_with_the_answer_of_the_replay(log: Path, tmp_path: Path) -> None:
-    sent = [frame for _, frame in split(log.read_bytes())]
-    config = RunConfig()
-    with listening(tmp_path, config) as session:
-        for i in range(0, len(sent), 64):
-            send([b"".join(sent[i : i + 64])], session.port)
-        wait_for_size(session.part("tlog"), tlog_size(sent))
-    [ended] = session.ended
-    again = yawid.replay(tmp_path / "live.tlog")
-
-    assert ended.summary.ordinary
-    assert ended.summary.ordinary == again.ordinary
-    assert ended.exit_code == 5
-
-
-def test_a_live_session_has_a_number_of_ordinary_flight_while_it_runs(log: Path) -> None:
+def test_a_live_session_has_a_number_of_ordinary_flight_while_it_runs_and_ends_with_the_replays(
+    log: Path, runs: dict[str, Replayed]
+) -> None:
     """Its worker fits once a window, and what is published has names of its own."""
     decoder, config = Decoder(WANTED), RunConfig()
     with ThreadPoolExecutor(1) as fits, ThreadPoolExecutor(1) as lateral:
@@ -262,6 +247,7 @@ def test_a_live_session_has_a_number_of_ordinary_flight_while_it_runs(log: Path)
         r"running: not known yet; ordinary: wn [\d.]+ ± [\d.]+ rad/s, .*after [56] min", texts[0]
     )
     assert abs(running.wn_rad_s - ended.dutch_roll.wn_rad_s) < running.wn_std
+    assert msgspec.to_builtins(ended.dutch_roll) == runs["next_to"].told["ordinary"]["dutch_roll"]
     assert [values_of(answer, i) for i in range(4)] == [{"yaw_ok": 0.0}] * 4
     assert values_of(answer, 4) == {
         "ord_wn": running.wn_rad_s, "ord_wn_sd": running.wn_std,

@@ -31,6 +31,9 @@ from yawid.sources.open_log import ReadOptions
 
 CONFIG = RunConfig(rate=20.0, orders=(2, 2, 1, 1), memory=20.0)
 PARAMETERS = {"SERVO4_FUNCTION": 21, "SERVO4_MIN": 1100, "SERVO4_TRIM": 1500, "SERVO4_MAX": 1900}
+GROUND = mavlink.MAVLink(None, srcSystem=255, srcComponent=190)
+BEAT = bytes(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3).pack(GROUND))
+"""The heartbeat of a ground station."""
 AT_ONCE = 1000
 """Frames on their way at a time: more than the socket holds would be lost."""
 A, B = (1.0, -1.85, 0.9), (0.0, 0.02, 0.01)

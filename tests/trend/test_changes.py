@@ -84,16 +84,6 @@ def test_neither_unit_nor_sign_of_a_number_matters() -> None:
         assert other.change.after == pytest.approx(-1000.0 * one.change.after)
 
 
-def test_too_few_flights_are_not_tested_and_one_is_enough_for_a_level() -> None:
-    tracks = [Track(np.full(n, 0.15), np.full(n, 0.01)) for n in (1, 2, LEAST_DAYS - 1)]
-
-    for track, fit in zip(tracks, fit_tracks(tracks), strict=True):
-        assert fit.change is None
-        level = level_of(track, fit, None)
-        assert level.value == pytest.approx(0.15)
-        assert np.isfinite(level.std)
-
-
 def test_level_and_slope_are_weighted_least_squares() -> None:
     x = np.arange(10.0)
     std = np.linspace(1.0, 3.0, 10)

@@ -61,7 +61,7 @@ def test_its_replay_gives_the_same_bits_and_the_same_manoeuvres(flown: Session) 
     assert summary.estimates == again.estimates
     assert len(summary.manoeuvres) == 4
     found, own = (run.to_json() for run in (summary, again))
-    for key in ("manoeuvres", "flight", "verdict"):
+    for key in ("manoeuvres", "flight", "verdict", "ordinary"):
         assert found[key] == own[key]
     # Topic by topic: a manoeuvre has the log_time of its last sample.
     live, replayed = (

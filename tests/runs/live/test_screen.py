@@ -23,9 +23,8 @@ import numpy as np
 import pytest
 from checks.children import LEAVE_S, child, free_udp_port
 from flights.surgery import split
-from live_link import Screen, frames, listening, send
+from live_link import BEAT, Screen, frames, listening, send
 from places import REPLAY_LOGS
-from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from scipy.signal import cont2discrete, lfilter
 
 from yawid.config.run import RunConfig
@@ -35,8 +34,6 @@ from yawid.runs.replay import StopFlag
 from yawid.sinks.terminal.console import console_for
 
 NUMBER = re.compile(r"\bwn -?\d")
-GROUND = mavlink.MAVLink(None, srcSystem=255, srcComponent=190)
-BEAT = bytes(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3).pack(GROUND))
 
 
 def test_the_line_says_what_comes_a_silent_vehicle_and_at_the_end_all_that_waited_is_recorded(

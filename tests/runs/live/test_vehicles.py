@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 from finished_runs import messages
 from flights.surgery import rewrite
-from live_link import CONFIG, frames, listening, mixed, send, tlog_size, wait_for_size
+from live_link import BEAT, CONFIG, GROUND, frames, listening, mixed, send, tlog_size, wait_for_size
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from yawid.runs.live.overload import Overload
@@ -23,9 +23,6 @@ from yawid.sources.link.inbox import Stamps
 from yawid.sources.link.udp import UdpTap
 from yawid.sources.mavlink.signing import SigningKey
 from yawid.sources.open_log import ReadOptions
-
-GROUND = mavlink.MAVLink(None, srcSystem=255, srcComponent=190)
-BEAT = bytes(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3).pack(GROUND))
 
 
 def test_each_vehicle_has_its_own_files_and_answers_and_who_is_none_or_one_too_many_has_nothing(
