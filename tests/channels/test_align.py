@@ -109,8 +109,6 @@ def of_record(
     source = open_log(path)
     given: dict[str, Any] = {"rudder_sign": "nose-right", "given": ("rudder_sign",), **settings}
     channels = Channels(source.settled(given))
-    assert source.record is not None
-    assert source.record._rows is not None
     rows = RecordBlock.joined(list(source.record._rows.pieces()))
     return SampleBlock.joined(channels.feed_rows(rows) + channels.finish()), channels
 

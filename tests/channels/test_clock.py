@@ -103,22 +103,20 @@ STREAM = ("--manoeuvres", "off")
 SPANS = {1: (300.0, 330.0), 2: (20.0, 60.0), 3: (10.0, 30.0)}
 
 
-def boots(*numbers: int) -> bytes:
-    """Return boots of 25 Hz, the rudder of each moved further than that of the one before."""
-    logs = []
-    for n in numbers:
-        start_s, end_s = SPANS[n]
-        half = 20 * 2**n
-
-        def pulse(t: float, half: int = half) -> int:
-            return 1500 + half * (int(t) % 2)
-
-        spaced = {"start_s": start_s, "attitude_s": 0.04, "servo_s": 0.04}
-        logs.append(fly(lambda t: 0.1 * np.sin(2.0 * t), pulse, end_s - start_s, **spaced).data)
-    return b"".join(logs)
+def boot(n: int) -> bytes:
+    """Return a boot of 25 Hz, whose rudder moves further than that of the one before."""
+    start_s, end_s = SPANS[n]
+    return fly(
+        lambda t: 0.1 * np.sin(2.0 * t),
+        lambda t: 1500 + 20 * 2**n * (int(t) % 2),
+        end_s - start_s,
+        start_s=start_s,
+        attitude_s=0.04,
+        servo_s=0.04,
+    ).data
 
 
-LOG = boots(1, 2, 3)
+LOG = boot(1) + boot(2) + boot(3)
 
 
 @pytest.fixture
@@ -170,7 +168,7 @@ def test_several_boots_are_named_as_inspect_does_and_cut_alike_only_with_a_warni
     assert [each["boot"] for each in own] == [1, 2, 3]
     for name in ("boot", "from", "to"):
         assert [each[name] for each in own] == [each[name] for each in phases]
-    log.write_bytes(boots(3))
+    log.write_bytes(boot(3))
     assert "boots" not in json.loads(said("--json")[0])
     assert "the log, which covers 10.0 to 30.0 s since boot" in said("--from", "31")[1]
 

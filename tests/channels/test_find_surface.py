@@ -47,9 +47,8 @@ def found(
     return find_surface(what, selector, of, table_of(values), frozenset(heard))
 
 
-def deflection(surface: Surface | None, pulses: dict[int, float]) -> float:
+def deflection(surface: Surface, pulses: dict[int, float]) -> float:
     """Return the deflection that outputs (from 1) mean."""
-    assert surface is not None
     fields = np.zeros(1, [(f"servo{i}_raw", "u2") for i in range(1, 17)])
     for number, pulse in pulses.items():
         fields[f"servo{number}_raw"] = round(pulse)

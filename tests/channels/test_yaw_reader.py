@@ -148,8 +148,8 @@ def flown(quaternion: bool = False) -> bytes:
         k = round((t - 0.004) / 0.02)
         return [1500 + k % 300, 1500, 1500, 1500 - k % 200]
 
-    both = [each for pair in zip(attitudes, accelerations, strict=True) for each in pair]
-    return fly(lambda t: 0.0, outputs, SECONDS, attitude_s=99.0, more=both).data
+    more = [*attitudes, *accelerations]  # of one instant in this order
+    return fly(lambda t: 0.0, outputs, SECONDS, attitude_s=99.0, more=more).data
 
 
 @cache

@@ -204,9 +204,8 @@ def tunnels(inner: bytes) -> list[list[Part]]:
 
 def of_other_flags() -> bytes:
     body = changed(TEN[1][9:-2], 1, b"\x02")
-    crc = x25crc(body)
-    crc.accumulate(bytes([BY_NAME["VIBRATION"].crc_extra]))
-    return record(START_US, b"\xfd" + body + crc.crc.to_bytes(2, "little"))
+    crc = x25crc(body + bytes([BY_NAME["VIBRATION"].crc_extra])).crc
+    return record(START_US, b"\xfd" + body + crc.to_bytes(2, "little"))
 
 
 def bare(v1: bool) -> bytes:

@@ -31,34 +31,34 @@ def written(path: Path, column: str, cells: list[Any]) -> Path:
     return path
 
 
+HALF = len(T) // 2
+HUGE = [1e308] * HALF + [(1e308, -1e308, 1.0)[i % 3] for i in range(len(T) - HALF)]
+"""Numbers that are alike, so that a sum of them overflows, and then a difference does."""
+COLUMNS = (
+    *("altitude", "aileron [half-travel]", "roll [rad]", "yaw [rad]", "q [rad/s]", "mode"),
+    *("turn_rate [rad/s]", "ground_speed", "on_ground", "pitch [rad]"),
+)
+DIGITS = "²", "٣", "9" * 400, "AUTO\u0660"
+
+
 @pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize(
-    "column",
+    ("column", "cells"),
     [
-        *("altitude", "aileron [half-travel]", "roll [rad]", "yaw [rad]", "q [rad/s]", "mode"),
-        *("turn_rate [rad/s]", "ground_speed", "on_ground", "pitch [rad]"),
+        *((column, HUGE) for column in COLUMNS),
+        *(("mode", ["7", mode, ""] * (len(T) // 3)) for mode in DIGITS),
     ],
 )
-def test_a_number_that_cannot_be_is_unknown_and_makes_no_warning(
-    column: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+def test_a_number_that_cannot_be_is_unknown_a_mode_of_other_digits_a_name_and_no_warning_is_made(
+    column: str, cells: list[Any], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    half = len(T) // 2  # alike, so that a sum of them overflows, then a difference does
-    cells = [1e308] * half + [(1e308, -1e308, 1.0)[i % 3] for i in range(len(T) - half)]
     path = written(tmp_path / "a.csv", column, cells)
 
     assert main(["replay", str(path), "--out", str(tmp_path), *RIGHT, "--json"]) in (0, 5)
     told = capsys.readouterr()
     assert told.err == ""
     assert "e+30" not in told.out
-
-
-@pytest.mark.parametrize("mode", ["²", "٣", "9" * 400, "AUTO\u0660"])
-def test_a_mode_of_other_digits_is_a_name(
-    mode: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    path = written(tmp_path / "a.csv", "mode", ["7", mode, ""] * (len(T) // 3))
-    assert main(["replay", str(path), "--out", str(tmp_path), *RIGHT, "--json"]) in (0, 5)
-    assert json.loads(capsys.readouterr().out)["log"] == str(path)
+    assert json.loads(told.out)["log"] == str(path)
 
 
 @pytest.mark.parametrize("column", ["t", "time"])

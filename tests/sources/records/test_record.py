@@ -65,13 +65,11 @@ UNDERSTOOD = {
 def settled(path: Path, text: str | bytes, asked: Asked = RIGHT) -> Record:
     path.write_bytes(text if isinstance(text, bytes) else text.encode())
     record = Log(path, ()).record
-    assert record is not None
     record.settle(asked)
     return record
 
 
 def check(record: Record) -> None:
-    assert record._rows is not None
     whole = RecordBlock.joined(list(record._rows.pieces()))
     rows = whole.select(whole.has_yaw)
     np.testing.assert_array_equal(rows.t_us, [0, 20_000, 40_000, 60_000])
@@ -120,10 +118,7 @@ def test_full_rudder_on_the_ground_is_no_scale_of_a_flight(tmp_path: Path, colum
         f"{a:.2f},{b:.3f},{c:.4f},{float(d):g}\n" for a, b, c, d in rows
     )
     (tmp_path / "a.csv").write_text(text, encoding="utf-8")
-    record = Log(tmp_path / "a.csv", ()).record
-    assert record is not None
-
-    found = record.settle(RIGHT).stroke_rad
+    found = Log(tmp_path / "a.csv", ()).record.settle(RIGHT).stroke_rad
     assert found == pytest.approx(np.deg2rad(50.0 if column == "unknown" else 4.0))
 
 
@@ -135,7 +130,6 @@ def test_parquet_says_its_units_with_its_fields_and_its_dates_by_their_type(tmp_
     arrays = [t, *(pa.array(values, pa.float32()) for _, values, _ in units)]
     pq.write_table(pa.Table.from_arrays(arrays, schema=schema), tmp_path / "flight")
     record = Log(tmp_path / "flight", ()).record
-    assert record is not None
     settled = record.settle(RIGHT)
 
     check(record)
@@ -365,7 +359,6 @@ def test_damaged_bytes_are_understood_or_refused_and_nothing_else(
     with contextlib.suppress(YawidError):
         record = Record(path)
         record.settle(RIGHT)
-        assert record._rows is not None
         channels = Channels(RunConfig())
         for rows in record._rows.pieces():
             channels.feed_rows(rows)
