@@ -23,7 +23,7 @@ from yawid.errors import ConfigError, SourceError
 from yawid.sources.link.endpoints import Endpoint, parse_endpoint
 from yawid.sources.link.receiver import _address
 from yawid.sources.link.tap import Tap
-from yawid.sources.link.tcp_serial import StreamTap, complete_until
+from yawid.sources.link.tcp_serial import StreamTap
 from yawid.sources.link.udp import UdpTap
 
 FRAMES = [rec[8:] for rec in random_records(np.random.default_rng(0), 200)]
@@ -244,14 +244,6 @@ def test_all_addresses_of_ipv6_leave_the_port_free_for_ipv4_and_are_named_in_bra
         [said] = tap.news
         assert f"[::1]:{one.getsockname()[1]}" in said
     assert _address("fe80::1", 14550, 0, 2) == ("fe80::1%2", 14550)
-
-
-def test_bytes_before_an_unfinished_frame_are_complete() -> None:
-    frame = FRAMES[0]
-    for size in range(1, len(frame)):
-        assert complete_until(b"ab" + frame[:size]) == 2
-    assert complete_until(b"ab" + frame) == 2 + len(frame)
-    assert complete_until(b"abc") == 3
 
 
 WHOLE = (
