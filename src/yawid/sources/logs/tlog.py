@@ -11,7 +11,7 @@ from yawid.errors import SourceError
 from yawid.quantities.link import LinkStats
 from yawid.sources.mavlink.decoder import Decoder
 from yawid.sources.mavlink.definitions import definitions
-from yawid.sources.mavlink.framing import SLACK, STAMP_SIZE, find_frames, frame_size
+from yawid.sources.mavlink.framing import SLACK, find_frames
 
 CHUNK = 1 << 20  # half as much would save 2 MB, twice as much would cost 20
 _HEAD = 1 << 20  # a log has an intact record in its first MiB
@@ -110,14 +110,6 @@ def read_tlog(path: Path, chunk: int = CHUNK) -> Iterator[bytes]:
         }
         other = f"cannot be read ({error.strerror or error}): copy the log and try again"
         raise SourceError(f"{path} {known.get(type(error), other)}") from error
-
-
-def record_at(tlog: bytes, at: int) -> bytes:
-    """Return the record of a tlog, its stamp and an intact frame, that begins at an offset."""
-    frame = at + STAMP_SIZE
-    size = frame_size(tlog[frame : frame + 3])
-    assert size is not None
-    return tlog[at : frame + size]
 
 
 def _has_record(head: bytes) -> bool:
