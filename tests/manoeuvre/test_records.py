@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from finished_runs import replayed
-from flights.records import HZ, REST_S, SAID, Leg, drawn_airframe, record, release
+from flights.records import HZ, REST_S, SAID, Leg, record, release
 from numpy.typing import NDArray
 from places import C172P
 
@@ -46,18 +46,6 @@ def test_a_release_is_answered_at_every_rate(number: int, rolls: bool, hz: int) 
     assert abs(roll.wn_rad_s - leg.wn) < 2.0 * (roll.wn_std or 0.0)
     assert abs(roll.zeta - leg.zeta) < 2.0 * (roll.zeta_std or 0.0)
     assert not any("clock" in reason.text for reason in found.verdict.reasons)
-
-
-@pytest.mark.parametrize("rolls", [False, True])
-@pytest.mark.parametrize(("wn", "zeta"), [(0.5, 0.02), (6.0, 0.15)])
-def test_a_drawn_aircraft_has_the_dutch_roll_asked_for(wn: float, zeta: float, rolls: bool) -> None:
-    A, B = drawn_airframe(np.random.default_rng(5), wn, zeta, 0.2, rolls=rolls)
-
-    asked = wn * complex(-zeta, math.sqrt(1.0 - zeta**2))
-    poles = np.linalg.eigvals(A)
-    assert np.min(np.abs(poles - asked)) < 1e-9 * wn
-    assert sum(pole.imag > 1e-6 for pole in poles) == 1
-    assert bool(B[1]) == rolls
 
 
 def late(rudder: NDArray[np.float64], rows: int) -> NDArray[np.float64]:

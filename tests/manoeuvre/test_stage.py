@@ -1,4 +1,4 @@
-"""The stage: blocks of any size give the same answers, and what an autopilot flies is answered.
+"""The stage: what an autopilot flies is found and answered.
 
 ArduPilot's plane-doublets.lua changes to MANUAL, pins the aileron to its trim and at once moves the
 rudder, DOUBLET_TIME / 2 to either side, a third of its travel; the HEARTBEAT tells MANUAL up to a
@@ -8,52 +8,23 @@ second later. PX4's autotune adds steps or a sweep to the setpoint of its yaw-ra
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 
 import numpy as np
 import pytest
-from drawn import examples
-from hypothesis import example, given
-from hypothesis import strategies as st
-from manoeuvre.streams import HZ, TS_S, WN, ZETA, cut, doublets, flown, rest, stream, yawing
+from manoeuvre.streams import HZ, TS_S, WN, ZETA, rest, stream, yawing
 
-from yawid.answers.run_summary import Flight, Manoeuvre
+from yawid.answers.run_summary import Manoeuvre
 from yawid.blocks import Floats, SampleBlock
 from yawid.config.run import RunConfig
 from yawid.manoeuvre.judge import ManoeuvreSetting
 from yawid.manoeuvre.stage import Manoeuvres
 
-RUDDER = flown(rest(12), doublets(4), rest(15), doublets(3, 0.3), rest(12))
-SAMPLES = stream(RUDDER, y=yawing(RUDDER, noise=0.003), roll=0.01 * np.sin(RUDDER.cumsum()))
 
-
-def answers(
-    samples: SampleBlock, autopilot: int = 3, edges: Sequence[int] = ()
-) -> tuple[list[Manoeuvre], list[Flight]]:
+def answers(samples: SampleBlock, autopilot: int = 3) -> list[Manoeuvre]:
     stage = Manoeuvres(ManoeuvreSetting(RunConfig(), TS_S, (20.0, 20.0), (autopilot, 1)))
-    for block in cut(samples, edges):
-        stage.feed(block, {})
+    stage.feed(samples, {})
     stage.finish()
-    return list(stage.ready()), stage.flights([])
-
-
-WHOLE = answers(SAMPLES)
-
-
-def test_two_manoeuvres_of_one_aircraft_are_one_flight():
-    manoeuvres, [flight] = WHOLE
-
-    assert [each.verdict.usable for each in manoeuvres] == [True, True]
-    assert flight.used == [1, 2]
-    assert flight.dutch_roll.wn_rad_s == pytest.approx(WN, rel=0.01)
-
-
-@examples(4)
-@given(edges=st.lists(st.integers(0, len(SAMPLES)), max_size=40))
-@example(edges=list(range(len(SAMPLES))))
-def test_where_the_stream_is_cut_into_blocks_changes_no_answer(edges: list[int]):
-    """Also sample by sample, to the bit."""
-    assert answers(SAMPLES, edges=edges) == WHOLE
+    return list(stage.ready())
 
 
 FBWA, MANUAL, PX4_LOITER = 5.0, 0.0, 50_593_792.0
@@ -92,7 +63,7 @@ def assert_right(each: Manoeuvre) -> None:
 
 @pytest.mark.parametrize("late_s", [0.0, 0.3, 0.6, 0.95])
 def test_a_doublet_by_the_script_is_one_manoeuvre_in_manual(late_s: float):
-    [each], _ = answers(by_script(0.5, late_s))
+    [each] = answers(by_script(0.5, late_s))
 
     assert_right(each)
     assert (each.mode, each.loop) == ("MANUAL", "airframe")
@@ -111,7 +82,7 @@ def test_px4s_autotune_is_a_manoeuvre(kind: str):
         steps = np.repeat(np.arange(len(lengths)) % 2 == 0, np.multiply(lengths, 2)).astype(float)
         slow = np.convolve(steps, 0.25 * 0.75 ** np.arange(40))[: len(steps)]
         signal = steps - slow
-    [each], _ = answers(by_autotune(signal), 12)
+    [each] = answers(by_autotune(signal), 12)
 
     assert_right(each)
     assert each.loop == "with_roll_loop"

@@ -1,22 +1,16 @@
-"""Modes of blocks, modes and yaw channel of a stream of estimates, both in the file of a run."""
+"""Modes of blocks, modes and yaw channel of a stream of estimates."""
 
 from __future__ import annotations
 
 import math
-from functools import cache
-from itertools import pairwise
 
 import numpy as np
 import pytest
-from finished_runs import replayed
 from hypothesis import assume, given
 from hypothesis import strategies as st
-from places import REPLAY_LOGS
 from scipy.signal import cont2discrete
-from sinks.mcap.mcap_reading import column, decoded
 
-import yawid
-from yawid.blocks import EstimateBlock, ModesBlock, Status
+from yawid.blocks import EstimateBlock, Status
 from yawid.config.estimator import ArmaxOrders
 from yawid.physics.derivatives import with_sigma
 from yawid.physics.modes import mode_list, modes
@@ -155,18 +149,13 @@ def drifting() -> EstimateBlock:
     return estimates(theta, 1e-8 * np.eye(6), np.where(is_warm, Status.TRACKING, 0))
 
 
-@cache
-def drifting_whole() -> tuple[EstimateBlock, ModesBlock]:
-    """Return such estimates, and what the physics say of them in one piece."""
-    return (estimates := drifting()), PhysicsStage(ORDERS, TS).of(K, estimates)
-
-
 def part(block: EstimateBlock, rows: slice) -> EstimateBlock:
     return EstimateBlock(block.rows[rows], block.p)
 
 
 def test_the_yaw_channel_stands_from_one_whole_second_to_the_next():
-    estimates, found = drifting_whole()
+    estimates = drifting()
+    found = PhysicsStage(ORDERS, TS).of(K, estimates)
 
     for row in range(N):
         second = row - (K[row] % 4)  # the row of the last whole second
@@ -184,19 +173,6 @@ def test_the_yaw_channel_stands_from_one_whole_second_to_the_next():
     assert (found.yaw_std[29] > 0.0).all()
 
 
-@given(cuts=st.lists(st.integers(1, N - 1), max_size=6, unique=True))
-def test_rows_do_not_depend_on_how_the_stream_was_cut(cuts):
-    estimates, whole = drifting_whole()
-    rows = PhysicsStage(ORDERS, TS)
-    edges = [0, *sorted(cuts), N]
-    slices = [slice(first, last) for first, last in pairwise(edges)]
-    parts = [rows.of(K[s], part(estimates, s)) for s in slices]
-
-    for name in whole.__slots__:
-        joined = np.concatenate([getattr(part, name) for part in parts])
-        np.testing.assert_array_equal(joined, getattr(whole, name), err_msg=name)
-
-
 @pytest.mark.parametrize("na", [3, 6])
 def test_a_rows_bits_do_not_depend_on_the_block_it_came_in(na):
     """A block so long that NumPy works in place on its temporaries; NaN has a sign, too."""
@@ -212,24 +188,3 @@ def test_a_rows_bits_do_not_depend_on_the_block_it_came_in(na):
         found = PhysicsStage(orders, 1.0).of(k[one], part(block, one))
         for name in whole.__slots__:
             assert getattr(found, name).tobytes() == getattr(whole, name)[one].tobytes(), name
-
-
-SITL = REPLAY_LOGS / "sitl_fbwa_50hz" / "log.tlog"
-OPTIONS = (
-    "--method", "rml", "--also", "none", "--manoeuvres", "off",
-    "--rate", 25, "--memory", "inf", "--from", 86.5, "--to", 240,
-)  # fmt: skip
-
-
-def test_the_file_holds_the_yaw_channel_with_sigma_at_every_sample(tmp_path):
-    mcap = replayed(SITL, tmp_path, *OPTIONS)
-    physics, rows = yawid.load(mcap).summary.estimates["rml"].physics, decoded(mcap)["/yawid/modes"]
-
-    for name in YAW_CHANNEL:
-        values, sigmas = column(rows, name), column(rows, f"{name}_std")
-        # The last whole second's, of an estimate that has come to rest.
-        assert values[-1] == pytest.approx(physics[name].value, rel=0.01)
-        assert sigmas[-1] == pytest.approx(physics[name].std_noise, rel=0.05)
-        known = np.isfinite(values)
-        assert known[2000:].all()
-        np.testing.assert_array_equal(known, np.isfinite(sigmas))

@@ -61,7 +61,7 @@ def tlog(
     gust_rad: float = 0.0,
     rudder: float = 0.15,
     aileron: float = 0.12,
-    rate_hz: int = 50,
+    rate_hz: int = 25,
 ) -> bytes:
     """Return the log, servos at 50 Hz. ``hold`` are the gains of roll and p in FBWA.
 
