@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from yawid.blocks import WINDOW_S, Bools, Floats, shifted, strokes, window_of
+from yawid.blocks import Bools, Floats, shifted, strokes, window_of
 from yawid.estimation.machine.products import cross
 
 LEAST_STROKE = 0.1
@@ -104,13 +104,3 @@ def _strokes(x: Floats, sample_time_s: float) -> Floats:
     if used.any():
         found[used] = strokes(x[used], window_of(sample_time_s))
     return found
-
-
-def around(excited: Bools, sample_time_s: float) -> Bools:
-    """Return which samples (n,) lie within five seconds before or after an excited one."""
-    reach = round(WINDOW_S / sample_time_s)
-    edges = np.concatenate([[0], np.cumsum(excited)])
-    rows = np.arange(len(excited))
-    low, high = np.maximum(rows - reach, 0), np.minimum(rows + reach + 1, len(excited))
-    near: Bools = edges[high] > edges[low]
-    return near
