@@ -8,14 +8,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from manoeuvre.exact import Floats, doublets, lateral, record, states, yaw_channel
+from manoeuvre.exact import Floats, doublets, fits_with_roll, lateral, record, states, yaw_channel
 from manoeuvre.streams import TS_S, stream
 from scipy.optimize import minimize_scalar
 
 from yawid.blocks import SampleBlock
 from yawid.manoeuvre.answer import answer_of
 from yawid.manoeuvre.fit import Fit, best_alone, fits_of
-from yawid.manoeuvre.likelihood import free_decay, freed, shifted, surface
+from yawid.manoeuvre.likelihood import free_decay, freed, shifted, simulated, surface
 from yawid.manoeuvre.responses import Blocks, Record
 from yawid.manoeuvre.signals import fitted, record_of, roll_fault
 
@@ -40,6 +40,22 @@ def test_a_mode_is_found_at_every_rate_without_a_start(
     y = yaw_channel(u, 1.0 / hz, wn=wn, zeta=zeta)
     found = pair(fits_of(record(u, y, 1.0 / hz, noise=noise))[0])
     assert found == pytest.approx([wn, zeta], rel=max(noise, 1e-6), abs=0.3 * noise)
+
+
+def test_a_flight_already_in_motion_with_a_gap_is_fitted_as_well():
+    u = doublets(2.0, 0.05, periods=9.0)
+    y = yaw_channel(u, 0.05)
+    y[300:340] = np.nan
+    found = fits_of(Record.of(0.05, u[30:, None], y[30:]))
+    assert len(found[0].blocks.runs) == 2
+    assert pair(found[0]) == pytest.approx([2.0, 0.1], rel=1e-5)
+
+
+def test_roll_separates_the_roll_loop_from_the_dutch_roll():
+    fits, truth = fits_with_roll()
+    off = {fit.structure.name: np.abs(np.log(pair(fit) / truth)).max() for fit in fits}
+    assert off["roll"] < 0.02
+    assert min(off[name] for name in ("2", "2L", "3")) > 2.0 * off["roll"]
 
 
 def test_real_mode_next_to_the_dutch_roll_is_not_taken_for_its_damping():
@@ -127,6 +143,13 @@ def test_a_shift_is_judged_as_the_fit_of_a_shifted_record(fit: Fit):
     assert nats[0] == pytest.approx(0.0, abs=1e-4)
     assert (nats[1:4] > 20.0).all()
     assert freed(fit, 2) < nats[4]
+
+
+def test_the_simulated_yaw_rate_is_the_measured_one_without_its_noise():
+    u = doublets(2.0, 0.05, periods=8.0)
+    y = yaw_channel(u, 0.05)
+    measured, found = simulated(fits_of(Record.of(0.05, u[:, None], y))[0])
+    np.testing.assert_allclose(found, measured, atol=1e-6 * np.abs(y).max())
 
 
 def test_an_aileron_stays_where_it_is_while_the_rudder_is_moved_or_taken_away():
