@@ -27,7 +27,7 @@ def split(log: bytes) -> list[Record]:
         ValueError: a record does not begin with a MAVLink frame.
     """
     found, at = [], 0
-    while at + STAMP_SIZE + 12 <= len(log):
+    while at + STAMP_SIZE + 8 <= len(log):  # of the shortest frame
         begin = at + STAMP_SIZE
         size = log[begin + 1]
         if log[begin] == 0xFD:
