@@ -1,4 +1,4 @@
-"""Stdout and stderr full, closed, a pipe that nobody reads, ASCII only: one line, exit code 6."""
+"""Stdout and stderr full, closed, a pipe without a reader, ASCII only: one line, exit code 6."""
 
 from __future__ import annotations
 
@@ -52,14 +52,14 @@ ACCIDENTS = {
     "full": ("> /dev/full", {}, NO_SPACE),
     "full, without a buffer": ("> /dev/full", {"PYTHONUNBUFFERED": "1"}, NO_SPACE),
     "closed": (">&-", {}, b"yawid: stdout is closed"),
-    "a pipe that nobody reads": (">&{unread}", {}, b""),
+    "a pipe without a reader": (">&{unread}", {}, b""),
 }
 """What a shell does to stdout, the environment, and what begins the one line on stderr."""
 
 
 @pytest.fixture
 def unread() -> Iterator[int]:
-    """A pipe that nobody reads: the descriptor of its end for writing."""
+    """A pipe without a reader: the descriptor of its end for writing."""
     read, write = os.pipe()
     os.close(read)
     os.set_inheritable(write, True)

@@ -81,7 +81,7 @@ def _locking(descriptor: int, mode: int, size: int) -> None:
     import fcntl
 
     assert (mode, size) == (2, 1)
-    assert os.lseek(descriptor, 0, os.SEEK_CUR) > 2e9  # a byte that nobody reads
+    assert os.lseek(descriptor, 0, os.SEEK_CUR) > 2e9  # a byte that is not read
     fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)  # lockf has no locks within a process
 
 
