@@ -1,14 +1,12 @@
 """Flies an aircraft of JSBSim with a moving rudder, and records what its telemetry link delivers.
 
     python tools/fly_jsbsim.py --manoeuvre 3211 --seconds 120 --out log.tlog --truth truth.json
-    python tools/fly_jsbsim.py --plan three_speeds -o log.tlog
     python tools/fly_jsbsim.py --udp 127.0.0.1:14560
 
 The first command writes a tlog that any MAVLink tool reads, and the Dutch roll that should be found
 in it: to the file of --truth, by default next to the log as log.truth.json. --udp sends the same
 frames to a UDP endpoint at the pace of the flight, with --out after it is flown. The same command
-gives the same bytes. A plan (flights/plan.py) is a whole flight, whose truth is that of each
-manoeuvre.
+gives the same bytes.
 """
 
 from __future__ import annotations
@@ -17,11 +15,12 @@ import argparse
 import shlex
 import sys
 from collections.abc import Iterable, Sequence
-from dataclasses import fields, replace
+from dataclasses import fields
 from pathlib import Path
 
-from flights.fly import flight_of, fly, written
-from flights.plan import FlightError, FlightPlan, Servo, read_plan
+from flights.flight import Flight
+from flights.fly import fly, written
+from flights.plan import FlightError, FlightPlan, Servo
 from flights.surgery import Record, split
 from flights.telemetry import Link, send, telemetry
 
@@ -50,7 +49,6 @@ def parse(argv: Sequence[str]) -> argparse.Namespace:
         formatter_class=argparse.ArgumentDefaultsHelpFormatter,
     )
     parser.add_argument("--out", "-o", type=Path, help="tlog to write")
-    parser.add_argument("--plan", metavar="FILE|NAME", help=".toml file, three_speeds, or upset")
     parser.add_argument("--truth", type=Path, help="JSON file for the Dutch roll to be found")
     parser.add_argument("--udp", type=endpoint, metavar="HOST:PORT", help="send in real time")
     for title, defaults in (("flight", FlightPlan()), ("link", Link())):
@@ -73,8 +71,6 @@ def asked(options: argparse.Namespace) -> tuple[FlightPlan, Link]:
     given = vars(options)
     link = Link(**{each.name: given[each.name] for each in fields(Link)})
     plan = FlightPlan(**{x.name: given[x.name] for x in fields(FlightPlan) if x.name in given})
-    if options.plan:
-        plan = replace(read_plan(options.plan), true_feedback=plan.true_feedback)
     return plan, link
 
 
@@ -85,7 +81,7 @@ def main(argv: Sequence[str]) -> int:
     try:
         plan, link = asked(options)
         if not (out or path):
-            frames: Iterable[Record] = telemetry(link, flight_of(plan, link))
+            frames: Iterable[Record] = telemetry(link, Flight(plan, link=link))
         else:
             made = fly(plan, link, command=shlex.join(["python", "tools/fly_jsbsim.py", *argv]))
             frames = split(made.log)

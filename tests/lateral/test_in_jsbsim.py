@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from checks.judge import replayed
-from flights.flight import Hands, trimmed
-from flights.fly import flight_of
+from flights.flight import Flight, Hands, trimmed
 from flights.moved import PLACES, pulses
 from flights.plan import STEP_S, FlightPlan, excitation, plan_at
 from flights.surgery import join
@@ -124,7 +123,7 @@ def test_a_turn_moves_wn_by_less_than_3_percent(
     for bank_deg in (0.0, 30.0, 45.0):
         aileron = pulses(np.random.default_rng(5), plan.seconds, 0.08, 0.4)
         hands = Hands(rudder, aileron, math.radians(bank_deg) * rolled_in)
-        log.write_bytes(join(telemetry(link, flight_of(plan, link, hands))))
+        log.write_bytes(join(telemetry(link, Flight(plan, hands, link))))
         [found] = replayed(log, RunConfig(lateral="auto")).manoeuvres
         airspeeds.append(found.airspeed_m_s)
 

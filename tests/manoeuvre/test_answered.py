@@ -9,13 +9,10 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
 from typing import Any
 
 import numpy as np
 import pytest
-from bench import verdict
-from bench.frame import log_rows
 from finished_runs import replayed
 from manoeuvre.streams import (
     HZ,
@@ -344,14 +341,6 @@ def test_a_default_that_is_given_on_the_command_line_binds(tmp_path):
         summary = yawid.load(replayed(log, tmp_path / str(len(options)), *options)).summary
         removed.append([each.turn_removed for each in summary.manoeuvres])
     assert removed == [[True, True], [False, False]]
-
-
-@pytest.mark.long
-def test_gusts_a_go_around_and_a_landing_are_no_usable_manoeuvre(tmp_path):
-    """The first of the upsets of bench.py verdict, which flies a hundred."""
-    [row] = log_rows(verdict.whole, tmp_path, (0, "upset_000", partial(verdict.upset, 0)))
-
-    assert not row["usable"]
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.002])

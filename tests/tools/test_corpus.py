@@ -9,8 +9,8 @@ from bench import verdict
 from bench.frame import log_rows
 from flights import quiet
 from flights import truth as jsbsim_truth
-from flights.flight import Hands
-from flights.fly import flight_of, fly
+from flights.flight import Flight, Hands
+from flights.fly import fly
 from flights.moved import SEED, Draw
 from flights.plan import FlightPlan, excitation
 from flights.surgery import join, messages, split
@@ -25,7 +25,7 @@ COPIES = ("mixed", "coordinated", "damper")
 def flown_log(hands: Hands, severity: int, plan: FlightPlan = SHORT, hz: float = 10.0) -> bytes:
     """The log of a flight; what takes longer, its truth, is not asked for."""
     link = Link(attitude_hz=hz, servo_hz=hz)
-    return join(telemetry(link, flight_of(plan, link, hands, severity)))
+    return join(telemetry(link, Flight(plan, hands, link, severity)))
 
 
 def made_of(group: str, draw: Draw = quiet.GENTLY) -> Any:

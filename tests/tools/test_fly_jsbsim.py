@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from flights import truth as jsbsim_truth
 from flights.flight import Flight, Hands, trimmed
-from flights.fly import flight_of
 from flights.plan import KNOT, FlightPlan, Servo, excitation
 from flights.surgery import Record, join, messages
 from flights.telemetry import Link, telemetry
@@ -21,7 +20,7 @@ SHORT = FlightPlan(seconds=12.0)
 
 
 def fly(plan: FlightPlan, link: Link) -> Iterator[Record]:
-    return telemetry(link, flight_of(plan, link))
+    return telemetry(link, Flight(plan, link=link))
 
 
 def test_a_positive_command_turns_the_nose_right_from_its_own_millisecond_on() -> None:
@@ -51,7 +50,7 @@ def test_a_servo_message_says_what_the_rudder_is_told_at_its_stamp() -> None:
 def test_the_attitude_is_the_flight_s_within_the_sensor_noise() -> None:
     clean = Link(rate_noise=0.0, angle_noise=0.0, boot_s=0.0)
     plan = replace(SHORT, heading_deg=180.0)
-    flight = flight_of(plan, clean)
+    flight = Flight(plan, link=clean)
     sent = list(messages(fly(plan, clean), "ATTITUDE"))
 
     for message in sent[::50]:
@@ -70,7 +69,7 @@ def test_the_autopilot_hears_the_noise_that_attitude_tells_unless_asked_for_the_
     plan = replace(SHORT, manoeuvre="none", roll_gain=0.0, roll_rate_gain=0.5)
     strokes = {}
     for feedback in (False, True):
-        flight = flight_of(replace(plan, true_feedback=feedback), Link(rate_noise=0.02))
+        flight = Flight(replace(plan, true_feedback=feedback), link=Link(rate_noise=0.02))
         pulses, heard = [], []
         for ms in range(1, 4001):
             heard.append(flight.sensed(3))

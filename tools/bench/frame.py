@@ -46,7 +46,7 @@ FLOWN = {"sealed": False, "logs": "", "jobs": 2}
 BENCHES: dict[str, tuple[str, dict[str, Any]]] = {
     "truth": ("truth", {"seed": 162, "flights": 0, "nonlinear": False} | FLOWN),
     "lateral": ("truth", {"seed": 913, "flights": 0} | FLOWN),
-    "verdict": ("verdict", {"excited": 120, "unexcited": 210, "upset": 0, "misled": 0} | FLOWN),
+    "verdict": ("verdict", {"excited": 120, "unexcited": 210, "misled": 0} | FLOWN),
     "ordinary": ("verdict", FLOWN | {
         "seed": 2000, "jsbsim": 80, "small": 24, "hostile": 110, "seconds": 900.0,
     }),

@@ -1,6 +1,6 @@
 """Two benches of judgement: how often a verdict errs, and how good ordinary flights' answers are.
 
-python tools/bench.py verdict [--excited 120] [--unexcited 210] [--upset 0] [--misled 0]
+python tools/bench.py verdict [--excited 120] [--unexcited 210] [--misled 0]
                               [--sealed] [--logs DIR]
 python tools/bench.py ordinary [--seed 2000] [--jsbsim 80] [--small 24] [--hostile 110]
                                [--seconds 900] [--sealed] [--logs DIR]
@@ -18,12 +18,11 @@ from typing import Any
 
 import numpy as np
 from checks.judge import NOT_JUDGED, judged, judged_answer, replayed
-from flights.fly import Made, fly
+from flights.fly import Made
 from flights.moved import RATES_HZ, SEVERITIES, Draw, excited
 from flights.ordinary import LAWS, Ordinary, fly_ordinary, hostile, jsbsim, small
-from flights.plan import read_plan, sealed_places
+from flights.plan import sealed_places
 from flights.quiet import misled, unexcited
-from flights.telemetry import Link
 
 from bench.frame import (
     FAR,
@@ -50,17 +49,12 @@ SEALED = {"excited": 44, "unexcited": 28, "misled": 30}
 """How many logs there are in a sealed run."""
 RIGHT_PCT, WRONG_PCT = 5.0, 10.0
 """Limits of wn's error in %: an answer below the first is right, one above the second is wrong."""
-FALSE = {"unexcited": 0, "upset": 0, "misled": 1}
+FALSE = {"unexcited": 0, "misled": 1}
 """The kinds of logs that should not be usable, and how many of a kind may be."""
 
 
-def upset(number: int) -> Made:
-    """Return a whole flight with gusts, a go-around and a landing."""
-    return fly(read_plan("upset"), Link(seed=1 + number), group="upset")
-
-
 MAKERS: dict[str, Callable[..., Made]] = {
-    "excited": excited, "unexcited": unexcited, "upset": upset, "misled": misled,
+    "excited": excited, "unexcited": unexcited, "misled": misled,
 }  # fmt: skip
 """What makes a log of its number, and of the draw of a sealed run."""
 
@@ -96,10 +90,9 @@ def verdict(options: Namespace) -> Iterator[str]:
     """Count usable, right and wrong verdicts, on logs with a known answer and on logs without.
 
     The logs are flights of JSBSim whose rudder is moved on purpose, half of them in turbulence
-    (excited), and logs in which nothing excites the Dutch roll (unexcited). There are also whole
-    flights with gusts, a go-around and a landing (upset), and flights with the rudder of another
-    flight, with their own reversed in time, and with one that is late (misled). Below the table are
-    the logs that were judged wrongly.
+    (excited), and logs in which nothing excites the Dutch roll (unexcited). There are also flights
+    with the rudder of another flight, with their own reversed in time, and with one that is late
+    (misled). Below the table are the logs that were judged wrongly.
     """
     counts = SEALED if options.sealed else {kind: vars(options)[kind] for kind in MAKERS}
     draws = [Draw(options.seed, sealed_places())] if options.sealed else []

@@ -201,7 +201,6 @@ FLY = "--true-feedback --manoeuvre 3211 --attitude-hz 25 --servo-hz 25 --seconds
 SITL = "ArduPlane V4.6-dev SITL"
 _FIRST = "--true-feedback --manoeuvre 3211 --seconds 120"
 _GCS = f"{_FIRST} --attitude-hz 10 --servo-hz 5 --heading-deg 180 --seed 2"
-_SPEEDS = "--true-feedback --plan three_speeds --attitude-hz 10 --servo-hz 10 --seed 21"
 SITL_TRUTH: Truth = {
     "aircraft": f"{SITL}, built-in plane model",
     "flown": "FBWA at 22.00 +- 0.03 m/s; doublets, 3-2-1-1, PRBS and sweep on the rudder",
@@ -224,7 +223,6 @@ SEGMENTS = {
 RECIPES: dict[str, Callable[[Path], Made]] = {
     "c172p_3211": partial(flown, _FIRST),
     "c172p_gcs_rates": partial(flown, _GCS),
-    "c172p_three_speeds": partial(flown, _SPEEDS),
     "c172p_mavlink1": partial(flown, f"{FLY} 3 --mavlink1"),
     "c172p_reversed": partial(flown, f"{FLY} 4 --rudder 1050,1430,1900,1"),
     "c172p_vtail": partial(changed, f"{FLY} 5", vtail),

@@ -18,10 +18,19 @@ import numpy as np
 from scipy.optimize import root
 
 from flights.linear import SEVERITY, LinearAircraft
-from flights.plan import SENSED_MS, STEP_S, FlightError, FlightPlan, Floats, count, sealed
+from flights.plan import (
+    SENSED_MS,
+    STEP_S,
+    FlightError,
+    FlightPlan,
+    Floats,
+    count,
+    excitation,
+    sealed,
+)
 from flights.telemetry import Link
 
-NOTED = ("velocities/vc-kts", "position/h-sl-ft", "velocities/ve-kts")
+NOTED = ("velocities/vc-kts", "position/h-sl-ft")
 NOTED_MS = 250
 FULL_TRIM = 1
 MILSPEC = 3
@@ -170,10 +179,11 @@ def _gliding(fdm: Any, plan: FlightPlan) -> Any:
 class Flight:
     """A flight in progress: ``advance_to`` a millisecond after the start, then read properties.
 
-    ``hands`` move the controls, ``severity`` is that of the turbulence (MIL-F-8785C, 0: calm).
-    ``flown`` collects time in s, calibrated airspeed in kt, altitude in ft and equivalent airspeed
-    in kt, four times a second from the start. ``noise`` (6,) is the present noise of the sensors in
-    the order of ``SENSED``; None if they have none.
+    ``hands`` move the controls; without them only the rudder moves as the plan says, and the
+    elevator does not move. ``severity`` is that of the turbulence (MIL-F-8785C, 0: calm). ``flown``
+    collects time in s, calibrated airspeed in kt and altitude in ft, four times a second from the
+    start. ``noise`` (6,) is the present noise of the sensors in the order of ``SENSED``; None if
+    they have none.
 
     The command of an instant is set before the step that arrives there: JSBSim first propagates the
     state, then evaluates controls and forces, so that the command acts from that instant on.
@@ -183,8 +193,13 @@ class Flight:
     """
 
     def __init__(
-        self, plan: FlightPlan, hands: Hands, link: Link | None = None, severity: int = 0
+        self,
+        plan: FlightPlan,
+        hands: Hands | None = None,
+        link: Link | None = None,
+        severity: int = 0,
     ) -> None:
+        hands = hands or Hands(excitation(plan), nose_held=False)
         link = link or Link()
         self._fdm = fdm = trimmed(plan)
         self.plan, self._hands = plan, hands
@@ -236,17 +251,15 @@ class Flight:
 
     def _commands(self) -> tuple[float, float, float]:
         """Return the commands of rudder, aileron and elevator in this millisecond."""
-        ms, hands = self.ms, self._hands
+        ms, hands, plan = self.ms, self._hands, self.plan
         rudder = self._rudder[ms] + (0.0 if hands.react is None else hands.react(self))
-        held = self._roll_hold(self.sensed(0) - (self._roll_trim + self._bank[ms]))
+        roll = self.sensed(0) - (self._roll_trim + self._bank[ms])
+        held = plan.roll_gain * roll + plan.roll_rate_gain * self.sensed(3)
         elevator = self._elevator
         if hands.nose_held:
             elevator += PITCH_GAIN * (self.sensed(1) - self._pitch)
             elevator += PITCH_RATE_GAIN * self.sensed(4)
         return rudder, self._aileron_trim + self._aileron[ms] - held, elevator
-
-    def _roll_hold(self, roll: float) -> float:
-        return self.plan.roll_gain * roll + self.plan.roll_rate_gain * self.sensed(3)
 
     def sensed(self, number: int) -> float:
         """Return number ``number`` of ``SENSED`` as the autopilot senses it."""

@@ -72,7 +72,7 @@ class LinearAircraft:
         still = ("attitude/theta-rad", "velocities/q-rad_sec", "velocities/h-dot-fps", SEVERITY)
         self._own = dict.fromkeys((*commands, *still), 0.0) | {
             "fcs/throttle-cmd-norm": 0.5, "position/h-sl-ft": plan.altitude_ft,
-            "velocities/vc-kts": speed / KNOT, "velocities/ve-kts": speed / KNOT,
+            "velocities/vc-kts": speed / KNOT,
             "velocities/vt-fps": speed / FOOT, "velocities/vg-fps": speed / FOOT,
         }  # fmt: skip
 

@@ -16,7 +16,7 @@ import numpy as np
 from scipy.signal import butter, sosfilt
 
 from flights.flight import PITCH_GAIN, PITCH_RATE_GAIN, SENSED, jsbsim_rudder, stir, trimmed
-from flights.fly import Made, within
+from flights.fly import Made
 from flights.linear import GRAVITY
 from flights.moved import CONDITIONS, RATES_HZ, SEVERITIES
 from flights.plan import FOOT, KNOT, LEAD_IN_S, SENSED_MS, FlightPlan, Floats, Place, plan_at
@@ -93,6 +93,11 @@ class Ordinary:
             heading = fdm[SENSED[PSI]]
             fdm["atmosphere/wind-north-fps"] = 1e-3 * math.cos(heading)
             fdm["atmosphere/wind-east-fps"] = -1e-3 * math.sin(heading)
+
+
+def within(value: float, most: float) -> float:
+    """Return a value, limited to ``most`` on both sides."""
+    return min(max(value, -most), most)
 
 
 class RollLaw:

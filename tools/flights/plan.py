@@ -1,28 +1,10 @@
-"""Flights as data: of one manoeuvre, or legs one after the other; and the sealed aircraft.
-
-A plan of legs is one of the folder plans, a TOML file, or made in Python:
-
-    aircraft = "c172p"
-    speed_kt = 95.0
-    [[leg]]
-    kind = "manoeuvre"
-    seconds = 60.0
-    shape = "3211"
-    [[leg]]
-    kind = "turn"
-    seconds = 25.0
-    bank_deg = 20.0
-
-This flies a 3-2-1-1 and a turn; :class:`Leg` describes all fields of a leg. On the aircraft of
-sealed.toml no limit is ever chosen.
-"""
+"""A flight as data, and the sealed aircraft, on which no limit is ever chosen."""
 
 from __future__ import annotations
 
 import math
 import tomllib
 from dataclasses import dataclass, field
-from itertools import accumulate, cycle
 from pathlib import Path
 from typing import Any
 
@@ -73,35 +55,6 @@ class Servo:
 
 
 @dataclass(frozen=True, slots=True)
-class Leg:
-    """One leg. Most fields apply to all kinds: a turn may climb, and an idle leg may be gusty.
-
-    ``kind`` is one of manoeuvre, idle, turn, climb, speed, gust, landing and go_around. ``shape``
-    and ``amplitude`` (rudder units) are those of a manoeuvre. ``speed_kt`` is held from this leg on
-    (0: as before). ``climb_ft_min`` is flown until ``to_ft``, if given. ``rudder_hold`` is a steady
-    rudder, positive to the right.
-    MANUAL needs level wings at its beginning, so an idle leg should precede it, not a turn.
-    ``severity`` is that of the turbulence (MIL-F-8785C, 0 to 7). ``gust_m_s`` is the peak of one
-    side gust, a (1 - cos) of ``gust_s``; the seed draws its side, its time and a factor of its size
-    from 0.7 to 1.3.
-    """
-
-    kind: str
-    seconds: float
-    mode: str = "FBWA"
-    shape: str = "3211"
-    amplitude: float = 0.15
-    speed_kt: float = 0.0
-    bank_deg: float = 0.0
-    climb_ft_min: float = 0.0
-    to_ft: float = math.nan
-    rudder_hold: float = 0.0
-    severity: int = 0
-    gust_m_s: float = 0.0
-    gust_s: float = 2.0
-
-
-@dataclass(frozen=True, slots=True)
 class FlightPlan:
     """All settings of a flight.
 
@@ -110,8 +63,7 @@ class FlightPlan:
     per rad/s. ``amplitude`` is in rudder units about trim; ``step_s`` is the manoeuvre's unit of
     time in s, best 0.3 periods of the Dutch roll. With ``true_feedback`` the autopilot's sensors
     have no noise. ``parameters`` are sent next to those of the servos. ``own`` are names and values
-    of a linear aircraft (flights/linear.py) that has no entry in sealed.toml. With ``legs`` they
-    are flown in place of a manoeuvre.
+    of a linear aircraft (flights/linear.py) that has no entry in sealed.toml.
 
     Raises:
         ValueError: the manoeuvre is unknown, or a number is outside its limits.
@@ -132,23 +84,13 @@ class FlightPlan:
     aileron: Servo = field(default_factory=Servo)
     parameters: tuple[tuple[str, float], ...] = ()
     own: tuple[tuple[str, float], ...] = ()
-    legs: tuple[Leg, ...] = ()
 
     def __post_init__(self) -> None:
-        if self.legs:
-            object.__setattr__(self, "seconds", sum(leg.seconds for leg in self.legs))
-            object.__setattr__(self, "manoeuvre", "none")
         if self.manoeuvre not in MANOEUVRES:
             raise ValueError(f"manoeuvre must be one of {', '.join(MANOEUVRES)}")
         for name in ("speed_kt", "seconds", "amplitude", "step_s"):
             if not 0.0 < getattr(self, name) < math.inf:
                 raise ValueError(f"{name} must be > 0 and finite, got {getattr(self, name)!r}")
-
-    def speeds_kt(self) -> list[float]:
-        """Return the calibrated airspeed in kt that each leg holds."""
-        asked = (leg.speed_kt for leg in self.legs)
-        held = accumulate(asked, lambda before, now: now or before, initial=self.speed_kt)
-        return list(held)[1:]
 
 
 def count(seconds: float) -> int:
@@ -197,61 +139,6 @@ def manoeuvre_pieces(manoeuvre: str, step_s: float) -> list[tuple[float, float]]
         for sign, tempo in turns
         for length, value in one
     ]
-
-
-MODES = {"MANUAL": 0, "FBWA": 5}
-"""ArduPlane's custom_mode by name; FBWA has the roll hold, in MANUAL the aileron is held still."""
-BEFORE_S, AFTER_S = 2.0, 8.0
-"""Time in s of still rudder at the ends of a manoeuvre leg. The last 8 s contain the free decay and
-5 s of rest."""
-LONGEST_REST_S = 4.0
-"""Longest rest in s between the moves of one manoeuvre; 5 s of rest would end it."""
-STIR_S = 0.5
-"""Time in s in which ``rudder_hold`` rises at the beginning of a leg and falls at its end."""
-
-
-def rudder_moves(leg: Leg, step_s: float) -> Floats:
-    """Return the rudder about trim for every millisecond of a leg (n,), in units.
-
-    The leg has as many whole sequences of the manoeuvre as fit; a PRBS fills it.
-    """
-    moves = np.zeros(round(leg.seconds / STEP_S))
-    first, room = round(BEFORE_S / STEP_S), round((leg.seconds - BEFORE_S - AFTER_S) / STEP_S)
-    if leg.kind != "manoeuvre":
-        foot = round(STIR_S / STEP_S)
-        ends = np.minimum(np.arange(len(moves)), np.arange(len(moves))[::-1]) / foot
-        return np.asarray(leg.rudder_hold * np.minimum(ends, 1.0))
-    at = complete = first
-    for length_s, value in cycle(manoeuvre_pieces(leg.shape, step_s)):
-        stop = at + round((length_s if value else min(length_s, LONGEST_REST_S)) / STEP_S)
-        if value and stop > first + room:
-            break
-        moves[at:stop] = value * leg.amplitude
-        if leg.shape == "prbs" or not value:
-            complete = stop
-        at = stop
-    moves[complete:] = 0.0
-    return moves
-
-
-def read_plan(name: str) -> FlightPlan:
-    """Return the plan of this name, or that of a TOML file.
-
-    Raises:
-        ValueError: the file has an unknown field or a wrong value.
-        OSError: there is no such plan, or the file cannot be read.
-    """
-    path = Path(name) if name.endswith(".toml") else PLANS / f"{name}.toml"
-    try:
-        found = tomllib.loads(path.read_text(encoding="utf-8"))
-        legs = tuple(Leg(**leg) for leg in found.pop("leg", []))
-        return FlightPlan(**found, legs=legs)
-    except TypeError as error:
-        raise ValueError(f"{name}: {error}") from error
-
-
-PLANS = Path(__file__).parent / "plans"
-"""The folder of the named plans."""
 
 
 PATH = Path(__file__).with_name("sealed.toml")

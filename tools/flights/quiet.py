@@ -1,6 +1,6 @@
 """Logs of which none may have a usable answer: without excitation by the rudder, or misled.
 
-What each kind draws is in plans/quiet.toml. Those in the air are flown by JSBSim (turns, gusts,
+What each kind draws is in quiet.toml. Those in the air are flown by JSBSim (turns, gusts,
 mixed and damped rudders, a vibration, an autopilot that does not control the aircraft). The others
 are simple motions without a flight model, in which the rudder moves no aircraft: lift motors,
 gusts, engines and wheels do. A misled log has a rudder that is not the one that moved the aircraft:
@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 import tomllib
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -22,7 +23,7 @@ from scipy.signal import lfilter
 from flights.flight import Hands
 from flights.fly import Made, fly
 from flights.moved import CHOSEN, SEED, Damper, Draw, Mixed, by_hand, drawn_link, excited, wander
-from flights.plan import FOOT, KNOT, PLANS, STEP_S, FlightPlan, Floats, Place, count, plan_at
+from flights.plan import FOOT, KNOT, STEP_S, FlightPlan, Floats, Place, count, plan_at
 from flights.surgery import (
     Record,
     edited,
@@ -42,7 +43,7 @@ GENTLE = (
 GENTLY = Draw(SEED, GENTLE)
 """The places and the seed of the flights on which limits are chosen."""
 RANGES: dict[str, dict[str, Any]] = tomllib.loads(
-    (PLANS / "quiet.toml").read_text(encoding="utf-8")
+    Path(__file__).with_name("quiet.toml").read_text(encoding="utf-8")
 )
 KINDS = tuple(RANGES)
 LENGTHS_S = (60.0, 80.0, 100.0)

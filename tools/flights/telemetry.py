@@ -183,7 +183,7 @@ class Messages:
     def heartbeat(self, ms: int, index: int) -> Any:
         """Return the HEARTBEAT of the armed aeroplane."""
         plane = mavlink.MAV_TYPE_FIXED_WING, mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA
-        return self._heartbeat(*plane, ARMED, getattr(self._flight, "custom_mode", FBWA))
+        return self._heartbeat(*plane, ARMED, FBWA)
 
     def gcs_heartbeat(self, ms: int, index: int) -> Any:
         """Return the HEARTBEAT of the ground station, which is no vehicle."""

@@ -34,14 +34,14 @@ SLOPE_SHARE = 0.01
 
 
 def after_lead_in(flown: Sequence[tuple[float, ...]]) -> Floats:
-    """Return the rows of ``flown`` (n, 4) after the lead-in; all rows if there is none after it."""
+    """Return the rows of ``flown`` (n, 3) after the lead-in; all rows if there is none after it."""
     rows = np.array(flown)
     later = rows[rows[:, 0] > LEAD_IN_S]
     return later if len(later) else rows
 
 
 def mean_plan(plan: FlightPlan, flown: Floats) -> FlightPlan:
-    """Return the plan with the mean airspeed and altitude of ``flown`` (n, 3 or 4): s, kt, ft."""
+    """Return the plan with the mean airspeed and altitude of ``flown`` (n, 3): s, kt, ft."""
     knots, feet = flown[:, 1:3].mean(axis=0).tolist()
     return replace(plan, speed_kt=round(knots, 3), altitude_ft=round(feet, 1))
 
