@@ -31,7 +31,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from models.answers_by_hand import response
 from msgspec.structs import replace
-from pictures.browser import Browser, find_chromium
+from pictures.browser import chromium, find_chromium, opened
 from places import REPLAY_LOGS
 from report_page import Page, first_screen
 
@@ -292,19 +292,18 @@ def test_a_browser_shows_it_within_its_width_fetches_nothing_and_has_no_legend_o
 ) -> None:
     path = tmp_path / "page.html"
     path.write_text(drawn(of), encoding="utf-8")
-    with Browser() as browser:
+    with chromium() as browser:
         for width, phone in ((1280, False), (360, True)):
-            browser.open(path.as_uri(), width, 800, phone=phone)
-            browser.listen(0.2)
-            assert browser.evaluate(OVERFLOW) == 0
-            assert browser.evaluate(ON_AXES) == browser.evaluate(SPLIT) == []
-            assert browser.evaluate(SMALLEST) > 100
+            page, requests, complaints = opened(browser, path.as_uri(), width, phone=phone)
+            assert page.evaluate(OVERFLOW) == 0
+            assert page.evaluate(ON_AXES) == page.evaluate(SPLIT) == []
+            assert page.evaluate(SMALLEST) > 100
             # On a wide screen the whole table of few manoeuvres is seen.
-            assert phone or of is not four_of_a_flight or browser.evaluate(HIDDEN) == 0
-        assert browser.evaluate("document.querySelector('header').getBoundingClientRect().bottom"
-                                ) < 1200  # fmt: skip
-        assert browser.complaints == []
-        assert set(browser.requests) <= {path.as_uri(), "about:blank"}
+            assert phone or of is not four_of_a_flight or page.evaluate(HIDDEN) == 0
+            assert complaints == []
+            assert requests == [path.as_uri()]
+        assert page.evaluate("document.querySelector('header').getBoundingClientRect().bottom"
+                             ) < 1200  # fmt: skip
 
 
 @pytest.mark.skipif(find_chromium() is None, reason="no chromium is installed")
@@ -312,12 +311,11 @@ def test_printed_every_number_is_on_the_paper(drawn: Drawn, tmp_path: Path) -> N
     html = drawn(four_of_a_flight)
     path, printed = tmp_path / "page.html", tmp_path / "page.pdf"
     path.write_text(html, encoding="utf-8")
-    with Browser() as browser:
-        browser.call("Emulation.setEmulatedMedia", media="print")
-        browser.open(path.as_uri(), PAPER_PX, 1000)
-        browser.listen(0.2)
-        assert browser.evaluate(CUT) == []
-        browser.pdf(printed)
+    with chromium() as browser:
+        page, _, _ = opened(browser, path.as_uri(), PAPER_PX, 1000)
+        page.emulate_media(media="print")
+        assert page.evaluate(CUT) == []
+        page.pdf(path=printed, format="A4", prefer_css_page_size=True)
 
     pypdf = pytest.importorskip("pypdf")
     sheets = [page.extract_text() for page in pypdf.PdfReader(printed).pages]
@@ -344,12 +342,12 @@ def test_printed_no_heading_stands_alone_at_the_foot_of_a_sheet(
     path, printed = tmp_path / "page.html", tmp_path / "page.pdf"
     headings = {Page(each).text for each in re.findall("<(?:h[23]|summary)>(.*?)</", html)}
     last = []
-    with Browser() as browser:
+    with chromium() as browser:
         for height_px in heights_px:
             shift = f'<div style="height: {height_px}px"></div>'
             path.write_text(html.replace("<header", f"{shift}<header", 1), encoding="utf-8")
-            browser.open(path.as_uri(), PAPER_PX, 1000)
-            browser.pdf(printed)
+            page, _, _ = opened(browser, path.as_uri(), PAPER_PX, 1000)
+            page.pdf(path=printed, format="A4", prefer_css_page_size=True)
             sheets = [sheet.extract_text() for sheet in pypdf.PdfReader(printed).pages]
             last += [sheet.strip().splitlines()[-1] for sheet in sheets[:-1] if sheet.strip()]
 

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from finished_runs import replayed
 from flightlog import FlightLog, fly
-from pictures.browser import Browser, find_chromium
+from pictures.browser import chromium, find_chromium, opened
 from places import C172P
 from report_page import Page, first_screen
 
@@ -128,11 +128,10 @@ def test_without_a_folder_for_the_cache_of_matplotlib_stderr_has_no_line(
 def test_the_browser_would_notice_a_script_error_and_a_request(tmp_path: Path) -> None:
     path = tmp_path / "bad.html"
     path.write_text("<img src='http://127.0.0.1:9/x.png'><script>boom()</script>", encoding="utf-8")
-    with Browser() as browser:
-        browser.open(path.as_uri())
-        browser.listen(0.5)
-        assert "http://127.0.0.1:9/x.png" in browser.requests
-        assert browser.complaints
+    with chromium() as browser:
+        _, requests, complaints = opened(browser, path.as_uri())
+        assert "http://127.0.0.1:9/x.png" in requests
+        assert complaints
 
 
 def test_characters_that_html_does_not_allow_are_replaced_in_texts_and_in_sentences() -> None:

@@ -18,9 +18,10 @@ from pathlib import Path
 import rerun as rr
 from PIL import Image
 from PIL.PngImagePlugin import PngInfo
+from playwright.sync_api import FloatRect
 from rerun.experimental import ViewerClient
 
-from pictures.browser import Browser
+from pictures.browser import chromium, opened
 from yawid.cli.main import main as yawid
 from yawid.sinks.mcap.reader import open_run
 
@@ -35,13 +36,13 @@ SETTLE_S = 6.0
 THIRD = "document.querySelector('.pictures figure:nth-child(5)').getBoundingClientRect().top"
 
 
-def small(picture: Path, mcap: Path, width: int, most: int | None = None) -> None:
-    """Make a picture one of a README: at most ``width`` wide and ``most`` high, with few colours.
+def small(picture: Path, mcap: Path, width: int) -> None:
+    """Make a picture one of a README: at most ``width`` wide, with few colours.
 
     Its text has the case, the options of its replay, and the answer.
     """
     with Image.open(picture) as image:
-        whole = image.convert("RGB").crop((0, 0, image.width, most or image.height))
+        whole = image.convert("RGB")
     whole.thumbnail((width, whole.height), Image.Resampling.LANCZOS)
     few = whole.quantize(COLOURS, Image.Quantize.MAXCOVERAGE, kmeans=3, dither=Image.Dither.NONE)
     roll = open_run(mcap).summary.to_json()["flight"]["dutch_roll"]
@@ -70,11 +71,12 @@ def viewer_picture(picture: Path, mcap: Path) -> None:
 def report_picture(picture: Path, mcap: Path) -> None:
     """Take a picture of the report at a width of 1280 pixels, down to its second manoeuvre."""
     yawid(["report", str(mcap)])
-    with Browser() as browser:
-        browser.open(mcap.with_suffix(".html").as_uri(), 1280, 800)
-        browser.screenshot(picture)
-        small(picture, mcap, 1000, round(browser.evaluate(THIRD)) - 20)
-        print(*browser.complaints, sep="\n", file=sys.stderr)
+    with chromium() as browser:
+        page, _, complaints = opened(browser, mcap.with_suffix(".html").as_uri())
+        seen = FloatRect(x=0, y=0, width=1280, height=page.evaluate(THIRD) - 20)
+        page.screenshot(path=picture, full_page=True, clip=seen)
+        print(*complaints, sep="\n", file=sys.stderr)
+    small(picture, mcap, 1000)
 
 
 def main(out: Path = ROOT / "tools/pictures") -> None:
