@@ -23,7 +23,7 @@ from fault_injection import (
     shifted,
     with_others,
 )
-from flights.surgery import Encoder, Record, join, nonsense, rewrite, sender, without, wrong_crc
+from flights.surgery import Encoder, Record, edited, join, nonsense, sender, without, wrong_crc
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 
@@ -100,7 +100,7 @@ def as_v1(which: Callable[[int], bool]) -> list[Record]:
 
 
 def signed_in_v1() -> bytes:
-    both = zip(as_v1(lambda i: True), rewrite(good(), key=bytes(32)), strict=True)
+    both = zip(as_v1(lambda i: True), edited(good(), key=bytes(32)), strict=True)
     return join(signed if i % 97 == 0 else plain for i, (plain, signed) in enumerate(both))
 
 

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from daylog import long_log
 from flightlog import FlightLog
-from flights.surgery import Encoder, join, rewrite, split
+from flights.surgery import Encoder, edited, join, split
 from hostile import (
     FLIGHT,
     assert_harmless,
@@ -44,7 +44,7 @@ from yawid.sources.mavlink.decoder import Decoder
 from yawid.sources.mavlink.signing import SigningKey
 
 KEY = bytes(range(32))
-SIGNED = rewrite(split(FLIGHT), key=KEY)
+SIGNED = edited(split(FLIGHT), key=KEY)
 
 
 @pytest.mark.parametrize("key", [None, KEY])

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from flightlog import FlightLog, fly, summarised
-from flights.surgery import join, rewrite, split
+from flights.surgery import edited, join, split
 from gate import one_in
 from hypothesis import given
 from hypothesis import strategies as st
@@ -190,7 +190,7 @@ def test_with_a_key_only_the_signed_vehicle_is_inspected(tmp_path: Path, capsys)
         log.attitude(t, 0.1)
         log.servos(t, [1500] * 8)
     plain = split(bytes(log.data))
-    both = [each for pair in zip(rewrite(plain, key=KEY), plain, strict=True) for each in pair]
+    both = [each for pair in zip(edited(plain, key=KEY), plain, strict=True) for each in pair]
 
     _, report = inspected(join(both), tmp_path, capsys, "--signing-key-file", str(key))
 

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 from flightlog import finished
-from flights.surgery import Encoder, Record, join, rewrite, split
+from flights.surgery import CLASSES, Encoder, Record, edited, join, split
 from places import REPLAY_LOGS
 
 from yawid.config.run import RunConfig
@@ -120,14 +120,13 @@ def changed(change: Callable[[Any], Any], *, start_s: float = 0.0) -> bytes:
     """Return the good log, with ``change`` applied to the vehicle's messages from a time on."""
     boot_s = [0.0]
 
-    def one(message: Any) -> list[Any]:
+    def one(message: Any) -> None:
         if message.get_type() == "ATTITUDE":
             boot_s[0] = message.time_boot_ms / 1000
-        if message.get_srcSystem() == 1 and boot_s[0] >= start_s:
+        if boot_s[0] >= start_s:
             change(message)
-        return [message]
 
-    return join(rewrite(good(), one))
+    return join(edited(good(), **dict.fromkeys(CLASSES, one)))
 
 
 def shifted(seconds: float, start_s: float = 0.0) -> bytes:

@@ -1,8 +1,9 @@
 """A case: a log, the options it is replayed with, and the answers it must give.
 
 It is a folder with the log (log.tlog, .bin or .ulg), ``case.toml`` (origin, licence, sha256, floor,
-``[options]``, ``[flight]``, ``[tolerances]``, ``[[updates]]``) and the references ``expected.csv``,
-``expected.json`` and ``flight.json``. Only :func:`update` writes references, and it needs a reason.
+``[made]``, ``[options]``, ``[flight]``, ``[tolerances]``, ``[[updates]]``) and the references
+``expected.csv``, ``expected.json`` and ``flight.json``. Only :func:`update` writes references, and
+it needs a reason.
 """
 
 from __future__ import annotations
@@ -42,7 +43,7 @@ from yawid.system.part_file import write_whole
 
 KEYS = {
     "origin": str, "licence": str, "sha256": str, "floor": int, "options": dict, "flight": dict,
-    "tolerances": dict, "updates": list,
+    "tolerances": dict, "made": dict, "updates": list,
 }  # fmt: skip
 ANSWERS = ("exit_code", "verdict", "manoeuvres", "flight", "flights", "bare", "ordinary")
 """The keys of ``flight.json``."""

@@ -18,7 +18,7 @@ OF_THE_PROJECT = {
     "sitl_fbwa_gcs_4hz": ROOT / "tests" / "flights" / "sitl_fbwa_gcs_4hz.tlog",
     "sitl_auto_mavproxy_4hz": ROOT / "tests" / "flights" / "sitl_auto_mavproxy_4hz.tlog",
 }
-"""Parts of these flights with the essential messages, cut by tools/trim_tlog.py."""
+"""Parts of these flights with the essential messages, cut by tools/make_cases.py."""
 
 
 def recorded(*names: str, trimmed: bool = True) -> pytest.MarkDecorator:

@@ -1,1 +1,1 @@
-"""The recipes of the cases in replay_logs/, and what runs them."""
+"""How the cases of replay_logs/ are made, and what compares two commits on them."""

@@ -1,13 +1,20 @@
-"""The recipes of replay_logs/: how each log is made, and what is true of the aircraft in it.
+"""How a case of replay_logs/ is made: what the table ``[made]`` of its case.toml says.
 
-The first functions change the records of a flight (tools/flights/surgery.py): the same aircraft
-seems to have another autopilot or servos.
+    [made]                                              [made]
+    fly = ["--manoeuvre 3211 --seed 5"]                 cut = "sitl_fbwa_50hz"
+    change = "vtail"                                    boot_s = [76.5, 255.0]
+
+``fly`` has command lines of tools/fly_jsbsim.py. ``change`` names a function of this file, which
+gets the records of each flight and returns the log: the same aircraft seems to have another
+autopilot or servos, or the link failed. The truth is that of the last flight, unless ``truth`` is
+false. With ``ordinary`` (fields of flights/ordinary.py) the rudder is not moved on purpose, with
+``aileron`` (a seed) the aileron is moved, too. ``cut`` is a stretch of vehicle time out of a
+recorded flight, of which only the messages are kept that yawid reads.
 """
 
 from __future__ import annotations
 
 import shlex
-from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -16,6 +23,7 @@ import fly_jsbsim
 import numpy as np
 from flights.flight import Hands
 from flights.fly import Made, fly
+from flights.moved import pulses
 from flights.ordinary import Ordinary, fly_ordinary
 from flights.plan import FlightPlan, excitation
 from flights.surgery import (
@@ -23,20 +31,71 @@ from flights.surgery import (
     after,
     edited,
     join,
-    littered,
+    nonsense,
     px4_controls,
-    rewrite,
     setting,
     split,
-    together,
     without,
+    wrong_crc,
 )
 from flights.telemetry import Link
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
-from trim_tlog import ESSENTIAL, trim
+
+ESSENTIAL = ("HEARTBEAT", "ATTITUDE", "SERVO_OUTPUT_RAW", "VFR_HUD", "PARAM_VALUE", "STATUSTEXT")
+KEY = bytes(range(32))
+"""The key that signs the frames of the signed case; it is not secret."""
 
 
-def vtail(records: list[Record]) -> list[Record]:
+def make(how: dict[str, Any], flights: Path) -> Made:
+    """Return the log of a table ``[made]``, and its truth if that is known."""
+    if "cut" in how:
+        return Made(cut((flights / f"{how['cut']}.tlog").read_bytes(), *how["boot_s"]))
+    lines = ([*shlex.split(line), "--out", "log.tlog"] for line in how["fly"])
+    asked = [fly_jsbsim.asked(fly_jsbsim.parse(line)) for line in lines]
+    if "ordinary" in how:
+        return fly_ordinary(Ordinary(*asked[0], **how["ordinary"]))
+    if "aileron" in how:
+        return with_aileron(*asked[0], how["aileron"])
+    made = [fly(*each) for each in asked]
+    if "change" not in how:
+        return made[0]
+    log = globals()[how["change"]](*(split(each.log) for each in made))
+    return Made(log, made[-1].truth if how.get("truth", True) else None)
+
+
+def cut(log: bytes, from_s: float, to_s: float) -> bytes:
+    """Return the essential records of a stretch of ATTITUDE's time_boot_ms; no byte changes.
+
+    A record has the time of the last ATTITUDE up to it.
+    """
+    reader, boot_s, kept = mavlink.MAVLink(None), -1.0, []
+    for stamp, frame in split(log):
+        message = reader.decode(bytearray(frame))
+        if message.get_type() == "ATTITUDE":
+            boot_s = message.time_boot_ms / 1000.0
+        if from_s <= boot_s < to_s and message.get_type() in ESSENTIAL:
+            kept.append((stamp, frame))
+    return join(kept)
+
+
+def with_aileron(plan: FlightPlan, link: Link, seed: int) -> Made:
+    """Fly with rudder and aileron both moved on purpose, so that each moves the yaw on its own.
+
+    The aileron is then an input, so that the Dutch roll estimated is that of the bare airframe.
+    """
+    aileron = pulses(np.random.default_rng(seed), plan.seconds, 0.12, 0.3)
+    aileron[:5100] = 0.0
+    made = fly(plan, link, Hands(excitation(plan), aileron, nose_held=False))
+    assert made.truth is not None
+    return Made(made.log, made.truth | {"dutch_roll": made.truth["dutch_roll_open_loop"]})
+
+
+def named(values: dict[str, float], parameter: Any) -> None:
+    """Give a parameter the value that its name has."""
+    parameter.param_value = values.get(parameter.param_id, parameter.param_value)
+
+
+def vtail(records: list[Record]) -> bytes:
     """Make the aircraft a V-tail on servos 2 and 4, whose elevator moves all the time."""
     rng = np.random.default_rng(21)
     elevator_us = 0.0
@@ -50,21 +109,22 @@ def vtail(records: list[Record]) -> list[Record]:
         message.servo4_raw = 1500 + round((elevator_us - rudder_us) / 2)
 
     values = {"SERVO2_FUNCTION": 79.0, "SERVO4_FUNCTION": 80.0}
-    return edited(records, PARAM_VALUE=partial(_set, values), SERVO_OUTPUT_RAW=servos)
+    return join(edited(records, PARAM_VALUE=partial(named, values), SERVO_OUTPUT_RAW=servos))
 
 
-def _set(values: dict[str, float], message: Any) -> None:
-    message.param_value = values.get(message.param_id, message.param_value)
+def no_rudder(records: list[Record]) -> bytes:
+    """Make the aircraft a flying wing: its parameters name elevons and no rudder."""
+    values = {"SERVO1_FUNCTION": 77.0, "SERVO2_FUNCTION": 78.0, "SERVO4_FUNCTION": 0.0}
+    return join(edited(records, PARAM_VALUE=partial(named, values)))
 
 
-def px4_groups(records: list[Record]) -> list[Record]:
+def px4_groups(records: list[Record]) -> bytes:
     """Make the autopilot a PX4 that reports normalised controls, of group 0 and of another."""
-
-    def controls(mine: Any) -> list[Any]:
-        other = (mine.time_usec, 1, [0.3] * 8)
-        return [mine, mavlink.MAVLink_actuator_control_target_message(*other)]
-
-    return edited(px4_controls(records), ACTUATOR_CONTROL_TARGET=controls)
+    other = mavlink.MAVLink_actuator_control_target_message
+    return join(edited(
+        px4_controls(records),
+        ACTUATOR_CONTROL_TARGET=lambda mine: [mine, other(mine.time_usec, 1, [0.3] * 8)],
+    ))  # fmt: skip
 
 
 PX4_PARAMETERS = (
@@ -82,176 +142,70 @@ PX4_PARAMETERS = (
 """The rudder is the third surface, so it is the third servo (203), which is output 5, reversed."""
 
 
-def px4_outputs(records: list[Record]) -> list[Record]:
+def px4_outputs(records: list[Record]) -> bytes:
     """Make the autopilot a PX4 that reports its outputs, with the surface of each as parameters.
 
     PX4 sends the four bytes of an integer parameter in the place of the float.
     """
     parameters = [
         mavlink.MAVLink_param_value_message(
-            name.encode(),
-            float(np.int32(value).view(np.float32)),
-            mavlink.MAV_PARAM_TYPE_INT32,
-            len(PX4_PARAMETERS),
-            index,
+            name.encode(), float(np.int32(value).view(np.float32)),
+            mavlink.MAV_PARAM_TYPE_INT32, len(PX4_PARAMETERS), index,
         )
         for index, (name, value) in enumerate(PX4_PARAMETERS)
-    ]
+    ]  # fmt: skip
 
     def servos(message: Any) -> None:
         message.servo5_raw, message.servo4_raw = 3000 - message.servo4_raw, 1000
 
-    def parameter(message: Any) -> list[Any]:
-        return [parameters.pop(0)] if parameters else []
-
-    heartbeat = setting(autopilot=mavlink.MAV_AUTOPILOT_PX4)
-    return edited(records, HEARTBEAT=heartbeat, PARAM_VALUE=parameter, SERVO_OUTPUT_RAW=servos)
-
-
-def no_rudder(records: list[Record]) -> list[Record]:
-    """Make the aircraft a flying wing: its parameters name elevons and no rudder."""
-    values = {"SERVO1_FUNCTION": 77.0, "SERVO2_FUNCTION": 78.0, "SERVO4_FUNCTION": 0.0}
-    return edited(records, PARAM_VALUE=partial(_set, values))
+    edits = {
+        "HEARTBEAT": setting(autopilot=mavlink.MAV_AUTOPILOT_PX4),
+        "PARAM_VALUE": lambda _: [parameters.pop(0)] if parameters else [],
+        "SERVO_OUTPUT_RAW": servos,
+    }
+    return join(edited(records, **edits))
 
 
-def with_gaps(records: list[Record]) -> list[Record]:
+def gaps(records: list[Record]) -> bytes:
     """Silence the link for 0.8 s, 4 s and 15 s."""
     for low, high in ((30.0, 30.8), (45.0, 49.0), (65.0, 80.0)):
         records = without(records, low, high)
-    return records
+    return join(records)
 
 
-def two_vehicles(other: list[Record], mine: list[Record]) -> list[Record]:
-    """Put a second vehicle, system 2, on the link of the first."""
-    return together(other, rewrite(mine, sysid=2))
+def reboot(first: list[Record], second: list[Record]) -> bytes:
+    """Reboot the autopilot between two flights."""
+    return join(after(first, second, pause_s=7.0))
 
 
-Truth = dict[str, Any]
-KEY = bytes(range(32))
-"""The key that signs the frames of the signed case; it is not secret."""
-UINT32_WRAP_S = 2**32 / 1e6
+def two_vehicles(other: list[Record], mine: list[Record]) -> bytes:
+    """Put a second vehicle, system 2, on the link of the first: sorted by stamp."""
+    return join(sorted([*other, *edited(mine, sysid=2)], key=lambda record: record[0]))
 
 
-def flown(command: str, *_: Path) -> Made:
-    """Fly as tools/fly_jsbsim.py does with these options."""
-    options = fly_jsbsim.parse([*shlex.split(command), "--out", "log.tlog"])
-    return fly(*fly_jsbsim.asked(options), flight=f"tools/fly_jsbsim.py {command}")
+def signed(records: list[Record]) -> bytes:
+    """Sign every frame."""
+    return join(edited(records, key=KEY))
 
 
-def changed(
-    command: str,
-    change: Callable[[list[Record]], Iterable[Record] | bytes],
-    *_: Path,
-    has_truth: bool = True,
-) -> Made:
-    """Fly, then change the log's records; without ``has_truth``, the result has no truth."""
-    made = flown(command)
-    log = change(split(made.log))
-    return Made(log if isinstance(log, bytes) else join(log), made.truth if has_truth else None)
+def garbage(records: list[Record]) -> bytes:
+    """Put garbage at the start and between records, and cut the end off.
 
-
-def flown_twice(
-    first: str,
-    second: str,
-    combine: Callable[[list[Record], list[Record]], Sequence[Record]],
-    *_: Path,
-) -> Made:
-    """Fly twice and combine the logs; the truth is that of the second flight."""
-    a, b = flown(first), flown(second)
-    return Made(join(combine(split(a.log), split(b.log))), b.truth)
-
-
-def cut(name: str, low_s: float, high_s: float, truth: Truth | None, flights: Path) -> Made:
-    """Cut a stretch out of a recorded flight, keeping only the messages that yawid reads."""
-    log = (flights / f"{name}.tlog").read_bytes()
-    command = (
-        f"python tools/trim_tlog.py {name}.tlog log.tlog --from {low_s:g} --to {high_s:g} --only"
-    )
-    return Made(trim(log, low_s, high_s, ESSENTIAL), truth and truth | {"command": command})
-
-
-def with_aileron(_: Path) -> Made:
-    """Fly with rudder and aileron both moved on purpose, so that each moves the yaw on its own.
-
-    The aileron is then an input, so that the Dutch roll estimated is that of the bare airframe.
+    The garbage is noise without a stamp, frames with unknown ids, frames with a wrong CRC, and line
+    ends.
     """
-    plan = FlightPlan(seconds=100.0, roll_gain=0.3, roll_rate_gain=0.0, true_feedback=True)
-    link = Link(attitude_hz=25.0, servo_hz=25.0, seed=11)
-    pulses = np.random.default_rng(12).choice([-0.12, 0.12], size=round(plan.seconds / 0.3) + 2)
-    pulses[: round(5.0 / 0.3)] = 0.0
-    rudder = excitation(plan)
-    hands = Hands(rudder, np.repeat(pulses, 300)[: len(rudder)], nose_held=False)
-    made = fly(plan, link, hands)
-    assert made.truth is not None
-    return Made(made.log, made.truth | {"dutch_roll": made.truth["dutch_roll_open_loop"]})
-
-
-def turned(severity: int, mix: float, law: str, lag_s: float, *_: Path) -> Made:
-    """Fly eight minutes of turns, in which the rudder is not moved on purpose."""
-    plan = FlightPlan(
-        "OV10", 170.0, 4000.0, seconds=480.0, manoeuvre="none", roll_gain=0.8, roll_rate_gain=0.2
-    )
-    link = Link(10.0, 10.0, seed=31, servo_ms=40)
-    return fly_ordinary(
-        Ordinary(plan, link, severity=severity, mix=mix, law=law, servo_lag_s=lag_s)
-    )
-
-
-FLY = "--true-feedback --manoeuvre 3211 --attitude-hz 25 --servo-hz 25 --seconds 90 --seed"
-SITL = "ArduPlane V4.6-dev SITL"
-_FIRST = "--true-feedback --manoeuvre 3211 --seconds 120"
-_GCS = f"{_FIRST} --attitude-hz 10 --servo-hz 5 --heading-deg 180 --seed 2"
-SITL_TRUTH: Truth = {
-    "aircraft": f"{SITL}, built-in plane model",
-    "flown": "FBWA at 22.00 +- 0.03 m/s; doublets, 3-2-1-1, PRBS and sweep on the rudder",
-    "dutch_roll": {"wn_rad_s": 10.22, "wn_std": 0.016, "zeta": 0.63, "zeta_std": 0.0005},
-    "linearised": "at 22 m/s, closed with FBWA's roll loop as it is in the simulator",
-    "uncertainty": "wn: 0.03 m/s (VFR_HUD, standard deviation) by 0.5 rad/s per m/s (9.97 at 21.5 "
-    "m/s, 10.47 at 22.5), and half the last digit; zeta: half the last digit",
-    "servo_lag_s": 0.14,
-    "rudder_mix": "rudder carries 0.5 aileron (KFF_RDDRMIX)",
-}
-SEGMENTS = {
-    "rest": [76.499, 86.479],
-    "doublet": [86.479, 106.479],
-    "3-2-1-1": [106.499, 143.079],
-    "prbs": [143.099, 193.879],
-    "sweep": [193.879, 253.9],
-}
-"""The parts of the flight at 50 Hz, in s since boot."""
-
-RECIPES: dict[str, Callable[[Path], Made]] = {
-    "c172p_3211": partial(flown, _FIRST),
-    "c172p_gcs_rates": partial(flown, _GCS),
-    "c172p_mavlink1": partial(flown, f"{FLY} 3 --mavlink1"),
-    "c172p_reversed": partial(flown, f"{FLY} 4 --rudder 1050,1430,1900,1"),
-    "c172p_vtail": partial(changed, f"{FLY} 5", vtail),
-    "px4_controls": partial(changed, f"{FLY} 6", px4_groups),
-    "px4_outputs": partial(changed, f"{FLY} 7", px4_outputs),
-    "c172p_yaw_output": partial(flown, f"{FLY} 8 --heading-deg 0"),
-    "c172p_aileron": with_aileron,
-    "c172p_gaps": partial(changed, f"{FLY} 9", with_gaps),
-    "c172p_reboot": partial(
-        flown_twice,
-        f"{FLY} 10 --boot-s 400 --seconds 50",
-        f"{FLY} 11 --boot-s 8 --seconds 50",
-        partial(after, pause_s=7.0),
-    ),
-    "c172p_uint32_wrap": partial(flown, f"{FLY} 12 --boot-s {UINT32_WRAP_S - 50.0:.3f}"),
-    "two_vehicles": partial(
-        flown_twice, f"{FLY} 13", f"{FLY} 14 --speed-kt 80 --boot-s 700", two_vehicles
-    ),
-    "c172p_garbage": partial(changed, f"{FLY} 15", partial(littered, seed=16)),
-    "c172p_signed": partial(changed, f"{FLY} 17", partial(rewrite, key=KEY)),
-    "no_rudder": partial(changed, f"{FLY} 18 --seconds 20", no_rudder, has_truth=False),
-    "turns_calm": partial(turned, 0, 0.5, "arduplane", 0.0),
-    "turns_gusts": partial(turned, 2, 0.0, "px4", 0.06),
-    "sitl_fbwa_50hz": partial(
-        cut, "sitl_fbwa_50hz", 76.5, 255.0, SITL_TRUTH | {"segments_boot_s": SEGMENTS}
-    ),
-    "sitl_fbwa_stock_33hz": partial(cut, "sitl_fbwa_stock_33hz", 76.8, 255.0, SITL_TRUTH),
-    "sitl_fbwa_manoeuvres": partial(cut, "sitl_fbwa_stock_33hz", 70.0, 263.0, SITL_TRUTH),
-    "sitl_auto": partial(cut, "sitl_auto_25hz", 60.0, 360.0, None),
-}
-"""How each log is made, by a function of the folder of recorded flights, out of which those named
-sitl are cut; what is said of a log stands in its case.toml."""
+    rng = np.random.default_rng(16)
+    parts = [rng.bytes(333)]
+    for stamp, frame in records:
+        parts.append(join([(stamp, frame)]))
+        if rng.random() < 0.02:
+            match int(rng.integers(0, 4)):
+                case 0:
+                    parts.append(rng.bytes(int(rng.integers(1, 40))))
+                case 1:
+                    parts.append(join([(stamp, nonsense(rng))]))
+                case 2:
+                    parts.append(join([(stamp, wrong_crc(frame))]))
+                case 3:
+                    parts.append(b"\r\n")
+    return b"".join(parts)[:-20]

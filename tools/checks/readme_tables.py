@@ -74,7 +74,7 @@ def cases() -> str:
         given = ({"manoeuvres": "auto"} | case.get("options", {})).items()
         given = [(k, v) for k, v in given if (k, v) != ("manoeuvres", "off")]
         options = ", ".join(f"{k} {v:g}" if isinstance(v, float) else f"{k} {v}" for k, v in given)
-        origin = re.sub(r"[,;] (trimmed|recorded|tools/|see ).*", "", case["origin"])
+        origin = re.sub(r"[,;] (recorded|tools/|see ).*", "", case["origin"])
         origin = re.sub("^JSBSim C172P at 100 kt, |ArduPlane V4.6-dev SITL ", "", origin)
         rows.append(f"| {path.parent.name} | {origin} | {options or 'none'} |")
     return "\n".join(["| case | its log | options |", "|---|---|---|", *rows])

@@ -21,21 +21,14 @@ CLASSES: dict[str, Any] = {cls.msgname: cls for cls in mavlink.mavlink_map.value
 
 
 def split(log: bytes) -> list[Record]:
-    """Return the records of an intact log; an incomplete last one is left out.
-
-    Raises:
-        ValueError: a record does not begin with a MAVLink frame.
-    """
+    """Return the records of an intact log; an incomplete last one is left out."""
     found, at = [], 0
     while at + STAMP_SIZE + 8 <= len(log):  # of the shortest frame
         begin = at + STAMP_SIZE
-        size = log[begin + 1]
+        assert log[begin] in (0xFD, 0xFE), f"no MAVLink frame at byte {begin}"
+        end = begin + 8 + log[begin + 1]
         if log[begin] == 0xFD:
-            end = begin + 12 + size + 13 * (log[begin + 2] & 1)
-        elif log[begin] == 0xFE:
-            end = begin + 8 + size
-        else:
-            raise ValueError(f"no MAVLink frame at byte {begin}")
+            end += 4 + 13 * (log[begin + 2] & 1)
         if end > len(log):
             break
         found.append((int.from_bytes(log[at:begin], "big"), log[begin:end]))
@@ -98,52 +91,32 @@ class Encoder:
         return frame
 
 
-def rewrite(
-    records: Iterable[Record],
-    change: Callable[[Any], Sequence[Any]] = lambda message: [message],
-    *,
-    sysid: int | None = None,
-    key: bytes | None = None,
-) -> list[Record]:
-    """Decode each frame, ``change`` its message into others (or none), and pack these again.
-
-    ``sysid`` replaces the vehicle's system id 1; ``key`` signs every frame.
-    """
-    reader, encoder = mavlink.MAVLink(None), Encoder(key)
-    rewritten = []
-    for stamp, frame in records:
-        ids = sender(frame)
-        if sysid is not None and ids[0] == 1:
-            ids = sysid, ids[1]
-        for message in change(reader.decode(bytearray(frame))):
-            rewritten.append((stamp, encoder.frame(message, ids)))
-    return rewritten
-
-
 def edited(
-    records: Iterable[Record], **edits: Callable[[Any], Sequence[Any] | None]
+    records: Iterable[Record],
+    *,
+    sysid: Any = 1,
+    key: Any = None,
+    **edits: Callable[[Any], Sequence[Any] | None],
 ) -> list[Record]:
-    """Edit the vehicle's messages by their names; the vehicle is system 1.
+    """Decode each frame, edit the vehicle's messages by their names, and pack all again.
 
-    An edit changes its message, or returns what is sent instead.
+    The vehicle is system 1, which becomes ``sysid``; ``key`` (32 bytes) signs every frame. An edit
+    changes its message, or returns what is sent instead.
     """
-
-    def change(message: Any) -> Sequence[Any]:
-        edit = edits.get(message.get_type()) if message.get_srcSystem() == 1 else None
-        instead = None if edit is None else edit(message)
-        return [message] if instead is None else instead
-
-    return rewrite(records, change)
+    reader, encoder, found = mavlink.MAVLink(None), Encoder(key), []
+    for stamp, frame in records:
+        message, ids, instead = reader.decode(bytearray(frame)), sender(frame), None
+        if ids[0] == 1:
+            ids = sysid, ids[1]
+            instead = edits.get(message.get_type(), lambda _: None)(message)
+        sent = [message] if instead is None else instead
+        found += [(stamp, encoder.frame(each, ids)) for each in sent]
+    return found
 
 
 def setting(**fields: int) -> Callable[[Any], None]:
     """Return an edit that gives a message's fields these values."""
-
-    def edit(message: Any) -> None:
-        for name, value in fields.items():
-            setattr(message, name, value)
-
-    return edit
+    return lambda message: vars(message).update(fields)
 
 
 def px4_control(time_us: int, roll: float, yaw: float) -> Any:
@@ -178,11 +151,6 @@ def after(first: Sequence[Record], second: Sequence[Record], pause_s: float) -> 
     return [*first, *((stamp + shift, frame) for stamp, frame in second)]
 
 
-def together(*logs: Sequence[Record]) -> list[Record]:
-    """Return several logs as one recorder would receive them, sorted by stamp."""
-    return sorted((record for log in logs for record in log), key=lambda record: record[0])
-
-
 def wrong_crc(frame: bytes) -> bytes:
     """Return a frame as a sender of another dialect packs it: whole, but with a wrong CRC."""
     return frame[:-2] + bytes(b ^ 0x5A for b in frame[-2:])
@@ -194,25 +162,3 @@ def nonsense(rng: np.random.Generator) -> bytes:
     ident = int(rng.integers(60_000, 2**24)).to_bytes(3, "little")
     head = bytes([0xFD, size, 0, 0, *rng.integers(0, 256, 3).tolist()]) + ident
     return head + rng.bytes(size + 2)
-
-
-def littered(records: Sequence[Record], seed: int, share: float = 0.02) -> bytes:
-    """Return a log with garbage at the start and between records, and with its end cut off.
-
-    The garbage is noise without a stamp, frames with unknown ids, frames with a wrong CRC, and line
-    ends.
-    """
-    rng = np.random.default_rng(seed)
-    parts = [rng.bytes(333)]
-    for stamp, frame in records:
-        parts.append(join([(stamp, frame)]))
-        if rng.random() >= share:
-            continue
-        kind = int(rng.integers(0, 4))
-        if kind == 0:
-            parts.append(rng.bytes(int(rng.integers(1, 40))))
-        elif kind == 3:
-            parts.append(b"\r\n")
-        else:
-            parts.append(join([(stamp, nonsense(rng) if kind == 1 else wrong_crc(frame))]))
-    return b"".join(parts)[:-20]

@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 from checks.children import free_udp_port
 from finished_runs import messages
-from flights.surgery import rewrite, split
+from flights.surgery import edited, split
 from live_link import CONFIG, Session, frames, listening, send, tlog_size, wait_for_size
 from places import REPLAY_LOGS
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
@@ -153,7 +153,7 @@ def test_rates_are_asked_in_one_sequence_with_what_is_published_and_signed_where
         link.signing.sign_outgoing = True
     options = {"publish": publish, "request_hz": 50.0}
     options["read_options"] = ReadOptions(key=key and SigningKey(key))
-    sent = [frame for _, frame in rewrite([(0, f) for f in frames(6.0)], key=key)]
+    sent = [frame for _, frame in edited([(0, f) for f in frames(6.0)], key=key)]
     with (
         socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as vehicle,
         listening(tmp_path, **options) as session,

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 from finished_runs import messages
-from flights.surgery import rewrite
+from flights.surgery import edited
 from live_link import BEAT, CONFIG, GROUND, frames, listening, mixed, send, tlog_size, wait_for_size
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
@@ -108,7 +108,7 @@ def test_one_of_several_vehicles_is_chosen_or_the_others_are_said_once_and_so_is
 def test_with_a_key_an_unsigned_heartbeat_opens_no_session(tmp_path: Path) -> None:
     key, stranger = bytes(range(32)), frames(4.0, sysid=2)
     own, forged = (
-        [frame for _, frame in rewrite([(0, each) for each in frames(seconds)], key=by)]
+        [frame for _, frame in edited([(0, each) for each in frames(seconds)], key=by)]
         for seconds, by in ((10.0, key), (4.0, bytes(32)))
     )
     with listening(

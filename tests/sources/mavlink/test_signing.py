@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from flightlog import fly
-from flights.surgery import Encoder, join, rewrite, split
+from flights.surgery import Encoder, edited, join, split
 from hypothesis import given
 from hypothesis import strategies as st
 from live_link import listening
@@ -219,7 +219,7 @@ RECORDS = split(
         servo_s=0.05,
     ).data
 )
-SIGNED = rewrite(RECORDS, key=KEY)
+SIGNED = edited(RECORDS, key=KEY)
 
 
 def intruders() -> list[tuple[int, bytes]]:
@@ -248,7 +248,7 @@ def test_with_a_key_forged_frames_change_nothing_and_the_key_is_in_no_output(
 ) -> None:
     (tmp_path / "key").write_text(PASSPHRASE + "\n", encoding="utf-8")
     plain, mixed = intruders(), list(SIGNED)
-    forged = [*plain, *rewrite(plain, key=WRONG), *SIGNED[:40]]
+    forged = [*plain, *edited(plain, key=WRONG), *SIGNED[:40]]
     for i, rec in enumerate(forged):
         mixed.insert(5 + 3 * i, rec)
     options = ["--manoeuvres", "off", "--ordinary", "off"]
