@@ -17,9 +17,9 @@ from flights.ordinary import (
     Ordinary,
     P,
     R,
-    RollLaw,
     flown,
     fly_ordinary,
+    roll_law,
 )
 from flights.plan import FlightPlan, plan_at, sealed
 from flights.telemetry import Link
@@ -82,7 +82,7 @@ def test_a_flight_turns_holds_height_and_speed_and_mixes_its_rudder() -> None:
 
 def test_the_first_law_is_proportional_and_the_autopilots_integrate() -> None:
     plan = FlightPlan(roll_gain=0.8, roll_rate_gain=0.2, speed_kt=100.0)
-    hold, px4, arduplane = (RollLaw(name, plan) for name in ("hold", "px4", "arduplane"))
+    hold, px4, arduplane = (roll_law(name, plan) for name in ("hold", "px4", "arduplane"))
 
     assert hold(0.1, 0.05, 80.0) == pytest.approx(0.8 * 0.1 - 0.2 * 0.05)
     n = 100
@@ -120,18 +120,18 @@ def test_frozen_gusts_blow_from_the_side_as_they_yaw() -> None:
     assert rates[1] < 0.9
 
 
-@pytest.mark.parametrize("axes", ["p", "r", "pr"])
+@pytest.mark.parametrize("axes", [(P,), (R,), (P, R)], ids=["p", "r", "pr"])
 def test_a_line_has_its_frequency_and_its_share_of_the_yaw_rate_in_its_axes(
-    axes: str, monkeypatch: pytest.MonkeyPatch
+    axes: tuple[int, ...], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(ordinary, "TRIAL_S", T37.seconds)
     gusty = replace(CALM, severity=2, turns_s=None)
     states, _, quiet = flown(gusty)
     _, _, shaken = flown(replace(gusty, line=(axes, 4.0, 0.5)))
 
-    for axis, name in ((P, "p"), (R, "r")):
+    for axis in (P, R):
         added = (shaken - quiet)[:, axis]
-        if name not in axes:
+        if axis not in axes:
             assert not added.any()
             continue
         assert added.var() == pytest.approx(0.5 * states[:, R].var(), rel=0.15)

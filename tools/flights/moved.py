@@ -7,8 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
-from typing import Any
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.signal import lfilter
@@ -31,25 +30,22 @@ def wander(rng: np.random.Generator, n: int, tau_s: float, std: float) -> Floats
     slow = lfilter([1.0], [1.0, -2.0 * pole, pole * pole], white)[199:]
     # Scale by the standard deviation of the process, not of this piece.
     slow *= std * math.sqrt((1.0 - pole**2) ** 3 / (1.0 + pole**2))
-    at = np.arange(n) / every
-    return np.asarray(np.interp(at, np.arange(len(slow)), slow))
+    return np.asarray(np.interp(np.arange(n) / every, np.arange(len(slow)), slow))
 
 
 def pulses(rng: np.random.Generator, seconds: float, amplitude: float, unit_s: float) -> Floats:
     """Return moves to either side (n,), whose side is drawn every ``unit_s`` after the lead-in."""
-    n = count(seconds)
     held = rng.choice([-amplitude, amplitude], size=math.ceil(seconds / unit_s) + 1)
-    moves = np.repeat(held, round(unit_s / STEP_S))[:n]
+    moves = np.repeat(held, round(unit_s / STEP_S))[: count(seconds)]
     moves[: round(LEAD_IN_S / STEP_S)] = 0.0
     return np.asarray(moves)
 
 
-def by_hand(rng: np.random.Generator, seconds: float, amplitude: float, unit_s: float) -> Floats:
+def by_hand(rng: np.random.Generator, n: int, amplitude: float, unit_s: float) -> Floats:
     """Return the rudder (n,) of a pilot's doublets, all different, with smooth edges and rests.
 
     ``unit_s`` is about the length of one side; a change of side takes 0.3 s.
     """
-    n = count(seconds)
     rudder, at = np.zeros(n), round(LEAD_IN_S / STEP_S)
     while at < n:
         sign = float(rng.choice([-1.0, 1.0]))
@@ -63,34 +59,30 @@ def by_hand(rng: np.random.Generator, seconds: float, amplitude: float, unit_s: 
 
 @dataclass(slots=True)
 class Mixed:
-    """A rudder that copies the aileron: ``share`` of it with a lag of ``lag_s``, and noise (n,)."""
+    """A rudder that copies the aileron: ``share`` of it with a lag of ``lag_s``."""
 
     share: float
     lag_s: float = 0.0
-    noise: Floats | None = None
-    _now: float = field(default=0.0, init=False)
+    now: float = 0.0
 
     def __call__(self, flight: Flight) -> float:
         """Return the rudder of this millisecond."""
-        wanted = self.share * flight.aileron
-        step = 1.0 if self.lag_s <= STEP_S else STEP_S / self.lag_s
-        self._now += step * (wanted - self._now)
-        return self._now + (0.0 if self.noise is None else float(self.noise[flight.ms]))
+        self.now += STEP_S / max(self.lag_s, STEP_S) * (self.share * flight.aileron - self.now)
+        return self.now
 
 
 @dataclass(slots=True)
 class Damper:
-    """A yaw damper: a rudder against the yaw rate, whose steady part a washout removes."""
+    """A yaw damper: a rudder against the yaw rate, whose steady part a washout of 3 s removes."""
 
     gain: float
-    washout_s: float = 3.0
-    _slow: float = field(default=0.0, init=False)
+    slow: float = 0.0
 
     def __call__(self, flight: Flight) -> float:
         """Return the rudder of this millisecond."""
         r = flight.sensed(5)
-        self._slow += STEP_S / self.washout_s * (r - self._slow)
-        return -self.gain * (r - self._slow)
+        self.slow += STEP_S / 3.0 * (r - self.slow)
+        return -self.gain * (r - self.slow)
 
 
 AIRCRAFT: tuple[tuple[str, float, tuple[float, ...]], ...] = (
@@ -112,7 +104,6 @@ PLACES = [(name, feet, knots) for name, feet, ends in AIRCRAFT for knots in (end
 SEED = 13
 """Seed of the corpora: a log's generator has the seed (SEED, kind, number)."""
 SHAPES = ("3211", "doublets", "sweep")
-ALL_SHAPES = ("3211", "doublets", "prbs", "sweep")
 SEVERITIES = (0, 1, 2, 3)
 """Severities of MIL-F-8785C in the grid: half of the flights are calm, the others have 1 to 3 in
 turn."""
@@ -125,15 +116,6 @@ PER_PLACE = len(SHAPES) * 2 * len(GYROS)
 """Number of flights of each place in the grid."""
 AILERONS = ("moved", "feedback")
 PER_PLACE_OF_AILERON = len(AILERONS) * (len(SEVERITIES) - 1)
-FRESH = (
-    ("global5000", 15000.0, 230.0), ("global5000", 15000.0, 280.0), ("B747", 15000.0, 260.0),
-    ("B747", 15000.0, 310.0), ("787-8", 15000.0, 260.0), ("787-8", 15000.0, 310.0),
-    ("Concorde", 15000.0, 300.0), ("Concorde", 15000.0, 350.0), ("MD11", 15000.0, 270.0),
-    ("MD11", 15000.0, 320.0),
-)  # fmt: skip
-"""Places as PLACES, of aircraft on which nothing was ever chosen. Pulse and linearisation agree."""
-REST_S = 8.0
-"""Time in s with the rudder at trim at the end of a flight of the grid."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -156,17 +138,17 @@ def of_grid(draw: Draw, number: int) -> Made:
     were chosen with the seed 161.
     """
     rng = np.random.default_rng([draw.seed, number])
-    grid = len(GYROS), 2, len(SHAPES), len(draw.places)
-    gyro, gusty, shape, place = map(int, np.unravel_index(number, grid))
+    gyro, gusty, shape, place = map(
+        int, np.unravel_index(number, (len(GYROS), 2, len(SHAPES), len(draw.places)))
+    )
     turn = place + shape + gyro + gusty
     severity = 1 + (turn + place // 2) % 3 if gusty else 0
     plan = _plan(rng, draw.places[place], SHAPES[shape], (70.0, 85.0, 100.0))
     rudder = excitation(plan)
-    rudder[-round(REST_S / STEP_S) :] = 0.0
+    rudder[-8000:] = 0.0  # 8 s of rest
     hz, name = RATES_HZ[turn % len(RATES_HZ)], list(GYROS)[gyro]
-    link = Link(hz, hz, rate_noise=GYROS[name], seed=int(rng.integers(1, 2**31)))
-    facts: dict[str, Any] = {"gyro": name, "rate_hz": hz, "seed": draw.seed, "number": number}
-    return fly(plan, link, Hands(rudder), severity, **facts)
+    link = Link(hz, hz, GYROS[name], seed=int(rng.integers(1, 2**31)))
+    return fly(plan, link, Hands(rudder), severity, gyro=name, rate_hz=hz)
 
 
 def excited(number: int, draw: Draw = CHOSEN) -> Made:
@@ -175,17 +157,15 @@ def excited(number: int, draw: Draw = CHOSEN) -> Made:
     Aircraft, speeds and manoeuvres come in turn. Amplitude, length, rates and noise are random; in
     one of four flights, on average, the aileron moves, too.
     """
-    rng = np.random.default_rng([draw.seed, 0, number])
-    half, shapes = number // 2, len(ALL_SHAPES)
-    manoeuvre = ALL_SHAPES[(half + 2 * (half // len(draw.places))) % shapes]
-    place = draw.places[half % len(draw.places)]
+    rng, half = np.random.default_rng([draw.seed, 0, number]), number // 2
+    rounds, place = divmod(half, len(draw.places))
+    manoeuvre = ("3211", "doublets", "prbs", "sweep")[(half + 2 * rounds) % 4]
     severity = 0 if number % 2 == 0 else 1 + half % 4
-    plan = _plan(rng, place, manoeuvre, (60.0, 80.0, 100.0, 120.0))
-    hands, stirred = Hands(excitation(plan)), bool(rng.random() < 0.25)
-    if stirred:
-        hands.aileron = pulses(rng, plan.seconds, float(rng.uniform(0.03, 0.08)), 0.4)
+    plan = _plan(rng, draw.places[place], manoeuvre, (60.0, 80.0, 100.0, 120.0))
+    stirred = rng.random() < 0.25
+    aileron = pulses(rng, plan.seconds, float(rng.uniform(0.03, 0.08)), 0.4) if stirred else None
     group = f"severity {severity}" if severity else "calm"
-    return fly(plan, drawn_link(rng), hands, severity, group=group, aileron_too=stirred)
+    return fly(plan, drawn_link(rng), Hands(excitation(plan), aileron), severity, group=group)
 
 
 def with_aileron(draw: Draw, number: int) -> Made:
@@ -195,22 +175,17 @@ def with_aileron(draw: Draw, number: int) -> Made:
     random. Sides of the aileron are drawn for .4 s each.
     """
     rng = np.random.default_rng([draw.seed, 3, number])
-    grid = len(AILERONS), len(SEVERITIES) - 1, len(draw.places)
-    aileron, severity, place = map(int, np.unravel_index(number, grid))
+    aileron, severity, place = map(
+        int, np.unravel_index(number, (len(AILERONS), len(SEVERITIES) - 1, len(draw.places)))
+    )
     plan = _plan(rng, draw.places[place], "3211", (70.0, 85.0, 100.0))
-    hands = Hands(excitation(plan))
-    if AILERONS[aileron] == "moved":
-        hands.aileron = pulses(rng, plan.seconds, 0.08, 0.4)
-    link = Link(25.0, 25.0, rate_noise=0.003, seed=int(rng.integers(1, 2**31)))
-    facts = {"aileron": AILERONS[aileron], "seed": draw.seed, "number": number}
-    return fly(plan, link, hands, severity, **facts)
+    moves = pulses(rng, plan.seconds, 0.08, 0.4) if AILERONS[aileron] == "moved" else None
+    link = Link(25.0, 25.0, 0.003, seed=int(rng.integers(1, 2**31)))
+    return fly(plan, link, Hands(excitation(plan), moves), severity, aileron=AILERONS[aileron])
 
 
 def _plan(
-    rng: np.random.Generator,
-    place: Place,
-    manoeuvre: str,
-    lengths_s: tuple[float, ...],
+    rng: np.random.Generator, place: Place, manoeuvre: str, lengths_s: tuple[float, ...]
 ) -> FlightPlan:
     plan = plan_at(
         place,
@@ -226,7 +201,8 @@ def _plan(
 
 def drawn_link(rng: np.random.Generator) -> Link:
     """Return a link with random rates, gyro noise and seed."""
-    attitude_hz, servo_hz = LINK_RATES_HZ[rng.integers(len(LINK_RATES_HZ))]
-    noise = float(rng.choice([0.001, 0.002, 0.004, 0.008]))
-    seed = int(rng.integers(1, 2**31))
-    return Link(attitude_hz=attitude_hz, servo_hz=servo_hz, rate_noise=noise, seed=seed)
+    return Link(
+        *LINK_RATES_HZ[rng.integers(len(LINK_RATES_HZ))],
+        rate_noise=float(rng.choice([0.001, 0.002, 0.004, 0.008])),
+        seed=int(rng.integers(1, 2**31)),
+    )

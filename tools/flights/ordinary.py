@@ -8,7 +8,7 @@ the bare aircraft's Dutch roll, linearised at the mean airspeed and altitude flo
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
@@ -28,21 +28,20 @@ from flights.truth import LATERAL, dutch_roll, lateral, linear_dutch_rolls, mean
 STEP_S, STEP_MS, LOOP_S = 0.01, 10, 0.001 * SENSED_MS
 """The step of the simulation, and that of the autopilot's loop."""
 LAWS = {
-    "hold": (1.0, 0.0, 0.0, 0.0),
+    "hold": (1.0, math.inf, 0.0, 0.0),
     "arduplane": (0.5, 3.0, 1.9, 0.03),
-    "px4": (0.4, 0.0, 2.0, 0.0),
+    "px4": (0.4, math.inf, 2.0, 0.0),
 }
 """The roll laws: time constant in s from angle to rate, corner in Hz of the filter of the wanted
-rate (0: none), integral and derivative as shares of the rate's gain. Those named after an autopilot
-have the structure of its source and the ratios of its default gains."""
-DERIVATIVE_HZ, MOST_INTEGRAL = 12.0, 0.3
-BANK, BANK_RATE, COURSE_GAIN = 0.42, 0.35, 0.8
-"""Limits of the bank in rad and of its rate in rad/s, and bank per rad of course."""
-WASHOUT_S = 3.0
+rate (inf: none), integral and derivative as shares of the rate's gain. Those named after an
+autopilot have the structure of its source and the ratios of its default gains."""
 PHI, THETA, PSI, P, Q, R, KT, FEET, CLIMB = range(9)
+AILERON, ELEVATOR, RUDDER, THROTTLE = (
+    f"fcs/{name}-cmd-norm" for name in ("aileron", "elevator", "rudder", "throttle")
+)
 STATES = (
     *SENSED, "velocities/vc-kts", "position/h-sl-ft", "velocities/h-dot-fps", "velocities/vg-fps",
-    "fcs/throttle-cmd-norm",
+    THROTTLE,
 )  # fmt: skip
 LINE_HZ, TRIAL_S = 0.05, 120.0
 """Width of a line in the gyro's signals, and length of the flight that says how strong it is."""
@@ -56,7 +55,7 @@ class Ordinary:
     rudder is ``mix`` times the aileron, less ``damper`` times the yaw rate without its steady part.
     ``frozen`` turns JSBSim's gusts from north and east into the aircraft's axes. ``backlash`` is
     half of the aileron's play. ``line`` is a narrow oscillation in the gyro's signals: the axes (of
-    "pr"), its frequency in rad/s, its power as a share of the yaw rate's without the turns.
+    P and R), its frequency in rad/s, its power as a share of the yaw rate's without the turns.
     ``turns_s`` are the least and the most time between turns; None: no turns. What is sent is the
     aileron times ``sent_aileron`` and r times ``sent_r``, and the roll of ``late_ms`` before.
     """
@@ -70,7 +69,7 @@ class Ordinary:
     servo_lag_s: float = 0.0
     frozen: bool = False
     backlash: float = 0.0
-    line: tuple[str, float, float] | None = None
+    line: tuple[tuple[int, ...], float, float] | None = None
     turns_s: tuple[float, float] | None = (35.0, 90.0)
     sent_aileron: float = 1.0
     sent_r: float = 1.0
@@ -90,9 +89,8 @@ class Ordinary:
         JSBSim turns them by the direction of the wind: here a wind of nearly nothing.
         """
         if self.frozen:
-            heading = fdm[SENSED[PSI]]
-            fdm["atmosphere/wind-north-fps"] = 1e-3 * math.cos(heading)
-            fdm["atmosphere/wind-east-fps"] = -1e-3 * math.sin(heading)
+            for axis, part in (("north", math.cos), ("east", math.sin)):
+                fdm[f"atmosphere/wind-{axis}-fps"] = 1e-3 * part(-fdm[SENSED[PSI]])
 
 
 def within(value: float, most: float) -> float:
@@ -100,31 +98,29 @@ def within(value: float, most: float) -> float:
     return min(max(value, -most), most)
 
 
-class RollLaw:
-    """A roll law of LAWS: aileron = FF w + kp m + the integral and the derivative of m.
+def roll_law(name: str, plan: FlightPlan) -> Callable[[float, float, float], float]:
+    """Return a roll law of LAWS: its aileron about trim for a roll error in rad, p in rad/s, kt.
 
-    w is the wanted rate, the error of the angle by the time constant and behind a filter, and m is
-    w less the roll rate. FF is such that the gain of the angle is ``roll_gain``. The gains of an
-    autopilot's law vary with the airspeed: FF as 1/V, the others as 1/V^2.
+    aileron = FF w + kp m + the integral and the derivative of m: w is the wanted rate, the error of
+    the angle by the time constant and behind a filter, and m is w less the roll rate. FF is such
+    that the gain of the angle is ``roll_gain``. The gains of an autopilot's law vary with the
+    airspeed: FF as 1/V, the others as 1/V^2.
     """
+    tau_s, corner_hz, integral, derivative = LAWS[name]
+    kp, ff = plan.roll_rate_gain, plan.roll_gain * tau_s - plan.roll_rate_gain
+    wanted = total = before = slope = 0.0
 
-    def __init__(self, name: str, plan: FlightPlan) -> None:
-        self._tau_s, corner_hz, integral, derivative = LAWS[name]
-        self._kp, self._ff = plan.roll_rate_gain, plan.roll_gain * self._tau_s - plan.roll_rate_gain
-        self._ki, self._kd = integral * self._kp, derivative * self._kp
-        self._soften = _share(corner_hz) if corner_hz else 1.0
-        self._speed_kt = plan.speed_kt if self._ki else 0.0
-        self._wanted = self._sum = self._before = self._slope = 0.0
+    def aileron(error: float, p: float, kt: float) -> float:
+        nonlocal wanted, total, before, slope
+        slow = plan.speed_kt / kt if integral else 1.0
+        wanted += _share(corner_hz) * (error / tau_s - wanted)
+        miss = slow**2 * (wanted - p)
+        total = within(total + integral * kp * miss * LOOP_S, 0.3)
+        slope += _share(12.0) * ((miss - before) / LOOP_S - slope)
+        before = miss
+        return slow * ff * wanted + kp * miss + total + derivative * kp * slope
 
-    def __call__(self, error: float, p: float, kt: float) -> float:
-        """Return the aileron about trim, for an error of the roll in rad and p in rad/s."""
-        slow = self._speed_kt / kt if self._speed_kt else 1.0
-        self._wanted += self._soften * (error / self._tau_s - self._wanted)
-        miss = slow**2 * (self._wanted - p)
-        self._sum = within(self._sum + self._ki * miss * LOOP_S, MOST_INTEGRAL)
-        self._slope += _share(DERIVATIVE_HZ) * ((miss - self._before) / LOOP_S - self._slope)
-        self._before = miss
-        return slow * self._ff * self._wanted + self._kp * miss + self._sum + self._kd * self._slope
+    return aileron
 
 
 def _share(corner_hz: float) -> float:
@@ -132,48 +128,52 @@ def _share(corner_hz: float) -> float:
     return -math.expm1(-math.tau * corner_hz * LOOP_S)
 
 
-class Autopilot:
-    """The loop of an ordinary flight: it turns the course, and holds course, height and speed."""
+def autopilot(
+    flight: Ordinary, fdm: Any, rng: np.random.Generator
+) -> Callable[[float, Floats, Floats], list[float]]:
+    """Return the loop of a flight: it turns the course, and holds course, height and speed.
 
-    def __init__(self, flight: Ordinary, fdm: Any, rng: np.random.Generator) -> None:
-        self._flight, self._law, self._rng = flight, RollLaw(flight.law, flight.plan), rng
-        self._trim = {name: fdm[name] for name in (*STATES, "fcs/elevator-cmd-norm")}
-        self._aileron = fdm["fcs/aileron-cmd-norm"]
-        self._rudder = jsbsim_rudder(fdm["fcs/rudder-cmd-norm"])
-        self._turn_s = 20.0 if flight.turns_s else math.inf
-        self._off = self._bank = self._slow = 0.0
-        self._before = math.radians(flight.plan.heading_deg)
+    It is called with the time in s, STATES and the noise of the sensors, moves elevator and
+    throttle, and returns the outputs of aileron and rudder in units.
+    """
+    plan, law = flight.plan, roll_law(flight.law, flight.plan)
+    trim = {name: fdm[name] for name in (*STATES, AILERON, ELEVATOR, RUDDER)}
+    off = bank = slow = 0.0
+    before, turn_s = math.radians(plan.heading_deg), 20.0
 
-    def __call__(self, fdm: Any, t_s: float, sensed: list[float]) -> list[float]:
-        """Return the outputs of aileron and rudder in units; move elevator and throttle."""
-        trim, flight = self._trim, self._flight
+    def outputs(t_s: float, state: Floats, noise: Floats) -> list[float]:
+        nonlocal off, bank, slow, before, turn_s
+        phi, theta, _, p, q, r = (state[: len(SENSED)] + noise).tolist()
+        kt, feet, climb = state[[KT, FEET, CLIMB]].tolist()
         course = math.atan2(fdm["velocities/v-east-fps"], fdm["velocities/v-north-fps"])
-        self._off -= math.remainder(course - self._before, math.tau)
-        self._before = course
-        if flight.turns_s and t_s > self._turn_s:
-            self._off += math.radians(self._rng.uniform(20.0, 110.0)) * self._rng.choice([-1, 1])
-            self._turn_s = t_s + self._rng.uniform(*flight.turns_s)
-        self._bank += within(within(COURSE_GAIN * self._off, BANK) - self._bank, BANK_RATE * LOOP_S)
-        kt, feet, climb = sensed[KT], sensed[FEET], sensed[CLIMB]
-        error = trim[SENSED[PHI]] + self._bank - sensed[PHI]
-        aileron = self._law(error, sensed[P], kt)
-        self._slow += LOOP_S / WASHOUT_S * (sensed[R] - self._slow)
-        rudder = flight.mix * aileron - flight.damper * (sensed[R] - self._slow)
-        high, up = FOOT * (feet - trim[STATES[FEET]]), FOOT * climb
-        nose = trim[SENSED[THETA]] - within(0.004 * high + 0.006 * up, 0.12)
-        nose += 0.5 * (1.0 / math.cos(within(sensed[PHI], 0.8)) - 1.0)
-        fdm["fcs/elevator-cmd-norm"] = within(
-            trim["fcs/elevator-cmd-norm"]
-            + PITCH_GAIN * (sensed[THETA] - nose) + PITCH_RATE_GAIN * sensed[Q], 1.0
-        )  # fmt: skip
-        throttle = trim["fcs/throttle-cmd-norm"] + 0.03 * (trim[STATES[KT]] - kt)
-        for engine in range(4):
-            fdm[f"fcs/throttle-cmd-norm[{engine}]"] = min(max(throttle, 0.0), 1.0)
-        asked = (
-            (self._aileron + aileron, flight.plan.aileron),
-            (self._rudder + rudder, flight.plan.rudder),
+        off -= math.remainder(course - before, math.tau)
+        before = course
+        if flight.turns_s and t_s > turn_s:
+            off += math.radians(rng.uniform(20.0, 110.0)) * rng.choice([-1, 1])
+            turn_s = t_s + rng.uniform(*flight.turns_s)
+        # .8 of bank per rad of course, up to .42 rad, at .35 rad/s.
+        bank += within(within(0.8 * off, 0.42) - bank, 0.35 * LOOP_S)
+        aileron = law(trim[STATES[PHI]] + bank - phi, p, kt)
+        slow += LOOP_S / 3.0 * (r - slow)
+        rudder = flight.mix * aileron - flight.damper * (r - slow)
+        high_m = FOOT * (feet - trim[STATES[FEET]])
+        nose = (
+            trim[STATES[THETA]]
+            - within(0.004 * high_m + 0.006 * (FOOT * climb), 0.12)
+            + 0.5 * (1.0 / math.cos(within(phi, 0.8)) - 1.0)
         )
-        return [servo.unit(servo.pulse(unit)) for unit, servo in asked]
+        fdm[ELEVATOR] = within(
+            trim[ELEVATOR] + PITCH_GAIN * (theta - nose) + PITCH_RATE_GAIN * q, 1.0
+        )
+        throttle = trim[THROTTLE] + 0.03 * (trim[STATES[KT]] - kt)
+        for engine in range(4):
+            fdm[f"{THROTTLE}[{engine}]"] = min(max(throttle, 0.0), 1.0)
+        return [
+            plan.aileron.unit(plan.aileron.pulse(trim[AILERON] + aileron)),
+            plan.rudder.unit(plan.rudder.pulse(jsbsim_rudder(trim[RUDDER]) + rudder)),
+        ]
+
+    return outputs
 
 
 def flown(flight: Ordinary) -> tuple[Floats, Floats, Floats]:
@@ -185,47 +185,38 @@ def flown(flight: Ordinary) -> tuple[Floats, Floats, Floats]:
     Raises:
         FlightError: the aircraft cannot be loaded or trimmed.
     """
-    plan, fdm = flight.plan, flight.start()
-    rng = np.random.default_rng([flight.link.seed, 47])
-    autopilot = Autopilot(flight, fdm, rng)
-    n, every = round(plan.seconds / STEP_S) + 2, SENSED_MS // STEP_MS
+    fdm, rng = flight.start(), np.random.default_rng([flight.link.seed, 47])
+    steer = autopilot(flight, fdm, rng)
+    n, every = round(flight.plan.seconds / STEP_S) + 2, SENSED_MS // STEP_MS
     noises = rng.normal(size=(n // every + 1, 6)) * flight.link.sigmas
     if flight.line:
-        _add_line(flight, noises, rng)
+        axes, wn_rad_s, share = flight.line
+        loops = np.arange(len(noises), dtype=np.float64)
+        noises[:, axes] += _line(flight, rng, wn_rad_s * LOOP_S * loops, share)
     follow = -math.expm1(-STEP_S / max(flight.servo_lag_s, 1e-9))
     states, outputs = np.zeros((n, len(STATES))), np.zeros((n, 2))
-    moved: list[float] = []
+    play = np.array([flight.backlash, 0.0])
+    shafts = moved = outputs[0]  # a view: as the autopilot begins
     for k in range(n):
         states[k] = [fdm[name] for name in STATES]
         if k % every == 0:
-            sensed = states[k].copy()
-            sensed[: len(SENSED)] += noises[k // every]
-            aileron, rudder = autopilot(fdm, k * STEP_S, sensed.tolist())
-        outputs[k] = aileron, rudder
-        played, *moved = moved or [aileron, aileron, rudder]
-        gap = aileron - played
-        played += gap - within(gap, flight.backlash)
-        now = zip(moved, (played, rudder), strict=True)
-        moved = [played, *(at + follow * (to - at) for at, to in now)]
-        fdm["fcs/aileron-cmd-norm"], fdm["fcs/rudder-cmd-norm"] = moved[1], jsbsim_rudder(moved[2])
+            outputs[k : k + every] = steer(k * STEP_S, states[k], noises[k // every])
+        shafts = np.clip(shafts, outputs[k] - play, outputs[k] + play)
+        moved = moved + follow * (shafts - moved)
+        fdm[AILERON], fdm[RUDDER] = moved[0], jsbsim_rudder(moved[1])
         flight.blow(fdm)
         fdm.run()
     return states, outputs, noises
 
 
-def _add_line(flight: Ordinary, noises: Floats, rng: np.random.Generator) -> None:
-    """Add the flight's line to the noise of its gyro (n, 6)."""
-    assert flight.line
-    axes, wn_rad_s, share = flight.line
+def _line(flight: Ordinary, rng: np.random.Generator, angle: Floats, share: float) -> Floats:
+    """Return a line (n, 1) with this share of the flight's yaw rate, at angles (n,) in rad."""
     trial, _, _ = flown(replace(flight, line=None, plan=replace(flight.plan, seconds=TRIAL_S)))
     r = trial[:, R] - GRAVITY / (KNOT * trial[:, KT]) * np.sin(trial[:, PHI])
     low = butter(2, LINE_HZ / 2, fs=1.0 / LOOP_S, output="sos")
-    slow = sosfilt(low, rng.normal(size=(2, len(noises))))
-    angle = wn_rad_s * LOOP_S * np.arange(len(noises))
+    slow = sosfilt(low, rng.normal(size=(2, len(angle))))
     line = slow[0] * np.cos(angle) - slow[1] * np.sin(angle)
-    line *= math.sqrt(share) * r.std() / line.std()
-    for axis in axes:
-        noises[:, {"p": P, "r": R}[axis]] += line
+    return np.asarray(line * (math.sqrt(share) * r.std() / line.std()))[:, None]
 
 
 def fly_ordinary(flight: Ordinary) -> Made:
@@ -238,40 +229,34 @@ def fly_ordinary(flight: Ordinary) -> Made:
     path = np.column_stack([np.arange(len(states)) * STEP_S, states[:, [KT, FEET]]])
     mean = mean_plan(plan, path[path[:, 0] > LEAD_IN_S])
     states[:, PSI] = np.unwrap(states[:, PSI])
-    states[:, R] *= flight.sent_r
-    noises[:, R] *= flight.sent_r
+    for each in (states, noises):
+        each[:, R] *= flight.sent_r
     late = flight.late_ms // STEP_MS
     states[late:, PHI] = states[: len(states) - late, PHI].copy()
-    sent = {"aileron": flight.sent_aileron * outputs[:, 0], "rudder": outputs[:, 1]}
-    past = Played(plan, dict(zip(STATES, states.T, strict=True)), sent, STEP_MS, noises)
-    truth = {
+    past = Played(
+        plan,
+        dict(zip(STATES, states.T, strict=True)),
+        {"aileron": flight.sent_aileron * outputs[:, 0], "rudder": outputs[:, 1]},
+        STEP_MS,
+        noises,
+    )
+    return Made(join(telemetry(flight.link, past)), {
         "aircraft": plan.aircraft, "rate_hz": flight.link.attitude_hz,
         "rudder": "mixed" if flight.mix else "resting", "mean_kt": mean.speed_kt,
         "dutch_roll_open_loop": linear_dutch_rolls(mean)["dutch_roll_open_loop"],
-    }  # fmt: skip
-    return Made(join(telemetry(flight.link, past)), truth | asdict(flight))
+    } | asdict(flight))  # fmt: skip
 
 
-SECONDS, ON_GROUND_S = 900.0, 400.0
-ON_GROUND = ("hover", "taxi", "tumble", "parked")
-HIGHEST_FT = 4000.0
-"""Above it, there is no turbulence of severity 1 or 2 (MIL-F-8785C)."""
-GYROS = (0.001, 0.003, 0.006)
 LAGS_S = (0.0, 0.03, 0.06, 0.1)
 MIXES = (0.5, 0.0, 0.3, 0.0)
-SMALL_WN, SMALL_ZETA, SMALL_ROLL_S = (3.0, 12.0), (0.12, 0.31), (0.06, 0.15)
-SMALL_TURNS_S = (15.0, 45.0)
-NOT_DAMPED = 9
-"""The number of JSBSim's aircraft whose zeta is below .45: all but the last, an A320."""
-AXES = {"line in p": "p", "line in r": "r", "line in p and r": "pr"}
+SMALL_ZETA, SMALL_ROLL_S = (0.12, 0.31), (0.06, 0.15)
+AXES = {"line in p": (P,), "line in r": (R,), "line in p and r": (P, R)}
 NOT_FLOWN = "hover, taxi, tumble, parked"
 FAMILIES = (
     *AXES, "limit cycle", "yaw damper", "no turns", NOT_FLOWN, "aileron of wrong scale",
     "roll late by .1 s", "r scaled",
 )  # fmt: skip
 """The hostile families: lines in the signals of these axes, and what changes a flight otherwise."""
-LINES = np.geomspace(0.3, 3.0, 11)
-"""Frequencies of lines as multiples of wn."""
 
 
 def _link(rng: np.random.Generator, hz: float, gyro: float) -> Link:
@@ -286,22 +271,21 @@ def _link(rng: np.random.Generator, hz: float, gyro: float) -> Link:
 
 
 def jsbsim(
-    seed: int, number: int, seconds: float = SECONDS, places: Sequence[Place] = tuple(CONDITIONS)
+    seed: int, number: int, seconds: float, places: Sequence[Place] = tuple(CONDITIONS)
 ) -> Ordinary:
     """Return flight ``number`` of a seed: aircraft and severity are a grid, rates come in turn."""
     rng = np.random.default_rng([seed, 0, number])
     names = list(dict.fromkeys(place[0] for place in places))
     turn, at = divmod(number, len(names))
     its = [place for place in places if place[0] == names[at]]
-    speeds = [place[2] for place in its]
-    knots = round(float(rng.uniform((min(speeds) + max(speeds)) / 2.0, max(speeds))), 1)
-    plan = plan_at(
-        (names[at], min(its[0][1], HIGHEST_FT), knots), seconds=seconds, manoeuvre="none"
-    )
+    (name, feet, slow), (_, _, fast) = min(its), max(its)
+    knots = round(float(rng.uniform((slow + fast) / 2.0, fast)), 1)
+    # Above 4000 ft there is no turbulence of severity 1 or 2 (MIL-F-8785C).
+    plan = plan_at((name, min(feet, 4000.0), knots), seconds=seconds, manoeuvre="none")
     step = turn + at
     return Ordinary(
         _gains(rng, plan),
-        _link(rng, RATES_HZ[step % 3], GYROS[(at + 2 * turn) % 3]),
+        _link(rng, RATES_HZ[step % 3], (0.001, 0.003, 0.006)[(at + 2 * turn) % 3]),
         severity=SEVERITIES[turn % 4],
         law=list(LAWS)[(step + turn // 3) % 3],
         mix=MIXES[(step + turn // 4) % 4],
@@ -311,28 +295,30 @@ def jsbsim(
 
 
 def _gains(rng: np.random.Generator, plan: FlightPlan) -> FlightPlan:
-    angle, rate = rng.uniform(0.6, 1.4), rng.uniform(0.4, 1.0)
     return replace(
-        plan, heading_deg=float(rng.integers(0, 360)), roll_gain=round(angle * plan.roll_gain, 3),
-        roll_rate_gain=round(rate * plan.roll_rate_gain, 4),
-    )  # fmt: skip
+        plan,
+        roll_gain=round(rng.uniform(0.6, 1.4) * plan.roll_gain, 3),
+        roll_rate_gain=round(rng.uniform(0.4, 1.0) * plan.roll_rate_gain, 4),
+        heading_deg=float(rng.integers(0, 360)),
+    )
 
 
-def small(seed: int, number: int, seconds: float = SECONDS) -> Ordinary:
-    """Return flight ``number`` of a seed by a small linear aircraft; their wn are spread evenly."""
+def small(seed: int, number: int, seconds: float) -> Ordinary:
+    """Return flight ``number`` of a seed by a small linear aircraft.
+
+    Their wn are spread evenly over 3 to 12 rad/s.
+    """
     rng = np.random.default_rng([seed, 1, number])
-    share = (number * 0.618034) % 1.0
-    wn = SMALL_WN[0] * (SMALL_WN[1] / SMALL_WN[0]) ** share
-    plan = replace(_small_aircraft(rng, wn), seconds=seconds)
+    wn = 3.0 * 4.0 ** (number * 0.618034 % 1.0)
     rates = [hz for hz in RATES_HZ if 2.5 * wn < 0.8 * math.pi * hz]
     return Ordinary(
-        _gains(rng, plan),
+        _gains(rng, replace(_small_aircraft(rng, wn), seconds=seconds)),
         _link(rng, rates[number % len(rates)], 0.005),
         severity=SEVERITIES[number % 4],
         law=list(LAWS)[number // 3 % 3],
         mix=MIXES[number // 2 % 4],
         frozen=True,
-        turns_s=SMALL_TURNS_S,
+        turns_s=(15.0, 45.0),
     )
 
 
@@ -340,9 +326,9 @@ def _small_aircraft(rng: np.random.Generator, wn: float) -> FlightPlan:
     """Return the plan of a small aircraft with a Dutch roll at about ``wn``."""
     while True:
         zeta, roll_s = (rng.uniform(*ends) for ends in (SMALL_ZETA, SMALL_ROLL_S))
-        speed = rng.uniform(16.0, 22.0)
         own = {
-            "airspeed_m_s": speed, "servo_lag_s": float(rng.choice(LAGS_S[1:])) / 2.0,
+            "airspeed_m_s": rng.uniform(16.0, 22.0),
+            "servo_lag_s": float(rng.choice(LAGS_S[1:])) / 2.0,
             "Y_beta": -rng.uniform(0.2, 0.6), "L_beta": -rng.uniform(0.5, 1.5) * wn**2,
             "L_p": -1.0 / roll_s, "L_r": rng.uniform(1.0, 3.0), "N_p": -rng.uniform(0.0, 0.6),
             "N_beta": rng.uniform(0.7, 1.0) * wn**2,
@@ -352,62 +338,51 @@ def _small_aircraft(rng: np.random.Generator, wn: float) -> FlightPlan:
         }  # fmt: skip
         hold = 2.5 / roll_s / own["L_delta_a"]
         plan = FlightPlan(
-            "small", round(speed / KNOT, 2), 1000.0, manoeuvre="none",
+            "small", round(own["airspeed_m_s"] / KNOT, 2), 1000.0, manoeuvre="none",
             roll_gain=hold, roll_rate_gain=0.1 * hold, own=tuple(own.items()),
         )  # fmt: skip
         poles = np.linalg.eigvals(trimmed(plan).A)
         pair, real = poles[np.argmax(poles.imag)], poles.real[np.abs(poles.imag) < 1e-6]
-        inside = (
+        if (
             0.97 < abs(pair) / wn < 1.03
             and SMALL_ZETA[0] < -pair.real / abs(pair) < SMALL_ZETA[1]
             and SMALL_ROLL_S[0] < -1.0 / real.min() < SMALL_ROLL_S[1]
             and real.max() < 0.1
-        )
-        if inside:
+        ):
             return plan
 
 
-def hostile(seed: int, number: int, seconds: float = SECONDS) -> Made:
+def hostile(seed: int, number: int, seconds: float) -> Made:
     """Return hostile log ``number`` of a seed: its family in turn, two of three by JSBSim."""
     nth, at = divmod(number, len(FAMILIES))
-    family = FAMILIES[at]
-    rng = np.random.default_rng([seed, 2, number])
-    make, which = (small, number) if nth % 3 == 2 else (jsbsim, 10 * number + nth % NOT_DAMPED)
-    if family != NOT_FLOWN:
+    family, rng = FAMILIES[at], np.random.default_rng([seed, 2, number])
+    if family == NOT_FLOWN:
+        made = quiet(NOT_FLOWN.split(", ")[nth % 4], rng, lengths_s=[min(seconds, 400.0)])
+    else:  # of JSBSim's aircraft the first nine: zeta of the last, an A320, is above .45
+        make, which = (small, number) if nth % 3 == 2 else (jsbsim, 10 * number + nth % 9)
         made = fly_ordinary(changed(family, rng, nth, make(seed, 1000 + which, seconds)))
-    else:
-        made = quiet(ON_GROUND[nth % 4], rng, lengths_s=(min(seconds, ON_GROUND_S),))
-    assert made.truth is not None
-    return Made(made.log, {"dutch_roll_open_loop": None} | made.truth | {"family": family})
+    return Made(made.log, {"dutch_roll_open_loop": None} | (made.truth or {}) | {"family": family})
 
 
 def changed(family: str, rng: np.random.Generator, nth: int, flight: Ordinary) -> Ordinary:
     """Return a flight as the ``nth`` one of a hostile family."""
-    match family:
-        case "limit cycle":
-            plan, hold = flight.plan, flight.plan.roll_gain
-            stiff = replace(plan, roll_gain=2.5 * hold, roll_rate_gain=0.1 * hold)
-            return replace(flight, plan=stiff, law="hold", backlash=0.03)
-        case "yaw damper":
-            added = rng.uniform(0.1, 0.4)  # of zeta
-            wn, effect = _bare(flight)
-            return replace(flight, damper=2.0 * added * wn / effect)
-        case "no turns":
-            return replace(flight, turns_s=None)
-        case "aileron of wrong scale":
-            return replace(flight, sent_aileron=(-1.0, 0.4, -0.6, 0.7)[nth % 4])
-        case "roll late by .1 s":
-            return replace(flight, late_ms=100)
-        case "r scaled":
-            return replace(flight, sent_r=(1.2, 0.8)[nth % 2])
-    wn, _ = _bare(flight)
-    w, share = float(LINES[nth % len(LINES)]) * wn, (0.3, 0.5, 1.0)[nth // 2 % 3]
-    return replace(flight, line=(AXES[family], w, share))
-
-
-def _bare(flight: Ordinary) -> tuple[float, float]:
-    """Return wn in rad/s and N_delta_r of the bare aircraft at the plan's airspeed."""
+    hold = flight.plan.roll_gain
+    stiff = replace(flight.plan, roll_gain=2.5 * hold, roll_rate_gain=0.1 * hold)
+    simply: dict[str, dict[str, Any]] = {
+        "limit cycle": {"plan": stiff, "law": "hold", "backlash": 0.03},
+        "no turns": {"turns_s": None},
+        "aileron of wrong scale": {"sent_aileron": (-1.0, 0.4, -0.6, 0.7)[nth % 4]},
+        "roll late by .1 s": {"late_ms": 100},
+        "r scaled": {"sent_r": (1.2, 0.8)[nth % 2]},
+    }
+    if family in simply:
+        return replace(flight, **simply[family])
     A, _, rudder = lateral(trimmed(flight.plan))
     mode = dutch_roll(A, rudder, LATERAL.index("R"))
     assert mode is not None
-    return mode["wn_rad_s"], -float(rudder[LATERAL.index("R")])
+    wn = mode["wn_rad_s"]
+    if family == "yaw damper":  # it adds .1 to .4 to zeta
+        gain = 2.0 * rng.uniform(0.1, 0.4) * wn / -float(rudder[LATERAL.index("R")])
+        return replace(flight, damper=gain)
+    multiple, share = np.geomspace(0.3, 3.0, 11)[nth % 11], (0.3, 0.5, 1.0)[nth // 2 % 3]
+    return replace(flight, line=(AXES[family], float(multiple) * wn, share))

@@ -1,10 +1,10 @@
 """Logs of which none may have a usable answer: without excitation by the rudder, or misled.
 
-What each kind draws is in quiet.toml. Those in the air are flown by JSBSim (turns, gusts,
-mixed and damped rudders, a vibration, an autopilot that does not control the aircraft). The others
-are simple motions without a flight model, in which the rudder moves no aircraft: lift motors,
-gusts, engines and wheels do. A misled log has a rudder that is not the one that moved the aircraft:
-that of another flight, its own reversed in time, or its own late. A yaw rate that decays freely has
+What each kind draws is in quiet.toml. Those in the air are flown by JSBSim (turns, gusts, mixed and
+damped rudders, a vibration, an autopilot that does not control the aircraft). The others are simple
+motions without a flight model, in which the rudder moves no aircraft: lift motors, gusts, engines
+and wheels do. A misled log has a rudder that is not the one that moved the aircraft: that of
+another flight, its own reversed in time, or its own .4 s late. A yaw rate that decays freely has
 the right frequency whatever the rudder did, so what is judged is the verdict.
 """
 
@@ -13,6 +13,8 @@ from __future__ import annotations
 import math
 import tomllib
 from collections.abc import Sequence
+from functools import partial
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
@@ -36,12 +38,11 @@ from flights.surgery import (
 )
 from flights.telemetry import ARMED, DISARMED, Played, telemetry
 
-GENTLE = (
+GENTLY = Draw(SEED, (
     ("c172p", 3000.0, 100.0), ("J3Cub", 2000.0, 60.0), ("T37", 5000.0, 200.0),
     ("t6texan2", 5000.0, 180.0), ("OV10", 5000.0, 160.0), ("c172r", 3000.0, 90.0),
-)  # fmt: skip
-GENTLY = Draw(SEED, GENTLE)
-"""The places and the seed of the flights on which limits are chosen."""
+))  # fmt: skip
+"""The seed and the places of the flights on which limits are chosen."""
 RANGES: dict[str, dict[str, Any]] = tomllib.loads(
     Path(__file__).with_name("quiet.toml").read_text(encoding="utf-8")
 )
@@ -49,9 +50,7 @@ KINDS = tuple(RANGES)
 LENGTHS_S = (60.0, 80.0, 100.0)
 """Lengths of the logs without excitation in s."""
 MANUAL, QSTABILIZE, QHOVER, QLOITER, AUTO = 0, 17, 18, 19, 10
-FIRST_LIFT_MOTOR = 33  # SERVOn_FUNCTION of the first of four
-ALL_DIGITS = 17
-Facts = dict[str, Any]
+Columns = dict[str, Floats]
 
 
 def unexcited(number: int, draw: Draw = GENTLY) -> Made:
@@ -64,94 +63,113 @@ def quiet(
     group: str,
     rng: np.random.Generator,
     places: Sequence[Place] = (),
-    lengths_s: Sequence[float] | None = None,
+    lengths_s: Sequence[float] = (),
 ) -> Made:
-    """Return a log of a kind; those in the air are flown at one of the places."""
-    facts = {name: drawn(rng, of) for name, of in RANGES[group].items() if name != "severity"}
-    place = places[int(rng.integers(len(places)))] if "severity" in RANGES[group] else None
-    seconds = float(rng.choice(LENGTHS_S if lengths_s is None else lengths_s))
-    if place:
-        heading_deg = float(rng.integers(0, 360))
-        plan = plan_at(place, heading_deg=heading_deg, seconds=seconds, manoeuvre="none")
-        severity = int(rng.choice(RANGES[group]["severity"]))
-        link = drawn_link(rng)
-        made = fly(plan, link, hands(group, rng, seconds, facts), severity, **facts)
-    else:
-        link = drawn_link(rng)
-        log = join(telemetry(link, played(seconds, motion(group, rng, seconds, facts))))
-        known: Facts = {"aircraft": "drawn", "dutch_roll": None, "severity": 0, "seconds": seconds}
-        known |= {"attitude_hz": link.attitude_hz, "servo_hz": link.servo_hz, "seed": link.seed}
-        made = Made(log, known | {"rate_noise": link.rate_noise} | facts)
-    log, more = changed(group, rng, made.log, facts)
-    assert made.truth is not None
-    return Made(log, made.truth | more | {"group": group})
+    """Return a log of a kind; those in the air are flown at one of the places.
+
+    Of a motion without a flight model nothing else is true than its kind.
+    """
+    own = RANGES[group]
+    facts = {name: drawn(rng, of) for name, of in own.items() if name != "severity"}
+    place = places[int(rng.integers(len(places)))] if "severity" in own else None
+    still: dict[str, Any] = {
+        "seconds": float(rng.choice(lengths_s or LENGTHS_S)),
+        "manoeuvre": "none",
+    }
+    plan = (
+        plan_at(place, heading_deg=float(rng.integers(0, 360)), **still)
+        if place
+        else FlightPlan(**still)
+    )
+    severity = int(rng.choice(own.get("severity", [0])))
+    link = drawn_link(rng)
+    moves, edit = kind(group, rng, count(plan.seconds), facts)
+    made = (
+        fly(plan, link, moves, severity)
+        if isinstance(moves, Hands)
+        else Made(join(telemetry(link, played(plan, moves))))
+    )
+    log = join(edit(split(made.log))) if edit else made.log
+    return Made(log, (made.truth or {}) | {"group": group})
 
 
 def drawn(rng: np.random.Generator, of: Any) -> float:
     """Return a number of a list, or between ``low`` and ``high``, with so many ``digits``."""
-    if isinstance(of, list):
-        return float(rng.choice(of))
-    return round(float(rng.uniform(of["low"], of["high"])), int(of.get("digits", ALL_DIGITS)))
+    return (
+        float(rng.choice(of))
+        if isinstance(of, list)
+        else round(float(rng.uniform(of["low"], of["high"])), int(of["digits"]))
+    )
 
 
-def hands(group: str, rng: np.random.Generator, seconds: float, facts: Facts) -> Hands:
-    """Return what moves the controls of a flight.
+def kind(
+    group: str, rng: np.random.Generator, n: int, facts: dict[str, float]
+) -> tuple[Hands | Columns, partial[list[Record]] | None]:
+    """Return the hands of a flight or the columns of a motion (n,), and what is sent of its log.
 
     In turns of the aileron alone and in turbulence the rudder does not move. Its trim wanders; it
-    is a share of the aileron (mixed), also behind a pilot's lag (coordinated, passenger); a yaw
-    damper moves it; or it moves by at most 2 % of travel (vibration).
+    is a share of the aileron and noise (mixed), also behind a pilot's lag (coordinated, passenger);
+    a yaw damper moves it; or it moves by at most 2 % of travel (vibration). All is drawn in the
+    order in which it stands.
     """
-    n = count(seconds)
     match group:
         case "turns":
-            return Hands(bank=turns(rng, seconds))
+            return Hands(bank=turns(rng, n)), None
         case "drift":
-            bank = turns(rng, seconds) if rng.random() < 0.5 else None
-            return Hands(rudder=drift(rng, seconds), bank=bank)
-        case "mixed":
-            rustle = wander(rng, n, 0.1, facts["rudder_noise"])
-            return Hands(bank=turns(rng, seconds), react=Mixed(facts["share"], noise=rustle))
-        case "coordinated":
-            foot = wander(rng, n, 0.5, 0.003)
-            pedals = Mixed(facts["share"], facts["lag_s"], foot)
-            return Hands(bank=turns(rng, seconds), react=pedals)
+            bank = turns(rng, n) if rng.random() < 0.5 else None
+            return Hands(drift(rng, n), bank=bank), None
+        case "mixed" | "coordinated":  # the pilot's foot is slower than a mixer
+            rustle = wander(rng, n, facts["noise_s"], facts["rudder_noise"])
+            react = Mixed(facts["share"], facts["lag_s"])
+            return Hands(rustle, bank=turns(rng, n), react=react), None
         case "damper":
-            bank = turns(rng, seconds) if rng.random() < 0.5 else None
-            return Hands(bank=bank, react=Damper(facts["damper"]))
+            bank = turns(rng, n) if rng.random() < 0.5 else None
+            return Hands(bank=bank, react=Damper(facts["damper"])), None
         case "vibration":
-            foot = facts["foot"]
-            return Hands(by_hand(rng, seconds, foot, 0.8) if foot else drift(rng, seconds))
+            foot = by_hand(rng, n, facts["foot"], 0.8) if facts["foot"] else drift(rng, n)
+            return Hands(foot), partial(with_line, rng, facts["line_hz"], facts["line_share"])
         case "passenger":
-            return Hands(bank=turns(rng, seconds), react=Mixed(0.3, 0.2))
-    return Hands()
+            return Hands(bank=turns(rng, n), react=Mixed(0.3, 0.2)), partial(as_passenger, rng)
+        case "hover":
+            return _hover(rng, n, facts["wind_m_s"]), partial(on_lift_motors, rng)
+        case "quadrotor":  # its third control is a torque, not a rudder
+            return _hover(rng, n, 0.0), partial(px4_controls, type=mavlink.MAV_TYPE_QUADROTOR)
+        case "tumble":
+            return _tumble(rng, n), None
+        case "parked":
+            return _standing(rng, n, facts), None
+        case "disarmed":
+            return _standing(rng, n, facts), partial(
+                edited, HEARTBEAT=setting(base_mode=DISARMED, custom_mode=MANUAL)
+            )
+        case "taxi":
+            return _taxi(rng, n, facts["speed_m_s"]), None
+    return Hands(), None
 
 
-def turns(rng: np.random.Generator, seconds: float) -> Floats:
+def turns(rng: np.random.Generator, n: int) -> Floats:
     """Return a bank in rad (n,): left, right or level for 6 to 18 s, reached within 1.5 s."""
-    n = count(seconds)
     bank, at = np.zeros(n), 5000
     while at < n:
         stop = at + int(rng.integers(6_000, 18_000))
-        side = float(rng.choice([-1.0, 0.0, 1.0]))
-        bank[at:stop] = side * math.radians(rng.uniform(10.0, 35.0))
+        bank[at:stop] = rng.choice([-1.0, 0.0, 1.0]) * math.radians(rng.uniform(10.0, 35.0))
         at = stop
     return np.asarray(lfilter(np.full(1500, 1.0 / 1500), [1.0], bank))
 
 
-def drift(rng: np.random.Generator, seconds: float) -> Floats:
+def drift(rng: np.random.Generator, n: int) -> Floats:
     """Return a trim (n,) that wanders by at most 2 % of travel over half a minute."""
-    return np.clip(wander(rng, count(seconds), 15.0, 0.01), -0.02, 0.02)
+    return np.clip(wander(rng, n, 15.0, 0.01), -0.02, 0.02)
 
 
-def played(seconds: float, columns: dict[str, Floats]) -> Played:
+def played(plan: FlightPlan, columns: Columns) -> Played:
     """Return the flight of a motion whose columns (n,) have a value for each millisecond.
 
     They are ``r`` and ``p`` in rad/s, ``roll`` and ``pitch`` in rad, airspeed and ground speed in
     m/s, rudder and aileron in units. A column that is not given is 0.
     """
-    zero = np.zeros(count(seconds))
-    names = ("p", "r", "roll", "pitch", "airspeed", "groundspeed", "rudder", "aileron")
-    given = {name: np.asarray(columns.get(name, zero)) for name in names}
+    zero = np.zeros(count(plan.seconds))
+    given = dict.fromkeys(("p", "pitch", "rudder", "aileron"), zero) | columns
     properties = {
         "attitude/phi-rad": given["roll"],
         "attitude/theta-rad": given["pitch"],
@@ -165,40 +183,31 @@ def played(seconds: float, columns: dict[str, Floats]) -> Played:
         "fcs/throttle-cmd-norm": zero + 0.3,
         "velocities/h-dot-fps": zero,
     }
-    return Played(FlightPlan(seconds=seconds, manoeuvre="none"), properties, given)
+    return Played(plan, properties, given)
 
 
-def motion(group: str, rng: np.random.Generator, seconds: float, facts: Facts) -> dict[str, Floats]:
-    """Return the columns of a motion: those of :func:`played`."""
-    n = count(seconds)
-    match group:
-        case "hover" | "quadrotor":
-            return _hover(rng, seconds, facts.get("wind_m_s", 0.0))
-        case "tumble":
-            return _tumble(rng, n)
-        case "taxi":
-            return _taxi(rng, seconds, facts["speed_m_s"])
+def _standing(rng: np.random.Generator, n: int, facts: dict[str, float]) -> Columns:
+    """Return the shaking of an aircraft on the ground; with ``line_hz`` its engine runs."""
     reach, tempo = float(rng.uniform(0.3, 1.0)), float(rng.uniform(0.5, 1.5))
-    standing = {
+    found = {
         "r": wander(rng, n, 0.05, 0.003),
         "roll": wander(rng, n, 0.3, 0.002),
-        "rudder": by_hand(rng, seconds, reach, tempo),
-        "aileron": by_hand(rng, seconds, 0.5, 1.0),
+        "rudder": by_hand(rng, n, reach, tempo),
+        "aileron": by_hand(rng, n, 0.5, 1.0),
         "airspeed": np.abs(facts["wind_m_s"] + wander(rng, n, 2.0, 0.5)),
         "groundspeed": np.abs(wander(rng, n, 5.0, 0.05)),
     }
-    if group == "parked":  # with its engine running
+    if "line_hz" in facts:
         phase = math.tau * facts["line_hz"] * np.arange(n) * STEP_S + wander(rng, n, 5.0, 1.0)
-        standing["r"] = standing["r"] + rng.uniform(0.002, 0.01) * np.sin(phase)
-    return standing
+        found["r"] = found["r"] + rng.uniform(0.002, 0.01) * np.sin(phase)
+    return found
 
 
-def _hover(rng: np.random.Generator, seconds: float, wind: float) -> dict[str, Floats]:
+def _hover(rng: np.random.Generator, n: int, wind: float) -> Columns:
     """Return a hover in gusts: a loop with a wn of 1 to 3 rad/s follows the pilot's headings."""
-    n, every = count(seconds), 20
-    asked = np.repeat(rng.uniform(-1.0, 1.0, math.ceil(n / 6000)), 6000)[:n:every]
-    gust = wander(rng, n, 0.5, 0.15)[::every]
-    wn, dt = rng.uniform(1.0, 3.0), every * STEP_S
+    asked = np.repeat(rng.uniform(-1.0, 1.0, math.ceil(n / 6000)), 6000)[:n:20]
+    gust = wander(rng, n, 0.5, 0.15)[::20]
+    wn, dt = rng.uniform(1.0, 3.0), 20 * STEP_S
     r = psi = 0.0
     found = []
     for heading, torque in zip(asked.tolist(), gust.tolist(), strict=True):
@@ -206,31 +215,31 @@ def _hover(rng: np.random.Generator, seconds: float, wind: float) -> dict[str, F
         r += dt * (command - 0.4 * wn * r + torque)
         psi += dt * r
         found.append((r, command))
-    rates, commands = np.array(found).T
-    at, coarse = np.arange(n) / every, np.arange(len(rates))
+    rates, commands = (
+        np.interp(np.arange(n) / 20, np.arange(len(gust)), each) for each in np.transpose(found)
+    )
     roll = wander(rng, n, 0.6, 0.08)
     return {
-        "r": np.interp(at, coarse, rates),
+        "r": rates,
         "roll": roll,
         "p": np.gradient(roll, STEP_S),
         "pitch": wander(rng, n, 0.6, 0.06),
-        "rudder": 0.5 * np.interp(at, coarse, commands),
+        "rudder": 0.5 * commands,
         "aileron": -0.8 * roll,
         "airspeed": np.maximum(wind + wander(rng, n, 2.0, 0.7), 0.0),
         "groundspeed": np.abs(wander(rng, n, 4.0, 1.0)),
     }
 
 
-def _tumble(rng: np.random.Generator, n: int) -> dict[str, Floats]:
+def _tumble(rng: np.random.Generator, n: int) -> Columns:
     """Return a tumble, rolling all the time; the controller moves the rudder against the rates."""
     p, r = wander(rng, n, 0.4, 1.5), wander(rng, n, 0.3, 0.8)
-    roll = math.pi + np.cumsum(p + 0.5) * STEP_S
     fought = -rng.uniform(0.2, 0.6) * r - rng.uniform(0.0, 0.2) * p
     delay = int(rng.integers(20, 80))
     return {
         "r": r,
         "p": p,
-        "roll": np.remainder(roll + math.pi, math.tau) - math.pi,
+        "roll": np.remainder(math.pi + np.cumsum(p + 0.5) * STEP_S + math.pi, math.tau) - math.pi,
         "pitch": np.clip(wander(rng, n, 1.0, 0.7), -1.5, 1.5),
         "rudder": np.concatenate([np.zeros(delay), fought[:-delay]]),
         "aileron": -0.3 * p,
@@ -239,11 +248,10 @@ def _tumble(rng: np.random.Generator, n: int) -> dict[str, Floats]:
     }
 
 
-def _taxi(rng: np.random.Generator, seconds: float, speed: float) -> dict[str, Floats]:
+def _taxi(rng: np.random.Generator, n: int, speed: float) -> Columns:
     """Return a roll at 1 to 4.5 m/s in little wind, steered by a nose wheel on the pedals."""
-    n = count(seconds)
     rolling = np.clip(speed + wander(rng, n, 5.0, 0.5), 0.5, 4.5)
-    rudder = by_hand(rng, seconds, float(rng.uniform(0.2, 0.6)), 1.0)
+    rudder = by_hand(rng, n, float(rng.uniform(0.2, 0.6)), 1.0)
     pole = math.exp(-STEP_S / 0.15)
     steered = lfilter([1.0 - pole], [1.0, -pole], rudder)
     return {
@@ -255,90 +263,78 @@ def _taxi(rng: np.random.Generator, seconds: float, speed: float) -> dict[str, F
     }
 
 
-def changed(group: str, rng: np.random.Generator, log: bytes, facts: Facts) -> tuple[bytes, Facts]:
-    """Return the log as the vehicle of its kind sends it, and what is true of that."""
-    match group:
-        case "vibration":
-            return with_line(log, rng, facts["line_hz"], facts["line_share"]), {}
-        case "passenger":
-            armed, status = bool(rng.random() < 0.5), bool(rng.random() < 0.5)
-            return as_passenger(split(log), rng, armed=armed, status=status), {"armed": armed}
-        case "hover":
-            kind = int(rng.choice([mavlink.MAV_TYPE_FIXED_WING, mavlink.MAV_TYPE_VTOL_TILTROTOR]))
-            mode = int(rng.choice([QSTABILIZE, QHOVER, QLOITER, AUTO]))
-            as_sent = on_lift_motors(split(log), rng, kind=kind, mode=mode)
-            return as_sent, {"mode": mode, "mav_type": kind}
-        case "quadrotor":  # its third control is a torque, not a rudder
-            return join(px4_controls(split(log), type=mavlink.MAV_TYPE_QUADROTOR)), {}
-        case "disarmed":
-            heartbeat = setting(base_mode=DISARMED, custom_mode=MANUAL)
-            return join(edited(split(log), HEARTBEAT=heartbeat)), {}
-    return log, {}
+def column(records: Sequence[Record], name: str, *fields: str) -> Floats:
+    """Return these fields (fields, n) of all messages of a name."""
+    return np.array([attrgetter(*fields)(message) for message in messages(records, name)]).T
 
 
-def with_line(log: bytes, rng: np.random.Generator, line_hz: float, share: float) -> bytes:
+def with_column(
+    records: Sequence[Record], name: str, field: str, values: Sequence[float]
+) -> list[Record]:
+    """Return the records with other values (n,) in a field of all messages of a name."""
+    left = iter(values)
+    return edited(records, **{name: lambda message: setattr(message, field, next(left))})
+
+
+def with_line(
+    rng: np.random.Generator, line_hz: float, share: float, records: list[Record]
+) -> list[Record]:
     """Add a vibration 0.05 Hz wide to the yaw rate of ATTITUDE.
 
-    ``share`` is its part of the power of the result.
+    ``share`` is its part of the power of the result. Its phase has a random walk.
     """
-    rates = [message.yawspeed for message in messages(split(log), "ATTITUDE")]
-    amplitude = math.sqrt(2.0 * share / (1.0 - share) * float(np.var(rates)))
-    phase, before_s = float(rng.uniform(0.0, math.tau)), 0.0
-    width = math.sqrt(math.tau * 0.05)  # of the phase's random walk, in rad per square root of a s
-
-    def attitude(message: Any) -> None:
-        nonlocal phase, before_s
-        now_s = message.time_boot_ms / 1000.0
-        phase += float(rng.normal(0.0, width * math.sqrt(max(now_s - before_s, 0.0))))
-        before_s = now_s
-        message.yawspeed += amplitude * math.sin(math.tau * line_hz * now_s + phase)
-
-    return join(edited(split(log), ATTITUDE=attitude))
+    boot_ms, r = column(records, "ATTITUDE", "time_boot_ms", "yawspeed")
+    t_s, start = boot_ms / 1000.0, rng.uniform(0.0, math.tau)
+    amplitude = math.sqrt(2.0 * share / (1.0 - share) * float(np.var(r)))
+    steps = rng.normal(0.0, np.sqrt(math.tau * 0.05 * np.diff(t_s, prepend=0.0)))
+    phase = math.tau * line_hz * t_s + np.cumsum(np.append(start, steps))[1:]
+    return with_column(records, "ATTITUDE", "yawspeed", r + amplitude * np.sin(phase))
 
 
-def as_passenger(
-    flown: list[Record], rng: np.random.Generator, *, armed: bool, status: bool
-) -> bytes:
+def as_passenger(rng: np.random.Generator, records: list[Record]) -> list[Record]:
     """Return a flight's log as a PX4 sends it that is carried along and controls nothing.
 
-    Its controls move, and its outputs do not; these are ACTUATOR_OUTPUT_STATUS with ``status``,
-    else SERVO_OUTPUT_RAW. Its controls would level the wings and damp the yaw; the yaw control has
-    a part of the roll control.
+    It may be armed. Its controls move, and its outputs do not; these are ACTUATOR_OUTPUT_STATUS or
+    SERVO_OUTPUT_RAW. Its controls would level the wings and damp the yaw; the yaw control has a
+    part of the roll control.
     """
-    roll = yaw = 0.0
+    armed, has_status = rng.random(2) < 0.5
     gains = rng.uniform([0.6, 0.1, 0.2], [1.5, 0.6, 1.0])
-    pulses = [1500, 1500, 900, 1500, 900, 900, 900, 900]
+    pulses, asked = [1500, 1500, 900, 1500, 900, 900, 900, 900], np.zeros(2)
+    send, fields = (
+        (mavlink.MAVLink_actuator_output_status_message, (8, [*map(float, pulses), *[0.0] * 24]))
+        if has_status
+        else (mavlink.MAVLink_servo_output_raw_message, (0, *pulses))
+    )
 
     def attitude(message: Any) -> None:
-        nonlocal roll, yaw
         roll = -gains[0] * message.roll - 0.1 * message.rollspeed
         yaw = gains[1] * roll - gains[2] * message.yawspeed + rng.normal(0.0, 0.005)
+        asked[:] = np.clip([roll, yaw], -1.0, 1.0)
 
     def servos(message: Any) -> list[Any]:
-        time_us = message.time_usec
-        asked = px4_control(time_us, *np.clip([roll, yaw], -1.0, 1.0).tolist())
-        if not status:
-            return [asked, mavlink.MAVLink_servo_output_raw_message(time_us, 0, *pulses)]
-        values = [*map(float, pulses), *[0.0] * 24]
-        return [asked, mavlink.MAVLink_actuator_output_status_message(time_us, 8, values)]
+        at_us = message.time_usec
+        return [px4_control(at_us, *asked.tolist()), send(at_us, *fields)]
 
-    mode = ARMED if armed else DISARMED
-    heartbeat = setting(autopilot=mavlink.MAV_AUTOPILOT_PX4, base_mode=mode)
-    edits = {"HEARTBEAT": heartbeat, "ATTITUDE": attitude, "SERVO_OUTPUT_RAW": servos}
-    return join(edited(flown, PARAM_VALUE=lambda _: [], **edits))
+    return edited(
+        records,
+        HEARTBEAT=setting(
+            autopilot=mavlink.MAV_AUTOPILOT_PX4, base_mode=ARMED if armed else DISARMED
+        ),
+        PARAM_VALUE=lambda _: [],
+        ATTITUDE=attitude,
+        SERVO_OUTPUT_RAW=servos,
+    )
 
 
-def on_lift_motors(
-    records: list[Record], rng: np.random.Generator, *, kind: int, mode: int
-) -> bytes:
+def on_lift_motors(rng: np.random.Generator, records: list[Record]) -> list[Record]:
     """Change a log into that of a quadplane, carried by lift motors on outputs 5 to 8."""
-    motors = [
+    motors = [  # their functions are 33 to 36
         mavlink.MAVLink_param_value_message(
-            f"SERVO{5 + i}_FUNCTION".encode(), float(FIRST_LIFT_MOTOR + i),
-            mavlink.MAV_PARAM_TYPE_INT16, 25, 21 + i,
+            f"SERVO{5 + i}_FUNCTION".encode(), 33.0 + i, mavlink.MAV_PARAM_TYPE_INT16, 25, 21 + i
         )
         for i in range(4)
-    ]  # fmt: skip
+    ]
 
     def servos(message: Any) -> None:
         yaw = (message.servo4_raw - 1500) / 4.0
@@ -349,15 +345,17 @@ def on_lift_motors(
     def parameter(message: Any) -> list[Any]:
         return [message, motors.pop(0)] if motors else [message]
 
-    heartbeat = setting(type=kind, custom_mode=mode)
-    edits = {"HEARTBEAT": heartbeat, "PARAM_VALUE": parameter, "SERVO_OUTPUT_RAW": servos}
-    return join(edited(records, **edits))
+    return edited(
+        records,
+        HEARTBEAT=setting(
+            type=int(rng.choice([mavlink.MAV_TYPE_FIXED_WING, mavlink.MAV_TYPE_VTOL_TILTROTOR])),
+            custom_mode=int(rng.choice([QSTABILIZE, QHOVER, QLOITER, AUTO])),
+        ),
+        PARAM_VALUE=parameter,
+        SERVO_OUTPUT_RAW=servos,
+    )
 
 
-APART = 34
-"""The number of the other flight is larger by this: another aircraft, and the same air."""
-LATE_S = 0.4
-"""The time by which a late clock is late, in s."""
 MISLEADING = ("other flight", "backwards", "late")
 
 
@@ -365,30 +363,17 @@ def misled(number: int, draw: Draw = CHOSEN) -> Made:
     """Return log ``number`` of the corpus; the kinds come in turn, and so do the flights."""
     number, nth = divmod(number, len(MISLEADING))
     made = excited(number, draw)
+    servos = "SERVO_OUTPUT_RAW", "time_usec", "servo4_raw"
     flown = split(made.log)
-    stamps, rudder = _pulses(flown)
+    stamps, rudder = column(flown, *servos)
     match MISLEADING[nth]:
-        case "other flight":  # at the times of this one's messages
-            theirs, other = _pulses(split(excited(number + APART, draw).log))
-            at = np.searchsorted(theirs, stamps, side="right") - 1
-            rudder = [other[max(i, 0)] for i in at]
+        case "other flight":  # of another aircraft in the same air, at this one's times
+            theirs, other = column(split(excited(number + 34, draw).log), *servos)
+            rudder = other[np.maximum(np.searchsorted(theirs, stamps, side="right") - 1, 0)]
         case "backwards":
             rudder = rudder[::-1]
         case "late":
-            behind = sum(stamp < stamps[0] + 1e6 * LATE_S for stamp in stamps)
-            rudder = [rudder[0]] * behind + rudder[: len(rudder) - behind]
-    left = iter(rudder)
-
-    def servos(message: Any) -> None:
-        message.servo4_raw = next(left)
-
-    assert made.truth is not None
-    log = join(edited(flown, SERVO_OUTPUT_RAW=servos))
-    return Made(log, made.truth | {"group": MISLEADING[nth]})
-
-
-def _pulses(flown: list[Record]) -> tuple[list[int], list[int]]:
-    """Return the stamps in us and the rudder's pulses of a log's SERVO_OUTPUT_RAW."""
-    sent = [(m.time_usec, m.servo4_raw) for m in messages(flown, "SERVO_OUTPUT_RAW")]
-    stamps, rudder = map(list, zip(*sent, strict=True))
-    return stamps, rudder
+            behind = np.searchsorted(stamps, stamps[0] + 0.4e6)
+            rudder = np.append(np.full(behind, rudder[0]), rudder)[: len(rudder)]
+    sent = with_column(flown, "SERVO_OUTPUT_RAW", "servo4_raw", rudder.astype(int).tolist())
+    return Made(join(sent), (made.truth or {}) | {"group": MISLEADING[nth]})
