@@ -103,29 +103,26 @@ def roll_law(name: str, plan: FlightPlan) -> Callable[[float, float, float], flo
 
     aileron = FF w + kp m + the integral and the derivative of m: w is the wanted rate, the error of
     the angle by the time constant and behind a filter, and m is w less the roll rate. FF is such
-    that the gain of the angle is ``roll_gain``. The gains of an autopilot's law vary with the
-    airspeed: FF as 1/V, the others as 1/V^2.
+    that the gain of the angle is ``roll_gain``. The integral ends at .3, and the derivative has a
+    filter of 12 Hz. The gains of an autopilot's law vary with the airspeed: FF as 1/V, the others
+    as 1/V^2.
     """
     tau_s, corner_hz, integral, derivative = LAWS[name]
     kp, ff = plan.roll_rate_gain, plan.roll_gain * tau_s - plan.roll_rate_gain
+    soft, quick = (-math.expm1(-math.tau * hz * LOOP_S) for hz in (corner_hz, 12.0))
     wanted = total = before = slope = 0.0
 
     def aileron(error: float, p: float, kt: float) -> float:
         nonlocal wanted, total, before, slope
         slow = plan.speed_kt / kt if integral else 1.0
-        wanted += _share(corner_hz) * (error / tau_s - wanted)
+        wanted += soft * (error / tau_s - wanted)
         miss = slow**2 * (wanted - p)
         total = within(total + integral * kp * miss * LOOP_S, 0.3)
-        slope += _share(12.0) * ((miss - before) / LOOP_S - slope)
+        slope += quick * ((miss - before) / LOOP_S - slope)
         before = miss
         return slow * ff * wanted + kp * miss + total + derivative * kp * slope
 
     return aileron
-
-
-def _share(corner_hz: float) -> float:
-    """Return the share of a step that a filter of first order follows in one loop."""
-    return -math.expm1(-math.tau * corner_hz * LOOP_S)
 
 
 def autopilot(
@@ -154,7 +151,7 @@ def autopilot(
         # .8 of bank per rad of course, up to .42 rad, at .35 rad/s.
         bank += within(within(0.8 * off, 0.42) - bank, 0.35 * LOOP_S)
         aileron = law(trim[STATES[PHI]] + bank - phi, p, kt)
-        slow += LOOP_S / 3.0 * (r - slow)
+        slow += LOOP_S / 3.0 * (r - slow)  # a washout of 3 s
         rudder = flight.mix * aileron - flight.damper * (r - slow)
         high_m = FOOT * (feet - trim[STATES[FEET]])
         nose = (
@@ -191,8 +188,8 @@ def flown(flight: Ordinary) -> tuple[Floats, Floats, Floats]:
     noises = rng.normal(size=(n // every + 1, 6)) * flight.link.sigmas
     if flight.line:
         axes, wn_rad_s, share = flight.line
-        loops = np.arange(len(noises), dtype=np.float64)
-        noises[:, axes] += _line(flight, rng, wn_rad_s * LOOP_S * loops, share)
+        angle = wn_rad_s * LOOP_S * np.arange(len(noises), dtype=np.float64)
+        noises[:, axes] += _line(flight, rng, angle, share)
     follow = -math.expm1(-STEP_S / max(flight.servo_lag_s, 1e-9))
     states, outputs = np.zeros((n, len(STATES))), np.zeros((n, 2))
     play = np.array([flight.backlash, 0.0])
@@ -382,7 +379,7 @@ def changed(family: str, rng: np.random.Generator, nth: int, flight: Ordinary) -
     assert mode is not None
     wn = mode["wn_rad_s"]
     if family == "yaw damper":  # it adds .1 to .4 to zeta
-        gain = 2.0 * rng.uniform(0.1, 0.4) * wn / -float(rudder[LATERAL.index("R")])
-        return replace(flight, damper=gain)
+        added, effect = rng.uniform(0.1, 0.4), -float(rudder[LATERAL.index("R")])
+        return replace(flight, damper=2.0 * added * wn / effect)
     multiple, share = np.geomspace(0.3, 3.0, 11)[nth % 11], (0.3, 0.5, 1.0)[nth // 2 % 3]
     return replace(flight, line=(AXES[family], float(multiple) * wn, share))

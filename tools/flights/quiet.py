@@ -24,7 +24,7 @@ from scipy.signal import lfilter
 
 from flights.flight import Hands
 from flights.fly import Made, fly
-from flights.moved import CHOSEN, SEED, Damper, Draw, Mixed, by_hand, drawn_link, excited, wander
+from flights.moved import CHOSEN, Damper, Draw, Mixed, by_hand, drawn_link, excited, wander
 from flights.plan import FOOT, KNOT, STEP_S, FlightPlan, Floats, Place, count, plan_at
 from flights.surgery import (
     Record,
@@ -38,18 +38,17 @@ from flights.surgery import (
 )
 from flights.telemetry import ARMED, DISARMED, Played, telemetry
 
-GENTLY = Draw(SEED, (
+GENTLY = Draw(places=(
     ("c172p", 3000.0, 100.0), ("J3Cub", 2000.0, 60.0), ("T37", 5000.0, 200.0),
     ("t6texan2", 5000.0, 180.0), ("OV10", 5000.0, 160.0), ("c172r", 3000.0, 90.0),
 ))  # fmt: skip
-"""The seed and the places of the flights on which limits are chosen."""
+"""The places of the flights on which limits are chosen."""
 RANGES: dict[str, dict[str, Any]] = tomllib.loads(
     Path(__file__).with_name("quiet.toml").read_text(encoding="utf-8")
 )
 KINDS = tuple(RANGES)
 LENGTHS_S = (60.0, 80.0, 100.0)
 """Lengths of the logs without excitation in s."""
-MANUAL, QSTABILIZE, QHOVER, QLOITER, AUTO = 0, 17, 18, 19, 10
 Columns = dict[str, Floats]
 
 
@@ -140,7 +139,7 @@ def kind(
             return _standing(rng, n, facts), None
         case "disarmed":
             return _standing(rng, n, facts), partial(
-                edited, HEARTBEAT=setting(base_mode=DISARMED, custom_mode=MANUAL)
+                edited, HEARTBEAT=setting(base_mode=DISARMED, custom_mode=0)
             )
         case "taxi":
             return _taxi(rng, n, facts["speed_m_s"]), None
@@ -170,7 +169,7 @@ def played(plan: FlightPlan, columns: Columns) -> Played:
     """
     zero = np.zeros(count(plan.seconds))
     given = dict.fromkeys(("p", "pitch", "rudder", "aileron"), zero) | columns
-    properties = {
+    return Played(plan, {
         "attitude/phi-rad": given["roll"],
         "attitude/theta-rad": given["pitch"],
         "attitude/psi-rad": np.cumsum(given["r"]) * STEP_S,
@@ -182,8 +181,7 @@ def played(plan: FlightPlan, columns: Columns) -> Played:
         "position/h-sl-ft": zero + 20.0 / FOOT,
         "fcs/throttle-cmd-norm": zero + 0.3,
         "velocities/h-dot-fps": zero,
-    }
-    return Played(plan, properties, given)
+    }, given)  # fmt: skip
 
 
 def _standing(rng: np.random.Generator, n: int, facts: dict[str, float]) -> Columns:
@@ -328,7 +326,10 @@ def as_passenger(rng: np.random.Generator, records: list[Record]) -> list[Record
 
 
 def on_lift_motors(rng: np.random.Generator, records: list[Record]) -> list[Record]:
-    """Change a log into that of a quadplane, carried by lift motors on outputs 5 to 8."""
+    """Change a log into that of a quadplane, carried by lift motors on outputs 5 to 8.
+
+    The modes are QSTABILIZE, QHOVER, QLOITER and AUTO.
+    """
     motors = [  # their functions are 33 to 36
         mavlink.MAVLink_param_value_message(
             f"SERVO{5 + i}_FUNCTION".encode(), 33.0 + i, mavlink.MAV_PARAM_TYPE_INT16, 25, 21 + i
@@ -349,7 +350,7 @@ def on_lift_motors(rng: np.random.Generator, records: list[Record]) -> list[Reco
         records,
         HEARTBEAT=setting(
             type=int(rng.choice([mavlink.MAV_TYPE_FIXED_WING, mavlink.MAV_TYPE_VTOL_TILTROTOR])),
-            custom_mode=int(rng.choice([QSTABILIZE, QHOVER, QLOITER, AUTO])),
+            custom_mode=int(rng.choice([17, 18, 19, 10])),
         ),
         PARAM_VALUE=parameter,
         SERVO_OUTPUT_RAW=servos,
@@ -374,6 +375,6 @@ def misled(number: int, draw: Draw = CHOSEN) -> Made:
             rudder = rudder[::-1]
         case "late":
             behind = np.searchsorted(stamps, stamps[0] + 0.4e6)
-            rudder = np.append(np.full(behind, rudder[0]), rudder)[: len(rudder)]
+            rudder = rudder[np.maximum(np.arange(len(rudder)) - behind, 0)]
     sent = with_column(flown, "SERVO_OUTPUT_RAW", "servo4_raw", rudder.astype(int).tolist())
     return Made(join(sent), (made.truth or {}) | {"group": MISLEADING[nth]})
