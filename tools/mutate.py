@@ -2,171 +2,219 @@
 
     python tools/mutate.py --draw 300 --seed 7   # drawn at random: a table of killed shares
 
+First one run of the gate's tests records under the library coverage which file of tests reaches
+which lines. Then each mutant (checks/mutants.py) runs the files that reach it: those of its own
+room first, then the cheapest, up to ``BUDGET_S``. A folder in the temporary folder keeps the record
+and a row of each mutant as it ends (draw_SEED.jsonl). The same command goes on where it was
+stopped; a record that was not complete begins again.
+
 tests/test_mutations.py, marked ``long``, seeds those of checks/defects.toml. Each names one test
 that must fail: if that ends in any other way, it has not caught the defect. For a defect in the
 kernel, or in the code that compiles it, the kernel runs as plain Python, which gives the same bits
 and need not be compiled for each defect. For all others it is compiled once, as fits in plain
 Python take minutes.
-
-What --draw makes stays in a folder of the temporary folder: which file of tests reaches which lines
-(half an hour of one processor), one row a mutant as it ends (draw_SEED.jsonl) and the survivors
-(survivors_SEED.txt). The same command goes on where it was stopped. See
-tools/checks/mutants.py.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 import os
+import re
 import shutil
-import signal
 import subprocess
 import sys
 import tempfile
 import tomllib
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from itertools import accumulate, chain, islice
 from pathlib import Path
 
-from checks.children import child
+import pandas as pd
+from checks.children import LONG_S, child
+from checks.mutants import Mutant, drawn
+from coverage import Coverage, CoverageData
 
 ROOT = Path(__file__).resolve().parents[1]
-PACKAGE = ROOT / "src" / "yawid"
-COPIED = ("src", "tests", "tools", "replay_logs")
 KERNEL = "estimation/kernel/"
 PLAIN = (KERNEL, "estimation/machine/")
-TIMEOUT_S = 300
-"""Time limit in s of one test."""
-# The first counterexample suffices: reducing it would take minutes.
-CONFTEST = """
-from hypothesis import Phase, settings
-
-phases = (Phase.explicit, Phase.generate)
-settings.register_profile(
-    "mutation", phases=phases, derandomize=True, database=None, deadline=None
-)
-settings.load_profile("mutation")
-"""
-
-
-@dataclass(frozen=True, slots=True)
-class Defect:
-    """A defect: ``old`` in ``file`` (below src/yawid) becomes ``new``; then ``test`` must fail."""
-
-    what: str
-    file: str
-    old: str
-    new: str
-    test: str
-
-    @property
-    def plain(self) -> bool:
-        """Whether the kernel runs as plain Python for its test."""
-        return self.file.startswith(PLAIN)
+RUNNER = "estimation/machine/runner.py"
+"""The kernel is compiled, so that no line of it is seen: whatever runs RUNNER reaches it."""
+TIMEOUT_S = 300.0
+"""Time limit in s of the tests of one defect: a mutant's that take longer have noticed it."""
+BUDGET_S = 40.0
+"""Seconds, as recorded, that the tests of one mutant may take: a survivor costs that. Without it
+one line that all tests reach costs ten minutes."""
+GATE = ("-m", "not slow and not long")
+NO_TESTS = 5
+FAILED = re.compile(r"^(?:FAILED|ERROR) (\S+)", re.MULTILINE)
+TOOK = re.compile(r"^([\d.]+)s \w+ +([^:\s]+)", re.MULTILINE)
+"""A line of pytest's durations: seconds, and the file of a test."""
+DEFECTS: list[dict[str, str]] = tomllib.loads(
+    (ROOT / "tools/checks/defects.toml").read_text(encoding="utf-8")
+)["defect"]
 
 
-DEFECTS: tuple[Defect, ...] = tuple(
-    Defect(**each)
-    for each in tomllib.loads((ROOT / "tools/checks/defects.toml").read_text(encoding="utf-8"))[
-        "defect"
-    ]
-)
+def copied(folder: Path) -> Path:
+    """Copy the tree, in which one file of the sources at a time will be another."""
+    return shutil.copytree(ROOT, folder, ignore=shutil.ignore_patterns(".*", "__pycache__"))
 
 
-class Copy:
-    """A copy of the tree, in which one file of the sources at a time is another."""
+def run(
+    tree: Path,
+    *tests: str,
+    plain: bool = False,
+    within_s: float = TIMEOUT_S,
+    under: Sequence[str] = (),
+) -> tuple[int, str]:
+    """Run tests in a copy; return pytest's exit code (1: some failed) and what it printed.
 
-    def __init__(self, folder: Path) -> None:
-        self.folder = folder
-        self.package = folder / "src" / "yawid"
-        ignored = shutil.ignore_patterns("__pycache__", "*.egg-info", "actual.*")
-        for name in COPIED:
-            shutil.copytree(ROOT / name, folder / name, ignore=ignored)
-        for name in ("pyproject.toml", "README.md"):
-            shutil.copy2(ROOT / name, folder)
-        (folder / "conftest.py").write_text(CONFTEST, encoding="utf-8")
-
-    def run(
-        self,
-        *tests: str,
-        plain: bool = False,
-        under: Sequence[str] = ("-m", "pytest"),
-        limit_s: float | None = None,
-        **own: str,
-    ) -> tuple[int, str]:
-        """Run tests in the copy; return pytest's exit code (1: some failed) and what it printed.
-
-        With ``plain``, the kernel runs as plain Python. ``own`` are variables of the environment.
-        The code is -1 if they take longer than ``limit_s``, by default TIMEOUT_S each.
-        """
-        paths = os.pathsep.join([str(self.folder / "src"), str(self.folder / "tools")])
-        own |= {"PYTHONPATH": paths, "MPLBACKEND": "Agg", "NUMBA_DISABLE_JIT": str(int(plain))}
-        limit_s = limit_s or TIMEOUT_S * len(tests)
-        with child(
-            [sys.executable, *under, "-x", "-q", "-p", "no:cacheprovider", *tests], limit_s,
-            cwd=self.folder, env=os.environ | own, start_new_session=True,
-            stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
-        ) as process:  # fmt: skip
-            try:
-                output, _ = process.communicate(timeout=limit_s)
-            except subprocess.TimeoutExpired:
-                return -1, ""
-            finally:
-                with suppress(ProcessLookupError):
-                    os.killpg(process.pid, signal.SIGKILL)  # and what its tests did not end
-            return process.returncode, output
-
-    @contextmanager
-    def seeded(self, file: str, text: str) -> Iterator[None]:
-        """Put another text in the place of a source file's, for a while."""
-        path = self.package / file
-        kept = path.with_suffix(".kept")
-        shutil.copy2(path, kept)
-        try:
-            path.write_text(text, encoding="utf-8")
-            yield
-        finally:
-            shutil.move(kept, path)  # keeps the old time, by which Python recognises its caches
-
-    def catches(self, defect: Defect) -> bool:
-        """Return whether the defect's test fails with the defect seeded."""
-        text = (self.package / defect.file).read_text(encoding="utf-8")
-        with self.seeded(defect.file, text.replace(defect.old, defect.new)):
-            return self.run(defect.test, plain=defect.plain)[0] == 1
+    With ``plain``, the kernel runs as plain Python. After ``within_s``, the tests and their
+    children are ended, and the code is another one. Of Hypothesis the first counterexample
+    suffices: reducing it would take minutes.
+    """
+    command = [
+        "timeout", "--kill-after=9", str(within_s), sys.executable, *under, "-m", "pytest", "-x",
+        "-q", "-p", "no:cacheprovider", "--hypothesis-profile=first", *tests,
+    ]  # fmt: skip
+    environment = os.environ | {
+        "PYTHONPATH": os.pathsep.join([str(tree / "src"), str(tree / "tools")]),
+        "MPLBACKEND": "Agg", "NUMBA_DISABLE_JIT": str(int(plain)), "COVERAGE_CORE": "ctrace",
+    }  # fmt: skip
+    with child(
+        command, 2.0 * within_s, cwd=tree, env=environment,
+        stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+    ) as process:  # fmt: skip
+        said, _ = process.communicate(timeout=2.0 * within_s)
+        return process.returncode, said
 
 
-def misplaced(defects: Sequence[Defect]) -> list[str]:
+def seeded(
+    tree: Path, file: str, source: bytes, *tests: str, plain: bool = False
+) -> tuple[int, str]:
+    """Run tests while a file (below src/yawid) has another source; see :func:`run`."""
+    path = tree / "src/yawid" / file
+    kept = path.read_bytes()
+    try:
+        path.write_bytes(source)
+        return run(tree, *tests, plain=plain)
+    finally:
+        path.write_bytes(kept)
+
+
+def catches(tree: Path, defect: Mapping[str, str]) -> bool:
+    """Return whether the defect's test fails with the defect seeded."""
+    file, text = defect["file"], (ROOT / "src/yawid" / defect["file"]).read_text(encoding="utf-8")
+    new = text.replace(defect["old"], defect["new"]).encode()
+    return seeded(tree, file, new, defect["test"], plain=file.startswith(PLAIN))[0] == 1
+
+
+def misplaced(defects: Sequence[Mapping[str, str]]) -> list[str]:
     """Return in words the defects whose pattern is not exactly once in its file."""
     return [
-        f"{each.what}: {count} times in {each.file}: {each.old!r}"
+        f"{each['what']}: {count} times in {each['file']}: {each['old']!r}"
         for each in defects
-        if (count := (PACKAGE / each.file).read_text(encoding="utf-8").count(each.old)) != 1
+        if (count := (ROOT / "src/yawid" / each["file"]).read_text("utf-8").count(each["old"])) != 1
     ]
 
 
-def draw(count: int, seed: int, tests: Sequence[str]) -> None:
-    """Hunt ``count`` mutants of the commit, and print the table."""
-    from checks import mutants  # the library coverage is not needed for a single defect
+def pytest_runtest_logstart(nodeid: str) -> None:
+    """Name the file whose test begins, as a plugin of pytest: the lines that follow are its own.
 
-    asked = ["git", "log", "-1", "--format=%h of %cs", "--", "src", "tests"]
-    said = subprocess.run(asked, cwd=ROOT, capture_output=True, text=True, check=True).stdout
-    folder = Path(tempfile.gettempdir()) / f"yawid-mutants-{said.split()[0]}"
-    shutil.rmtree(folder / "tree", ignore_errors=True)  # a run that was killed leaves its mutant
-    print(f"mutate: {folder}", file=sys.stderr, flush=True)
-    found = sorted(path.relative_to(ROOT).as_posix() for path in ROOT.glob("tests/**/test_*.py"))
-    copy = Copy(folder / "tree")
-    rows = mutants.hunt(copy, folder, tests or [*found, "src"], seed=seed, count=count)
-    left = [f"{row['where']} {row['kind']}: {row['old']} -> {row['new']}, {len(row['tests'])} files"
-            for row in rows if not row["killer"]]  # fmt: skip
-    (folder / f"survivors_{seed}.txt").write_text("\n".join(sorted(left)), encoding="utf-8")
-    print(mutants.table(rows, f"`--draw {count} --seed {seed}`, {said.strip()}"))
+    So it shares no run with other files (tests/support/finished_runs.py).
+    """
+    os.environ.pop("YAWID_TEST_RUNS", None)
+    if cover := Coverage.current():
+        cover.switch_context(nodeid.partition("::")[0])
 
 
-if __name__ == "__main__":
+def recorded(tree: Path, folder: Path, tests: Sequence[str]) -> tuple[CoverageData, str]:
+    """Run the tests once; return which of their files reach which lines, and what pytest printed.
+
+    What runs in a child process is not seen.
+    """
+    kept, data = folder / "recorded.txt", CoverageData(str(folder / "coverage"))
+    if not kept.exists():
+        under = ("-m", "coverage", "run", f"--data-file={folder}/coverage", "--source=yawid")
+        options = (*GATE, "-p", "mutate", "--maxfail=1000", "--durations=0", "--durations-min=0")
+        code, said = run(tree, *options, *tests, within_s=LONG_S, under=under)
+        if code not in (0, 1):
+            raise SystemExit(said)
+        kept.write_text(said, encoding="utf-8")
+    data.read()
+    return data, kept.read_text(encoding="utf-8")
+
+
+def reaching(
+    mutant: Mutant, package: Path, data: CoverageData, took_s: Mapping[str, float]
+) -> list[str]:
+    """Return the files of tests that reach a mutant, in the order in which they are tried.
+
+    A line that no test is seen to reach, as it runs on import, in a child process or never, may be
+    reached by every file that runs something of its module, and by those of its room.
+    """
+    is_kernel = mutant.file.startswith(KERNEL)
+    by_line = data.contexts_by_lineno(str(package / (RUNNER if is_kernel else mutant.file)))
+    own = tuple(
+        f"{top}/{room}/" for top in ("tests", "src/yawid") for room in mutant.group.split(", ")
+    )
+    found = {test for line in mutant.lines for test in by_line.get(line, ())}
+    if is_kernel or found <= {""}:
+        in_room = (test for test in data.measured_contexts() if test.startswith(own))
+        found = {*in_room, *chain.from_iterable(by_line.values())}
+    order = sorted(found - {""}, key=lambda test: (not test.startswith(own), took_s[test], test))
+    spent = accumulate(took_s[test] for test in order)
+    return [test for test, s in zip(order, spent, strict=True) if s <= BUDGET_S] or order[:1]
+
+
+def hunt(tree: Path, folder: Path, tests: Sequence[str], seed: int, count: int) -> list[str]:
+    """Draw mutants, hunt each, and return a row of each as JSON; it goes on where it ended.
+
+    A test that fails without a mutant is set aside.
+    """
+    data, said = recorded(tree, folder, tests)
+    took = pd.DataFrame(TOOK.findall(said), columns=["s", "test"]).astype({"s": float})
+    took_s = Counter(took.groupby("test")["s"].sum().to_dict())
+    aside = [f"--deselect={name}" for name in FAILED.findall(said)]
+    package, path = tree / "src/yawid", folder / f"draw_{seed}.jsonl"
+    rows = path.read_text(encoding="utf-8").splitlines() if path.exists() else []
+    for mutant in islice(drawn(package, seed), len(rows), count):
+        source = (package / mutant.file).read_bytes()
+        some, new = reaching(mutant, package, data, took_s), mutant.seeded(source)
+        code = seeded(tree, mutant.file, new, *GATE, *some, *aside)[0] if some else NO_TESTS
+        row = {
+            "group": mutant.group, "kind": mutant.kind, "tests": some,
+            "where": f"{mutant.file}:{mutant.lines.start}",
+            "old": source[mutant.where].decode(), "new": mutant.new,
+            "killed": code not in (0, NO_TESTS),
+        }  # fmt: skip
+        rows.append(json.dumps(row))
+        path.write_text("\n".join(rows), encoding="utf-8")
+    return rows
+
+
+def main() -> None:
+    """Hunt mutants of the commit; print the killed shares, with their sigma, and the survivors."""
     parser = argparse.ArgumentParser(prog="mutate.py", description=__doc__.partition("\n")[0])
     parser.add_argument("--draw", metavar="N", type=int, required=True, help="how many mutants")
     parser.add_argument("--seed", metavar="S", type=int, default=0, help="which ones")
-    parser.add_argument("--tests", nargs="+", metavar="FILE", default=(), help="only these")
-    options = parser.parse_args()
-    draw(options.draw, options.seed, options.tests)
+    parser.add_argument("--tests", nargs="+", metavar="FILE", default=[], help="only these")
+    given = parser.parse_args()
+    asked = ["git", "describe", "--always", "--dirty"]
+    commit = subprocess.check_output(asked, cwd=ROOT, text=True).strip()
+    name = re.sub(r"\W+", "-", " ".join(["yawid-mutants", commit, *given.tests]))
+    folder = Path(tempfile.gettempdir()).resolve() / name
+    shutil.rmtree(folder / "tree", ignore_errors=True)  # a run that was killed leaves its mutant
+    rows = hunt(copied(folder / "tree"), folder, given.tests, given.seed, given.draw)
+    found = pd.DataFrame(map(json.loads, rows))
+    of_all = pd.concat([found, found.assign(group="all")]).groupby("group", sort=False)["killed"]
+    shares = of_all.agg(mutants="size", killed="sum", share="mean", sigma="sem").round(2)
+    left = found.loc[~found["killed"], ["where", "kind", "old", "new"]]
+    print(
+        f"--draw {given.draw} --seed {given.seed} of {commit}", shares, left.to_string(), sep="\n\n"
+    )
+
+
+if __name__ == "__main__":
+    main()

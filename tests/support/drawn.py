@@ -1,6 +1,6 @@
 """How many examples Hypothesis draws: 25 of each test in the gate, 500 in the long list."""
 
-from hypothesis import HealthCheck, settings
+from hypothesis import HealthCheck, Phase, settings
 
 GATE, LONG = 25, 500
 for _name, _count in {"gate": GATE, "long": LONG}.items():
@@ -13,6 +13,10 @@ for _name, _count in {"gate": GATE, "long": LONG}.items():
         deadline=None,
         suppress_health_check=[HealthCheck.too_slow, HealthCheck.function_scoped_fixture],
     )
+# As in the gate, but a counterexample is not reduced: tools/mutate.py needs no small one.
+settings.register_profile(
+    "first", settings.get_profile("gate"), phases=(Phase.explicit, Phase.generate)
+)
 
 
 def examples(count: int) -> settings:

@@ -19,154 +19,127 @@ import re
 import shutil
 import subprocess
 import sys
-import tarfile
 import tempfile
 import time
-import zipfile
+from contextlib import chdir
+from functools import partial
 from itertools import product
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 LOG = ROOT / "replay_logs" / "c172p_reversed" / "log.tlog"
-LEFT_OUT = (".git", "build", "dist", "*.egg-info", "__pycache__", ".*_cache", ".venv")
 OF_SDIST = {"LICENSE", "PKG-INFO", "README.md", "pyproject.toml", "setup.cfg"}
-OF_VIEWER = ("rerun", "pyarrow")
-"""The libraries without which yawid replays, too, by how their names begin."""
-OF_COMPILED = ("tests/estimation",)
 TESTS = (
     "tests/test_replay_logs.py",
-    *OF_COMPILED,
+    "tests/estimation",
     "tests/sinks/mcap",
     "tests/cli/test_completion.py",
     "tests/report/test_report.py",
 )
 VERSIONS = ("3.11", "3.12", "3.13")
-WHEELS_ONLY = "--only-binary=:all:"
 PLATFORMS = ("aarch64-manylinux_2_28", "x86_64-pc-windows-msvc", "aarch64-apple-darwin")
 """The platforms without a machine to try them on, by the names that uv has for them."""
-EXTRAS = ("--extra=ulog", "--extra=serial", "--extra=fleet")
+run = partial(subprocess.run, check=True)
+said_by = partial(subprocess.check_output, text=True)
 
 
 def main(names: list[str]) -> None:
-    """Run the steps that are named, or all."""
+    """Run the steps that are named, or all, in a folder of their own."""
     steps = {"built": built, "oldest": oldest, "platforms": platforms}
-    with tempfile.TemporaryDirectory() as folder:
-        scratch = Path(folder)
-        shutil.copytree(ROOT, scratch / "clone", ignore=shutil.ignore_patterns(*LEFT_OUT))
-        run(sys.executable, "-m", "venv", scratch / "uv")
-        run(scratch / "uv/bin/python", "-m", "pip", "install", "--quiet", "uv")
-        uv(scratch, "build", "--out-dir", scratch / "dist", scratch / "clone")
+    with tempfile.TemporaryDirectory() as folder, chdir(folder):
+        path = os.pathsep.join([f"{folder}/uv/bin", os.environ["PATH"]])
+        os.environ |= {"PATH": path, "PYTHONPATH": "", "UV_CACHE_DIR": f"{folder}/cache"}
+        left_out = shutil.ignore_patterns(".*", "build", "dist", "*.egg-info", "__pycache__")
+        shutil.copytree(ROOT, "clone", ignore=left_out)
+        run([sys.executable, "-m", "pip", "install", "--quiet", "--target", "uv", "uv"])
+        run(["uv", "build", "--quiet", "--out-dir", "dist", "clone"])
         for name in names or steps:
-            print(f"{name}: {steps[name](scratch)}", flush=True)
+            print(f"{name}: {steps[name]()}", flush=True)
 
 
-def built(scratch: Path) -> str:
+def built() -> str:
     """Compare the packed files with the tree, then install the wheel and replay a flight."""
-    (wheel,), (sdist,) = (scratch.glob(f"dist/*{suffix}") for suffix in (".whl", ".tar.gz"))
-    files = [path for path in scratch.glob("clone/src/yawid/**/*") if path.is_file()]
-    tree = {path.relative_to(scratch / "clone").as_posix() for path in files}
-    packed = {f"src/{x}" for x in zipfile.ZipFile(wheel).namelist() if ".dist-info/" not in x}
-    assert packed == tree, f"the wheel: {sorted(packed ^ tree)}"
-    with tarfile.open(sdist) as archive:
-        names = {member.name.partition("/")[2] for member in archive if member.isfile()}
+    (wheel,), (sdist,) = (Path("dist").glob(f"*{suffix}") for suffix in (".whl", ".tar.gz"))
+    shutil.unpack_archive(wheel, "wheel", "zip")
+    shutil.unpack_archive(sdist, "sdist", filter="data")
+    (whole,) = Path("sdist").iterdir()
+    run(["diff", "-r", "clone/src/yawid", "wheel/yawid"])
+    run(["diff", "-r", "clone/src/yawid", whole / "src/yawid"])
+    files = {path.relative_to(whole) for path in whole.rglob("*") if path.is_file()}
+    names = {path.as_posix() for path in files if path.parts[0] != "src"}
     # setuptools always packs the tests in the root of tests/, too.
-    wanted = tree | OF_SDIST | {f"tests/{path.name}" for path in ROOT.glob("tests/test*.py")}
-    other = {name for name in names ^ wanted if "src/yawid.egg-info/" not in name}
-    assert not other, f"the sdist: {sorted(other)}"
-    began_s, pair = time.monotonic(), newest_allowed()
-    python = installed(scratch, "bare", *pair)
-    took_s = time.monotonic() - began_s
-    sizes = f"wheel {wheel.stat().st_size / 1e3:.0f} kB, sdist {sdist.stat().st_size / 1e3:.0f} kB"
-    said = f"{sizes}; {installed_size(scratch / 'bare')} in {took_s:.0f} s; {answers(scratch)}"
-    runner = "from yawid.estimation.machine.runner import RUNNER"
-    run(python, "-c", f"{runner}; RUNNER.compile(); assert RUNNER.is_compiled()")
-    return f"{said}; {', '.join(pair)}: {tested(scratch, python, OF_COMPILED)}"
-
-
-def installed_size(environment: Path) -> str:
-    """Return the size of an environment, and the part of the libraries for the viewer alone."""
-    (site,) = environment.glob("lib/*/site-packages")
-    sizes = {path.relative_to(site): path.lstat().st_size / 1e6 for path in site.rglob("*")}
-    of_viewer = sum(mb for path, mb in sizes.items() if path.parts[0].startswith(OF_VIEWER))
-    return f"{sum(sizes.values()):.0f} MB, {of_viewer:.0f} of them {' and '.join(OF_VIEWER)},"
-
-
-def answers(scratch: Path) -> str:
-    """Check that script and module report one version; return it with one flight's answer."""
-    script, module = [scratch / "bare/bin/yawid"], [scratch / "bare/bin/python", "-m", "yawid"]
-    first, other = (run(*each, "--version", cwd=scratch, bare=True) for each in (script, module))
-    assert first == other, f"{first!r}, but as a module {other!r}"
+    assert names == OF_SDIST | {f"tests/{path.name}" for path in ROOT.glob("tests/test*.py")}, names
+    # By number: an older pair that matches would be installed without a word.
+    bounds = re.findall(
+        r'^    "(\w+)>=[\d.]+,<0\.(\d+)"',
+        (ROOT / "pyproject.toml").read_text("utf-8"),
+        re.MULTILINE,
+    )
+    newest = [f"{name}==0.{int(bound) - 1}.*" for name, bound in bounds]
     began_s = time.monotonic()
-    said = json.loads(run(*script, "replay", LOG, "--json", cwd=scratch, bare=True))
+    run(["uv", "venv", "--quiet", "--python", sys.executable, "bare"])
+    run(["uv", "pip", "install", "--quiet", "--python", "bare", "--no-build", *newest, wheel])
+    took_s = time.monotonic() - began_s
+    runner = "from yawid.estimation.machine.runner import RUNNER"
+    run(["bare/bin/python", "-c", f"{runner}; RUNNER.compile(); assert RUNNER.is_compiled()"])
+    tested(*(f"--with={each}" for each in newest))
+    viewer = mb(
+        *(path for each in ("rerun*", "pyarrow*") for path in Path("bare").glob(f"lib/*/*/{each}"))
+    )
+    sizes = f"wheel {mb(wheel)}, sdist {mb(sdist)}, installed {mb('bare')} in {took_s:.0f} s"
+    return f"{sizes}, {viewer} of them for rerun and pyarrow; {answers()}; {', '.join(newest)}"
+
+
+def mb(*paths: str | Path) -> str:
+    """Return the size of files and folders in MB."""
+    return f"{int(said_by(['du', '-cb', *paths]).split()[-2]) / 1e6:.2f} MB"
+
+
+def answers() -> str:
+    """Check that script and module report one version; return it with one flight's answer."""
+    bare = os.environ | {"PATH": "", "HOME": str(Path.cwd()), "DISPLAY": ""}
+    version = said_by(["bare/bin/yawid", "--version"], env=bare)
+    assert version == said_by(["bare/bin/python", "-m", "yawid", "--version"], env=bare)
+    began_s = time.monotonic()
+    said = json.loads(said_by(["bare/bin/yawid", "replay", LOG, "--json"], env=bare))
     took_s, roll = time.monotonic() - began_s, said["flight"]["dutch_roll"]
     answer = f"wn {roll['wn_rad_s']:.4f}, zeta {roll['zeta']:.4f}"
-    size = f"{LOG.stat().st_size / 1e3:.0f} kB"
-    return f"{first.strip()} answers a log of {size} in {took_s:.1f} s, {answer}"
+    return f"{version.strip()} answers a log of {mb(LOG)} in {took_s:.1f} s, {answer}"
 
 
-def oldest(scratch: Path) -> str:
-    """Install the oldest libraries allowed; run the cases of replay_logs/ and some tests."""
+def oldest() -> str:
+    """Run the cases of replay_logs/ and some tests with the oldest libraries allowed."""
     if f"3.{sys.version_info.minor}" != VERSIONS[0]:
         return "not tried: the oldest libraries have wheels for the oldest Python only"
-    return tested(scratch, installed(scratch, "oldest", "--resolution=lowest-direct"), TESTS)
+    tested("--resolution=lowest-direct")
+    return "the tests pass"
 
 
-def newest_allowed() -> list[str]:
-    """Return the requirements with an upper bound of 0.N, each as version 0.(N - 1).
-
-    They are required by number: an older pair that matches would be installed without a word.
-    """
-    project = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
-    bounds = re.findall(r'^    "(\w+)>=[\d.]+,<0\.(\d+)"', project, re.MULTILINE)
-    return [f"{name}==0.{int(bound) - 1}.*" for name, bound in bounds]
-
-
-def platforms(scratch: Path) -> str:
+def platforms() -> str:
     """Check that there are wheels of all libraries for each of PLATFORMS and VERSIONS."""
-    asked = ("pip", "compile", WHEELS_ONLY, *EXTRAS, ROOT / "pyproject.toml")
-    found = {}
+    asked = ["uv", "pip", "compile", "--no-build", "clone/pyproject.toml", "--output-file=locked"]
+    asked += ["--extra=ulog", "--extra=serial", "--extra=fleet", "--quiet"]
     for platform, version in product(PLATFORMS, VERSIONS):
-        where = f"--python-platform={platform}", f"--python-version={version}"
-        found[platform] = uv(scratch, *asked, *where).count("==")
-    wheels = ", ".join(f"{platform}: {count} wheels" for platform, count in found.items())
-    return f"{wheels}, for each of Python {', '.join(VERSIONS)}"
+        run([*asked, f"--python-platform={platform}", f"--python-version={version}"])
+    return f"wheels for {', '.join(PLATFORMS)}, each with Python {', '.join(VERSIONS)}"
 
 
-def installed(scratch: Path, name: str, *options: str) -> Path:
-    """Install the wheel, and libraries from wheels only, by themselves; return their Python."""
-    uv(scratch, "venv", "--python", sys.executable, scratch / name)
-    python, (wheel,) = scratch / name / "bin" / "python", scratch.glob("dist/*.whl")
-    uv(scratch, "pip", "install", "--python", python, WHEELS_ONLY, *options, wheel)
-    return python
-
-
-def tested(scratch: Path, python: Path, tests: tuple[str, ...]) -> str:
-    """Run tests of the clone with the libraries of an environment; return pytest's last line."""
-    uv(scratch, "pip", "install", "--python", python, "pytest", "hypothesis", "jsonschema")
-    options = ["-q", "-p", "no:cacheprovider", "-m", "not slow and not long"]
-    options += ["-o", "filterwarnings="]  # old libraries warn when they use newer ones
-    return run(python, "-m", "pytest", *options, *tests, cwd=scratch / "clone").splitlines()[-1]
-
-
-def uv(scratch: Path, *arguments: object) -> str:
-    """Run uv, which keeps what it downloads in the scratch folder; return its stdout."""
-    return run(scratch / "uv/bin/uv", "--quiet", "--cache-dir", scratch / "cache", *arguments)
-
-
-def run(*command: object, cwd: Path | None = None, bare: bool = False) -> str:
-    """Run a command and return its stdout; ``bare``: with an empty PATH and without a display.
-
-    Raises:
-        SystemExit: it failed.
-    """
-    given = os.environ | ({"PATH": "", "HOME": str(cwd), "DISPLAY": ""} if bare else {})
-    given.pop("PYTHONPATH", None)
-    done = subprocess.run(
-        [*map(str, command)], cwd=cwd, env=given, capture_output=True, text=True, check=False
+def tested(*options: str) -> None:
+    """Run TESTS of the clone with the wheel, in an environment of their own."""
+    packages = (
+        next(Path("dist").glob("*.whl")).resolve(),
+        "pytest>=9",
+        "hypothesis>=6.100",
+        "jsonschema>=4.18",
     )
-    if done.returncode:
-        raise SystemExit(f"{command} ended with {done.returncode}\n{done.stdout}{done.stderr}")
-    return done.stdout
+    own = ["--isolated", "--no-project", "--no-build", f"--python={sys.executable}", *options]
+    # Old libraries warn when they use newer ones.
+    words = ["-q", "-p", "no:cacheprovider", "-m", "not slow and not long", "-o", "filterwarnings="]
+    given = [f"--with={each}" for each in packages]
+    run(
+        ["uv", "run", "--quiet", *own, *given, "python", "-m", "pytest", *words, *TESTS],
+        cwd="clone",
+    )
 
 
 if __name__ == "__main__":

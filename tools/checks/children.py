@@ -10,9 +10,8 @@ import threading
 import time
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import psutil
 
@@ -24,8 +23,7 @@ LEAVE_S = 10.0
 """Time in s that a child has to end after SIGTERM; a session finishes its files in about two."""
 
 
-@dataclass(frozen=True, slots=True)
-class Cost:
+class Cost(NamedTuple):
     """What a process cost, with its children, in s."""
 
     wall_s: float
@@ -41,10 +39,10 @@ def cost_of(
         SystemExit: it ended with an exit code that is not in ``allowed``.
     """
     start_s, before = time.perf_counter(), resource.getrusage(resource.RUSAGE_CHILDREN)
-    command, quiet = [sys.executable, *arguments], subprocess.DEVNULL
-    code = subprocess.run(command, stdout=quiet, check=False, env=env).returncode
-    if code not in allowed:
-        raise SystemExit(f"{' '.join(arguments)} ended with {code}")
+    command = [sys.executable, *arguments]
+    done = subprocess.run(command, stdout=subprocess.DEVNULL, check=False, env=env)
+    if done.returncode not in allowed:
+        raise SystemExit(f"{' '.join(arguments)} ended with {done.returncode}")
     wall_s, used = time.perf_counter() - start_s, resource.getrusage(resource.RUSAGE_CHILDREN)
     return Cost(wall_s, used.ru_utime + used.ru_stime - before.ru_utime - before.ru_stime)
 
@@ -60,17 +58,15 @@ def child(
     """
     process = subprocess.Popen(command, **options)
     late = threading.Timer(within_s, process.kill)
-    late.daemon = True
     late.start()
     try:
         yield process
     finally:
         late.cancel()
         process.terminate()  # SIGINT does not suffice: a shell starts background jobs without it
-        try:
+        with suppress(subprocess.TimeoutExpired):
             process.wait(LEAVE_S)
-        except subprocess.TimeoutExpired:
-            process.kill()
+        process.kill()
         process.wait(LEAVE_S)
         for stream in filter(None, (process.stdin, process.stdout, process.stderr)):
             with suppress(OSError):  # closing flushes what the process never read
@@ -81,8 +77,7 @@ def free_udp_port() -> int:
     """Return a free UDP port of this machine."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.bind(("127.0.0.1", 0))
-        port: int = probe.getsockname()[1]
-        return port
+        return int(probe.getsockname()[1])
 
 
 def resident_mb(pid: int | None = None) -> float:

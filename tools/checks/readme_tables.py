@@ -36,33 +36,33 @@ HOMES = {
     "mix": "src/yawid/manual/what_now.md",
 }
 """The files of some tables; all others are in tools/README.md."""
+_LEFT_OUT = r"^JSBSim C172P at 100 kt, |^ArduPlane V4.6-dev SITL |[,;] (recorded|tools/|see ).*"
+"""What of a log's origin is left out in its row."""
 _BELOW = r"(?:```\n(?s:.*?)```\n|(?:\|[^\n]*\n)*)"
 """What a marker is followed by: a table, or an output in a block of its own."""
 
 
 def put(name: str, table: str) -> None:
-    """Replace the table below ``<!-- name -->``; the new one must not have blank lines.
-
-    Raises:
-        SystemExit: the file has no such marker, or several.
-    """
-    path = ROOT / HOMES.get(name, "tools/README.md")
-    marker = f"<!-- {name} -->\n"
-    text, count = re.subn(
-        marker + _BELOW,
-        lambda _: marker + table.strip() + "\n",
-        path.read_text(encoding="utf-8"),
-    )
-    if count != 1:
-        raise SystemExit(f"{path} has {count} times {marker.strip()}: one is needed")
-    path.write_text(text, encoding="utf-8")
+    """Replace the table below ``<!-- name -->``; the new one must not have blank lines."""
+    path, before, _, after = _parts(name)
+    path.write_text(f"{before}{table.strip()}\n{after}", encoding="utf-8")
 
 
 def written(name: str) -> str:
-    """Return the table that the file has now; "" without one."""
-    text = (ROOT / HOMES.get(name, "tools/README.md")).read_text(encoding="utf-8")
-    found = re.search(rf"<!-- {name} -->\n({_BELOW})", text)
-    return found[1].strip() if found else ""
+    """Return the table that the file has now."""
+    return _parts(name)[2].strip()
+
+
+def _parts(name: str) -> tuple[Path, str, str, str]:
+    """Return the file of a table, the text before it, the table, and the text that follows.
+
+    Raises:
+        ValueError: the file has no marker ``<!-- name -->``, or several.
+    """
+    path = ROOT / HOMES.get(name, "tools/README.md")
+    below = rf"(?<=<!-- {name} -->\n)({_BELOW})"
+    before, table, after = re.split(below, path.read_text(encoding="utf-8"))
+    return path, before, table, after
 
 
 def cases() -> str:
@@ -71,12 +71,11 @@ def cases() -> str:
     for path in sorted((ROOT / "replay_logs").glob("*/case.toml")):
         case = tomllib.loads(path.read_text(encoding="utf-8"))
         # Most references contain only the stream's answer; the option "manoeuvres off" is left out.
-        given = ({"manoeuvres": "auto"} | case.get("options", {})).items()
-        given = [(k, v) for k, v in given if (k, v) != ("manoeuvres", "off")]
-        options = ", ".join(f"{k} {v:g}" if isinstance(v, float) else f"{k} {v}" for k, v in given)
-        origin = re.sub(r"[,;] (recorded|tools/|see ).*", "", case["origin"])
-        origin = re.sub("^JSBSim C172P at 100 kt, |ArduPlane V4.6-dev SITL ", "", origin)
-        rows.append(f"| {path.parent.name} | {origin} | {options or 'none'} |")
+        given = [f"{k} {v:g}" if isinstance(v, float) else f"{k} {v}"
+                 for k, v in ({"manoeuvres": "auto"} | case.get("options", {})).items()
+                 if (k, v) != ("manoeuvres", "off")]  # fmt: skip
+        origin = re.sub(_LEFT_OUT, "", case["origin"])
+        rows.append(f"| {path.parent.name} | {origin} | {', '.join(given) or 'none'} |")
     return "\n".join(["| case | its log | options |", "|---|---|---|", *rows])
 
 
@@ -95,25 +94,21 @@ def exit_codes() -> str:
 def truth_short() -> str:
     """Return the first table of the bench ``truth`` for users: without its command and methods."""
     head, *rows = written("truth").splitlines()
-    head = "| JSBSim |" + head.split("|", 2)[2]
-    return "\n".join([head, *(row for row in rows if not re.match(r"\| (ELS|RML),", row))])
+    kept = [row for row in rows if not row.startswith(("| ELS,", "| RML,"))]
+    return "\n".join(["| JSBSim |" + head.split("|", 2)[2], *kept])
 
 
-@cache
-def _folder() -> TemporaryDirectory[str]:
-    """Return the folder in which lines are typed; it has the cases."""
-    folder = TemporaryDirectory()
-    (Path(folder.name) / "replay_logs").symlink_to(ROOT / "replay_logs")
-    return folder
+_FOLDER = cache(TemporaryDirectory)
+"""The folder in which lines are typed."""
 
 
 @cache
 def _printed(line: str) -> list[str]:
     """Return the lines that a command prints for people, after the log's path."""
-    program, *arguments = shlex.split(line)
+    line = line.replace(" replay_logs/", f" {ROOT}/replay_logs/")
     said = subprocess.run(
-        [sys.executable, "-m", program, *arguments],
-        cwd=_folder().name, stdout=subprocess.PIPE, check=False, encoding="utf-8",
+        [sys.executable, "-m", *shlex.split(line)],
+        cwd=_FOLDER().name, stdout=subprocess.PIPE, check=False, encoding="utf-8",
     )  # fmt: skip
     return [line.rstrip() for line in said.stdout.splitlines()[1:]]
 
@@ -124,10 +119,8 @@ def _shown(name: str, until: str, since: str = "", line: str = "") -> str:
     Without ``line`` it is the last of the lines to type in the last block before the marker, after
     the others were typed.
     """
-    before = (ROOT / HOMES[name]).read_text(encoding="utf-8").split(f"<!-- {name} -->")[0]
-    blocks = re.findall(r"```sh\n(.*?)```", before, re.DOTALL)
-    for each in [line] if line else blocks[-1].splitlines():
-        printed = _printed(each)
+    block = _parts(name)[1].rpartition("```sh\n")[2].partition("```")[0]
+    *_, printed = map(_printed, [line] if line else block.splitlines())
     lines = dropwhile(lambda each: not each.startswith(since), printed)
     shown = takewhile(lambda each: not each.startswith(until), lines)
     return "\n".join(["```", *shown, "```"])

@@ -1,6 +1,6 @@
 """List where the words of checks/words.toml are still written.
 
-    python -m checks.words [PATH ...]    # from tools/; PATH below the root: src/yawid/fleet
+    python -m checks.words    # from tools/
 
 It reads the comments and strings of src and tools, the TOML files of src, the manual and the
 READMEs. It leaves out names: a string without a space, ``text in backquotes``, ``{a field}``. Each
@@ -49,29 +49,26 @@ def rules() -> list[tuple[re.Pattern[str], str]]:
     ]
 
 
-def left(path: str, text: str, words: Sequence[tuple[re.Pattern[str], str]]) -> Iterator[str]:
-    """Yield the words that are left in a file's ``text``: the place, the word, and a better one."""
+def left(path: Path, words: Sequence[tuple[re.Pattern[str], str]]) -> Iterator[str]:
+    """Yield the words that are left in a file: the place, the word, and a better one."""
+    text = path.read_text(encoding="utf-8")
     words = [word for word in words if word[0].search(text)]
-    for part in _PARTS[Path(path).suffix].finditer(text) if words else ():
+    for part in _PARTS[path.suffix].finditer(text) if words else ():
         prose = _NAMES.sub(lambda name: "`" * len(name[0]), part[0])
         for pattern, better in words if " " in prose else ():
             for match in pattern.finditer(prose):
                 line = text.count("\n", 0, part.start() + match.start()) + 1
-                yield f"{path}:{line}: {' '.join(match[0].split())!r}: write {better}"
+                place, word = f"{path.relative_to(ROOT)}:{line}", " ".join(match[0].split())
+                yield f"{place}: {word!r}: write {better}"
 
 
-def main(below: list[str]) -> int:
-    """Print what is left in the files ``below``, by default in all of them."""
-    words, findings = rules(), set()
-    for file in {path for pattern in READ for path in ROOT.glob(pattern)}:
-        path = file.relative_to(ROOT).as_posix()
-        if not below or path.startswith(tuple(below)):
-            findings |= set(left(path, file.read_text(encoding="utf-8"), words))
-    for finding in sorted(findings):
-        print(finding)
-    print(f"{len(findings)} words left")
-    return 1 if findings else 0
+def main() -> bool:
+    """Print what is left in all files; return whether something is."""
+    words, files = rules(), [path for pattern in READ for path in ROOT.glob(pattern)]
+    findings = {found for path in files for found in left(path, words)}
+    print(*sorted(findings), f"{len(findings)} words left", sep="\n")
+    return bool(findings)
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    sys.exit(main())
