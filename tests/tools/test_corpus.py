@@ -11,7 +11,6 @@ from flights import quiet
 from flights import truth as jsbsim_truth
 from flights.flight import Flight, Hands
 from flights.fly import fly
-from flights.moved import Draw
 from flights.plan import FlightPlan, excitation
 from flights.surgery import join, messages, split
 from flights.telemetry import Link, telemetry
@@ -28,8 +27,8 @@ def flown_log(hands: Hands, severity: int, plan: FlightPlan = SHORT, hz: float =
     return join(telemetry(link, Flight(plan, hands, link, severity)))
 
 
-def made_of(group: str, draw: Draw = quiet.GENTLY) -> Any:
-    return quiet.unexcited(quiet.KINDS.index(group), draw)
+def made_of(group: str) -> Any:
+    return quiet.unexcited(quiet.KINDS.index(group))
 
 
 @pytest.fixture(scope="module")
@@ -38,9 +37,12 @@ def flown() -> dict[str, Any]:
     with pytest.MonkeyPatch.context() as patch:
         unknown = {"dutch_roll": None, "dutch_roll_open_loop": None}
         patch.setattr("flights.fly.truth_lines", lambda *_: unknown)
-        patch.setattr(quiet, "LENGTHS_S", (25.0,))
-        draw = Draw(places=(("T37", 5000.0, 200.0),))  # quickly trimmed
-        return {group: made_of(group, draw) for group in (*STILL, *COPIES, "passenger")}
+        place = "T37", 5000.0, 200.0  # quickly trimmed
+        return {
+            group: quiet.quiet(group, np.random.default_rng([13, 1, number]), [place], [25.0])
+            for number, group in enumerate(quiet.KINDS)
+            if group in (*STILL, *COPIES, "passenger")
+        }
 
 
 def test_the_truth_is_that_of_the_airspeed_flown_not_of_the_one_trimmed_for() -> None:

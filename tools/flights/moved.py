@@ -25,8 +25,8 @@ def wander(rng: np.random.Generator, n: int, tau_s: float, std: float) -> Floats
     ``std`` is the standard deviation of the process, from which that of a short piece may differ.
     """
     every = max(round(0.1 * tau_s / STEP_S), 1)
-    white = rng.normal(size=math.ceil(n / every) + 200)
     pole = math.exp(-0.1)
+    white = rng.normal(size=math.ceil(n / every) + 200)
     slow = lfilter([1.0], [1.0, -2.0 * pole, pole * pole], white)[199:]
     # Scale by the standard deviation of the process, not of this piece.
     slow *= std * math.sqrt((1.0 - pole**2) ** 3 / (1.0 + pole**2))
@@ -145,8 +145,14 @@ def of_grid(draw: Draw, number: int) -> Made:
     rudder = excitation(plan)
     rudder[-8000:] = 0.0  # 8 s of rest
     hz, name = RATES_HZ[turn % len(RATES_HZ)], list(GYROS)[gyro]
-    link = Link(hz, hz, GYROS[name], seed=int(rng.integers(1, 2**31)))
-    return fly(plan, link, Hands(rudder), severity, gyro=name, rate_hz=hz)
+    return fly(
+        plan,
+        Link(hz, hz, GYROS[name], seed=int(rng.integers(1, 2**31))),
+        Hands(rudder),
+        severity,
+        gyro=name,
+        rate_hz=hz,
+    )
 
 
 def excited(number: int, draw: Draw = CHOSEN) -> Made:
@@ -183,8 +189,13 @@ def with_aileron(draw: Draw, number: int) -> Made:
     )
     plan = _plan(rng, draw.places[place], "3211", (70.0, 85.0, 100.0))
     moves = pulses(rng, plan.seconds, 0.08, 0.4) if AILERONS[aileron] == "moved" else None
-    link = Link(25.0, 25.0, 0.003, seed=int(rng.integers(1, 2**31)))
-    return fly(plan, link, Hands(excitation(plan), moves), severity, aileron=AILERONS[aileron])
+    return fly(
+        plan,
+        Link(25.0, 25.0, 0.003, seed=int(rng.integers(1, 2**31))),
+        Hands(excitation(plan), moves),
+        severity,
+        aileron=AILERONS[aileron],
+    )
 
 
 def _plan(

@@ -153,10 +153,9 @@ def autopilot(
         aileron = law(trim[STATES[PHI]] + bank - phi, p, kt)
         slow += LOOP_S / 3.0 * (r - slow)  # a washout of 3 s
         rudder = flight.mix * aileron - flight.damper * (r - slow)
-        high_m = FOOT * (feet - trim[STATES[FEET]])
         nose = (
             trim[STATES[THETA]]
-            - within(0.004 * high_m + 0.006 * (FOOT * climb), 0.12)
+            - within(0.004 * (FOOT * (feet - trim[STATES[FEET]])) + 0.006 * (FOOT * climb), 0.12)
             + 0.5 * (1.0 / math.cos(within(phi, 0.8)) - 1.0)
         )
         fdm[ELEVATOR] = within(

@@ -47,8 +47,6 @@ RANGES: dict[str, dict[str, Any]] = tomllib.loads(
     Path(__file__).with_name("quiet.toml").read_text(encoding="utf-8")
 )
 KINDS = tuple(RANGES)
-LENGTHS_S = (60.0, 80.0, 100.0)
-"""Lengths of the logs without excitation in s."""
 Columns = dict[str, Floats]
 
 
@@ -62,9 +60,9 @@ def quiet(
     group: str,
     rng: np.random.Generator,
     places: Sequence[Place] = (),
-    lengths_s: Sequence[float] = (),
+    lengths_s: Sequence[float] = (60.0, 80.0, 100.0),
 ) -> Made:
-    """Return a log of a kind; those in the air are flown at one of the places.
+    """Return a log of a kind and of one of the lengths; those in the air are flown at a place.
 
     Of a motion without a flight model nothing else is true than its kind.
     """
@@ -72,7 +70,7 @@ def quiet(
     facts = {name: drawn(rng, of) for name, of in own.items() if name != "severity"}
     place = places[int(rng.integers(len(places)))] if "severity" in own else None
     still: dict[str, Any] = {
-        "seconds": float(rng.choice(lengths_s or LENGTHS_S)),
+        "seconds": float(rng.choice(lengths_s)),
         "manoeuvre": "none",
     }
     plan = (
@@ -118,9 +116,9 @@ def kind(
             bank = turns(rng, n) if rng.random() < 0.5 else None
             return Hands(drift(rng, n), bank=bank), None
         case "mixed" | "coordinated":  # the pilot's foot is slower than a mixer
+            mixed = Mixed(facts["share"], facts["lag_s"])
             rustle = wander(rng, n, facts["noise_s"], facts["rudder_noise"])
-            react = Mixed(facts["share"], facts["lag_s"])
-            return Hands(rustle, bank=turns(rng, n), react=react), None
+            return Hands(rustle, bank=turns(rng, n), react=mixed), None
         case "damper":
             bank = turns(rng, n) if rng.random() < 0.5 else None
             return Hands(bank=bank, react=Damper(facts["damper"])), None
@@ -298,7 +296,7 @@ def as_passenger(rng: np.random.Generator, records: list[Record]) -> list[Record
     """
     armed, has_status = rng.random(2) < 0.5
     gains = rng.uniform([0.6, 0.1, 0.2], [1.5, 0.6, 1.0])
-    pulses, asked = [1500, 1500, 900, 1500, 900, 900, 900, 900], np.zeros(2)
+    pulses, asked = [1500, 1500, 900, 1500, 900, 900, 900, 900], [0.0, 0.0]
     send, fields = (
         (mavlink.MAVLink_actuator_output_status_message, (8, [*map(float, pulses), *[0.0] * 24]))
         if has_status
@@ -308,11 +306,10 @@ def as_passenger(rng: np.random.Generator, records: list[Record]) -> list[Record
     def attitude(message: Any) -> None:
         roll = -gains[0] * message.roll - 0.1 * message.rollspeed
         yaw = gains[1] * roll - gains[2] * message.yawspeed + rng.normal(0.0, 0.005)
-        asked[:] = np.clip([roll, yaw], -1.0, 1.0)
+        asked[:] = np.clip([roll, yaw], -1.0, 1.0).tolist()
 
     def servos(message: Any) -> list[Any]:
-        at_us = message.time_usec
-        return [px4_control(at_us, *asked.tolist()), send(at_us, *fields)]
+        return [px4_control(message.time_usec, *asked), send(message.time_usec, *fields)]
 
     return edited(
         records,
