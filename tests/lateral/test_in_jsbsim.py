@@ -12,9 +12,9 @@ import pytest
 from checks.judge import replayed
 from flights.flight import Flight, Hands, trimmed
 from flights.moved import PLACES, pulses
-from flights.plan import STEP_S, FlightPlan, excitation, plan_at
+from flights.plan import STEP_S, FlightPlan, Link, excitation, plan_at
 from flights.surgery import join
-from flights.telemetry import Link, telemetry
+from flights.telemetry import telemetry
 from flights.truth import LATERAL, lateral, linear_dutch_rolls
 from scipy.signal import StateSpace, lsim
 

@@ -11,9 +11,9 @@ from flights import quiet
 from flights import truth as jsbsim_truth
 from flights.flight import Flight, Hands
 from flights.fly import fly
-from flights.plan import FlightPlan, excitation
+from flights.plan import FlightPlan, Link, excitation
 from flights.surgery import join, messages, split
-from flights.telemetry import Link, telemetry
+from flights.telemetry import telemetry
 from made_logs import columns
 
 SHORT = FlightPlan(aircraft="T37", speed_kt=200.0, altitude_ft=5000.0, seconds=12.0)

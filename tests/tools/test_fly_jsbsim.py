@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from flights import truth as jsbsim_truth
 from flights.flight import Flight, Hands, trimmed
-from flights.plan import KNOT, FlightPlan, Servo, excitation
+from flights.plan import KNOT, FlightPlan, Link, Servo, excitation
 from flights.surgery import Record, join, messages
-from flights.telemetry import Link, telemetry
+from flights.telemetry import telemetry
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -103,10 +103,10 @@ def test_a_pulse_stands_for_its_unit_to_half_a_microsecond(
 def test_the_command_writes_a_tlog_and_its_truth(
     tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    log, truth = tmp_path / "log.tlog", tmp_path / "truth.json"
+    log, truth = tmp_path / "log.tlog", tmp_path / "log.truth.json"
 
     asked = ["--aircraft", "T37", "--speed-kt", "200"]
-    code = fly_jsbsim.main([*asked, "--seconds", "12", "--out", str(log), "--truth", str(truth)])
+    code = fly_jsbsim.main([*asked, "--seconds", "12", "--out", str(log)])
 
     frames = list(fly(replace(SHORT, aircraft="T37", speed_kt=200.0), Link()))
     assert code == 0

@@ -21,8 +21,7 @@ from flights.ordinary import (
     fly_ordinary,
     roll_law,
 )
-from flights.plan import FlightPlan, plan_at, sealed
-from flights.telemetry import Link
+from flights.plan import FlightPlan, Link, plan_at, sealed
 from flights.truth import lateral
 from made_logs import columns
 

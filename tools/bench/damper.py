@@ -24,9 +24,9 @@ from flights.flight import Flight, Hands
 from flights.fly import Made
 from flights.linear import GRAVITY
 from flights.moved import CONDITIONS
-from flights.plan import KNOT, STEP_S, FlightPlan, excitation
+from flights.plan import KNOT, STEP_S, FlightPlan, Link, excitation
 from flights.surgery import join
-from flights.telemetry import Link, telemetry
+from flights.telemetry import telemetry
 from flights.truth import (
     LATERAL,
     after_lead_in,

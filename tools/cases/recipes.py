@@ -25,7 +25,7 @@ from flights.flight import Hands
 from flights.fly import Made, fly
 from flights.moved import pulses
 from flights.ordinary import Ordinary, fly_ordinary
-from flights.plan import FlightPlan, excitation
+from flights.plan import FlightPlan, Link, excitation
 from flights.surgery import (
     Record,
     after,
@@ -38,7 +38,6 @@ from flights.surgery import (
     without,
     wrong_crc,
 )
-from flights.telemetry import Link
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 ESSENTIAL = ("HEARTBEAT", "ATTITUDE", "SERVO_OUTPUT_RAW", "VFR_HUD", "PARAM_VALUE", "STATUSTEXT")

@@ -9,7 +9,7 @@ turns it left. A positive aileron rolls right in both.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,22 +19,20 @@ from scipy.optimize import root
 
 from flights.linear import SEVERITY, LinearAircraft
 from flights.plan import (
+    SENSED,
     SENSED_MS,
     STEP_S,
     FlightError,
     FlightPlan,
     Floats,
+    Link,
     count,
     excitation,
     sealed,
 )
-from flights.telemetry import Link
 
 NOTED = ("velocities/vc-kts", "position/h-sl-ft")
 NOTED_MS = 250
-FULL_TRIM = 1
-MILSPEC = 3
-"""The value of JSBSim's atmosphere/turb-type for MIL-F-8785C."""
 PITCH_GAIN, PITCH_RATE_GAIN = 1.0, 0.3
 """Elevator units per rad and per rad/s that hold the nose as trimmed, and so the airspeed."""
 MISSING = {
@@ -62,11 +60,6 @@ BALANCE = {
 """What the trim of a gliding aircraft moves, and the accelerations that are 0 then."""
 UNBALANCED = 0.01
 """The largest acceleration, in ft/s^2 or rad/s^2, that a trim of a gliding aircraft leaves."""
-SENSED = (
-    *(f"attitude/{angle}-rad" for angle in ("phi", "theta", "psi")),
-    *(f"velocities/{axis}-rad_sec" for axis in "pqr"),
-)
-"""The quantities that the autopilot senses and ATTITUDE reports, in this order."""
 
 
 @dataclass(slots=True)
@@ -90,11 +83,18 @@ def jsbsim_rudder(unit: float) -> float:
     return -unit
 
 
+def put(fdm: Any, values: Mapping[str, float]) -> None:
+    """Set properties of an aircraft by their names in JSBSim, in this order."""
+    for name, value in values.items():
+        fdm[name] = value
+
+
 def stir(fdm: Any, seed: int, severity: int) -> None:
     """Begin the turbulence of a severity (MIL-F-8785C)."""
-    fdm["atmosphere/randomseed"] = seed
-    fdm["atmosphere/turb-type"] = MILSPEC
-    fdm[SEVERITY] = severity
+    milspec = 3  # of atmosphere/turb-type
+    put(fdm, {
+        "atmosphere/randomseed": seed, "atmosphere/turb-type": milspec, SEVERITY: severity,
+    })  # fmt: skip
 
 
 def trimmed(plan: FlightPlan) -> Any:
@@ -111,20 +111,14 @@ def trimmed(plan: FlightPlan) -> Any:
     fdm = jsbsim.FGFDMExec(jsbsim.get_default_root_dir())
     fdm.set_debug_level(0)
     fdm.disable_output()
-    for name in MISSING.get(plan.aircraft, ()):
-        fdm[name] = 0.0
+    put(fdm, dict.fromkeys(MISSING.get(plan.aircraft, ()), 0.0))
     if not fdm.load_model(plan.aircraft):
         raise FlightError(f"JSBSim cannot load {plan.aircraft!r}")
     fdm.set_dt(STEP_S)
-    start = {
-        "ic/h-sl-ft": plan.altitude_ft,
-        "ic/vc-kts": plan.speed_kt,
-        "ic/gamma-deg": 0.0,
-        "ic/psi-true-deg": plan.heading_deg,
-        "gear/gear-cmd-norm": 0.0,
-    }
-    for name, value in start.items():
-        fdm[name] = value
+    put(fdm, {
+        "ic/h-sl-ft": plan.altitude_ft, "ic/vc-kts": plan.speed_kt, "ic/gamma-deg": 0.0,
+        "ic/psi-true-deg": plan.heading_deg, "gear/gear-cmd-norm": 0.0,
+    })  # fmt: skip
     if plan.aircraft in GLIDING:
         return _gliding(fdm, plan)
     fdm["propulsion/set-running"] = -1
@@ -132,10 +126,11 @@ def trimmed(plan: FlightPlan) -> Any:
     if plan.aircraft in STOPPED:
         fdm["propulsion/set-running"] = -1
     try:
-        fdm.do_trim(FULL_TRIM)
+        fdm.do_trim(jsbsim.TrimMode.FULL)
     except jsbsim.TrimFailureError as error:
-        where = f"{plan.speed_kt:g} kt, {plan.altitude_ft:g} ft"
-        raise FlightError(f"{plan.aircraft} finds no trim at {where}") from error
+        raise FlightError(
+            f"{plan.aircraft} finds no trim at {plan.speed_kt:g} kt, {plan.altitude_ft:g} ft"
+        ) from error
     return fdm
 
 
@@ -150,9 +145,7 @@ def _gliding(fdm: Any, plan: FlightPlan) -> Any:
     """
 
     def accelerations(moves: Floats) -> list[float]:
-        for name, value in zip(BALANCE, moves.tolist(), strict=True):
-            fdm[name] = value
-        fdm["ic/vc-kts"] = plan.speed_kt
+        put(fdm, dict(zip(BALANCE, moves.tolist(), strict=True)) | {"ic/vc-kts": plan.speed_kt})
         fdm.run_ic()
         return [fdm[name] for name in BALANCE.values()]
 
@@ -163,15 +156,14 @@ def _gliding(fdm: Any, plan: FlightPlan) -> Any:
         raise FlightError(f"{plan.aircraft} finds no glide at {plan.speed_kt:g} kt")
     alpha, gamma = glide[:2].tolist()
     speed_fps = fdm["velocities/vt-fps"]
-    fdm["ic/vt-fps"] = speed_fps * math.cos(gamma)
-    fdm["ic/gamma-rad"], fdm["ic/alpha-rad"] = 0.0, alpha + gamma
+    level = {"ic/vt-fps": speed_fps * math.cos(gamma), "ic/gamma-rad": 0.0}
+    put(fdm, level | {"ic/alpha-rad": alpha + gamma})
     fdm.run_ic()
     fdm["atmosphere/wind-down-fps"] = speed_fps * math.sin(gamma)
     fdm.suspend_integration()
     fdm.run()
     fdm.resume_integration()
-    fdm["ic/gamma-rad"], fdm["ic/alpha-rad"] = gamma, alpha
-    fdm["ic/vc-kts"] = plan.speed_kt
+    put(fdm, {"ic/gamma-rad": gamma, "ic/alpha-rad": alpha, "ic/vc-kts": plan.speed_kt})
     fdm.set_trim_status(False)
     return fdm
 
@@ -204,44 +196,46 @@ class Flight:
         self._fdm = fdm = trimmed(plan)
         self.plan, self._hands = plan, hands
         n = count(plan.seconds)
-        trim = jsbsim_rudder(fdm["fcs/rudder-cmd-norm"])
-        self._rudder = [trim + move for move in _column(hands.rudder, n)]
-        if max(map(abs, self._rudder)) > 1.0:
-            raise FlightError("trim and amplitude together pass the rudder's stop")
-        self._aileron, self._bank = _column(hands.aileron, n), _column(hands.bank, n)
-        self._aileron_trim, self._roll_trim = fdm["fcs/aileron-cmd-norm"], fdm["attitude/phi-rad"]
         self._elevator, self._pitch = fdm["fcs/elevator-cmd-norm"], fdm["attitude/theta-rad"]
+        self._aileron_trim = fdm["fcs/aileron-cmd-norm"]
+        rudder = _about(jsbsim_rudder(fdm["fcs/rudder-cmd-norm"]), hands.rudder, n)
+        aileron = _about(self._aileron_trim, hands.aileron, n)
+        roll = _about(fdm["attitude/phi-rad"], hands.bank, n)
+        if max(map(abs, rudder)) > 1.0:
+            raise FlightError("trim and amplitude together pass the rudder's stop")
+        self._asked = list(zip(rudder, aileron, roll, strict=False))
+        self.rudder_us = plan.rudder.pulse(rudder[0])
+        self.aileron_us = plan.aileron.pulse(self._aileron_trim)
         if severity:
             stir(fdm, link.seed, severity)
         drawn = np.random.default_rng([link.seed, 43]).normal(size=(n // SENSED_MS + 1, 6))
         self._noises = [] if plan.true_feedback else (drawn * link.sigmas).tolist()
-        self.noise: list[float] | None = self._noises[0] if self._noises else None
+        self.noise: list[float] | None = None
         self.ms = 0
         self.flown: list[tuple[float, ...]] = []
-        self._note()
-        self.rudder_us = plan.rudder.pulse(self._rudder[0])
-        self.aileron_us = plan.aileron.pulse(self._aileron_trim)
+        self._observe()
 
     def advance_to(self, ms: int) -> None:
         """Fly on to a millisecond after the start."""
+        plan = self.plan
         while self.ms < ms:
             self.ms += 1
-            self._step()
-            if self.ms % NOTED_MS == 0:
-                self._note()
+            rudder, aileron, elevator = self._commands()
+            self.rudder_us = plan.rudder.pulse(rudder)
+            self.aileron_us = plan.aileron.pulse(aileron)
+            # The aircraft flies the servo outputs, with their quantisation.
+            put(self._fdm, {
+                "fcs/rudder-cmd-norm": jsbsim_rudder(self._moved(plan.rudder.unit(self.rudder_us))),
+                "fcs/aileron-cmd-norm": plan.aileron.unit(self.aileron_us),
+                "fcs/elevator-cmd-norm": elevator,
+            })  # fmt: skip
+            self._fdm.run()
+            self._observe()
 
-    def _note(self) -> None:
-        self.flown.append((self.ms * STEP_S, *(self[name] for name in NOTED)))
-
-    def _step(self) -> None:
-        fdm, plan = self._fdm, self.plan
-        rudder, aileron, elevator = self._commands()
-        self.rudder_us, self.aileron_us = plan.rudder.pulse(rudder), plan.aileron.pulse(aileron)
-        # The aircraft flies the servo outputs, with their quantisation.
-        fdm["fcs/rudder-cmd-norm"] = jsbsim_rudder(self._moved(plan.rudder.unit(self.rudder_us)))
-        fdm["fcs/aileron-cmd-norm"] = plan.aileron.unit(self.aileron_us)
-        fdm["fcs/elevator-cmd-norm"] = elevator
-        fdm.run()
+    def _observe(self) -> None:
+        """Note what was flown, and take the sensors' next noise, each when it is due."""
+        if self.ms % NOTED_MS == 0:
+            self.flown.append((self.ms * STEP_S, *(self[name] for name in NOTED)))
         if self._noises and self.ms % SENSED_MS == 0:
             self.noise = self._noises[self.ms // SENSED_MS]
 
@@ -251,20 +245,19 @@ class Flight:
 
     def _commands(self) -> tuple[float, float, float]:
         """Return the commands of rudder, aileron and elevator in this millisecond."""
-        ms, hands, plan = self.ms, self._hands, self.plan
-        rudder = self._rudder[ms] + (0.0 if hands.react is None else hands.react(self))
-        roll = self.sensed(0) - (self._roll_trim + self._bank[ms])
-        held = plan.roll_gain * roll + plan.roll_rate_gain * self.sensed(3)
-        elevator = self._elevator
+        hands, plan, elevator = self._hands, self.plan, self._elevator
+        rudder, aileron, roll = self._asked[self.ms]
+        if hands.react:
+            rudder += hands.react(self)
+        aileron -= plan.roll_gain * (self.sensed(0) - roll) + plan.roll_rate_gain * self.sensed(3)
         if hands.nose_held:
             elevator += PITCH_GAIN * (self.sensed(1) - self._pitch)
             elevator += PITCH_RATE_GAIN * self.sensed(4)
-        return rudder, self._aileron_trim + self._aileron[ms] - held, elevator
+        return rudder, aileron, elevator
 
     def sensed(self, number: int) -> float:
         """Return number ``number`` of ``SENSED`` as the autopilot senses it."""
-        true = self._fdm[SENSED[number]]
-        return float(true if self.noise is None else true + self.noise[number])
+        return self[SENSED[number]] + (self.noise[number] if self.noise else 0.0)
 
     @property
     def aileron(self) -> float:
@@ -276,5 +269,6 @@ class Flight:
         return float(self._fdm[name])
 
 
-def _column(moves: Floats | None, n: int) -> list[float]:
-    return [0.0] * n if moves is None else moves.tolist()
+def _about(trim: float, moves: Floats | None, n: int) -> list[float]:
+    """Return a trim with the moves about it, if any, for each millisecond (n,)."""
+    return [trim] * n if moves is None else (trim + moves).tolist()

@@ -9,9 +9,9 @@ from typing import Any
 import jsbsim
 
 from flights.flight import Flight, Hands
-from flights.plan import FOOT, KNOT, FlightPlan
+from flights.plan import FOOT, KNOT, FlightPlan, Link
 from flights.surgery import join
-from flights.telemetry import Link, telemetry
+from flights.telemetry import telemetry
 from flights.truth import after_lead_in, modes_at, truth_lines
 
 

@@ -108,7 +108,7 @@ class LinearAircraft(dict[str, float]):
         beta, roll, p, r, _, _, psi, *_ = self._x.tolist()
         return {
             "attitude/phi-rad": roll, "velocities/p-rad_sec": p, "velocities/r-rad_sec": r,
-            "attitude/psi-rad": psi, "attitude/psi-deg": math.degrees(psi),
+            "attitude/psi-rad": psi,
             "velocities/v-north-fps": math.cos(beta + psi) * (self._speed / FOOT),
             "velocities/v-east-fps": math.sin(beta + psi) * (self._speed / FOOT),
         }  # fmt: skip

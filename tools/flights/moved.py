@@ -14,8 +14,17 @@ from scipy.signal import lfilter
 
 from flights.flight import Flight, Hands
 from flights.fly import Made, fly
-from flights.plan import LEAD_IN_S, STEP_S, FlightPlan, Floats, Place, count, excitation, plan_at
-from flights.telemetry import Link
+from flights.plan import (
+    LEAD_IN_S,
+    STEP_S,
+    FlightPlan,
+    Floats,
+    Link,
+    Place,
+    count,
+    excitation,
+    plan_at,
+)
 from flights.truth import linear_dutch_rolls
 
 

@@ -15,14 +15,25 @@ from typing import Any
 import numpy as np
 from scipy.signal import butter, sosfilt
 
-from flights.flight import PITCH_GAIN, PITCH_RATE_GAIN, SENSED, jsbsim_rudder, stir, trimmed
+from flights.flight import PITCH_GAIN, PITCH_RATE_GAIN, jsbsim_rudder, stir, trimmed
 from flights.fly import Made
 from flights.linear import GRAVITY
 from flights.moved import CONDITIONS, RATES_HZ, SEVERITIES
-from flights.plan import FOOT, KNOT, LEAD_IN_S, SENSED_MS, FlightPlan, Floats, Place, plan_at
+from flights.plan import (
+    FOOT,
+    KNOT,
+    LEAD_IN_S,
+    SENSED,
+    SENSED_MS,
+    FlightPlan,
+    Floats,
+    Link,
+    Place,
+    plan_at,
+)
 from flights.quiet import quiet
 from flights.surgery import join
-from flights.telemetry import Link, Played, telemetry
+from flights.telemetry import Played, telemetry
 from flights.truth import LATERAL, dutch_roll, lateral, linear_dutch_rolls, mean_plan
 
 STEP_S, STEP_MS, LOOP_S = 0.01, 10, 0.001 * SENSED_MS

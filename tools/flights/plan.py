@@ -1,27 +1,42 @@
-"""A flight as data, and the sealed aircraft, on which no limit is ever chosen."""
+"""A flight and its telemetry link as data, and the sealed aircraft: on none is a limit chosen."""
 
 from __future__ import annotations
 
-import math
 import tomllib
 from dataclasses import dataclass, field
+from itertools import product
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
+from msgspec import Meta
 from numpy.typing import NDArray
-from scipy.signal import max_len_seq
+from scipy.signal import chirp, max_len_seq
 
 STEP_S = 0.001  # boot time counts milliseconds: every message falls on a step
+SENSED = (
+    *(f"attitude/{angle}-rad" for angle in ("phi", "theta", "psi")),
+    *(f"velocities/{axis}-rad_sec" for axis in "pqr"),
+)
+"""The quantities that the autopilot senses and ATTITUDE reports, in this order."""
 SENSED_MS = 20
 """The autopilot reads its sensors at 50 Hz, as ArduPlane's loop does: their noise changes then."""
 LEAD_IN_S = 5.0  # the flight starts at trim, while a receiver finds vehicle and parameters
-MANOEUVRES = ("3211", "doublets", "prbs", "sweep", "none")
+SHAPES = {
+    "3211": ((3, 1), (2, -1), (1, 1), (1, -1), (4, 0)),
+    "doublets": ((5 / 3, 1), (5 / 3, -1), (5, 0)),  # half a period each way
+    "none": (),
+}
+"""Manoeuvres as pieces: their length in the plan's units of time, and their side."""
 SWEEP_S = 45.0  # length of one sweep
 KNOT, FOOT = 0.514444, 0.3048
 Floats = NDArray[np.float64]
 Place = tuple[str, float, float]
 """Name of an aircraft, altitude in ft and calibrated airspeed in kt."""
+Positive = Annotated[float, Meta(gt=0.0, le=1e9)]
+NotNegative = Annotated[float, Meta(ge=0.0, le=1e9)]
+RateHz = Annotated[float, Meta(gt=0.0, le=200.0)]
+"""Limits of settings, which the command line keeps (fly_jsbsim.py)."""
 
 
 class FlightError(RuntimeError):
@@ -44,14 +59,17 @@ class Servo:
     def pulse(self, unit: float) -> int:
         """Return the pulse in whole us for a deflection from -1 to 1, clipped to the travel."""
         shaft = -unit if self.reverse else unit
-        travel = self.max_us - self.trim_us if shaft > 0 else self.trim_us - self.min_us
-        return min(max(self.trim_us + round(shaft * travel), self.min_us), self.max_us)
+        moved_us = round(shaft * self._travel_us(shaft))
+        return min(max(self.trim_us + moved_us, self.min_us), self.max_us)
 
     def unit(self, pulse_us: int) -> float:
         """Return the deflection of a pulse: the inverse of ArduPilot's pwm_from_angle."""
         shaft = pulse_us - self.trim_us
-        travel = self.max_us - self.trim_us if shaft > 0 else self.trim_us - self.min_us
-        return (-shaft if self.reverse else shaft) / travel
+        return (-shaft if self.reverse else shaft) / self._travel_us(shaft)
+
+    def _travel_us(self, shaft: float) -> int:
+        """Return the travel on the side to which the shaft is turned."""
+        return self.max_us - self.trim_us if shaft > 0 else self.trim_us - self.min_us
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,23 +78,22 @@ class FlightPlan:
 
     ``speed_kt`` is the calibrated airspeed, ``altitude_ft`` above sea level, ``heading_deg`` at the
     start. ``roll_gain`` and ``roll_rate_gain`` are the roll hold: aileron units per rad of roll and
-    per rad/s. ``amplitude`` is in rudder units about trim; ``step_s`` is the manoeuvre's unit of
-    time in s, best 0.3 periods of the Dutch roll. With ``true_feedback`` the autopilot's sensors
-    have no noise. ``parameters`` are sent next to those of the servos. ``own`` are names and values
-    of a linear aircraft (flights/linear.py) that has no entry in sealed.toml.
-
-    Raises:
-        ValueError: the manoeuvre is unknown, or a number is outside its limits.
+    per rad/s. ``manoeuvre`` is 3211, doublets, prbs, sweep or none; ``amplitude`` is in rudder
+    units about trim, ``step_s`` its unit of time in s, best 0.3 periods of the Dutch roll. With
+    ``true_feedback`` the autopilot's sensors have no noise. ``rudder`` and ``aileron`` are servos
+    (MIN,TRIM,MAX[,REVERSED] in us on the command line). ``parameters`` are sent next to those of
+    the servos. ``own`` are names and values of a linear aircraft (flights/linear.py) that has no
+    entry in sealed.toml.
     """
 
     aircraft: str = "c172p"
-    speed_kt: float = 100.0
+    speed_kt: Positive = 100.0
     altitude_ft: float = 3000.0
     heading_deg: float = 90.0
-    seconds: float = 120.0
-    manoeuvre: str = "3211"
-    amplitude: float = 0.2
-    step_s: float = 0.78
+    seconds: Positive = 120.0
+    manoeuvre: Literal["3211", "doublets", "prbs", "sweep", "none"] = "3211"
+    amplitude: Positive = 0.2
+    step_s: Positive = 0.78
     roll_gain: float = 1.0
     roll_rate_gain: float = 0.3
     true_feedback: bool = False
@@ -85,12 +102,29 @@ class FlightPlan:
     parameters: tuple[tuple[str, float], ...] = ()
     own: tuple[tuple[str, float], ...] = ()
 
-    def __post_init__(self) -> None:
-        if self.manoeuvre not in MANOEUVRES:
-            raise ValueError(f"manoeuvre must be one of {', '.join(MANOEUVRES)}")
-        for name in ("speed_kt", "seconds", "amplitude", "step_s"):
-            if not 0.0 < getattr(self, name) < math.inf:
-                raise ValueError(f"{name} must be > 0 and finite, got {getattr(self, name)!r}")
+
+@dataclass(frozen=True, slots=True)
+class Link:
+    """The settings of a telemetry link: what is sent, and with which noise.
+
+    Rates are in Hz. ``rate_noise`` and ``angle_noise`` are the standard deviations of ATTITUDE's
+    noise in rad/s and rad. ``boot_s`` is the vehicle's time at the start of the flight, and
+    ``servo_ms`` when the first servo message is sent.
+    """
+
+    attitude_hz: RateHz = 50.0
+    servo_hz: RateHz = 50.0
+    rate_noise: NotNegative = 0.002
+    angle_noise: NotNegative = 0.001
+    boot_s: NotNegative = 30.0
+    mavlink1: bool = False
+    seed: int = 1
+    servo_ms: int = 5
+
+    @property
+    def sigmas(self) -> list[float]:
+        """The standard deviations of the noise of ATTITUDE's angles and rates (6,)."""
+        return [self.angle_noise] * 3 + [self.rate_noise] * 3
 
 
 def count(seconds: float) -> int:
@@ -99,46 +133,31 @@ def count(seconds: float) -> int:
 
 
 def excitation(plan: FlightPlan) -> Floats:
-    """Return the rudder about trim for every simulation step (n,), in units."""
+    """Return the rudder about trim for every simulation step (n,), in units.
+
+    A sweep rises exponentially from 0.3 to 2.5 times the frequency whose period is ``step_s / 0.3``
+    within SWEEP_S; every second one begins to the left. Other manoeuvres are repeated, those of
+    SHAPES to both sides and at three tempos, so that no two repetitions excite the same band.
+    """
     n = count(plan.seconds)
     left = max(n - round(LEAD_IN_S / STEP_S), 0)
-    if plan.manoeuvre == "sweep":
-        moves = _sweep(left, plan.step_s)
-    else:
-        pieces = manoeuvre_pieces(plan.manoeuvre, plan.step_s)
-        once = [np.full(round(length_s / STEP_S), side) for length_s, side in pieces]
-        moves = np.resize(np.concatenate([*once, []]), left)
-    return np.concatenate([np.zeros(n - left), plan.amplitude * moves])
-
-
-def _sweep(n: int, step_s: float) -> Floats:
-    """Return sines (n,) from 0.3 to 2.5 times the frequency whose period is ``step_s / 0.3``.
-
-    Each sweep of SWEEP_S rises exponentially in frequency; every second one begins to the left.
-    """
-    t = np.arange(n) * STEP_S
-    low_hz, octaves = 0.3 * 0.3 / step_s, np.log(2.5 / 0.3)
-    phase = math.tau * low_hz * SWEEP_S / octaves * np.expm1(octaves * (t % SWEEP_S) / SWEEP_S)
-    return np.asarray(np.where(t // SWEEP_S % 2 == 0, 1.0, -1.0) * np.sin(phase))
-
-
-def manoeuvre_pieces(manoeuvre: str, step_s: float) -> list[tuple[float, float]]:
-    """Return one sequence of a manoeuvre as pieces (length in s, side: -1, 0 or 1)."""
-    if manoeuvre == "none":
-        return []
-    if manoeuvre == "prbs":
-        bits, _ = max_len_seq(9)
-        return [(step_s / 2, 2.0 * bit - 1.0) for bit in bits]
-    one = [(5 / 3, 1), (5 / 3, -1), (5, 0)]  # half a period each way
-    if manoeuvre == "3211":
-        one = [(3, 1), (2, -1), (1, 1), (1, -1), (4, 0)]
-    # Both signs and three tempos, so that no two repetitions excite the same band.
-    turns = [(sign, tempo) for tempo in (1.0, 0.7, 1.3) for sign in (1, -1)]
-    return [
-        (length * tempo * step_s, float(value * sign))
-        for sign, tempo in turns
-        for length, value in one
-    ]
+    match plan.manoeuvre:
+        case "sweep":
+            t, low_hz = np.arange(left) * STEP_S, 0.3 * 0.3 / plan.step_s
+            side = np.where(t // SWEEP_S % 2 == 0, 1.0, -1.0)
+            high_hz = low_hz * 2.5 / 0.3
+            moves = side * chirp(t % SWEEP_S, low_hz, SWEEP_S, high_hz, "logarithmic", phi=-90.0)
+        case "prbs":
+            bits, _ = max_len_seq(9)
+            moves = np.repeat(2.0 * bits - 1.0, round(plan.step_s / 2 / STEP_S))
+        case shape:
+            turns = product((1.0, 0.7, 1.3), (1, -1), SHAPES[shape])
+            pieces = [
+                np.full(round(length * tempo * plan.step_s / STEP_S), float(side * sign))
+                for tempo, sign, (length, side) in turns
+            ]
+            moves = np.concatenate([*pieces, []])
+    return np.concatenate([np.zeros(n - left), plan.amplitude * np.resize(moves, left)])
 
 
 PATH = Path(__file__).with_name("sealed.toml")
@@ -170,13 +189,12 @@ def _entries(*kinds: str) -> list[dict[str, Any]]:
 def sealed(name: str) -> dict[str, Any]:
     """Return what the file has about an aircraft, sealed or opened; {} if it does not have it."""
     every = _entries("jsbsim", "linear", "nonlinear")
-    return next((each for each in every if each["aircraft"] == name), {})
+    return {each["aircraft"]: each for each in every}.get(name, {})
 
 
 def plan_at(place: Place, **given: Any) -> FlightPlan:
     """Return the plan of a flight at a place, with the roll hold that a sealed aircraft needs."""
     name, feet, knots = place
-    own = sealed(name)
-    if gain := own.get("roll_gain"):
-        given |= {"roll_gain": gain, "roll_rate_gain": own.get("roll_rate_gain", 0.3 * gain)}
-    return FlightPlan(aircraft=name, altitude_ft=feet, speed_kt=knots, **given)
+    gain = (own := sealed(name)).get("roll_gain", 1.0)
+    rate_gain = own.get("roll_rate_gain", 0.3 * gain)
+    return FlightPlan(name, knots, feet, roll_gain=gain, roll_rate_gain=rate_gain, **given)

@@ -7,19 +7,18 @@ import math
 import socket
 import time
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import astuple
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from flights.plan import FOOT, KNOT, SENSED_MS, FlightPlan, Floats, Servo
+from flights.plan import FOOT, KNOT, SENSED, SENSED_MS, FlightPlan, Floats, Link, Servo
 from flights.surgery import Encoder, Record
 
 if TYPE_CHECKING:
     from flights.flight import Flight
 
-BURST_S = 0.001
 EPOCH_US = 1_700_000_000_000_000  # the receive clock when the flight starts
 VEHICLE, GCS = (1, 1), (255, 190)
 """The ids of the two senders."""
@@ -28,41 +27,6 @@ DISARMED = mavlink.MAV_MODE_FLAG_STABILIZE_ENABLED | mavlink.MAV_MODE_FLAG_CUSTO
 ARMED = DISARMED | mavlink.MAV_MODE_FLAG_SAFETY_ARMED
 """The base modes of an aeroplane."""
 AILERON, ELEVATOR, THROTTLE, RUDDER = 4, 19, 70, 21  # SERVOn_FUNCTION of servos 1 to 4
-
-
-@dataclass(frozen=True, slots=True)
-class Link:
-    """The settings of a link: what is sent, and with which noise.
-
-    Rates are in Hz. ``rate_noise`` and ``angle_noise`` are the standard deviations of ATTITUDE's
-    noise in rad/s and rad. ``boot_s`` is the vehicle's time at the start of the flight, and
-    ``servo_ms`` when the first servo message is sent.
-
-    Raises:
-        ValueError: a number is outside its limits.
-    """
-
-    attitude_hz: float = 50.0
-    servo_hz: float = 50.0
-    rate_noise: float = 0.002
-    angle_noise: float = 0.001
-    boot_s: float = 30.0
-    mavlink1: bool = False
-    seed: int = 1
-    servo_ms: int = 5
-
-    @property
-    def sigmas(self) -> list[float]:
-        """The standard deviations of the noise of ATTITUDE's angles and rates (6,)."""
-        return [self.angle_noise] * 3 + [self.rate_noise] * 3
-
-    def __post_init__(self) -> None:
-        for name in ("attitude_hz", "servo_hz"):
-            if not 0.0 < getattr(self, name) <= 200.0:
-                raise ValueError(f"{name} must lie in (0, 200], got {getattr(self, name)!r}")
-        for name in ("rate_noise", "angle_noise", "boot_s"):
-            if not 0.0 <= getattr(self, name) < math.inf:
-                raise ValueError(f"{name} must be >= 0 and finite, got {getattr(self, name)!r}")
 
 
 class Played:
@@ -83,18 +47,17 @@ class Played:
         noises: Floats | None = None,
     ) -> None:
         self.plan, self.columns, self.outputs, self.noises = plan, columns, outputs, noises
-        columns["attitude/psi-deg"] = np.degrees(columns["attitude/psi-rad"])
         self._step_ms = step_ms
-        self.advance_to(0)
 
     def advance_to(self, ms: int) -> None:
         """Advance to a millisecond after the start."""
         self._at, rest_ms = divmod(ms, self._step_ms)
-        self._share, at = rest_ms / self._step_ms, self._at
-        self.rudder_us = self.plan.rudder.pulse(float(self.outputs["rudder"][at]))
-        self.aileron_us = self.plan.aileron.pulse(float(self.outputs["aileron"][at]))
-        noises = self.noises
-        self.noise = None if noises is None else noises[ms // SENSED_MS].tolist()
+        self._share = rest_ms / self._step_ms
+        rudder, aileron = (float(self.outputs[name][self._at]) for name in ("rudder", "aileron"))
+        self.rudder_us, self.aileron_us = (
+            self.plan.rudder.pulse(rudder), self.plan.aileron.pulse(aileron)
+        )  # fmt: skip
+        self.noise = None if self.noises is None else self.noises[ms // SENSED_MS].tolist()
 
     def __getitem__(self, name: str) -> float:
         """Return the present value of a property by its name in JSBSim."""
@@ -103,35 +66,27 @@ class Played:
         return here + self._share * (float(column[self._at + 1]) - here) if self._share else here
 
 
-class Receiver:
-    """The receive stamps of a link that keeps the order: latency, jitter, and some stalls."""
+def telemetry(link: Link, flight: Flight | Played) -> Iterator[Record]:
+    """Fly and yield (receive stamp in us of Unix time, MAVLink frame), stamps never decreasing.
 
-    def __init__(self, rng: np.random.Generator) -> None:
-        self._rng = rng
-        self._last_us = 0
-        self._stalled_until_us = 0
-
-    def stamp(self, sent_us: int) -> int:
-        """Return the stamp of the next frame; frames that wait for the end of a stall share one."""
-        if self._rng.random() < 0.002:
-            self._stalled_until_us = sent_us + int(self._rng.uniform(30_000, 150_000))
-        arrival_us = sent_us + 3_000 + int(self._rng.exponential(1_500.0))
-        self._last_us = max(self._last_us, self._stalled_until_us, arrival_us)
-        return self._last_us
-
-
-def telemetry(link: Link, flight: Flight | Played) -> Iterator[tuple[int, bytes]]:
-    """Fly and yield (receive stamp in us of Unix time, MAVLink frame), stamps never decreasing."""
-    rng = np.random.default_rng(link.seed)
-    version = "v10" if link.mavlink1 else "v20"
+    The link keeps the order. It has latency, jitter, and some stalls, at whose end all frames that
+    wait arrive at once.
+    """
+    rng, version = np.random.default_rng(link.seed), "v10" if link.mavlink1 else "v20"
     dialect = importlib.import_module(f"pymavlink.dialects.{version}.ardupilotmega")
-    messages = Messages(dialect, link, flight, rng)
-    encoder, receiver = Encoder(dialect=dialect), Receiver(rng)
+    encoder = Encoder(dialect=dialect)
+    arrival_us = stalled_us = 0
     for ms, name, index in schedule(flight.plan, link, rng):
         flight.advance_to(ms)
-        ids = GCS if name == "gcs_heartbeat" else VEHICLE
-        frame = encoder.frame(getattr(messages, name)(ms, index), ids)
-        yield receiver.stamp(EPOCH_US + 1000 * ms), frame
+        message = getattr(dialect, f"MAVLink_{name.removeprefix('gcs_')}_message")
+        said = message(*values(name, ms, index, link, flight, rng))
+        frame = encoder.frame(said, GCS if name == "gcs_heartbeat" else VEHICLE)
+        sent_us = EPOCH_US + 1000 * ms
+        if rng.random() < 0.002:
+            stalled_us = sent_us + int(rng.uniform(30_000, 150_000))
+        delayed_us = sent_us + 3_000 + int(rng.exponential(1_500.0))
+        arrival_us = max(arrival_us, stalled_us, delayed_us)
+        yield arrival_us, frame
 
 
 def schedule(plan: FlightPlan, link: Link, rng: np.random.Generator) -> list[tuple[int, str, int]]:
@@ -147,7 +102,7 @@ def schedule(plan: FlightPlan, link: Link, rng: np.random.Generator) -> list[tup
         ("vfr_hud", 4.0, 9),
     ]
     end_ms = int(1000 * plan.seconds)
-    events = [(100 + 10 * i, "parameter", i) for i in range(len(parameters(plan)))]
+    events = [(100 + 10 * i, "param_value", i) for i in range(len(parameters(plan)))]
     for name, hz, phase_ms in streams:
         due = np.arange(phase_ms, end_ms - 2, 1000.0 / hz).astype(int)
         late = rng.integers(0, 3, len(due))
@@ -157,80 +112,57 @@ def schedule(plan: FlightPlan, link: Link, rng: np.random.Generator) -> list[tup
 
 def parameters(plan: FlightPlan) -> list[tuple[str, float]]:
     """Return KFF_RDDRMIX, which is 0, the SERVOn parameters of four servos, and the plan's own."""
-    outputs = [
+    servos = [
         (AILERON, plan.aileron),
         (ELEVATOR, Servo()),
         (THROTTLE, Servo(1000, 1001, 2000)),
         (RUDDER, plan.rudder),
     ]
-    found = [("KFF_RDDRMIX", 0.0)]
-    for n, (function, servo) in enumerate(outputs, start=1):
-        values = (function, servo.min_us, servo.trim_us, servo.max_us, servo.reverse)
-        names = ("FUNCTION", "MIN", "TRIM", "MAX", "REVERSED")
-        found += [(f"SERVO{n}_{name}", float(v)) for name, v in zip(names, values, strict=True)]
-    return [*found, *plan.parameters]
+    names = ("FUNCTION", "MIN", "TRIM", "MAX", "REVERSED")
+    of_servos = [
+        (f"SERVO{n}_{name}", float(value))
+        for n, (function, servo) in enumerate(servos, start=1)
+        for name, value in zip(names, (function, *astuple(servo)), strict=True)
+    ]
+    return [("KFF_RDDRMIX", 0.0), *of_servos, *plan.parameters]
 
 
-class Messages:
-    """The messages that the vehicle or the ground station would send now."""
+def values(
+    name: str, ms: int, index: int, link: Link, flight: Flight | Played, rng: np.random.Generator
+) -> tuple[Any, ...]:
+    """Return the values of the fields of a message that is sent now.
 
-    def __init__(
-        self, dialect: Any, link: Link, flight: Flight | Played, rng: np.random.Generator
-    ) -> None:
-        self._dialect, self._link, self._flight, self._rng = dialect, link, flight, rng
-        self._parameters = parameters(flight.plan)
-
-    def heartbeat(self, ms: int, index: int) -> Any:
-        """Return the HEARTBEAT of the armed aeroplane."""
-        plane = mavlink.MAV_TYPE_FIXED_WING, mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA
-        return self._heartbeat(*plane, ARMED, FBWA)
-
-    def gcs_heartbeat(self, ms: int, index: int) -> Any:
-        """Return the HEARTBEAT of the ground station, which is no vehicle."""
-        return self._heartbeat(mavlink.MAV_TYPE_GCS, mavlink.MAV_AUTOPILOT_INVALID, 0, 0)
-
-    def _heartbeat(self, *of: int) -> Any:
-        return self._dialect.MAVLink_heartbeat_message(*of, mavlink.MAV_STATE_ACTIVE, 3)
-
-    def parameter(self, ms: int, index: int) -> Any:
-        """Return PARAM_VALUE number ``index``."""
-        name, value = self._parameters[index]
-        whole = name.startswith("SERVO")
-        kind = mavlink.MAV_PARAM_TYPE_INT16 if whole else mavlink.MAV_PARAM_TYPE_REAL32
-        of = name.encode(), value, kind, len(self._parameters), index
-        return self._dialect.MAVLink_param_value_message(*of)
-
-    def attitude(self, ms: int, index: int) -> Any:
-        """Return ATTITUDE: the true angles and body rates plus sensor noise."""
-        flight, link = self._flight, self._link
-        yaw = math.remainder(flight["attitude/psi-rad"], math.tau)
-        rates = (flight[f"velocities/{axis}-rad_sec"] for axis in "pqr")
-        true = [flight["attitude/phi-rad"], flight["attitude/theta-rad"], yaw, *rates]
-        said = np.array(true) + (flight.noise or self._rng.normal(0.0, link.sigmas))
-        said[2] = math.remainder(said[2], math.tau)
-        boot_ms = (ms + round(1000 * link.boot_s)) % 2**32
-        return self._dialect.MAVLink_attitude_message(boot_ms, *said)
-
-    def servo_output_raw(self, ms: int, index: int) -> Any:
-        """Return SERVO_OUTPUT_RAW: the servo outputs of this instant."""
-        flight = self._flight
-        # Sent within the millisecond of the command; the time wraps after 71.6 min.
-        boot_us = 1000 * (ms + round(1000 * self._link.boot_s)) + int(self._rng.integers(0, 1000))
-        throttle_us = 1000 + round(1000 * flight["fcs/throttle-cmd-norm"])
-        servos = [flight.aileron_us, 1500, throttle_us, flight.rudder_us, 0, 0, 0, 0]
-        return self._dialect.MAVLink_servo_output_raw_message(boot_us % 2**32, 0, *servos)
-
-    def vfr_hud(self, ms: int, index: int) -> Any:
-        """Return VFR_HUD: speeds, heading in whole degrees, throttle, altitude, climb rate."""
-        flight = self._flight
-        return self._dialect.MAVLink_vfr_hud_message(
-            flight["velocities/vc-kts"] * KNOT,
-            flight["velocities/vg-fps"] * FOOT,
-            round(flight["attitude/psi-deg"]) % 360,
-            round(100 * flight["fcs/throttle-cmd-norm"]),
-            flight["position/h-sl-ft"] * FOOT,
-            flight["velocities/h-dot-fps"] * FOOT,
-        )
+    ATTITUDE has the true angles and rates with the noise of the flight's sensors, else that of the
+    link. A servo message is sent within the millisecond of its command.
+    """
+    boot_ms = ms + round(1000 * link.boot_s)
+    throttle = flight["fcs/throttle-cmd-norm"]
+    match name:
+        case "attitude":
+            true = np.array([flight[each] for each in SENSED])
+            said = true + (flight.noise or rng.normal(0.0, link.sigmas))
+            said[2] = math.remainder(said[2], math.tau)
+            return boot_ms % 2**32, *said
+        case "servo_output_raw":
+            boot_us = 1000 * boot_ms + int(rng.integers(0, 1000))  # it wraps after 71.6 min
+            outputs = flight.aileron_us, 1500, 1000 + round(1000 * throttle), flight.rudder_us
+            return boot_us % 2**32, 0, *outputs, 0, 0, 0, 0
+        case "vfr_hud":
+            return (
+                flight["velocities/vc-kts"] * KNOT, flight["velocities/vg-fps"] * FOOT,
+                round(math.degrees(flight["attitude/psi-rad"])) % 360, round(100 * throttle),
+                flight["position/h-sl-ft"] * FOOT, flight["velocities/h-dot-fps"] * FOOT,
+            )  # fmt: skip
+        case "param_value":
+            sent = parameters(flight.plan)
+            key, value = sent[index]
+            kind = "INT16" if key.startswith("SERVO") else "REAL32"
+            number = getattr(mavlink, f"MAV_PARAM_TYPE_{kind}")
+            return key.encode(), value, number, len(sent), index
+        case "heartbeat":
+            plane = mavlink.MAV_TYPE_FIXED_WING, mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA
+            return *plane, ARMED, FBWA, mavlink.MAV_STATE_ACTIVE, 3
+    return mavlink.MAV_TYPE_GCS, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, mavlink.MAV_STATE_ACTIVE, 3
 
 
 def send(frames: Iterable[Record], endpoint: tuple[str, int], speedup: float = 1.0) -> int:
@@ -244,7 +176,7 @@ def send(frames: Iterable[Record], endpoint: tuple[str, int], speedup: float = 1
             first_us = stamp_us if first_us is None else first_us
             ahead_s = (stamp_us - first_us) / (1e6 * speedup) - (time.monotonic() - start_s)
             if ahead_s > 0.0:
-                time.sleep(max(ahead_s, BURST_S))
+                time.sleep(max(ahead_s, 0.001))
             sock.sendto(frame, endpoint)
             count += 1
     return count
