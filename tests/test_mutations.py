@@ -7,10 +7,9 @@ from collections import Counter
 from itertools import islice, product
 from pathlib import Path
 
+import mutate
 import pytest
-from checks import mutants
-from checks.mutants import GROUPS, KINDS, drawn
-from mutate import DEFECTS, PLAIN, ROOT, TIMEOUT_S, catches, copied, misplaced, run
+from mutate import DEFECTS, GROUPS, KINDS, ROOT, catches, copied, drawn, misplaced, mutants
 
 
 @pytest.fixture(scope="module")
@@ -25,8 +24,8 @@ def test_each_defect_stands_exactly_once_where_it_should():
 @pytest.mark.long
 @pytest.mark.parametrize("plain", [False, True])
 def test_without_a_defect_every_test_that_hunts_one_passes(tree: Path, plain: bool):
-    tests = {each["test"] for each in DEFECTS if each["file"].startswith(PLAIN) == plain}
-    code, said = run(tree, *sorted(tests), plain=plain, within_s=TIMEOUT_S * len(tests))
+    tests = {each["test"] for each in DEFECTS if each["file"].startswith(mutate.PLAIN) == plain}
+    code, said = mutate.run(tree, *sorted(tests), plain=plain, within_s=300.0 * len(tests))
     assert code == 0, said
 
 
@@ -54,7 +53,7 @@ def f(x: "Literal[3]", n: int = 1) -> float:
 
 def test_a_mutant_changes_a_number_a_sign_a_comparison_or_a_statement_and_no_text():
     lines, found = SOURCE.splitlines(), []
-    for mutant in mutants.mutants(SOURCE.encode()):
+    for mutant in mutants(SOURCE.encode()):
         now = mutant.seeded(SOURCE.encode()).decode().splitlines()
         at = next(i for i, line in enumerate(now) if line != lines[i])
         assert now[:at] + now[at + 1 :] == lines[:at] + lines[len(lines) - len(now) + at + 1 :]
@@ -80,11 +79,11 @@ def test_a_draw_is_the_same_for_a_seed_and_each_room_and_kind_has_its_share(
     package = ROOT / "src/yawid"
     assert all((package / room).is_dir() for group in GROUPS for room in group.split(", "))
     some = ("physics", "models, damper")
-    monkeypatch.setattr(mutants, "GROUPS", some)
+    monkeypatch.setattr(mutate, "GROUPS", some)
     found, same, other = (list(islice(drawn(package, seed), 100)) for seed in (1, 1, 2))
 
     assert found == same != other
-    assert len({(each.file, each.where.start, each.new) for each in found}) == 100
+    assert len({(each.file, each.start, each.new) for each in found}) == 100
     assert Counter((each.group, each.kind) for each in found) == dict.fromkeys(
         product(some, KINDS), 10
     )

@@ -23,11 +23,14 @@ def commands(*, fast: bool = False, long: bool = False) -> list[list[str]]:
     """Return the command lines of the checks; the first runs the tests."""
     python = sys.executable
     tests = [python, "-m", "pytest", "-n", "2"]
-    long_tests = [python, "-m", "pytest", "-m", "long", "-o", "faulthandler_timeout=7200"]
-    more_examples = [*tests, "-m", "hypothesis and not long", "--hypothesis-profile", "long"]
+    more = [
+        [python, "-m", "pytest", "-m", "long", "-o", "faulthandler_timeout=7200"],
+        [*tests, "-m", "hypothesis and not long", "--hypothesis-profile", "long"],
+        [python, "tools/checks/check_install.py"],
+    ]
     return [
         [*tests, "-m", "not slow and not long"] if fast else tests,
-        *([long_tests, more_examples, [python, "tools/checks/check_install.py"]] if long else []),
+        *(more if long else []),
         [python, "-m", "ruff", "format", "--check", "."],
         [python, "-m", "ruff", "check", "."],
         [python, "-m", "mypy", "--strict", "src", "tools"],

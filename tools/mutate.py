@@ -2,11 +2,18 @@
 
     python tools/mutate.py --draw 300 --seed 7   # drawn at random: a table of killed shares
 
+A mutant changes one thing: a number (a float, or an integer from 20 on, times 1.1; a smaller
+integer, which is an index or a size, by one), a sign, a comparison (its limit, or inverted), or it
+drops a statement. Texts, annotations and assertions stay as they are, and so do the signs of a sum
+in which a text is written. A statement that binds a name is not dropped (but one with += is), nor
+one that returns or defines: any test that reaches what follows could end in a NameError, which
+shows nothing.
+
 First one run of the gate's tests records under the library coverage which file of tests reaches
-which lines. Then each mutant (checks/mutants.py) runs the files that reach it: those of its own
-room first, then the cheapest, up to ``BUDGET_S``. A folder in the temporary folder keeps the record
-and a row of each mutant as it ends (draw_SEED.jsonl). The same command goes on where it was
-stopped; a record that was not complete begins again.
+which lines. Then each mutant runs the files that reach it: those of its own room first, then the
+cheapest, up to ``BUDGET_S``. A folder in the temporary folder keeps the record and a row of each
+mutant as it ends (draw_SEED.json). The same command goes on where it was stopped; a record that was
+not complete begins again.
 
 tests/test_mutations.py, marked ``long``, seeds those of checks/defects.toml. Each names one test
 that must fail: if that ends in any other way, it has not caught the defect. For a defect in the
@@ -18,8 +25,10 @@ Python take minutes.
 from __future__ import annotations
 
 import argparse
+import ast
 import json
 import os
+import random
 import re
 import shutil
 import subprocess
@@ -27,22 +36,17 @@ import sys
 import tempfile
 import tomllib
 from collections import Counter
-from collections.abc import Mapping, Sequence
-from itertools import accumulate, chain, islice
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import accumulate, chain, islice, product, zip_longest
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import pandas as pd
 from checks.children import LONG_S, child
-from checks.mutants import Mutant, drawn
 from coverage import Coverage, CoverageData
 
 ROOT = Path(__file__).resolve().parents[1]
-KERNEL = "estimation/kernel/"
-PLAIN = (KERNEL, "estimation/machine/")
-RUNNER = "estimation/machine/runner.py"
-"""The kernel is compiled, so that no line of it is seen: whatever runs RUNNER reaches it."""
-TIMEOUT_S = 300.0
-"""Time limit in s of the tests of one defect: a mutant's that take longer have noticed it."""
+PLAIN = ("estimation/kernel/", "estimation/machine/")
 BUDGET_S = 40.0
 """Seconds, as recorded, that the tests of one mutant may take: a survivor costs that. Without it
 one line that all tests reach costs ten minutes."""
@@ -54,6 +58,22 @@ TOOK = re.compile(r"^([\d.]+)s \w+ +([^:\s]+)", re.MULTILINE)
 DEFECTS: list[dict[str, str]] = tomllib.loads(
     (ROOT / "tools/checks/defects.toml").read_text(encoding="utf-8")
 )["defect"]
+GROUPS = (
+    "estimation", "physics", "manoeuvre, results", "lateral", "channels", "sources",
+    "models, damper", "sinks, report",
+)  # fmt: skip
+"""Rooms that share the mutants equally."""
+KINDS = ("constant", "off by one", "sign", "comparison", "statement")
+SMALL = 20
+"""An integer from here on is a quantity; times 1.1 it is another integer."""
+_OTHER: dict[type, tuple[Any, ...]] = {
+    ast.Lt: (ast.GtE, ast.LtE), ast.LtE: (ast.Gt, ast.Lt), ast.Gt: (ast.LtE, ast.GtE),
+    ast.GtE: (ast.Lt, ast.Gt), ast.Eq: (ast.NotEq,), ast.NotEq: (ast.Eq,), ast.Is: (ast.IsNot,),
+    ast.IsNot: (ast.Is,), ast.In: (ast.NotIn,), ast.NotIn: (ast.In,),
+    ast.USub: (ast.UAdd,), ast.Add: (ast.Sub,), ast.Sub: (ast.Add,),
+}  # fmt: skip
+"""What an operator becomes; a comparison the inverted one, and that with the other limit."""
+_DROPPED = (ast.Expr, ast.Raise, ast.Continue, ast.Break, ast.If, ast.Assign, ast.Delete)
 
 
 def copied(folder: Path) -> Path:
@@ -65,14 +85,14 @@ def run(
     tree: Path,
     *tests: str,
     plain: bool = False,
-    within_s: float = TIMEOUT_S,
+    within_s: float = 300.0,
     under: Sequence[str] = (),
 ) -> tuple[int, str]:
     """Run tests in a copy; return pytest's exit code (1: some failed) and what it printed.
 
     With ``plain``, the kernel runs as plain Python. After ``within_s``, the tests and their
-    children are ended, and the code is another one. Of Hypothesis the first counterexample
-    suffices: reducing it would take minutes.
+    children are ended, and the code is another one: tests that take longer have noticed a mutant.
+    Of Hypothesis the first counterexample suffices: reducing it would take minutes.
     """
     command = [
         "timeout", "--kill-after=9", str(within_s), sys.executable, *under, "-m", "pytest", "-x",
@@ -119,6 +139,89 @@ def misplaced(defects: Sequence[Mapping[str, str]]) -> list[str]:
     ]
 
 
+class Mutant(NamedTuple):
+    """The bytes of ``file`` (below src/yawid) from ``start`` to ``stop`` become ``new``."""
+
+    group: str
+    file: str
+    kind: str
+    new: str
+    lines: range
+    start: int
+    stop: int
+
+    def seeded(self, source: bytes) -> bytes:
+        """Return the file's source with the mutant."""
+        return source[: self.start] + self.new.encode() + source[self.stop :]
+
+
+def mutants(source: bytes, group: str = "", file: str = "") -> Iterator[Mutant]:
+    """Yield every mutant of a module."""
+    starts = [0, *accumulate(map(len, source.splitlines(keepends=True)))]
+    for node in _free(ast.parse(source)):
+        for kind, new in _changes(node):
+            yield Mutant(
+                group, file, kind, ast.unparse(new), range(node.lineno, node.end_lineno + 1),
+                start=starts[node.lineno - 1] + node.col_offset,
+                stop=starts[node.end_lineno - 1] + node.end_col_offset,
+            )  # fmt: skip
+
+
+def _free(node: ast.AST) -> Iterator[Any]:
+    """Yield the nodes of a tree that may change."""
+    yield node
+    for each in ast.iter_child_nodes(node):
+        is_type = each in (getattr(node, "annotation", None), getattr(node, "returns", None))
+        if not is_type and not isinstance(each, ast.JoinedStr | ast.Assert):
+            yield from _free(each)
+
+
+def _changes(node: ast.AST) -> Iterator[tuple[str, ast.AST]]:
+    """Yield the kind of each change of a node, and what the node becomes."""
+    match node:
+        case ast.Constant(value=bool()) | ast.Expr(value=ast.Constant()):
+            return
+        case ast.Constant(value=float(x)) if x:
+            yield "constant", ast.Constant(float(f"{1.1 * x:.12g}"))
+        case ast.Constant(value=int(n)) if n >= SMALL:
+            yield "constant", ast.Constant(round(1.1 * n))
+        case ast.Constant(value=int(n)):
+            yield from (("off by one", ast.Constant(other)) for other in (n - 1, n + 1))
+        case ast.UnaryOp(op=op) | ast.BinOp(op=op) | ast.AugAssign(op=op):
+            others = () if {"'", '"'} & {*ast.unparse(node)} else _OTHER.get(type(op), ())
+            yield from (("sign", type(node)(**vars(node) | {"op": other()})) for other in others)
+        case ast.Compare(left, ops, compared):
+            yield from (
+                ("comparison", ast.Compare(left, [*ops[:i], other(), *ops[i + 1 :]], compared))
+                for i, limit in enumerate(ops)
+                for other in _OTHER[type(limit)]
+            )
+    if isinstance(node, ast.AugAssign) or (
+        isinstance(node, _DROPPED)
+        and not getattr(node, "orelse", [])
+        and ast.Store not in {type(x.ctx) for x in ast.walk(node) if isinstance(x, ast.Name)}
+    ):
+        yield "statement", ast.Pass()
+
+
+def drawn(package: Path, seed: int) -> Iterator[Mutant]:
+    """Yield all mutants of a package in random order, one of each kind and group in turn."""
+    every = [
+        mutant
+        for group in GROUPS
+        for room in group.split(", ")
+        for path in sorted((package / room).rglob("*.py"))
+        for mutant in mutants(path.read_bytes(), group, path.relative_to(package).as_posix())
+    ]
+    random.Random(seed).shuffle(every)
+    cells = (
+        [each for each in every if (each.kind, each.group) == cell]
+        for cell in product(KINDS, GROUPS)
+    )
+    for row in zip_longest(*cells):
+        yield from filter(None, row)
+
+
 def pytest_runtest_logstart(nodeid: str) -> None:
     """Name the file whose test begins, as a plugin of pytest: the lines that follow are its own.
 
@@ -136,9 +239,11 @@ def recorded(tree: Path, folder: Path, tests: Sequence[str]) -> tuple[CoverageDa
     """
     kept, data = folder / "recorded.txt", CoverageData(str(folder / "coverage"))
     if not kept.exists():
-        under = ("-m", "coverage", "run", f"--data-file={folder}/coverage", "--source=yawid")
-        options = (*GATE, "-p", "mutate", "--maxfail=1000", "--durations=0", "--durations-min=0")
-        code, said = run(tree, *options, *tests, within_s=LONG_S, under=under)
+        code, said = run(
+            tree, *GATE, "-p", "mutate", "--maxfail=1000", "--durations=0", "--durations-min=0",
+            *tests, within_s=LONG_S,
+            under=("-m", "coverage", "run", f"--data-file={folder}/coverage", "--source=yawid"),
+        )  # fmt: skip
         if code not in (0, 1):
             raise SystemExit(said)
         kept.write_text(said, encoding="utf-8")
@@ -151,16 +256,15 @@ def reaching(
 ) -> list[str]:
     """Return the files of tests that reach a mutant, in the order in which they are tried.
 
-    A line that no test is seen to reach, as it runs on import, in a child process or never, may be
-    reached by every file that runs something of its module, and by those of its room.
+    A line that no test is seen to reach, as it runs on import, compiled, in a child process or
+    never, may be reached by every file that runs something of its module, and by those of its room.
     """
-    is_kernel = mutant.file.startswith(KERNEL)
-    by_line = data.contexts_by_lineno(str(package / (RUNNER if is_kernel else mutant.file)))
+    by_line = data.contexts_by_lineno(str(package / mutant.file))
     own = tuple(
         f"{top}/{room}/" for top in ("tests", "src/yawid") for room in mutant.group.split(", ")
     )
     found = {test for line in mutant.lines for test in by_line.get(line, ())}
-    if is_kernel or found <= {""}:
+    if found <= {""}:
         in_room = (test for test in data.measured_contexts() if test.startswith(own))
         found = {*in_room, *chain.from_iterable(by_line.values())}
     order = sorted(found - {""}, key=lambda test: (not test.startswith(own), took_s[test], test))
@@ -168,8 +272,8 @@ def reaching(
     return [test for test, s in zip(order, spent, strict=True) if s <= BUDGET_S] or order[:1]
 
 
-def hunt(tree: Path, folder: Path, tests: Sequence[str], seed: int, count: int) -> list[str]:
-    """Draw mutants, hunt each, and return a row of each as JSON; it goes on where it ended.
+def hunt(tree: Path, folder: Path, tests: Sequence[str], seed: int, count: int) -> Any:
+    """Draw mutants, hunt each, and return a table with a row of each; it goes on where it ended.
 
     A test that fails without a mutant is set aside.
     """
@@ -177,21 +281,23 @@ def hunt(tree: Path, folder: Path, tests: Sequence[str], seed: int, count: int) 
     took = pd.DataFrame(TOOK.findall(said), columns=["s", "test"]).astype({"s": float})
     took_s = Counter(took.groupby("test")["s"].sum().to_dict())
     aside = [f"--deselect={name}" for name in FAILED.findall(said)]
-    package, path = tree / "src/yawid", folder / f"draw_{seed}.jsonl"
-    rows = path.read_text(encoding="utf-8").splitlines() if path.exists() else []
+    package, path = tree / "src/yawid", folder / f"draw_{seed}.json"
+    rows = json.loads(path.read_text(encoding="utf-8")) if path.exists() else []
     for mutant in islice(drawn(package, seed), len(rows), count):
-        source = (package / mutant.file).read_bytes()
-        some, new = reaching(mutant, package, data, took_s), mutant.seeded(source)
-        code = seeded(tree, mutant.file, new, *GATE, *some, *aside)[0] if some else NO_TESTS
-        row = {
+        source, some = (package / mutant.file).read_bytes(), reaching(mutant, package, data, took_s)
+        code, _ = (
+            seeded(tree, mutant.file, mutant.seeded(source), *GATE, *some, *aside)
+            if some
+            else (NO_TESTS, "")
+        )
+        rows.append({
             "group": mutant.group, "kind": mutant.kind, "tests": some,
             "where": f"{mutant.file}:{mutant.lines.start}",
-            "old": source[mutant.where].decode(), "new": mutant.new,
+            "old": source[mutant.start : mutant.stop].decode(), "new": mutant.new,
             "killed": code not in (0, NO_TESTS),
-        }  # fmt: skip
-        rows.append(json.dumps(row))
-        path.write_text("\n".join(rows), encoding="utf-8")
-    return rows
+        })  # fmt: skip
+        path.write_text(json.dumps(rows, indent=1), encoding="utf-8")
+    return pd.DataFrame(rows)
 
 
 def main() -> None:
@@ -201,19 +307,17 @@ def main() -> None:
     parser.add_argument("--seed", metavar="S", type=int, default=0, help="which ones")
     parser.add_argument("--tests", nargs="+", metavar="FILE", default=[], help="only these")
     given = parser.parse_args()
-    asked = ["git", "describe", "--always", "--dirty"]
-    commit = subprocess.check_output(asked, cwd=ROOT, text=True).strip()
-    name = re.sub(r"\W+", "-", " ".join(["yawid-mutants", commit, *given.tests]))
-    folder = Path(tempfile.gettempdir()).resolve() / name
+    commit = subprocess.check_output(
+        ["git", "describe", "--always", "--dirty"], cwd=ROOT, text=True
+    ).strip()
+    name = "-".join(["yawid-mutants", commit, *given.tests]).replace("/", "-")
+    folder = Path(tempfile.gettempdir(), name).resolve()
     shutil.rmtree(folder / "tree", ignore_errors=True)  # a run that was killed leaves its mutant
-    rows = hunt(copied(folder / "tree"), folder, given.tests, given.seed, given.draw)
-    found = pd.DataFrame(map(json.loads, rows))
+    found = hunt(copied(folder / "tree"), folder, given.tests, given.seed, given.draw)
     of_all = pd.concat([found, found.assign(group="all")]).groupby("group", sort=False)["killed"]
-    shares = of_all.agg(mutants="size", killed="sum", share="mean", sigma="sem").round(2)
-    left = found.loc[~found["killed"], ["where", "kind", "old", "new"]]
-    print(
-        f"--draw {given.draw} --seed {given.seed} of {commit}", shares, left.to_string(), sep="\n\n"
-    )
+    print(f"--draw {given.draw} --seed {given.seed} of {commit}")
+    print(of_all.agg(mutants="size", killed="sum", share="mean", sigma="sem").round(2))
+    print(found.loc[~found["killed"], ["where", "kind", "old", "new"]].to_string())
 
 
 if __name__ == "__main__":

@@ -39,8 +39,9 @@ def cost_of(
         SystemExit: it ended with an exit code that is not in ``allowed``.
     """
     start_s, before = time.perf_counter(), resource.getrusage(resource.RUSAGE_CHILDREN)
-    command = [sys.executable, *arguments]
-    done = subprocess.run(command, stdout=subprocess.DEVNULL, check=False, env=env)
+    done = subprocess.run(
+        [sys.executable, *arguments], stdout=subprocess.DEVNULL, check=False, env=env
+    )
     if done.returncode not in allowed:
         raise SystemExit(f"{' '.join(arguments)} ended with {done.returncode}")
     wall_s, used = time.perf_counter() - start_s, resource.getrusage(resource.RUSAGE_CHILDREN)

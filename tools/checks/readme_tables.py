@@ -36,8 +36,6 @@ HOMES = {
     "mix": "src/yawid/manual/what_now.md",
 }
 """The files of some tables; all others are in tools/README.md."""
-_LEFT_OUT = r"^JSBSim C172P at 100 kt, |^ArduPlane V4.6-dev SITL |[,;] (recorded|tools/|see ).*"
-"""What of a log's origin is left out in its row."""
 _BELOW = r"(?:```\n(?s:.*?)```\n|(?:\|[^\n]*\n)*)"
 """What a marker is followed by: a table, or an output in a block of its own."""
 
@@ -74,21 +72,34 @@ def cases() -> str:
         given = [f"{k} {v:g}" if isinstance(v, float) else f"{k} {v}"
                  for k, v in ({"manoeuvres": "auto"} | case.get("options", {})).items()
                  if (k, v) != ("manoeuvres", "off")]  # fmt: skip
-        origin = re.sub(_LEFT_OUT, "", case["origin"])
+        origin = re.sub(
+            r"^JSBSim C172P at 100 kt, |^ArduPlane V4.6-dev SITL |[,;] (recorded|tools/|see ).*",
+            "", case["origin"],
+        )  # fmt: skip
         rows.append(f"| {path.parent.name} | {origin} | {', '.join(given) or 'none'} |")
     return "\n".join(["| case | its log | options |", "|---|---|---|", *rows])
 
 
 def reasons() -> str:
     """Return every reason with its exit code, 0 of a warning, and what to do about it."""
-    rows = [f"| `{kind.id}` | {kind.exit_code} | {kind.now} |" for kind in KINDS.values()]
-    return "\n".join(["| reason | exit code (0: a warning) | what to do |", "|---|---|---|", *rows])
+    return "\n".join(
+        [
+            "| reason | exit code (0: a warning) | what to do |",
+            "|---|---|---|",
+            *(f"| `{kind.id}` | {kind.exit_code} | {kind.now} |" for kind in KINDS.values()),
+        ]
+    )
 
 
 def exit_codes() -> str:
     """Return what each exit code says."""
-    rows = [f"| {code} | {says} |" for code, says in EXIT_CODES.items()]
-    return "\n".join(["| exit code | what it says |", "|---|---|", *rows])
+    return "\n".join(
+        [
+            "| exit code | what it says |",
+            "|---|---|",
+            *(f"| {code} | {says} |" for code, says in EXIT_CODES.items()),
+        ]
+    )
 
 
 def truth_short() -> str:
@@ -121,21 +132,22 @@ def _shown(name: str, until: str, since: str = "", line: str = "") -> str:
     """
     block = _parts(name)[1].rpartition("```sh\n")[2].partition("```")[0]
     *_, printed = map(_printed, [line] if line else block.splitlines())
-    lines = dropwhile(lambda each: not each.startswith(since), printed)
-    shown = takewhile(lambda each: not each.startswith(until), lines)
+    shown = takewhile(
+        lambda each: not each.startswith(until),
+        dropwhile(lambda each: not each.startswith(since), printed),
+    )
     return "\n".join(["```", *shown, "```"])
 
 
 _FLIGHT = "yawid replay replay_logs/{}/log.tlog --out {}".format
-_OUTPUTS: dict[str, tuple[str, ...]] = {
+TABLES: dict[str, Callable[[], str]] = {
+    "cases": cases, "reasons": reasons, "exit_codes": exit_codes, "truth_short": truth_short,
+} | {name: partial(_shown, name, *found) for name, found in {
     "answer": ("n from-to", "", _FLIGHT("c172p_3211", "answer")),
     "good": ("  rudder", "", _FLIGHT("c172p_3211", "answer")),
     "refusal": ("± is one sigma", "", _FLIGHT("turns_calm", "refusal")),
     "bare": ("n from-to",), "gain": ("mix ",), "mix": ("± is one sigma", "mix "),
-}  # fmt: skip
-TABLES: dict[str, Callable[[], str]] = {
-    "cases": cases, "reasons": reasons, "exit_codes": exit_codes, "truth_short": truth_short,
-} | {name: partial(_shown, name, *found) for name, found in _OUTPUTS.items()}  # fmt: skip
+}.items()}  # fmt: skip
 
 
 if __name__ == "__main__":

@@ -13,7 +13,7 @@ from __future__ import annotations
 import re
 import sys
 import tomllib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -39,33 +39,29 @@ _NAMES = re.compile(r"``[^`]*``|`[^`\n]*`|\{(?:[^{}\n]|\{[^{}\n]*\})*\}")
 """What of prose is code: between backquotes, or a field of an f-string, perhaps with another."""
 
 
-def rules() -> list[tuple[re.Pattern[str], str]]:
-    """Return the words of words.toml as patterns, each with what to write instead."""
-    found = tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8"))
-    return [
-        # A comment's next line begins with a number sign.
-        (re.compile(w["pattern"].replace(" ", r"(?:\s+(?:# )?)"), re.IGNORECASE), w["better"])
-        for w in found["word"]
-    ]
+_WORDS = [
+    # A comment's next line begins with a number sign.
+    (re.compile(w["pattern"].replace(" ", r"(?:\s+(?:# )?)"), re.IGNORECASE), w["better"])
+    for w in tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8"))["word"]
+]
+"""The words of words.toml as patterns, each with what to write instead."""
 
 
-def left(path: Path, words: Sequence[tuple[re.Pattern[str], str]]) -> Iterator[str]:
+def left(path: Path) -> Iterator[str]:
     """Yield the words that are left in a file: the place, the word, and a better one."""
     text = path.read_text(encoding="utf-8")
-    words = [word for word in words if word[0].search(text)]
+    words = [word for word in _WORDS if word[0].search(text)]
     for part in _PARTS[path.suffix].finditer(text) if words else ():
         prose = _NAMES.sub(lambda name: "`" * len(name[0]), part[0])
         for pattern, better in words if " " in prose else ():
             for match in pattern.finditer(prose):
                 line = text.count("\n", 0, part.start() + match.start()) + 1
-                place, word = f"{path.relative_to(ROOT)}:{line}", " ".join(match[0].split())
-                yield f"{place}: {word!r}: write {better}"
+                yield f"{path.relative_to(ROOT)}:{line}: {match[0]!r}: write {better}"
 
 
 def main() -> bool:
     """Print what is left in all files; return whether something is."""
-    words, files = rules(), [path for pattern in READ for path in ROOT.glob(pattern)]
-    findings = {found for path in files for found in left(path, words)}
+    findings = {found for pattern in READ for path in ROOT.glob(pattern) for found in left(path)}
     print(*sorted(findings), f"{len(findings)} words left", sep="\n")
     return bool(findings)
 
