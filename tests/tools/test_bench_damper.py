@@ -40,9 +40,7 @@ def test_two_gains_are_predicted_from_a_flight_without_a_damper(tmp_path: Path) 
 
 @pytest.mark.long
 def test_the_bench_holds_each_gain_to_the_linearisation_with_it(tmp_path: Path) -> None:
-    task = 0, "flight", partial(damper.flown, LONG_PLACE)
-
-    rows = log_rows(damper.gains, tmp_path, task)
+    rows = log_rows(damper.gains, tmp_path, 0, "flight", partial(damper.flown, LONG_PLACE))
 
     assert all(row["right"] and row["within"] for row in rows)
     zeta = [row["zeta_true"] for row in rows]

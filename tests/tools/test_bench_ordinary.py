@@ -7,7 +7,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from bench import verdict as bench
+from bench import accuracy as bench
 from bench.frame import Row
 
 from yawid.answers.ordinary import OrdinaryAnswer
@@ -60,7 +60,7 @@ def test_the_cells_of_flights_and_of_hostile_logs_are_those_by_hand(row_of: Any)
     flights = [row_of(2.04, 0.025, 0.2, 0.01), row_of(1.98, 0.02, 0.23, 0.01), refused]
 
     # +2 and -1 %, 1.6 and -1 sigma; 0 and .03, 0 and 3 sigma
-    assert bench.shown(flights) == {
+    assert bench.of_ordinary(flights) == {
         "flights": "3", "answered %": "67", "wn %": "1.50", "RMS": "1.58", "zeta RMS": "0.0212",
         "worst": "2.0 0.030", "z": "1.33 2.12", "in 2 sigma %": "100 50", "beyond 3.5": "0",
     }  # fmt: skip

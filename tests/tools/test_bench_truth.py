@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from bench import frame
-from bench import truth as bench
+from bench.accuracy import tables
 from bench.frame import Row
 from checks import judge
 from checks.judge import compared
@@ -108,7 +108,7 @@ def test_a_model_with_the_aileron_is_held_to_the_truth_without_the_roll_loop() -
 
 
 def test_the_figures_of_two_answers_are_those_by_hand() -> None:
-    lines = {text.split(" | ")[0]: text for text in bench.air_lines(rows())}
+    lines = {text.split(" | ")[0]: text for text in next(tables(rows()))}
 
     # +6.4 % and 0 %, +2 and 0 sigma; the refused one does not count, but its ELS does: +2 %, .8
     assert lines["| answer, all"] == (

@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from bench import verdict
 from bench.frame import log_rows
+from checks.judge import judged
 from flights import quiet
 from flights import truth as jsbsim_truth
 from flights.flight import Flight, Hands
@@ -124,9 +124,8 @@ def test_made_logs_are_judged_into_rows_beside_their_truth(
     made = fly(plan, Link(20.0, 20.0), Hands(excitation(plan)), group="calm")
     logs = {"excited_003": lambda: made, "unexcited_003": lambda: flown["mixed"]}
 
-    rows = [log_rows(verdict.whole, tmp_path, (3, *each)) for each in logs.items()]
+    flight, mixed = (log_rows(judged, tmp_path, 3, *each)[-1] for each in logs.items())
 
-    (flight,), (mixed,) = rows
     assert (flight["log"], flight["number"]) == ("excited", 3)
     assert flight["usable"]
     assert abs(flight["wn_error_pct"]) < 5.0

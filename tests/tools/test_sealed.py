@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from bench import accuracy
 from bench import frame as runs
-from bench import verdict
 from bench.frame import main
 from flights import plan as sealed
 from flights.flight import Flight, Hands
@@ -204,7 +204,7 @@ def test_a_linear_aircraft_does_after_a_pulse_what_its_matrices_say(project: Pat
 def test_a_sealed_run_appends_a_row_for_its_commit_and_only_one(
     bench: str, few: list[str], project: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any
 ) -> None:
-    monkeypatch.setattr(verdict, "SEALED", {"excited": 1})
+    monkeypatch.setattr(accuracy, "SEALED", {"excited": 1})
     line = [bench, "--sealed", "--jobs", "1", *few]
     head = git(project, "rev-parse", "HEAD")
 

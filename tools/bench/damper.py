@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 from argparse import Namespace
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -30,7 +30,6 @@ from flights.telemetry import telemetry
 from flights.truth import (
     LATERAL,
     after_lead_in,
-    dutch_roll,
     linear_dutch_rolls,
     mean_plan,
     with_roll_hold,
@@ -53,6 +52,13 @@ UNITS = 180.0 / math.pi / 45.0
 """Units of rudder per rad/s: the damper works in degrees, of which 45 are one unit."""
 
 
+def pole_of(plan: FlightPlan) -> complex:
+    """Return the Dutch roll's pole at a plan's trim, with its roll hold and no damper."""
+    mode = linear_dutch_rolls(plan)["dutch_roll"]
+    assert mode is not None
+    return mode["wn_rad_s"] * complex(-mode["zeta"], math.sqrt(1.0 - mode["zeta"] ** 2))
+
+
 def plan_of(place: int) -> tuple[FlightPlan, float, Link]:
     """Return the flight of a place with a damper without gain, its servo's lag in s, its link."""
     rng = np.random.default_rng([SEED, place])
@@ -62,9 +68,7 @@ def plan_of(place: int) -> tuple[FlightPlan, float, Link]:
         speed_kt=speed_kt * (1.0 if place < len(CONDITIONS) else 1.05),
         amplitude=round(float(rng.uniform(0.12, 0.25)), 3),
     )  # fmt: skip
-    mode = linear_dutch_rolls(plan)["dutch_roll"]
-    assert mode is not None
-    period_s = math.tau / mode["wn_rad_s"]
+    period_s = math.tau / abs(pole_of(plan))
     scaling = round(speed_kt * KNOT * float(rng.uniform(0.8, 1.2)), 1)
     parameters = {
         "YAW2SRV_DAMP": 0.0, "YAW2SRV_RLL": 1.0, "YAW2SRV_INT": 0.0, "YAW2SRV_SLIP": 0.0,
@@ -100,25 +104,24 @@ def flown(place: int) -> Made:
     flight = LaggingFlight(plan, Hands(rudder), link, lag_s)
     log = join(telemetry(link, flight))
     mean = mean_plan(plan, after_lead_in(flight.flown))
-    truth = {"place": place, "speed_kt": mean.speed_kt, "altitude_ft": mean.altitude_ft}
-    return Made(log, truth)
+    return Made(log, {"place": place, "speed_kt": mean.speed_kt, "altitude_ft": mean.altitude_ft})
 
 
 def closed(plan: FlightPlan, lag_s: float, gain: float) -> tuple[float, float]:
-    """Return wn and zeta of the Dutch roll with the damper, followed from a gain of 0."""
+    """Return wn and zeta of the Dutch roll with the damper, followed from a gain of 0.
+
+    The scaling by the airspeed is far from the limits that AIRSPEED_MIN and AIRSPEED_MAX set it.
+    """
     A, rudder = with_roll_hold(plan)[1]
-    own, speed = dict(plan.parameters), plan.speed_kt * KNOT
+    own, speed, pole = dict(plan.parameters), plan.speed_kt * KNOT, pole_of(plan)
     seen = np.array([{"R": 1.0, "Phi": -GRAVITY / speed}.get(name, 0.0) for name in LATERAL])
-    hz, scaling = own["SCHED_LOOP_RATE"], own["SCALING_SPEED"]
-    low = min(0.5, scaling / (2.0 * own["AIRSPEED_MAX"]))
-    high = max(2.0, scaling / (0.7 * own["AIRSPEED_MIN"]))
-    loop = control.ss(A, -rudder[:, None], seen[None], 0.0) * control.tf([1.0], [lag_s, 1.0])
-    loop *= control.tf([1.0, 0.0], [1.0, -math.log(KEPT) * hz])
-    loop *= control.tf(*control.pade(0.5 / hz, 2))
-    top = UNITS * gain * np.clip(scaling / speed, low, high) ** 2
-    start = dutch_roll(A, rudder, LATERAL.index("R"))
-    assert start is not None
-    pole = start["wn_rad_s"] * complex(-start["zeta"], math.sqrt(1.0 - start["zeta"] ** 2))
+    loop = (
+        control.ss(A, -rudder[:, None], seen[None], 0.0)
+        * control.tf([1.0], [lag_s, 1.0])
+        * control.tf([1.0, 0.0], [1.0, -math.log(KEPT) * own["SCHED_LOOP_RATE"]])
+        * control.tf(*control.pade(0.5 / own["SCHED_LOOP_RATE"], 2))
+    )
+    top = UNITS * gain * (own["SCALING_SPEED"] / speed) ** 2
     for k in np.linspace(0.0, top, 41):
         poles = control.poles(control.feedback(k * loop, 1.0))
         pole = complex(poles[np.argmin(np.abs(poles - pole))])
@@ -135,45 +138,44 @@ def gain_for(plan: FlightPlan, lag_s: float, added: float) -> float:
 
 def gains(log: Path, truth: Truth) -> list[Row]:
     """Return a row for each gain of a place, and whether its zeta is right and its sigma holds."""
-    before, (plan, lag_s, _) = replay(log), plan_of(truth.pop("place"))
-    rows: list[Row] = []
-    for added in ADDED:
-        gain = gain_for(plan, lag_s, added)
-        wn, zeta = closed(replace(plan, **truth), lag_s, gain)
-        rows.append({"aircraft": plan.aircraft, "zeta_true": zeta})
-        predicted = before.damper(gains=[gain]).predicted
-        if predicted is not None and (found := predicted.closed) is not None:
-            at = int(np.argmin(np.abs(found.gains - gain)))
-            off = abs(found.zeta[0, at] - zeta)
-            rows[-1] |= {
-                "wn_off_pct": 100.0 * abs(found.wn_rad_s[0, at] / wn - 1.0),
-                "right": off <= max(RIGHT, RIGHT_SHARE * abs(zeta)),
-                "within": off <= 2.0 * found.zeta_std[0, at],
-            }
-    return rows
+    plan, lag_s, _ = plan_of(truth.pop("place"))
+    asked = [gain_for(plan, lag_s, added) for added in ADDED]
+    wn, zeta = np.transpose([closed(replace(plan, **truth), lag_s, gain) for gain in asked])
+    if (predicted := replay(log).damper(gains=asked).predicted) is None:
+        return [{"aircraft": plan.aircraft}] * len(asked)
+    found = predicted.closed
+    at = [int(np.argmin(np.abs(found.gains - gain))) for gain in asked]
+    off = np.abs(found.zeta[0, at] - zeta)
+    columns = {
+        "zeta_true": zeta, "wn_off_pct": 100.0 * np.abs(found.wn_rad_s[0, at] / wn - 1.0),
+        "right": off <= np.maximum(RIGHT, RIGHT_SHARE * np.abs(zeta)),
+        "within": off <= 2.0 * found.zeta_std[0, at],
+    }  # fmt: skip
+    return [{"aircraft": plan.aircraft} | {name: of[i] for name, of in columns.items()}
+            for i in range(len(asked))]  # fmt: skip
 
 
 def shown(rows: Sequence[Row]) -> dict[str, object]:
     """Return the cells of some cases by column."""
     some = [row for row in rows if "right" in row]
-    right, within = (sum(row[name] for row in some) for name in ("right", "within"))
+    right, within = (f"{sum(row[of] for row in some)} of {len(some)}" for of in LEAST)
     # A predicted pair that became two real poles has no wn; its zeta counts as wrong.
     off = known(np.median, np.array([row["wn_off_pct"] for row in some]))
     return {
-        "cases": len(rows), "refused": len(rows) - len(some),
-        "zeta right": f"{right} of {len(some)}", "within 2 sigma": f"{within} of {len(some)}",
-        "wn off, median": f"{off:.1f} %",
+        "cases": len(rows), "refused": len(rows) - len(some), "zeta right": right,
+        "within 2 sigma": within, "wn off, median": f"{off:.1f} %",
     }  # fmt: skip
 
 
-def damper(options: Namespace) -> Iterator[str]:
+def damper(options: Namespace) -> list[Iterable[str]]:
     """Compare what a flight without the damper predicts for gains of it with the closed loop."""
     places = range(options.cases // len(ADDED))
     rows = all_rows(options, gains, {f"damper_{i:03d}": partial(flown, i) for i in places})
-    by_aircraft = groups(rows, [("{}", "aircraft", ())])
-    yield from table("", ((name, shown(its)) for name, its in [*by_aircraft, ("all", rows)]))
-    yield ""
+    found = groups(rows, [("{}", "aircraft", ())]) | {"all": rows}
     some = [row for row in rows if "right" in row]
-    for name, least in LEAST.items():
-        if (share := sum(row[name] for row in some)) < least * len(some):
-            yield f"{NOT_MET}{share} of {len(some)} {name}"
+    counts = {name: sum(row[name] for row in some) for name in LEAST}
+    return [
+        table("", {name: shown(its) for name, its in found.items()}),
+        (f"{NOT_MET}{count} of {len(some)} {name}"
+         for name, count in counts.items() if count < LEAST[name] * len(some)),
+    ]  # fmt: skip

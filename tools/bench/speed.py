@@ -9,10 +9,9 @@ code, while the mean depends on what other programs do.
 
 from __future__ import annotations
 
-import re
 import tempfile
 from argparse import Namespace
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 from itertools import product
@@ -30,19 +29,19 @@ SETTINGS = {"no floor": (1.0, 0), "floor": (0.998, 0), "floor and diagnostics": 
 """Forgetting factor and lags of the residuals, by name."""
 
 
-def updates(armax: Any, u: list[float], y: list[float]) -> None:
+def updates(armax: Any, samples: list[tuple[float, float]]) -> None:
     """Update an estimator by a sample at a time."""
-    for k in range(SINGLE):
-        armax.update(u[k], y[k])
+    for u, y in samples:
+        armax.update(u, y)
 
 
-def ns(call: Callable[[], object], count: int) -> float:
+def ns(count: int, call: Callable[..., object], *of: Any, **options: Any) -> float:
     """Return the time in ns of each of ``count`` updates, which a call makes."""
-    return 1e9 * timeit(call, number=1) / count
+    return 1e9 * timeit(partial(call, *of, **options), number=1) / count
 
 
-def runs(order: int) -> dict[str, Callable[[], float]]:
-    """Return what measures an update of each method, by name."""
+def runs(order: int) -> Iterator[tuple[str, Callable[[], float]]]:
+    """Yield what measures an update of each method, and how it is called."""
     # Here, as their memory would count as that of the readers of `link`.
     from scipy.signal import lfilter
 
@@ -51,30 +50,26 @@ def runs(order: int) -> dict[str, Callable[[], float]]:
     u, e = np.random.default_rng(0).standard_normal((2, SAMPLES))
     a, orders = (1.0, -1.5, 0.7), ArmaxOrders(order, order, order, 1)
     y = lfilter((0.0, 1.0, 0.5), a, u) + lfilter((1.0, -1.0, 0.2), a, e)
-    found: dict[str, Callable[[], float]] = {}
     for method, (name, (forgetting, lags)) in product(("els", "rml"), SETTINGS.items()):
-        config = EstimatorConfig(
+        armax = RecursiveArmax(EstimatorConfig(
             orders=orders, sample_time_s=0.05, method=method, bias=False,
             forgetting_factor=forgetting, residual_lags=lags,
-        )  # fmt: skip
-        armax = RecursiveArmax(config)
+        ))  # fmt: skip
         armax.run(u, y)
-        bulk = partial(armax.run, u, y, keep="last")
-        found[f"{method} bulk, {name}"] = partial(ns, bulk, SAMPLES)
+        yield f"{method} bulk, {name}", partial(ns, SAMPLES, armax.run, u, y, keep="last")
         if name == "floor":
-            single = partial(updates, armax, u.tolist(), y.tolist())
-            found[f"{method} update, floor"] = partial(ns, single, SINGLE)
-    return found
+            samples = np.column_stack([u, y])[:SINGLE].tolist()
+            yield f"{method} update, floor", partial(ns, SINGLE, updates, armax, samples)
 
 
-def estimator(options: Namespace) -> Iterator[str]:
+def estimator(options: Namespace) -> list[Iterable[str]]:
     """Measure the recursive methods with 6 and 9 parameters, in blocks and sample by sample."""
     columns = {"ns per update, 6 parameters": 2, "9 parameters": 3}
-    found = {column: best(runs(order), options.rounds) for column, order in columns.items()}
-    yield from table("", (
-        (name, {column: f"{of[name]:.0f}" for column, of in found.items()})
-        for name in next(iter(found.values()))
-    ))  # fmt: skip
+    found = {column: best(dict(runs(order)), options.rounds) for column, order in columns.items()}
+    return [table("", {
+        name: {column: f"{of[name]:.0f}" for column, of in found.items()}
+        for name in found["9 parameters"]
+    })]  # fmt: skip
 
 
 WANTED = (
@@ -116,13 +111,13 @@ READERS: dict[str, tuple[Callable[[Path], None], int]] = {
 def measured(reader: str, path: Path) -> tuple[float, float]:
     """Return MB/s and the peak memory in MB of a reader, in this process."""
     read, times = READERS[reader]
-    spent_s = min(repeat(partial(read, path), number=1, repeat=times))
+    mb_s = path.stat().st_size / 1e6 / min(repeat(partial(read, path), number=1, repeat=times))
     # ru_maxrss would have the memory of the parent before the start in it.
-    peak = re.findall(r"VmHWM:\s+(\d+)", Path("/proc/self/status").read_text(encoding="utf-8"))
-    return path.stat().st_size / 1e6 / spent_s, int(peak[0]) / 1024
+    status = Path("/proc/self/status").read_text(encoding="utf-8")
+    return mb_s, int(status.split("VmHWM:")[1].split()[0]) / 1024
 
 
-def link(options: Namespace) -> Iterator[str]:
+def link(options: Namespace) -> list[Iterable[str]]:
     """Read made-up telemetry logs of MEGABYTES, each by each reader in a process of its own.
 
     The start of a process and its imports are not timed.
@@ -134,10 +129,10 @@ def link(options: Namespace) -> Iterator[str]:
         paths = [Path(folder) / f"{mb}.tlog" for mb in MEGABYTES]
         for mb, path in zip(MEGABYTES, paths, strict=True):
             write_log(path, mb / MB_AN_HOUR, MIX)
-        for_each = {reader: partial(measured, reader) for reader in READERS}
-        found = {reader: zip(*pool.map(do, paths), strict=True) for reader, do in for_each.items()}
-    yield from table("", (
-        (reader, {name: " / ".join(f"{x:.3g}" for x in each)
-                  for name, each in zip(("MB/s", "peak MB"), columns, strict=True)})
+        found = {reader: zip(*pool.map(partial(measured, reader), paths), strict=True)
+                 for reader in READERS}  # fmt: skip
+    return [table("", {
+        reader: {name: " / ".join(f"{x:.3g}" for x in each)
+                 for name, each in zip(("MB/s", "peak MB"), columns, strict=True)}
         for reader, columns in found.items()
-    ))  # fmt: skip
+    })]  # fmt: skip
