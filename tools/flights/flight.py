@@ -91,9 +91,10 @@ def put(fdm: Any, values: Mapping[str, float]) -> None:
 
 def stir(fdm: Any, seed: int, severity: int) -> None:
     """Begin the turbulence of a severity (MIL-F-8785C)."""
-    milspec = 3  # of atmosphere/turb-type
     put(fdm, {
-        "atmosphere/randomseed": seed, "atmosphere/turb-type": milspec, SEVERITY: severity,
+        "atmosphere/randomseed": seed,
+        "atmosphere/turb-type": 3,  # MIL-F-8785C
+        SEVERITY: severity,
     })  # fmt: skip
 
 
@@ -156,8 +157,10 @@ def _gliding(fdm: Any, plan: FlightPlan) -> Any:
         raise FlightError(f"{plan.aircraft} finds no glide at {plan.speed_kt:g} kt")
     alpha, gamma = glide[:2].tolist()
     speed_fps = fdm["velocities/vt-fps"]
-    level = {"ic/vt-fps": speed_fps * math.cos(gamma), "ic/gamma-rad": 0.0}
-    put(fdm, level | {"ic/alpha-rad": alpha + gamma})
+    put(fdm, {
+        "ic/vt-fps": speed_fps * math.cos(gamma), "ic/gamma-rad": 0.0,
+        "ic/alpha-rad": alpha + gamma,
+    })  # fmt: skip
     fdm.run_ic()
     fdm["atmosphere/wind-down-fps"] = speed_fps * math.sin(gamma)
     fdm.suspend_integration()
@@ -208,8 +211,11 @@ class Flight:
         self.aileron_us = plan.aileron.pulse(self._aileron_trim)
         if severity:
             stir(fdm, link.seed, severity)
-        drawn = np.random.default_rng([link.seed, 43]).normal(size=(n // SENSED_MS + 1, 6))
-        self._noises = [] if plan.true_feedback else (drawn * link.sigmas).tolist()
+        rng = np.random.default_rng([link.seed, 43])
+        self._noises = (
+            [] if plan.true_feedback
+            else rng.normal(0.0, link.sigmas, (n // SENSED_MS + 1, 6)).tolist()
+        )  # fmt: skip
         self.noise: list[float] | None = None
         self.ms = 0
         self.flown: list[tuple[float, ...]] = []
@@ -217,10 +223,18 @@ class Flight:
 
     def advance_to(self, ms: int) -> None:
         """Fly on to a millisecond after the start."""
-        plan = self.plan
+        plan, hands = self.plan, self._hands
         while self.ms < ms:
             self.ms += 1
-            rudder, aileron, elevator = self._commands()
+            rudder, aileron, roll = self._asked[self.ms]
+            if hands.react:
+                rudder += hands.react(self)
+            rolled = plan.roll_gain * (self.sensed(0) - roll)
+            aileron -= rolled + plan.roll_rate_gain * self.sensed(3)
+            elevator = self._elevator
+            if hands.nose_held:
+                pitched = PITCH_GAIN * (self.sensed(1) - self._pitch)
+                elevator = elevator + pitched + PITCH_RATE_GAIN * self.sensed(4)
             self.rudder_us = plan.rudder.pulse(rudder)
             self.aileron_us = plan.aileron.pulse(aileron)
             # The aircraft flies the servo outputs, with their quantisation.
@@ -242,18 +256,6 @@ class Flight:
     def _moved(self, rudder: float) -> float:
         """Return the deflection in this millisecond of a servo whose command is ``rudder``."""
         return rudder
-
-    def _commands(self) -> tuple[float, float, float]:
-        """Return the commands of rudder, aileron and elevator in this millisecond."""
-        hands, plan, elevator = self._hands, self.plan, self._elevator
-        rudder, aileron, roll = self._asked[self.ms]
-        if hands.react:
-            rudder += hands.react(self)
-        aileron -= plan.roll_gain * (self.sensed(0) - roll) + plan.roll_rate_gain * self.sensed(3)
-        if hands.nose_held:
-            elevator += PITCH_GAIN * (self.sensed(1) - self._pitch)
-            elevator += PITCH_RATE_GAIN * self.sensed(4)
-        return rudder, aileron, elevator
 
     def sensed(self, number: int) -> float:
         """Return number ``number`` of ``SENSED`` as the autopilot senses it."""

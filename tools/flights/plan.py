@@ -143,9 +143,9 @@ def excitation(plan: FlightPlan) -> Floats:
     left = max(n - round(LEAD_IN_S / STEP_S), 0)
     match plan.manoeuvre:
         case "sweep":
-            t, low_hz = np.arange(left) * STEP_S, 0.3 * 0.3 / plan.step_s
+            t = np.arange(left) * STEP_S
             side = np.where(t // SWEEP_S % 2 == 0, 1.0, -1.0)
-            high_hz = low_hz * 2.5 / 0.3
+            low_hz, high_hz = 0.3 * 0.3 / plan.step_s, 2.5 * 0.3 / plan.step_s
             moves = side * chirp(t % SWEEP_S, low_hz, SWEEP_S, high_hz, "logarithmic", phi=-90.0)
         case "prbs":
             bits, _ = max_len_seq(9)

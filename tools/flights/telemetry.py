@@ -72,8 +72,9 @@ def telemetry(link: Link, flight: Flight | Played) -> Iterator[Record]:
     The link keeps the order. It has latency, jitter, and some stalls, at whose end all frames that
     wait arrive at once.
     """
-    rng, version = np.random.default_rng(link.seed), "v10" if link.mavlink1 else "v20"
-    dialect = importlib.import_module(f"pymavlink.dialects.{version}.ardupilotmega")
+    rng = np.random.default_rng(link.seed)
+    version = 10 if link.mavlink1 else 20
+    dialect = importlib.import_module(f"pymavlink.dialects.v{version}.ardupilotmega")
     encoder = Encoder(dialect=dialect)
     arrival_us = stalled_us = 0
     for ms, name, index in schedule(flight.plan, link, rng):
