@@ -1,4 +1,4 @@
-"""Ordinary flights: an autopilot holds course, height and speed, and nobody moves the rudder.
+"""Ordinary flights: an autopilot holds course, height and speed; no rudder is moved on purpose.
 
 The course turns by 20 to 110 degrees at times. The roll hold hears the noisy signals that ATTITUDE
 reports. JSBSim flies at 100 Hz, or a small linear aircraft that is propagated exactly. The truth is
@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from scipy.signal import butter, sosfilt
 
-from flights.flight import PITCH_GAIN, PITCH_RATE_GAIN, jsbsim_rudder, stir, trimmed
+from flights.flight import PITCH_GAIN, PITCH_RATE_GAIN, jsbsim_rudder, put, stir, trimmed
 from flights.fly import Made
 from flights.linear import GRAVITY
 from flights.moved import CONDITIONS, RATES_HZ, SEVERITIES
@@ -100,8 +100,10 @@ class Ordinary:
         JSBSim turns them by the direction of the wind: here a wind of nearly nothing.
         """
         if self.frozen:
-            for axis, part in (("north", math.cos), ("east", math.sin)):
-                fdm[f"atmosphere/wind-{axis}-fps"] = 1e-3 * part(-fdm[SENSED[PSI]])
+            put(fdm, {
+                "atmosphere/wind-north-fps": 1e-3 * math.cos(fdm[STATES[PSI]]),
+                "atmosphere/wind-east-fps": -1e-3 * math.sin(fdm[STATES[PSI]]),
+            })  # fmt: skip
 
 
 def within(value: float, most: float) -> float:
@@ -169,12 +171,9 @@ def autopilot(
             - within(0.004 * (FOOT * (feet - trim[STATES[FEET]])) + 0.006 * (FOOT * climb), 0.12)
             + 0.5 * (1.0 / math.cos(within(phi, 0.8)) - 1.0)
         )
-        fdm[ELEVATOR] = within(
-            trim[ELEVATOR] + PITCH_GAIN * (theta - nose) + PITCH_RATE_GAIN * q, 1.0
-        )
-        throttle = trim[THROTTLE] + 0.03 * (trim[STATES[KT]] - kt)
-        for engine in range(4):
-            fdm[f"{THROTTLE}[{engine}]"] = min(max(throttle, 0.0), 1.0)
+        pull = trim[ELEVATOR] + PITCH_GAIN * (theta - nose) + PITCH_RATE_GAIN * q
+        throttle = min(max(trim[THROTTLE] + 0.03 * (trim[STATES[KT]] - kt), 0.0), 1.0)
+        put(fdm, {ELEVATOR: within(pull, 1.0)} | {f"{THROTTLE}[{i}]": throttle for i in range(4)})
         return [
             plan.aileron.unit(plan.aileron.pulse(trim[AILERON] + aileron)),
             plan.rudder.unit(plan.rudder.pulse(jsbsim_rudder(trim[RUDDER]) + rudder)),
@@ -266,14 +265,22 @@ FAMILIES = (
 """The hostile families: lines in the signals of these axes, and what changes a flight otherwise."""
 
 
-def _link(rng: np.random.Generator, hz: float, gyro: float) -> Link:
-    """Return a link whose servo messages come at other times than the attitudes."""
-    return Link(
-        hz,
-        hz,
-        gyro,
-        seed=int(rng.integers(1, 2**31)),
-        servo_ms=int(rng.integers(5, int(1000 / hz))),
+def _drawn(rng: np.random.Generator, plan: FlightPlan, hz: float, gyro: float) -> Ordinary:
+    """Return a flight with a drawn roll hold, heading and seed; servos are sent at a drawn time."""
+    return Ordinary(
+        replace(
+            plan,
+            roll_gain=round(rng.uniform(0.6, 1.4) * plan.roll_gain, 3),
+            roll_rate_gain=round(rng.uniform(0.4, 1.0) * plan.roll_rate_gain, 4),
+            heading_deg=float(rng.integers(0, 360)),
+        ),
+        Link(
+            hz,
+            hz,
+            gyro,
+            seed=int(rng.integers(1, 2**31)),
+            servo_ms=int(rng.integers(5, int(1000 / hz))),
+        ),
     )
 
 
@@ -290,23 +297,13 @@ def jsbsim(
     # Above 4000 ft there is no turbulence of severity 1 or 2 (MIL-F-8785C).
     plan = plan_at((name, min(feet, 4000.0), knots), seconds=seconds, manoeuvre="none")
     step = turn + at
-    return Ordinary(
-        _gains(rng, plan),
-        _link(rng, RATES_HZ[step % 3], (0.001, 0.003, 0.006)[(at + 2 * turn) % 3]),
+    return replace(
+        _drawn(rng, plan, RATES_HZ[step % 3], (0.001, 0.003, 0.006)[(at + 2 * turn) % 3]),
         severity=SEVERITIES[turn % 4],
         law=list(LAWS)[(step + turn // 3) % 3],
         mix=MIXES[(step + turn // 4) % 4],
         servo_lag_s=float(rng.choice(LAGS_S)),
         frozen=bool((at + turn // 2) % 2),
-    )
-
-
-def _gains(rng: np.random.Generator, plan: FlightPlan) -> FlightPlan:
-    return replace(
-        plan,
-        roll_gain=round(rng.uniform(0.6, 1.4) * plan.roll_gain, 3),
-        roll_rate_gain=round(rng.uniform(0.4, 1.0) * plan.roll_rate_gain, 4),
-        heading_deg=float(rng.integers(0, 360)),
     )
 
 
@@ -318,9 +315,8 @@ def small(seed: int, number: int, seconds: float) -> Ordinary:
     rng = np.random.default_rng([seed, 1, number])
     wn = 3.0 * 4.0 ** (number * 0.618034 % 1.0)
     rates = [hz for hz in RATES_HZ if 2.5 * wn < 0.8 * math.pi * hz]
-    return Ordinary(
-        _gains(rng, replace(_small_aircraft(rng, wn), seconds=seconds)),
-        _link(rng, rates[number % len(rates)], 0.005),
+    return replace(
+        _drawn(rng, _small_aircraft(rng, wn, seconds), rates[number % len(rates)], 0.005),
         severity=SEVERITIES[number % 4],
         law=list(LAWS)[number // 3 % 3],
         mix=MIXES[number // 2 % 4],
@@ -329,7 +325,7 @@ def small(seed: int, number: int, seconds: float) -> Ordinary:
     )
 
 
-def _small_aircraft(rng: np.random.Generator, wn: float) -> FlightPlan:
+def _small_aircraft(rng: np.random.Generator, wn: float, seconds: float) -> FlightPlan:
     """Return the plan of a small aircraft with a Dutch roll at about ``wn``."""
     while True:
         zeta, roll_s = (rng.uniform(*ends) for ends in (SMALL_ZETA, SMALL_ROLL_S))
@@ -345,8 +341,8 @@ def _small_aircraft(rng: np.random.Generator, wn: float) -> FlightPlan:
         }  # fmt: skip
         hold = 2.5 / roll_s / own["L_delta_a"]
         plan = FlightPlan(
-            "small", round(own["airspeed_m_s"] / KNOT, 2), 1000.0, manoeuvre="none",
-            roll_gain=hold, roll_rate_gain=0.1 * hold, own=tuple(own.items()),
+            "small", round(own["airspeed_m_s"] / KNOT, 2), 1000.0, seconds=seconds,
+            manoeuvre="none", roll_gain=hold, roll_rate_gain=0.1 * hold, own=tuple(own.items()),
         )  # fmt: skip
         poles = np.linalg.eigvals(trimmed(plan).A)
         pair, real = poles[np.argmax(poles.imag)], poles.real[np.abs(poles.imag) < 1e-6]
