@@ -181,6 +181,7 @@ def without_model(each: Any) -> Any:
         (lambda f: {"airspeed_m_s": None}, "airspeed_unknown", ""),
         (None, "not_fitted", "has no model"),
         ("no rows", "not_fitted", "samples are not"),
+        ("stick", "stick", "of the damped aircraft"),
     ],
 )
 def test_an_uncertain_or_refused_answer_gives_no_advice(changed: Any, id_: str, says: str) -> None:
@@ -188,6 +189,9 @@ def test_an_uncertain_or_refused_answer_gives_no_advice(changed: Any, id_: str, 
     other, summary = copy(run()), run().summary
     if changed == "no rows":
         other._rows = no_rows()
+    elif changed == "stick":
+        stick = change(summary.channels["rudder"], source="RC_CHANNELS.chan4_raw")
+        other.summary = change(summary, channels=summary.channels | {"rudder": stick})
     elif changed is None:
         other.summary = change(summary, manoeuvres=[*map(without_model, summary.manoeuvres)])
     else:
@@ -213,6 +217,18 @@ def test_a_turn_that_the_damper_feeds_back_is_refused() -> None:
     assert verdict.why == "roll_term"
     share = int(re.findall(r"(\d+) % of the yaw", verdict.reasons[0].text)[0])
     assert share == pytest.approx(3.0 * 100.0 * 0.8 / WN * 9.81 / V, rel=0.15)
+
+
+def test_a_rudder_in_rad_of_unknown_travel_and_an_unknown_bank_are_refused() -> None:
+    columns = record()
+    rad = {"rudder_unit": "rad", "rudder_sign": "nose-right", "rudder_is": "commanded"}
+    in_rad = yawid.replay(columns, **rad)
+    no_roll = yawid.replay({k: x for k, x in columns.items() if k != "roll [rad]"}, **GIVEN)
+
+    verdict = studied(in_rad).report.verdict
+    assert (verdict.why, verdict.next) == ("travel_unknown", "replay with --rudder-max-deg D")
+    verdict = studied(no_roll, parameters=PLANE | {"YAW2SRV_RLL": 1.0}).report.verdict
+    assert (verdict.why, verdict.next) == ("roll_term", "log ATTITUDE and the airspeed")
 
 
 def test_the_damped_response_is_that_of_the_steps_of_the_autopilot() -> None:
