@@ -6,13 +6,13 @@ import json
 import re
 import shlex
 import shutil
-import socket
 from pathlib import Path
 
 import check
 import pytest
 from bench.frame import BENCHES
 from checks import readme_tables
+from checks.children import free_udp_port
 from places import C172P, ROOT, SRC, TOOLS
 
 from yawid.answers.reasons import KINDS
@@ -147,9 +147,7 @@ def test_the_lines_of_the_readme_typed_in_order_work(tmp_path: Path, monkeypatch
     shutil.copy(C172P, "logs")
     lines = re.findall(r"^(?:.*/bin/)?(yawid .*)$|`(yawid replay [^`]+)`", FOR_USERS, re.MULTILINE)
     typed = [line for line in map("".join, lines) if line.split()[1] in command_line.COMMANDS]
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
+    port = free_udp_port()
 
     assert len(typed) >= 10
     for line in typed:

@@ -168,11 +168,11 @@ def mutants(source: bytes, group: str = "", file: str = "") -> Iterator[Mutant]:
 
 
 def _free(node: ast.AST) -> Iterator[Any]:
-    """Yield the nodes of a tree that may change."""
+    """Yield the nodes of a tree that may change: no text, assertion or annotation."""
     yield node
+    fixed = [getattr(node, field, None) for field in ("annotation", "returns")]
     for each in ast.iter_child_nodes(node):
-        is_type = each in (getattr(node, "annotation", None), getattr(node, "returns", None))
-        if not is_type and not isinstance(each, ast.JoinedStr | ast.Assert):
+        if each not in fixed and not isinstance(each, ast.JoinedStr | ast.Assert):
             yield from _free(each)
 
 
@@ -235,7 +235,8 @@ def pytest_runtest_logstart(nodeid: str) -> None:
 def recorded(tree: Path, folder: Path, tests: Sequence[str]) -> tuple[CoverageData, str]:
     """Run the tests once; return which of their files reach which lines, and what pytest printed.
 
-    What runs in a child process is not seen.
+    What runs in a child process is not seen. What runs on import belongs to no file, as pytest
+    imports all modules before the first test, to look for examples in their docstrings.
     """
     kept, data = folder / "recorded.txt", CoverageData(str(folder / "coverage"))
     if not kept.exists():
@@ -285,11 +286,8 @@ def hunt(tree: Path, folder: Path, tests: Sequence[str], seed: int, count: int) 
     rows = json.loads(path.read_text(encoding="utf-8")) if path.exists() else []
     for mutant in islice(drawn(package, seed), len(rows), count):
         source, some = (package / mutant.file).read_bytes(), reaching(mutant, package, data, took_s)
-        code, _ = (
-            seeded(tree, mutant.file, mutant.seeded(source), *GATE, *some, *aside)
-            if some
-            else (NO_TESTS, "")
-        )
+        new = mutant.seeded(source)
+        code = seeded(tree, mutant.file, new, *GATE, *some, *aside)[0] if some else NO_TESTS
         rows.append({
             "group": mutant.group, "kind": mutant.kind, "tests": some,
             "where": f"{mutant.file}:{mutant.lines.start}",
