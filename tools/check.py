@@ -2,10 +2,10 @@
 
     python tools/check.py [--fast | --long]
 
-``--fast`` leaves out tests marked slow. ``--long`` adds tests marked long, 500 examples where a
-test draws 25 of them, and check_install.py, which must pass before an issue is closed; without
-``.[dev,stores]`` the test of an S3 server is skipped. All checks run even if one fails; the exit
-code is 1 then.
+``--fast`` leaves out tests marked slow. ``--long`` adds tests marked long (two hours at most each),
+500 examples where a test draws 25 of them, and check_install.py, which must pass before an issue is
+closed; without ``.[dev,stores]`` the test of an S3 server is skipped. All checks run even if one
+fails; the exit code is 1 then.
 """
 
 from __future__ import annotations

@@ -138,6 +138,7 @@ def tested(*options: str) -> str:
         "uv", "run", "--quiet", "--isolated", "--no-project", "--no-build", *options,
         f"--with={next(Path('dist').glob('*.whl')).resolve()}",
         "--with=pytest>=9", "--with=hypothesis>=6.100", "--with=jsonschema>=4.18",
+        "--with=playwright>=1.50",
         "python", "-m", "pytest", "-q", "-p", "no:cacheprovider", "-m", "not slow and not long",
         "-o", "filterwarnings=",  # old libraries warn when they use newer ones
         *TESTS,
