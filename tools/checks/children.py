@@ -13,8 +13,6 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import psutil
-
 LIMIT_S = 120.0
 """Time limit of a child in s: twenty times what the slowest child of a test needs on two cores."""
 LONG_S = 86_400.0
@@ -79,9 +77,3 @@ def free_udp_port() -> int:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.bind(("127.0.0.1", 0))
         return int(probe.getsockname()[1])
-
-
-def resident_mb(pid: int | None = None) -> float:
-    """Return the memory in MB that a process has now, without pages that belong to files."""
-    memory = psutil.Process(pid).memory_info()
-    return float(memory.rss - memory.shared) / 1024.0**2
