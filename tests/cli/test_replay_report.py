@@ -22,14 +22,14 @@ def test_a_report_comes_after_the_answer_and_one_that_cannot_be_written_is_a_lin
 ) -> None:
     (tmp_path / "log.html").write_text("mine", encoding="utf-8")
 
-    assert main(["replay", str(C172P), "--report", "--out", str(tmp_path), "--rate", "10"]) == 6
+    replay = ["replay", str(C172P), "--report", "--out", str(tmp_path), "--rate=10", "--to=80"]
+    assert main(replay) == 6
     said = capsys.readouterr()
     assert "verdict  usable" in said.out
     assert "log.html exists: --force overwrites it" in said.err
     assert (tmp_path / "log.html").read_text(encoding="utf-8") == "mine"
     (tmp_path / "log.html").unlink()
-    replay = ["replay", str(C172P), "--report", "--out", str(tmp_path), "--rate", "10", "--json"]
-    assert main(replay) == 0  # the files of the same log are replaced
+    assert main([*replay, "--json"]) == 0  # the files of the same log are replaced
     said = capsys.readouterr()
     assert json.loads(said.out)["files"]["mcap"] == str(tmp_path / "log.mcap")
     assert said.err.endswith(f"yawid: report: {tmp_path / 'log.html'}\n")

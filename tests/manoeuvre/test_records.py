@@ -175,7 +175,8 @@ def test_a_yaw_rate_in_deg_s_that_was_read_as_rad_s_is_warned_of(factor: float, 
 def test_a_log_that_was_appended_to_itself_counts_once(tmp_path: Path) -> None:
     (tmp_path / "twice.tlog").write_bytes(2 * C172P.read_bytes())
     once, again = (
-        yawid.load(replayed(log, tmp_path / "out")) for log in (C172P, tmp_path / "twice.tlog")
+        yawid.load(replayed(log, tmp_path / "out", "--to", 80))
+        for log in (C172P, tmp_path / "twice.tlog")
     )
 
     assert again.summary.link.frames == 2 * once.summary.link.frames

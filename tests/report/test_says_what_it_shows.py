@@ -23,8 +23,9 @@ from yawid.sinks.mcap.reader import open_run
 def test_the_page_of_a_usable_flight_contradicts_nothing_and_numbers_every_manoeuvre(
     tmp_path: Path,
 ) -> None:
-    """A flight with twelve manoeuvres."""
-    run = yawid.load(replayed(REPLAY_LOGS / "c172p_three_speeds" / "log.tlog", tmp_path))
+    """A flight with six manoeuvres."""
+    log = REPLAY_LOGS / "c172p_three_speeds" / "log.tlog"
+    run = yawid.load(replayed(log, tmp_path, "--to", 500))
     html = run.report(tmp_path / "R.html").read_text(encoding="utf-8")
     captions = re.findall(r"<figcaption.*?</figcaption>", html, re.DOTALL)
     (figure,) = re.findall(r'<figure id="whole">.*?</figure>', html, re.DOTALL)

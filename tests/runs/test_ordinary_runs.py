@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import jsonschema
 import msgspec
 import pytest
-from inspecting import inspected
+from inspecting import assert_is_read_in_ten_seconds, inspected
 from ordinary_plant import AIRSPEED_M_S, as_tlog, flown, truth
 from printed import printed
 from sinks.mcap.mcap_reading import decoded
@@ -216,6 +216,7 @@ def test_inspect_says_whether_the_log_can_give_it_and_what_is_missing(
     short_code, short = inspected(log, tmp_path, capsys, "--to", "200")
 
     assert (code, short_code) == (5, 5)
+    assert_is_read_in_ten_seconds(known)
     assert known["can"] == {"ordinary": {"yes": True, "lacks": []}}
     assert not short["can"]["ordinary"]["yes"]
     needed = "290 s of ordinary flight at one airspeed are needed"
