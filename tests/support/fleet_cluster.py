@@ -62,7 +62,7 @@ def make_logs(folder: Path, count: int) -> None:
         start_us = START_US + (i % 5) * MONTH_US + i * 10**9
         path = folder / f"{i:02d}.tlog"
         moved_s = 0.0 if i % 4 else 6.0  # fits cost time
-        write_log(path, (14 + i % 7) / 3600, "raised", i, moved_s, 60.0, start_us=start_us)
+        write_log(path, (14 + i % 7) / 3600, i, moved_s, 60.0, start_us=start_us)
 
 
 def one_process(paths: Sequence[str], out: Path) -> None:

@@ -15,12 +15,12 @@ from checks import judge
 from checks.judge import compared
 from flights.linear import GRAVITY
 from flights.plan import KNOT, FlightPlan, plan_at
-from flights.truth import dutch_roll, response, with_roll_hold
+from flights.truth import dutch_roll, with_roll_hold
 from hand_flights import estimate, plain_summary, roll_of, verdict
 from msgspec.structs import replace
 
 from yawid.answers.reasons import Verdict
-from yawid.answers.run_summary import Bare, DutchRoll, Flight, Manoeuvre, Response
+from yawid.answers.run_summary import Bare, DutchRoll, Flight, Manoeuvre, Response, Value
 
 CONDITIONS: dict[str, Any] = {
     "aircraft": "c172p", "severity": 0, "air": "calm", "gyro": "clean", "rate_hz": 25,
@@ -124,9 +124,10 @@ def test_the_figures_of_two_answers_are_those_by_hand() -> None:
 
 
 def answering(of: Response) -> Manoeuvre:
-    """A manoeuvre whose answer has this response."""
+    """A manoeuvre whose answer has this response, a K of .308 and a yaw acceleration of 1."""
     made = found(1, 40.0, 2.0, verdict())
-    return replace(made, estimates={"ct": replace(made.estimates["ct"], response=of)})
+    own = replace(made.estimates["ct"], response=of, yaw_acceleration=Value(1.0, 0.1))
+    return replace(made, estimates={"ct": own})
 
 
 def test_a_gain_and_its_sigma_are_those_of_the_transfer_function() -> None:
@@ -139,7 +140,7 @@ def test_a_gain_and_its_sigma_are_those_of_the_transfer_function() -> None:
         residues={"aileron": [[1.0, 0.0]], "rudder": [[2.0, -0.1 * 4.0 / (2.0 * w)]]},
     )  # fmt: skip
 
-    (value,), (std,) = judge.gains(answering(of), np.array([2.0]))
+    value, std = judge.numbers_shown(answering(of), 2.0)[list(judge.AT).index(1.0)]
 
     s = 2.0j
     G = 4.0 * (s + 0.5) / (s**2 + 0.8 * s + 4.0)
@@ -150,24 +151,24 @@ def test_a_gain_and_its_sigma_are_those_of_the_transfer_function() -> None:
 
 @pytest.mark.parametrize("turn_removed", [False, True])
 def test_an_answer_with_jsbsim_s_own_response_is_not_off(turn_removed: bool) -> None:
-    truth = {"aircraft": "T37", "altitude_m": 1524.0, "flown": [[0.0, 150.0], [20.0, 200.0]]}
+    truth = {"aircraft": "T37", "altitude_m": 1524.0, "flown": [[0.0, 150.0], [120.0, 200.0]]}
     A, b = with_roll_hold(plan_at(("T37", 5000.0, 200.0)))[1]
+    turn = turn_removed * GRAVITY / (200.0 * KNOT)
+    poles, modes = np.linalg.eig(A)  # two pairs
+    seen = np.array([0.0, -turn, 0.0, 1.0]) @ modes
+    both = np.stack([poles, seen * np.linalg.solve(modes, -b)])[:, poles.imag > 0.0]
+    of, by = np.stack([both.real, both.imag], axis=2).tolist()
+    covariance = (1e-6 * np.eye(8)).tolist()
+    exact = answering(Response(poles=of, residues={"rudder": by}, covariance=covariance))
     wn = dutch_roll(A, b, 3)["wn_rad_s"]
-    of_roll = -GRAVITY / (200.0 * KNOT) if turn_removed else 0.0
-    seen = np.array([0.0, of_roll, 0.0, 1.0])
-    w = wn * np.array(judge.AT)
-    gains = [abs(seen @ np.linalg.solve(1j * each * np.eye(4) - A, b)) for each in w]
-    row = {"usable": True, "from_s": 10.0, "to_s": 50.0, "inputs": "rudder", "wn_true": wn}
-    row["turn_removed"] = turn_removed
-    for name, value in zip(judge.SHOWN, [*gains, 0.1, 1.0], strict=True):
-        row |= {name: value, f"{name}_sigma": 0.1 * value}
 
-    found = judge.against(row, truth)
+    off = judge.response_errors(replace(exact, turn_removed=turn_removed), truth, wn)
 
     for name in judge.SHOWN[:3]:
-        assert abs(found[f"{name}_error_pct"]) < 1e-6
-    K = 0.1 / (1.0 + found["K_error_pct"] / 100.0)
-    acceleration = 1.0 / (1.0 + found["yaw acceleration_error_pct"] / 100.0)
+        assert abs(off[f"{name}_error_pct"]) < 1e-6
+    K, acceleration = (x / (1.0 + off[f"{name}_error_pct"] / 100.0)
+                       for name, x in (("K", 0.308), ("yaw acceleration", 1.0)))  # fmt: skip
+    assert off["K_z"] == pytest.approx((0.308 - K) / 0.006)
     # a step of the rudder makes the yaw acceleration of its column, to the left if b is positive
     assert acceleration == pytest.approx(-b[3], rel=0.06 if turn_removed else 0.05)
     assert 0.0 < K < acceleration
@@ -186,9 +187,9 @@ def test_the_truth_of_a_linear_aircraft_has_its_rudder_s_lag() -> None:
     bare, closed = with_roll_hold(plan)
 
     w = 2.7
-    lag, s = 1.0 / (1.0 + 0.2j * w), 1j * w * np.eye(4)
+    lag, s = 1.0 / (1.0 + 0.2j * w), 1j * w * np.eye(6)
     surface = lag * np.array([0.0, 0.0, 0.5, 2.0])
     held = A - lag * np.outer([0.0, 0.0, 8.0, 0.0], hold)
-    for model, of in ((bare, A), (closed, held)):
-        exact = np.linalg.solve(s - of, surface)[3]
-        assert response(*model, np.array([w]))[0] == pytest.approx(exact)
+    for (found, rudder), of in ((bare, A), (closed, held)):
+        exact = np.linalg.solve(s[:4, :4] - of, surface)
+        assert np.linalg.solve(s - found, -rudder)[:4] == pytest.approx(exact)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from cases.compare import differences
+from checks.compare import differences
 
 
 def test_what_differs_is_named_down_to_its_last_key_with_both_values() -> None:

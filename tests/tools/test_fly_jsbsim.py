@@ -128,7 +128,8 @@ def test_the_linearised_dutch_roll_is_what_decays_after_a_rudder_pulse(
 ) -> None:
     plan = FlightPlan(aircraft=aircraft, speed_kt=speed_kt, altitude_ft=altitude_ft)
 
-    found = jsbsim_truth.flown_dutch_rolls(plan, np.array([[10.0, speed_kt, altitude_ft]]))
+    lines = jsbsim_truth.truth_lines(plan, np.array([[10.0, speed_kt, altitude_ft]]))
+    found = jsbsim_truth.modes_at(lines, np.array([speed_kt]))
 
     linear, seen = found["dutch_roll"], jsbsim_truth.pulse_dutch_roll(plan)
     assert seen["wn_rad_s"] == pytest.approx(linear["wn_rad_s"], rel=0.005)
@@ -143,9 +144,9 @@ def test_the_sigma_of_a_truth_has_the_airspeeds_flown_and_the_pulse_in_it() -> N
     plan = FlightPlan(aircraft="T37", speed_kt=200.0, altitude_ft=5000.0)
     wavy = np.array([[10.0 + i, 190.0 + 4.0 * (-1) ** i, 5000.0] for i in range(20)])
 
-    found = jsbsim_truth.flown_dutch_rolls(plan, wavy)["dutch_roll"]
+    lines = jsbsim_truth.truth_lines(plan, wavy)
 
-    line = jsbsim_truth.truth_lines(plan, wavy)["dutch_roll"]
+    line, found = (of["dutch_roll"] for of in (lines, jsbsim_truth.modes_at(lines, wavy[:, 1])))
     ends = [jsbsim_truth.linear_dutch_rolls(replace(plan, speed_kt=v)) for v in (186.0, 194.0)]
     slow, fast = (end["dutch_roll"]["wn_rad_s"] for end in ends)
     assert slow < found["wn_rad_s"] < fast

@@ -23,7 +23,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from checks.judge import NOT_JUDGED, SHOWN, against, judged, judged_answer, replayed
+from checks.judge import NOT_JUDGED, SHOWN, judged, judged_answer, replayed
 from flights.fly import Made
 from flights.moved import (
     AILERONS,
@@ -103,7 +103,7 @@ def flown(
 def answers(log: Path, truth: Truth) -> list[Row]:
     """Return the rows of a flight of the grid, of a replay with the default options."""
     air = {"air": "turbulence" if truth["severity"] else "calm"}
-    return [air | against(row, truth) for row in judged(log, truth)]
+    return [air | row for row in judged(log, truth, responses=True)]
 
 
 def tables(rows: Sequence[Row]) -> Iterator[Iterable[str]]:

@@ -76,7 +76,7 @@ def start(options: Namespace) -> list[Iterable[str]]:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         for hours in (1, 2):
-            write_log(folder / f"{hours}.tlog", hours, "raised", moved_s=30.0, every_s=300.0)
+            write_log(folder / f"{hours}.tlog", hours, moved_s=30.0, every_s=300.0)
         replayed(SHORT_LOG, folder)  # compiles what the later ones find
         short: dict[str, Callable[[], float]] = {
             NUMPY: lambda: cost_of("-c", "import numpy").cpu_s,
@@ -244,7 +244,7 @@ def make(folder: Path, count: int) -> None:
     for i in range(count):
         every_s, hours = rng.uniform(60.0, 180.0), rng.uniform(*MINUTES) / 60.0
         path, start_us = folder / f"{i:04d}.tlog", START_US + 86_400 * 10**6 * i
-        write_log(path, hours, "raised", i, 8.0, every_s, start_us=start_us)
+        write_log(path, hours, i, 8.0, every_s, start_us=start_us)
 
 
 def faults(folder: Path, out: Path) -> list[str]:

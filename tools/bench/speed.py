@@ -76,9 +76,9 @@ WANTED = (
     "ATTITUDE", "SERVO_OUTPUT_RAW", "RAW_IMU", "VFR_HUD", "RC_CHANNELS", "HEARTBEAT", "PARAM_VALUE",
 )  # fmt: skip
 """What a replay reads of a log."""
-MEGABYTES, MIX, MB_AN_HOUR = (20, 200), "raised", 25.8
-"""The sizes of the logs, their messages (flights/long_log.py), of which 53 % are wanted, and the
-size of an hour."""
+MEGABYTES, MB_AN_HOUR = (20, 200), 25.8
+"""The sizes of the logs (flights/long_log.py), 53 % of whose frames are wanted, and the size of an
+hour."""
 
 
 def read_yawid(path: Path) -> None:
@@ -128,7 +128,7 @@ def link(options: Namespace) -> list[Iterable[str]]:
     with tempfile.TemporaryDirectory() as folder, one_each as pool:
         paths = [Path(folder) / f"{mb}.tlog" for mb in MEGABYTES]
         for mb, path in zip(MEGABYTES, paths, strict=True):
-            write_log(path, mb / MB_AN_HOUR, MIX)
+            write_log(path, mb / MB_AN_HOUR)
         found = {reader: zip(*pool.map(partial(measured, reader), paths), strict=True)
                  for reader in READERS}  # fmt: skip
     return [table("", {

@@ -19,6 +19,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from itertools import islice
 from typing import Any, Final
 
 import numpy as np
@@ -29,10 +30,8 @@ from yawid.trend.days import DAY_US, HOUR_US, YEAR_US, Track
 from yawid.trend.diff import one_more
 from yawid.trend.history import MADE, Flights, History
 from yawid.trend.moderated import two_sided
-from yawid.trend.trend import FALSE_ALARMS, Studied, study
+from yawid.trend.trend import FALSE_ALARMS, study
 
-VEHICLES: Final = 20
-DAYS: Final = 60
 SCATTER: Final = {"kappa_rad_m": 0.015, "zeta": 0.08, "K_per_V": 0.05}
 OF_ORDINARY: Final = {"kappa_rad_m": 0.022, "zeta": 0.12}
 LEVELS: Final = {"kappa_rad_m": 0.12, "zeta": 0.15, "K_per_V": 0.04}
@@ -54,8 +53,8 @@ class Plan:
     of each number, as a fraction.
     """
 
-    vehicles: int = VEHICLES
-    days: int = DAYS
+    vehicles: int = 20
+    days: int = 60
     most: int = 1
     share: float = 0.0
     falls: bool = False
@@ -94,10 +93,10 @@ def draw_history(
     return level * (1.0 + own + scatter * shared) * off, level * sigma
 
 
-def draw_off(rng: np.random.Generator, n: int, share: float = OUTLIERS) -> Any:
+def draw_off(rng: np.random.Generator, n: int) -> Any:
     """Return a factor for each flight (n,), which is 1 except for outliers."""
     far = rng.choice([-1.0, 1.0], n) * rng.uniform(0.25, 0.6, n)
-    return np.where(rng.random(n) < share, 1.0 + far, 1.0)
+    return np.where(rng.random(n) < OUTLIERS, 1.0 + far, 1.0)
 
 
 def draw_vehicles(rng: np.random.Generator, plan: Plan) -> Iterator[dict[str, Track]]:
@@ -108,7 +107,8 @@ def draw_vehicles(rng: np.random.Generator, plan: Plan) -> Iterator[dict[str, Tr
         day = np.repeat(np.arange(plan.days), counts)
         of_day = np.concatenate([np.arange(count) for count in counts])
         date = START_US + day * plan.apart_days * DAY_US + of_day * HOUR_US + vehicle * 1_000_000
-        fall = 1.0 - FALL * np.clip((day - begin) / FALL_DAYS, 0.0, 1.0)
+        falls = plan.falls and vehicle == min(plan.vehicles, 7)
+        left = {"zeta": 1.0 - falls * FALL * np.clip((day - begin) / FALL_DAYS, 0.0, 1.0)}
         phase = 2.0 * np.pi * (rng.random() + date / YEAR_US)
         off = draw_off(rng, len(day))
         tracks = {}
@@ -116,9 +116,8 @@ def draw_vehicles(rng: np.random.Generator, plan: Plan) -> Iterator[dict[str, Tr
             own = LEVELS[name] * (1.0 + 0.03 * rng.standard_normal())
             shared = plan.share * rng.standard_normal(plan.days)[day]
             value, sigma = draw_history(rng, own, scatter, len(day), off, shared)
-            if plan.falls and name == "zeta" and vehicle == min(plan.vehicles, 7):
-                value = value * fall
-            tracks[name] = Track(value * (1.0 + plan.season * np.sin(phase)), sigma, date)
+            value = value * left.get(name, 1.0) * (1.0 + plan.season * np.sin(phase))
+            tracks[name] = Track(value, sigma, date)
         yield tracks
 
 
@@ -142,27 +141,19 @@ def judge_plan(plan: Plan, draws: int, *, seed: int = 0, every: int = 1) -> tupl
 
     Of the nightly tests, only one in every ``every`` days is made; the last one always is.
     """
-    rng = np.random.default_rng(seed)
+    rng, names = np.random.default_rng(seed), list(plan.scatter)
     looks = range(plan.days, LEAST_DAYS - 1, -every) if plan.nightly else [plan.days]
-    names = list(plan.scatter)
-    tested = len(names) * plan.vehicles
+    drawn = (list(draw_vehicles(rng, plan)) for _ in range(draws))
     found = wrong = 0
-    for begin in range(0, draws, _AT_ONCE):
-        fleets = [list(draw_vehicles(rng, plan)) for _ in range(min(_AT_ONCE, draws - begin))]
+    while fleets := list(islice(drawn, _AT_ONCE)):
         numbers = [[each[name] for each in fleet] for fleet in fleets for name in names]
-        is_changed = np.zeros((len(numbers), plan.vehicles), bool)
-        for days in looks:
-            fits = fit_fleets([[_until(track, days) for track in tracks] for tracks in numbers])
-            is_changed |= [
-                [
-                    each.change is not None and each.change.p * tested <= FALSE_ALARMS
-                    for each in some
-                ]
-                for some in fits
-            ]
-        by_fleet = is_changed.reshape(len(fleets), len(names), plan.vehicles)
-        falls = by_fleet[:, names.index("zeta"), min(plan.vehicles, 7) - 1]
+        seen = ([[_until(track, days) for track in tracks] for tracks in numbers] for days in looks)
+        ps = [[[1.0 if each.change is None else each.change.p for each in fits]
+               for fits in fit_fleets(some)] for some in seen]  # fmt: skip
+        changed = np.min(ps, axis=0) * len(names) * plan.vehicles <= FALSE_ALARMS
+        by_fleet = changed.reshape(len(fleets), len(names), plan.vehicles)
         if plan.falls:
+            falls = by_fleet[:, names.index("zeta"), min(plan.vehicles, 7) - 1]
             found += int(falls.sum())
             falls[:] = False
         wrong += int(by_fleet.any(axis=(1, 2)).sum())
@@ -171,29 +162,24 @@ def judge_plan(plan: Plan, draws: int, *, seed: int = 0, every: int = 1) -> tupl
 
 def judge_diff(flights: int, draws: int, *, seed: int = 0) -> int:
     """Return in how many draws one more flight of a vehicle with ``flights`` is called changed."""
-    rng = np.random.default_rng(seed)
-    wrong = 0
+    rng, numbers, wrong = np.random.default_rng(seed), np.arange(flights), 0
+    rows: list[Mapping[str, Any]] = [
+        dict.fromkeys(MADE) | flight(1, i, START_US + i * DAY_US) for i in range(flights)
+    ]
     for _ in range(draws):
         histories, newest = [], []
         for name, level in LEVELS.items():
             value, sigma = draw_history(rng, level, SCATTER[name], flights + 1, 1.0)
-            track = Track(value[:-1], sigma[:-1], START_US + np.arange(flights) * DAY_US)
-            histories.append(History("sysid:1", "airframe", name, 1, 1, track, np.arange(flights)))
+            track = Track(value[:-1], sigma[:-1], START_US + numbers * DAY_US)
+            histories.append(History("sysid:1", "airframe", name, 1, 1, track, numbers))
             newest.append((float(value[-1]), float(sigma[-1])))
-        rows: list[Mapping[str, Any]] = [
-            dict.fromkeys(MADE) | flight(1, i, START_US + i * DAY_US) for i in range(flights)
-        ]
-        studied = study(Flights(rows, {}, histories))
-        ps = [_p(each, *last) for each, last in zip(studied, newest, strict=True)]
+        ps = []
+        for each, (last, std) in zip(study(Flights(rows, {}, histories)), newest, strict=True):
+            expected = one_more(each, std)
+            apart = (last - (expected.value or 0.0)) / np.hypot(std, expected.std or 0.0)
+            ps.append(two_sided(float(apart), each.fitted.dof))
         wrong += min(ps) * len(ps) <= FALSE_ALARMS
     return wrong
-
-
-def _p(each: Studied, value: float, std: float) -> float:
-    """Return how probable a number as far from the one expected is by chance."""
-    expected = one_more(each, std)
-    apart = (value - (expected.value or 0.0)) / np.hypot(std, expected.std or 0.0)
-    return two_sided(float(apart), each.fitted.dof)
 
 
 def main(draws: int) -> None:

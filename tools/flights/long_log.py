@@ -1,13 +1,11 @@
 """Makes long telemetry logs of a plane quickly, with all messages of a real link.
 
-The mixes are those of recorded ArduPlane links. Each second has the same messages at the same
-times, so a log is a table with a row for each second. Messages that yawid does not read have random
-payloads.
+The mix is that of recorded ArduPlane links. Each second has the same messages at the same times, so
+a log is a table with a row for each second. Messages that yawid does not read have random payloads.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -21,31 +19,27 @@ from yawid.channels.stage import WANTED
 from yawid.sources.mavlink.crc import crc_of_frames
 from yawid.sources.mavlink.definitions import definitions, dtype_of
 
-Plant = tuple[Sequence[float], Sequence[float]]
-"""B and A of a discrete model from rudder to yaw rate, at ``RATE_HZ``."""
 RATE_HZ: Final = 20
-PLANT: Final[Plant] = ([0.0, 0.0124, -0.0115], [1.0, -1.957, 0.9735])
+PLANT: Final = [0.0, 0.0124, -0.0115], [1.0, -1.957, 0.9735]
+"""B and A of a discrete model from rudder to yaw rate, at ``RATE_HZ``."""
 START_US: Final = 1_700_000_000_000_000
 _BOOT_US: Final = 10_000_000
 _HEAD: Final = 18
 """The bytes of a record before its payload: stamp and header."""
-_PIECE_S: Final = 600
-_RAISED = ("SERVO_OUTPUT_RAW", "ATTITUDE", "RAW_IMU", "SIMSTATE", "AOA_SSA")
-_HALF = ("GLOBAL_POSITION_INT", "VFR_HUD", "RC_CHANNELS")
 _SLOW = (
     "AHRS", "AHRS2", "AIRSPEED", "BATTERY_STATUS", "EKF_STATUS_REPORT", "ESC_TELEMETRY_1_TO_4",
     "GPS_RAW_INT", "LOCAL_POSITION_NED", "MEMINFO", "MISSION_CURRENT", "NAV_CONTROLLER_OUTPUT",
     "POSITION_TARGET_GLOBAL_INT", "POWER_STATUS", "SCALED_IMU2", "SCALED_IMU3", "SCALED_PRESSURE",
     "SCALED_PRESSURE2", "SYSTEM_TIME", "SYS_STATUS", "TERRAIN_REPORT", "VIBRATION", "WIND",
+    "HEARTBEAT",
 )  # fmt: skip
-MIXES: Final[dict[str, dict[str, int]]] = {
-    # ArduPlane with higher rates of the streams that yawid needs; a ground station set the others.
-    "raised": dict.fromkeys(_RAISED, RATE_HZ)
-    | dict.fromkeys(_HALF, RATE_HZ // 2)
-    | dict.fromkeys((*_SLOW, "HEARTBEAT"), 1),
-    # MAVProxy's "set streamrate 20": all streams of the autopilot at that rate.
-    "all": dict.fromkeys((*_RAISED, *_HALF, *_SLOW), RATE_HZ) | {"HEARTBEAT": 1},
-}
+MIX: Final = (
+    dict.fromkeys(("SERVO_OUTPUT_RAW", "ATTITUDE", "RAW_IMU", "SIMSTATE", "AOA_SSA"), RATE_HZ)
+    | dict.fromkeys(("GLOBAL_POSITION_INT", "VFR_HUD", "RC_CHANNELS"), RATE_HZ // 2)
+    | dict.fromkeys(_SLOW, 1)
+)
+"""Messages a second of an ArduPlane with higher rates of the streams that yawid needs; a ground
+station set the others."""
 _FIELDS: Final[dict[str, dict[str, int | float]]] = {
     "HEARTBEAT": {"type": 1, "autopilot": 3, "base_mode": 128, "custom_mode": 5,
                   "system_status": 4, "mavlink_version": 3},
@@ -57,71 +51,43 @@ _FIELDS: Final[dict[str, dict[str, int | float]]] = {
 def write_log(
     path: Path,
     hours: float,
-    mix: str,
-    seed: int | tuple[int, ...] = 1,
+    seed: int = 1,
     moved_s: float = 1.0,
     every_s: float = 1.0,
     *,
-    plant: Plant = PLANT,
     start_us: int = START_US,
 ) -> None:
     """Write a flight of whole seconds whose rudder moves for ``moved_s`` in every ``every_s``.
 
-    By default the rudder always moves. ``plant`` is the model from rudder to yaw rate; ``start_us``
-    (us since 1970) is when the vehicle was switched on.
+    By default the rudder always moves. ``start_us`` (us since 1970) is when the vehicle was
+    switched on.
     """
-    rng = np.random.default_rng(seed)
-    n = round(3600 * hours * RATE_HZ)
+    rng, second, encoder = np.random.default_rng(seed), np.arange(round(3600 * hours)), Encoder()
+    n = len(second) * RATE_HZ
     u = np.repeat(rng.choice([-0.2, 0.0, 0.2], n // 10 + 1), 10)[:n]
     u = np.where(np.arange(n) / RATE_HZ % every_s < moved_s, u, 0.0)
-    rate = lfilter(*plant, u) + 0.002 * rng.normal(size=n)
-    yaw = np.cumsum(rate) / RATE_HZ
-    flight = {"servo4_raw": 1500 + np.round(400 * u), "yawspeed": rate}
-    flight["yaw"] = (yaw + np.pi) % (2.0 * np.pi) - np.pi
-    with path.open("wb") as out:
-        out.write(_parameters(start_us))
-        step = _PIECE_S * RATE_HZ
-        for first in range(0, n - n % RATE_HZ, step):
-            piece = {
-                name: column[first : min(first + step, n - n % RATE_HZ)].reshape(-1, RATE_HZ)
-                for name, column in flight.items()
-            }
-            out.write(_seconds(MIXES[mix], piece, first // RATE_HZ, rng, start_us))
-
-
-def _parameters(start_us: int) -> bytes:
-    encoder, parameters = Encoder(), {"FUNCTION": 21, "MIN": 1100, "MAX": 1900, "TRIM": 1500}
-    values = [(f"SERVO4_{name}".encode(), value) for name, value in parameters.items()]
-    return join(
-        (start_us + i, encoder.frame(mavlink.MAVLink_param_value_message(*value, 9, 4, i)))
-        for i, value in enumerate(values)
-    )
-
-
-def _seconds(
-    mix: dict[str, int],
-    flight: dict[str, NDArray[Any]],
-    first_s: int,
-    rng: np.random.Generator,
-    start_us: int,
-) -> bytes:
-    """Return the records of the seconds of a flight (n, RATE_HZ), the first being ``first_s``."""
+    rate = lfilter(*PLANT, u) + 0.002 * rng.normal(size=n)
+    yaw = (np.cumsum(rate) / RATE_HZ + np.pi) % (2.0 * np.pi) - np.pi
+    flight = {"servo4_raw": 1500 + np.round(400 * u), "yawspeed": rate, "yaw": yaw}
     frames = sorted(
         (sample * 1_000_000 // RATE_HZ + 400 * phase, name, sample)
-        for phase, (name, hz) in enumerate(mix.items())
+        for phase, (name, hz) in enumerate(MIX.items())
         for sample in range(0, RATE_HZ, RATE_HZ // hz)
     )
-    second = first_s + np.arange(len(flight["yaw"]))
     rows = np.zeros(
         len(second), [(f"{after_us} {name}", _kind(name)) for after_us, name, _ in frames]
     )
     for i, (after_us, name, sample) in enumerate(frames):
-        boot_us, known = _BOOT_US + 1_000_000 * second + after_us, None
-        if name in WANTED:
-            known = _FIELDS.get(name, {}) | {key: flight[key][:, sample] for key in flight}
-        number = 4 + i + len(frames) * second
+        of = {key: each[sample::RATE_HZ] for key, each in flight.items()}
+        known = _FIELDS.get(name, {}) | of if name in WANTED else None
+        boot_us, number = _BOOT_US + 1_000_000 * second + after_us, 4 + i + len(frames) * second
         rows[f"{after_us} {name}"] = packed(name, boot_us, number, start_us, known, rng)
-    return rows.tobytes()
+    parameters = {"FUNCTION": 21, "MIN": 1100, "MAX": 1900, "TRIM": 1500}
+    sent = [mavlink.MAVLink_param_value_message(f"SERVO4_{name}".encode(), value, 9, 4, i)
+            for i, (name, value) in enumerate(parameters.items())]  # fmt: skip
+    with path.open("wb") as out:
+        out.write(join((start_us + i, encoder.frame(each)) for i, each in enumerate(sent)))
+        rows.tofile(out)
 
 
 def packed(

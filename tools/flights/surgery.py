@@ -47,12 +47,9 @@ def message_id(frame: bytes) -> int:
 
 
 def messages(records: Iterable[Record], *names: str) -> Iterator[Any]:
-    """Yield the messages of these names, by pymavlink's own decoder."""
-    reader = mavlink.MAVLink(None)
-    for _, frame in records:
-        message = reader.decode(bytearray(frame))
-        if message.get_type() in names:
-            yield message
+    """Return the messages of these names, by default all, by pymavlink's own decoder."""
+    decoded = map(mavlink.MAVLink(None).decode, (bytearray(frame) for _, frame in records))
+    return (message for message in decoded if message.get_type() in (names or CLASSES))
 
 
 def message_of(name: str, payload: bytes) -> Any:
@@ -92,7 +89,7 @@ class Encoder:
 
 
 def edited(
-    records: Iterable[Record],
+    records: Sequence[Record],
     *,
     sysid: Any = 1,
     key: Any = None,
@@ -103,9 +100,9 @@ def edited(
     The vehicle is system 1, which becomes ``sysid``; ``key`` (32 bytes) signs every frame. An edit
     changes its message, or returns what is sent instead.
     """
-    reader, encoder, found = mavlink.MAVLink(None), Encoder(key), []
-    for stamp, frame in records:
-        message, ids, instead = reader.decode(bytearray(frame)), sender(frame), None
+    encoder, found = Encoder(key), list[Record]()
+    for (stamp, frame), message in zip(records, messages(records), strict=True):
+        ids, instead = sender(frame), None
         if ids[0] == 1:
             ids = sysid, ids[1]
             instead = edits.get(message.get_type(), lambda _: None)(message)
@@ -121,11 +118,12 @@ def setting(**fields: int) -> Callable[[Any], None]:
 
 def px4_control(time_us: int, roll: float, yaw: float) -> Any:
     """Return PX4's ACTUATOR_CONTROL_TARGET of group 0."""
-    controls = [roll, 0.0, yaw, 0.6, 0.0, 0.0, 0.0, -1.0]
-    return mavlink.MAVLink_actuator_control_target_message(time_us, 0, controls)
+    return mavlink.MAVLink_actuator_control_target_message(
+        time_us, 0, [roll, 0.0, yaw, 0.6, 0.0, 0.0, 0.0, -1.0]
+    )
 
 
-def px4_controls(records: Iterable[Record], **heartbeat: int) -> list[Record]:
+def px4_controls(records: Sequence[Record], **heartbeat: int) -> list[Record]:
     """Make the autopilot a PX4 that sends no parameters, and its controls in place of its outputs.
 
     ``heartbeat`` has more fields of its HEARTBEAT.

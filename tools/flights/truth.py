@@ -8,7 +8,7 @@ rudder pulse in the simulation itself, with its actuators.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache
 from typing import Any
@@ -24,9 +24,10 @@ from flights.plan import LEAD_IN_S, STEP_S, FlightPlan, Floats, Servo, count, se
 Mode = dict[str, float]
 Line = dict[str, Any]
 LATERAL = ("Beta", "Phi", "P", "R")  # FGLinearization's names
-
-PULSE_MS, SEEN_MS = 200, 50
-"""Length of the pulse whose decay is seen, and the time from one value of it to the next."""
+PHI, R = LATERAL.index("Phi"), LATERAL.index("R")
+PULSE_MS, SEEN_MS, DECAY_S = 200, 50, 12.0
+"""Length of the pulse whose decay is seen, the time from one value of it to the next, and to the
+last."""
 ORDER = 6
 """The number of poles in that decay."""
 SLOPE_SHARE = 0.01
@@ -36,8 +37,7 @@ SLOPE_SHARE = 0.01
 def after_lead_in(flown: Sequence[tuple[float, ...]]) -> Floats:
     """Return the rows of ``flown`` (n, 3) after the lead-in; all rows if there is none after it."""
     rows = np.array(flown)
-    later = rows[rows[:, 0] > LEAD_IN_S]
-    return later if len(later) else rows
+    return rows[rows[:, 0] > LEAD_IN_S] if rows[-1, 0] > LEAD_IN_S else rows
 
 
 def mean_plan(plan: FlightPlan, flown: Floats) -> FlightPlan:
@@ -46,19 +46,13 @@ def mean_plan(plan: FlightPlan, flown: Floats) -> FlightPlan:
     return replace(plan, speed_kt=round(knots, 3), altitude_ft=round(feet, 1))
 
 
-def flown_dutch_rolls(plan: FlightPlan, flown: Floats) -> dict[str, Mode | None]:
-    """Return a flight's Dutch rolls by name: wn_rad_s, wn_std, zeta, zeta_std; None if none."""
-    return modes_at(truth_lines(plan, flown), flown[:, 1])
-
-
 def modes_at(lines: dict[str, Line | None], knots: Floats) -> dict[str, Mode | None]:
-    """Return the Dutch rolls of :func:`truth_lines` at airspeeds (n,)."""
-    return {name: line and _mode_at(line, knots) for name, line in lines.items()}
-
-
-def _mode_at(line: Line, knots: Floats) -> Mode:
-    (wn, zeta), (wn_std, zeta_std) = (x.tolist() for x in at_airspeeds(line, knots))
-    return {"wn_rad_s": wn, "wn_std": wn_std, "zeta": zeta, "zeta_std": zeta_std}
+    """Return the Dutch rolls of :func:`truth_lines`, if any, and their sigmas at airspeeds (n,)."""
+    names = "wn_rad_s", "zeta", "wn_std", "zeta_std"
+    return {
+        of: line and dict(zip(names, np.ravel(at_airspeeds(line, knots)).tolist(), strict=True))
+        for of, line in lines.items()
+    }
 
 
 def truth_lines(plan: FlightPlan, flown: Floats) -> dict[str, Line | None]:
@@ -70,23 +64,18 @@ def truth_lines(plan: FlightPlan, flown: Floats) -> dict[str, Line | None]:
     """
     mean = mean_plan(plan, flown)
     step_kt = SLOPE_SHARE * mean.speed_kt
-    at, faster = (
-        linear_dutch_rolls(replace(mean, speed_kt=mean.speed_kt + x)) for x in (0.0, step_kt)
-    )
+    faster = linear_dutch_rolls(replace(mean, speed_kt=mean.speed_kt + step_kt))
     bare = replace(mean, roll_gain=0.0, roll_rate_gain=0.0)
     exact = "servo_lag_s" in sealed(plan.aircraft)  # a linear aircraft's pulse says nothing more
     lines: dict[str, Line | None] = {}
-    for name, loop in (("dutch_roll", mean), ("dutch_roll_open_loop", bare)):
-        modes = at[name], faster[name], at[name] if exact else pulse_dutch_roll(loop)
+    for (name, at), loop in zip(linear_dutch_rolls(mean).items(), (mean, bare), strict=True):
+        modes = at, faster[name], at if exact else pulse_dutch_roll(loop)
         pairs = np.array([(m["wn_rad_s"], m["zeta"]) for m in modes if m is not None])
         lines[name] = None
         if len(pairs) == len(modes):
-            here, there, pulse = pairs
-            lines[name] = {
-                "mean_kt": mean.speed_kt,
-                "line": {"at": here.tolist(), "per_kt": ((there - here) / step_kt).tolist()},
-                "pulse": (pulse - here).tolist(),
-            }
+            slope, pulse = (pairs[1] - pairs[0]) / step_kt, pairs[2] - pairs[0]
+            line = {"at": pairs[0].tolist(), "per_kt": slope.tolist()}
+            lines[name] = {"mean_kt": mean.speed_kt, "line": line, "pulse": pulse.tolist()}
     return lines
 
 
@@ -100,35 +89,7 @@ def at_airspeeds(line: Line, knots: Floats) -> tuple[Floats, Floats]:
 def linear_dutch_rolls(plan: FlightPlan) -> dict[str, Mode | None]:
     """Return the linearised Dutch rolls at a plan's trim: with its roll hold, and bare."""
     bare, closed = with_roll_hold(plan)
-    r = LATERAL.index("R")
-    return {"dutch_roll": dutch_roll(*closed, r), "dutch_roll_open_loop": dutch_roll(*bare, r)}
-
-
-def response(A: Floats, rudder: Floats, w: Floats) -> NDArray[np.complex128]:
-    """Return r/u (n,) at frequencies w (n,) in rad/s, for a rudder that is positive nose right."""
-    eye = np.eye(len(A))
-    r = LATERAL.index("R")
-    return np.array([np.linalg.solve(1j * each * eye - A, -rudder)[r] for each in w])
-
-
-def yaw_channel(A: Floats, rudder: Floats, band: Floats) -> Mode | None:
-    """Return wn_rad_s, zeta, K (1/s per unit of rudder, nose right) and T_s of a yaw channel.
-
-        r/u = K (T s + 1) wn^2 / (s^2 + 2 zeta wn s + wn^2).
-
-    The Dutch roll is the linearisation's. K and T minimise the relative misfit to the whole r/u at
-    the multiples ``band`` (n,) of wn: r/u also has spiral and roll mode, the model does not.
-    """
-    mode = dutch_roll(A, rudder, LATERAL.index("R"))
-    if mode is None:
-        return None
-    wn, zeta = mode["wn_rad_s"], mode["zeta"]
-    s = 1j * wn * band
-    pair = wn**2 / (s**2 + 2.0 * zeta * wn * s + wn**2) / response(A, rudder, wn * band)
-    columns = np.stack([pair, pair * s], axis=1)
-    real = np.concatenate([columns.real, columns.imag])
-    K, KT = np.linalg.lstsq(real, np.repeat([1.0, 0.0], len(s)), rcond=None)[0].tolist()
-    return mode | {"K": K, "T_s": KT / K}
+    return {"dutch_roll": dutch_roll(*closed, R), "dutch_roll_open_loop": dutch_roll(*bare, R)}
 
 
 @lru_cache(maxsize=32)
@@ -140,8 +101,8 @@ def with_roll_hold(plan: FlightPlan) -> tuple[tuple[Floats, Floats], tuple[Float
     """
     fdm = trimmed(plan)
     A, aileron, rudder = lateral(fdm)
-    hold = np.zeros(len(LATERAL))  # aileron = trim - hold @ (x - trim)
-    hold[LATERAL.index("Phi")], hold[LATERAL.index("P")] = plan.roll_gain, plan.roll_rate_gain
+    # aileron = trim - hold @ (x - trim), with x as LATERAL
+    hold = np.array([0.0, plan.roll_gain, plan.roll_rate_gain, 0.0])
     if not isinstance(fdm, LinearAircraft):
         return (A, rudder), (A - np.outer(aileron, hold), rudder)
     rate, surfaces = 1.0 / fdm.servo_lag_s, np.stack([aileron, rudder], axis=1)
@@ -184,34 +145,32 @@ def strongest_pair(poles: NDArray[np.complex128], residues: NDArray[np.complex12
     return {"wn_rad_s": float(abs(p)), "zeta": float(-p.real / abs(p))}
 
 
-def pulse_response(plan: FlightPlan, seconds: float = 12.0) -> Floats:
-    """Return the yaw rate (n,) in rad/s at 20 Hz after a small rudder pulse, with the roll hold.
+def yaw_rates(plan: FlightPlan, pulse: float) -> Floats:
+    """Return the yaw rate (n,) in rad/s after a rudder pulse from trim, with the roll hold.
 
-    The same flight without the pulse is subtracted, which removes trim errors and drift. The servos
-    have 32 766 steps of travel on each side, as quantisation would hide the end of the decay.
+    The servos have 32 766 steps of travel on each side, as quantisation would hide the end of the
+    decay.
     """
     fine = Servo(1, 32_767, 65_533)
-    plan = replace(plan, seconds=seconds + 1.0, rudder=fine, aileron=fine, true_feedback=True)
-    rudder = np.zeros(count(seconds) + PULSE_MS)
-    rudder[1 : PULSE_MS + 1] = 0.02
-
-    def rates(moves: Floats) -> Iterator[float]:
-        flight = Flight(plan, Hands(moves, nose_held=False))
-        for ms in range(PULSE_MS + SEEN_MS, len(moves), SEEN_MS):
-            flight.advance_to(ms)
-            yield flight["velocities/r-rad_sec"]
-
-    return np.array([*rates(rudder)]) - [*rates(np.zeros(len(rudder)))]
+    plan = replace(plan, seconds=DECAY_S + 1.0, rudder=fine, aileron=fine, true_feedback=True)
+    rudder = np.zeros(count(DECAY_S) + PULSE_MS)
+    rudder[1 : PULSE_MS + 1] = pulse
+    flight, rates = Flight(plan, Hands(rudder, nose_held=False)), []
+    for ms in range(PULSE_MS + SEEN_MS, len(rudder), SEEN_MS):
+        flight.advance_to(ms)
+        rates.append(flight["velocities/r-rad_sec"])
+    return np.array(rates)
 
 
 @lru_cache(maxsize=32)
 def pulse_dutch_roll(plan: FlightPlan) -> Mode | None:
-    """Return the Dutch roll in the decay after a rudder pulse, without any linearisation.
+    """Return the Dutch roll in the decay after a small rudder pulse, without any linearisation.
 
-    The decay is ``sum(a_i exp(p_i t))``. The poles follow from the shift of the Hankel matrix
-    within its first ORDER left singular vectors (Ho and Kalman).
+    The same flight without the pulse is subtracted, which removes trim errors and drift. The decay
+    is ``sum(a_i exp(p_i t))``. The poles follow from the shift of the Hankel matrix within its
+    first ORDER left singular vectors (Ho and Kalman).
     """
-    decay = pulse_response(plan)
+    decay = yaw_rates(plan, 0.02) - yaw_rates(plan, 0.0)
     hankel = np.lib.stride_tricks.sliding_window_view(decay, len(decay) // 2)
     left = np.linalg.svd(hankel.T)[0][:, :ORDER]
     z = np.linalg.eigvals(np.linalg.lstsq(left[:-1], left[1:], rcond=None)[0]).astype(complex)

@@ -1,13 +1,13 @@
-"""Replays logs with two commits on this machine, and says what differs.
+"""Replays logs with another commit and with this tree, and says what differs.
 
-    python -m cases.compare OLD [NEW] [--logs FOLDER ...]
+    python -m checks.compare COMMIT [--logs FOLDER ...]
 
-NEW is this tree if it is not given. The logs (tlog, dataflash or ULog) are those of a folder, also
-in folders below it, such as those of ``bench.py truth --logs DIR``; by default those of the cases.
-Each is replayed with the default options, a case also with its own, by the command line of each
-commit; what is compared, in any bit, is what is printed as JSON, the exit code, and each topic of
-the MCAP, message by message. At the end stands how many of all differ, and in how many each key
-does. The exit code is 1 if anything differs.
+The logs (tlog, dataflash or ULog) are those of a folder, also in folders below it, such as those of
+``bench.py truth --logs DIR``; by default those of the cases. Each is replayed with the default
+options, a case also with its own, by the command line of each tree; what is compared, in any bit,
+is what is printed as JSON, the exit code, and each topic of the MCAP, message by message. At the
+end stands how many of all differ, and in how many each key does. The exit code is 1 if anything
+differs.
 """
 
 from __future__ import annotations
@@ -33,17 +33,6 @@ OF_THE_DISK = ("log", "files")
 LOGS = {".tlog", ".bin", ".ulg"}
 
 
-def tree_of(commit: str | None, folder: Path) -> Path:
-    """Return a folder with the sources of a commit; this tree if it is None."""
-    if commit is None:
-        return ROOT
-    folder.mkdir()
-    asked = ["git", "archive", commit, "src"]
-    packed = subprocess.run(asked, cwd=ROOT, capture_output=True, check=True)
-    subprocess.run(["tar", "-x"], cwd=folder, input=packed.stdout, check=True)
-    return folder
-
-
 def answers(tree: Path, log: Path) -> dict[str, Any]:
     """Return what a tree's yawid makes of a log: its JSON by keys, digests of topics by name.
 
@@ -62,20 +51,17 @@ def answers(tree: Path, log: Path) -> dict[str, Any]:
                 capture_output=True, check=False, encoding="utf-8", timeout=600,
             )  # fmt: skip
             said = json.loads(done.stdout or "null") or {"error": done.stderr}
-            said = {name: x for name, x in said.items() if name not in OF_THE_DISK}
+            topics: dict[str, Any] = defaultdict(hashlib.sha256)
             for path in Path(folder).glob("**/*.mcap"):
-                said |= _topics(path)
-        found[table] = said | {"exit_code": done.returncode}
+                with path.open("rb") as file:
+                    for _, channel, sent in make_reader(file).iter_messages():
+                        topics[channel.topic].update(
+                            sent.log_time.to_bytes(8, "little") + sent.data
+                        )
+        found[table] = {name: x for name, x in said.items() if name not in OF_THE_DISK}
+        found[table] |= {name: of.hexdigest() for name, of in topics.items()}
+        found[table]["exit_code"] = done.returncode
     return found
-
-
-def _topics(path: Path) -> dict[str, str]:
-    """Return for each topic a digest of the times and the bytes of its messages."""
-    digests: dict[str, Any] = defaultdict(hashlib.sha256)
-    with path.open("rb") as file:
-        for _, channel, message in make_reader(file).iter_messages():
-            digests[channel.topic].update(message.log_time.to_bytes(8, "little") + message.data)
-    return {name: of.hexdigest() for name, of in digests.items()}
 
 
 def differences(old: Any, new: Any, *, where: str = "") -> Iterator[tuple[str, str]]:
@@ -91,19 +77,19 @@ def differences(old: Any, new: Any, *, where: str = "") -> Iterator[tuple[str, s
 
 def main(arguments: Sequence[str]) -> int:
     """Print what differs, log by log; return 1 if anything does."""
-    parser = argparse.ArgumentParser(prog="cases.compare", description=__doc__)
-    parser.add_argument("old")
-    parser.add_argument("new", nargs="?")
+    parser = argparse.ArgumentParser(prog="checks.compare", description=__doc__)
+    parser.add_argument("commit")
     parser.add_argument("--logs", nargs="+", type=Path, default=[ROOT / "replay_logs"])
     options = parser.parse_args(arguments)
-    found = sorted(path for folder in options.logs for path in folder.rglob("*"))
-    logs = [path for path in found if path.suffix.lower() in LOGS]
+    logs = sorted(path for folder in options.logs for path in folder.rglob("*")
+                  if path.suffix.lower() in LOGS)  # fmt: skip
     keys, count = Counter[str](), 0
-    with tempfile.TemporaryDirectory() as scratch:
-        trees = [tree_of(commit, Path(scratch) / str(n)) for n, commit in
-                 enumerate((options.old, options.new))]  # fmt: skip
+    with tempfile.TemporaryDirectory() as tree:
+        asked = ["git", "archive", options.commit, "src"]
+        packed = subprocess.run(asked, cwd=ROOT, capture_output=True, check=True)
+        subprocess.run(["tar", "-x"], cwd=tree, input=packed.stdout, check=True)
         for log in logs:
-            differ = dict(differences(*(answers(tree, log) for tree in trees)))
+            differ = dict(differences(answers(Path(tree), log), answers(ROOT, log)))
             print(f"{log.parent.name}/{log.name}:", "" if differ else "same", flush=True)
             print(*(f"    {name}: {both}\n" for name, both in differ.items()), sep="", end="")
             keys.update(differ.keys())
