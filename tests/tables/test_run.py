@@ -191,6 +191,19 @@ def test_a_table_is_one_of_arrow_and_one_of_pandas_and_a_library_that_is_missing
         run.record.to_polars()
 
 
+def test_xarray_has_the_units_over_the_time_and_polars_has_null_where_nothing_is_known(
+    run: Run,
+) -> None:
+    found, rows = run.record.to_xarray(), run.manoeuvres.to_xarray()
+
+    assert (found.sizes, rows.sizes) == ({"t": len(run.record)}, {"n": len(run.manoeuvres)})
+    assert found["wn"].attrs["units"] == "rad/s"
+    np.testing.assert_array_equal(found["wn"], run.modes.wn)
+    pytest.importorskip("polars")
+    unknown = run.record.to_polars()["airspeed"].is_null()
+    np.testing.assert_array_equal(unknown, np.isnan(run.samples.airspeed))
+
+
 @pytest.mark.skipif(sys.platform == "win32", reason="no file has such a name there")
 def test_the_repr_of_a_forged_run_has_no_command_to_a_terminal(mcap: Path, tmp_path: Path) -> None:
     esc = "\x1b[31mUSABLE\x1b[0m\u202e"

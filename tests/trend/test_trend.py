@@ -88,6 +88,17 @@ def test_one_vehicle_is_judged_among_all_and_its_page_stands_alone(
     assert (text.count("<svg"), text.count("<script")) == (1, 0)
 
 
+def test_the_page_of_two_aircraft_shows_them_next_to_each_other_in_each_number(
+    tmp_path: Path,
+) -> None:
+    write_fleet(tmp_path / "two", [*steady(1, 12), *steady(2, 12)])
+
+    assert main(["trend", str(tmp_path / "two"), "-o", str(tmp_path / "r.html")]) == 0
+    over_flights, next_to = (tmp_path / "r.html").read_text("utf-8").split("next to each other")
+    assert (over_flights.count("<svg"), next_to.count("<svg")) == (2, 3)
+    assert [next_to.count(f"sysid:{i}</text>") for i in (1, 2)] == [3, 3]
+
+
 def followed(folder: Path, rows: list[dict[str, Any]]) -> Trend:
     write_fleet(folder, rows)
     return trend(folder)[0]
@@ -229,6 +240,9 @@ def test_two_years_show_the_season_and_what_changes_next_to_it(
     assert zeta["season"]["peak"] in ("12-30", "12-31", "01-01", "01-02", "01-03")
     assert zeta["now"]["value"] == pytest.approx(0.15, abs=0.001)
 
+    assert main(["trend", str(tmp_path / "steady"), "-o", str(tmp_path / "r.html")]) == 0
+    assert f"highest on {zeta['season']['peak']}" in (tmp_path / "r.html").read_text("utf-8")
+
     change = followed(tmp_path / "fallen", yearly(110, 7, swing=0.1, fall=0.05)).followed[0].change
     assert change.percent == pytest.approx(-5.0, abs=1.0)
     assert abs(change.from_flight - 55) <= 3
@@ -325,12 +339,15 @@ def test_several_aircraft_under_one_id_are_a_warning(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     both = [SMALL, LARGE] * 6
-    _, said, text = judged(capsys, "trend", write(tmp_path / "speeds", both))
+    speeds, page = write(tmp_path / "speeds", both), tmp_path / "r.html"
+    _, said, text = judged(capsys, "trend", speeds)
     (warning,) = said["warnings"]
     assert (warning["id"], warning["weight"]) == ("several_aircraft", "warning")
     assert "sysid:1 may be several aircraft, at 22 m/s and 50 m/s: name them" in warning["text"]
     assert "--vehicle-from folder" in warning["text"]
     assert f"warning several_aircraft: {warning['text']}" in text
+    assert main(["trend", str(speeds), "-o", str(page)]) == 0
+    assert "warning several_aircraft" in page.read_text("utf-8")
 
     assert main(["explain", "several_aircraft"]) == 0
     assert "a gap of a factor of 1.5" in " ".join(capsys.readouterr().out.split())
