@@ -121,6 +121,23 @@ def test_the_command_writes_a_tlog_and_its_truth(
 
 
 @pytest.mark.parametrize(
+    ("asked", "named"),
+    [
+        ("--speed-kt nan", "speed_kt"), ("--seconds 0", "seconds"), ("--manoeuvre loop", "loop"),
+        ("--attitude-hz 201", "attitude_hz"), ("--rate-noise -1", "rate_noise"),
+    ],
+)  # fmt: skip
+def test_a_setting_outside_its_limits_is_refused_in_one_line_that_names_it(
+    asked: str, named: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    assert fly_jsbsim.main([*asked.split(), "--out", str(tmp_path / "log.tlog")]) == 2
+
+    [line] = capfd.readouterr().err.splitlines()
+    assert named in line
+    assert not [*tmp_path.iterdir()]
+
+
+@pytest.mark.parametrize(
     ("aircraft", "speed_kt", "altitude_ft"), [("c172p", 100.0, 3000.0), ("T37", 200.0, 10000.0)]
 )
 def test_the_linearised_dutch_roll_is_what_decays_after_a_rudder_pulse(

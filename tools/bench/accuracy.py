@@ -40,7 +40,7 @@ from flights.moved import (
     with_aileron,
 )
 from flights.ordinary import LAWS, Ordinary, fly_ordinary, hostile, jsbsim, small
-from flights.plan import Place, nonlinear_places, sealed_places
+from flights.plan import Place, sealed_places
 from flights.quiet import misled, unexcited
 
 from bench.frame import (
@@ -150,7 +150,7 @@ def truth(options: Namespace) -> list[Iterable[str]]:
     """
     if options.sealed and not options.flights:
         options.flights = PER_PLACE * len(sealed_places()) // 4
-    places = nonlinear_places() if options.nonlinear else PLACES
+    places = sealed_places(opened=True) if options.nonlinear else PLACES
     rows = all_rows(options, answers, flown(options, places, PER_PLACE, of_grid))
     note(options, cells(rows, "manoeuvre"))
     of_flights: Limits = [({}, name, *limit) for name, limit in product(KEYS, OF_Z)]

@@ -163,17 +163,12 @@ def excitation(plan: FlightPlan) -> Floats:
 PATH = Path(__file__).with_name("sealed.toml")
 
 
-def sealed_places() -> list[Place]:
-    """Return name, altitude in ft and airspeed in kt of the sealed aircraft, each at its speeds."""
-    return _places("jsbsim", "linear")
+def sealed_places(*, opened: bool = False) -> list[Place]:
+    """Return name, altitude in ft and airspeed in kt of the sealed aircraft, each at its speeds.
 
-
-def nonlinear_places() -> list[Place]:
-    """Return the places of the file's opened aircraft, on which a limit may be chosen."""
-    return _places("nonlinear")
-
-
-def _places(*kinds: str) -> list[Place]:
+    With ``opened`` they are the file's opened aircraft instead, on which a limit may be chosen.
+    """
+    kinds = ["nonlinear"] if opened else ["jsbsim", "linear"]
     return [
         (each["aircraft"], each.get("altitude_ft", 1000.0), knots)
         for each in _entries(*kinds)
