@@ -38,18 +38,25 @@ NUMBER = {
 }  # fmt: skip
 """The places where the copy is changed, and what stands there then."""
 BEGIN = """
-import json, math, subprocess, sys
+import contextlib, io, json, math
 from pathlib import Path
+from types import SimpleNamespace
+from yawid.cli.main import main
 from yawid.sinks.mcap.reader import open_answered
 
 def yawid(*arguments):
-    run = [sys.executable, "-m", "yawid", *map(str, arguments)]
-    return subprocess.run(run, capture_output=True, text=True, timeout=120)
+    out, err = io.StringIO(), io.StringIO()
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        try:
+            code = main([*map(str, arguments)])
+        except SystemExit as error:
+            code = error.code
+    return SimpleNamespace(returncode=code, stdout=out.getvalue(), stderr=err.getvalue())
 """
 OF_OPTION = """
 for words, value in ((["--airport", "LOWI"], "LOWI"), (["--config", "a.toml"], "LOWS")):
     Path("a.toml").write_text('airport = "LOWS"\\n')
-    done = yawid("replay", LOG, "--out", "out", "--force", "--lateral", "off", *words)
+    done = yawid("replay", LOG, "--out", "out", "--force", "--to", "80", *words)
     assert done.returncode == 0, done.stderr
     run = open_answered(Path("out/log.mcap"))
     assert run.config.airport == value, run.config
@@ -59,7 +66,7 @@ assert "--airport" in yawid("completion", "bash").stdout
 assert "did you mean --airport" in yawid("replay", LOG, "--airprot", "LOWI").stderr
 """
 OF_NUMBER = """
-done = yawid("replay", LOG, "--out", "out", "--json", "--ordinary", "off")
+done = yawid("replay", LOG, "--out", "out", "--json", "--to", "80")
 assert done.returncode == 0, done.stderr
 roll = json.loads(done.stdout)["flight"]["dutch_roll"]
 assert "half_s" in roll, roll

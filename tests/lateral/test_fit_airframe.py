@@ -151,7 +151,7 @@ LONG = pytest.mark.long
 
 def with_gap() -> Motion:
     """A motion without its samples of two seconds, while the rudder moves."""
-    motion = flown(2, lag_s=0.05)
+    motion = flown(2, seconds=20.0, lag_s=0.05)
     k = np.arange(len(motion.p))
     columns = {name: getattr(motion, name) for name in ("p", "r", "roll", "pitch", "q")}
     lost = (k >= 60) & (k < 110)
@@ -194,12 +194,12 @@ def jumping() -> Motion:
             id="none", marks=LONG,
         ),
         pytest.param(
-            lambda: [flown(1, lag_s=0.1, gust=0.02)], None, (0.05, 0.03, 0.2), DERIVATIVES,
-            (0.1, 0.02), id="lag and gusts",
+            lambda: [flown(1, seconds=20.0, lag_s=0.1, gust=0.02)], None, (0.05, 0.03, 0.2),
+            DERIVATIVES, (0.1, 0.02), id="lag and gusts",
         ),
         pytest.param(
-            lambda: [flown(1, gust=0.02)], 0.0, (0.05, 0.05, 0.3), DERIVATIVES, (0.0, 0.02),
-            id="gusts",
+            lambda: [flown(1, seconds=20.0, gust=0.02)], 0.0, (0.05, 0.05, 0.3), DERIVATIVES,
+            (0.0, 0.02), id="gusts",
         ),
         pytest.param(lambda: [with_gap()], 0.05, (0.02, 0.02, 0.2), DERIVATIVES, None, id="gap"),
         pytest.param(
@@ -259,7 +259,7 @@ def test_the_roll_law_does_not_pass_for_the_airframe() -> None:
     closed = A - np.outer(controls[:, 0], [0.0, hold[1], 0.0, hold[0]])
     assert abs(modes(closed)[1] - ZETA) > 0.03
 
-    motion = flown(4, hold=hold, aileron=0.0)
+    motion = flown(4, seconds=20.0, hold=hold, aileron=0.0)
     found = fit_airframe([motion], servo_lag_s=0.0)
 
     def names(records: list[Record], lag_given: bool) -> set[str]:
@@ -389,12 +389,12 @@ def test_closed_with_the_law_the_airframe_is_the_aircraft_as_flown(roll_lag_s: f
 
 def test_under_the_law_the_airframe_yaws_as_measured_by_the_rudder_alone():
     """The airframe is known from a flight whose aileron moved; in this one it only follows."""
-    found = fit_airframe([flown(amplitude=0.3, lag_s=0.1)], servo_lag_s=0.1)
+    found = fit_airframe([flown(seconds=20.0, amplitude=0.3, lag_s=0.1)], servo_lag_s=0.1)
     theta, known = np.zeros(len(NAMES)), dict(found.derivatives)
     known |= {"alpha": found.alpha_rad, "servo_lag": found.servo_lag_s, "delay": found.delay_s}
     theta[AT["log_Y_beta"]] = np.log(-known.pop("Y_beta").value)
     theta[[AT[name] for name in known]] = [each.value for each in known.values()]
-    motion = flown(amplitude=0.3, aileron=0.0, hold=HOLD, lag_s=0.1, roll_lag_s=0.1)
+    motion = flown(seconds=20.0, amplitude=0.3, aileron=0.0, hold=HOLD, lag_s=0.1, roll_lag_s=0.1)
 
     yaw_rate = yaw_rate_closed(theta, Record(motion), Law(*HOLD, 0.1))
 

@@ -144,7 +144,7 @@ def test_a_roll_angle_later_or_earlier_than_its_rates_changes_no_answer(
 
 
 def test_live_on_a_worker_equals_replay_to_the_bit():
-    data, whole = log(), Pipeline(CONFIG)
+    data, whole = log(seconds=22.0), Pipeline(CONFIG)
     feed_all(TlogReader([data], Decoder(WANTED)), whole)
     pieces = [data[at : at + 700] for at in range(0, len(data), 700)]
     with ThreadPoolExecutor(1) as fits, ThreadPoolExecutor(1) as lateral:

@@ -50,7 +50,7 @@ def test_the_remedy_that_helps_comes_before_those_that_cannot(tmp_path: Path) ->
 
 def test_a_warning_is_called_one_wherever_it_stands(tmp_path: Path, capsys) -> None:
     log = REPLAY_LOGS / "c172p_gcs_rates" / "log.tlog"
-    assert main(["replay", str(log), "--out", str(tmp_path)]) == 0
+    assert main(["replay", str(log), "--to", "80", "--out", str(tmp_path)]) == 0
     assert main(["report", str(tmp_path / "log.mcap")]) == 0
 
     assert "  warning rate_low: yaw comes at 10 Hz" in capsys.readouterr().out
@@ -76,7 +76,7 @@ def test_a_picture_of_the_readmes_shows_the_answer_that_is_given_today(
 def test_a_run_says_the_unit_of_its_rudder_and_its_modes_wherever_it_is_read(
     tmp_path: Path,
 ) -> None:
-    in_rad = replayed(C172P, tmp_path / "rad", "--rate", 10, "--rudder-max-deg", 25)
+    in_rad = replayed(C172P, tmp_path / "rad", "--rate", 10, "--rudder-max-deg", 25, "--to", 80)
     assert main(["replay", str(in_rad), "--orders", "3,3,3,1", "--out", str(tmp_path)]) == 0
     again, screen = tmp_path / "log.mcap", tmp_path / "a.rrd"
     assert main(["view", str(again), "--out", str(screen)]) == 0

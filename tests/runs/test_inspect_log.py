@@ -174,10 +174,11 @@ def test_a_page_is_read_in_ten_seconds_and_its_command_has_the_verdict_that_insp
 
 
 def test_inspect_says_the_options_asked_for_and_the_card_has_the_answer_of_that_replay():
-    report = inspect(C172P, {"from_s": 40.0}, with_card=True)
-    again = summarised(C172P, RunConfig(from_s=40.0))
+    part = {"from_s": 40.0, "to_s": 80.0}
+    report = inspect(C172P, part, with_card=True)
+    again = summarised(C172P, RunConfig(**part))
 
-    assert report.command == f"yawid replay {C172P} --from 40.0"
+    assert report.command == f"yawid replay {C172P} --from 40.0 --to 80.0"
     assert report.verdict == again.verdict
     assert report.card.answer == again.flight.dutch_roll
 

@@ -28,7 +28,7 @@ Made = Callable[..., Path]
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    options = ("--rate", 10, "--also", "none", "--manoeuvres", "off")
+    options = ("--rate", 10, "--also", "none", "--manoeuvres", "off", "--to", 60)
     return replayed(C172P, tmp_path_factory.mktemp("run"), *options)
 
 
