@@ -32,7 +32,7 @@ def test_several_logs_give_a_line_each_files_of_their_own_and_the_highest_code(
     logs = [C172P, tmp_path / "copter.tlog", tmp_path / "mute.tlog", slow]
     replay = ["replay", *map(str, logs), "--out", str(tmp_path / "out"), "--json"]
 
-    assert main([*replay, "--rate", "20"]) == 3
+    assert main([*replay, "--rate", "20", "--to", "80"]) == 3
     said = capsys.readouterr()
     reasons = [printed("replay", line)["verdict"]["reasons"] for line in said.out.splitlines()]
     assert [each[0]["id"] for each in reasons[1:]] == ["no_rudder", "no_vehicle"]

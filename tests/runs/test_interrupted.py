@@ -40,7 +40,7 @@ def test_a_replay_that_was_stopped_is_not_usable_and_bears_its_own_name(
     whole, out = long, tmp_path / "out"
     if of == "run":  # of two blocks of samples
         log = repeated(C172P, tmp_path / "long.tlog", 1)
-        whole = replayed(log, tmp_path, "--rate", 50, "--ordinary", "off")
+        whole = replayed(log, tmp_path, "--rate", 50, "--manoeuvres", "off")
     options = ("--out", out, "--rerun", "save", "--json", "--manoeuvres", "off")
     done = yawid_with(name, at, "replay", whole, C172P, "x.tlog", *options)
 
