@@ -150,8 +150,16 @@ def truth(options: Namespace) -> list[Iterable[str]]:
     """
     if options.sealed and not options.flights:
         options.flights = PER_PLACE * len(sealed_places()) // 4
-    places = sealed_places(opened=True) if options.nonlinear else PLACES
-    rows = all_rows(options, answers, flown(options, places, PER_PLACE, of_grid))
+    rows = all_rows(
+        options,
+        answers,
+        flown(
+            options,
+            sealed_places(opened=True) if options.nonlinear else PLACES,
+            PER_PLACE,
+            of_grid,
+        ),
+    )
     note(options, cells(rows, "manoeuvre"))
     of_flights: Limits = [({}, name, *limit) for name, limit in product(KEYS, OF_Z)]
     return [
@@ -168,8 +176,11 @@ def lateral(options: Namespace) -> list[Iterable[str]]:
     follows the roll hold. The rows of severities and aircraft have a moved aileron. The gates were
     chosen with the seeds 701 and 812.
     """
-    logs = flown(options, PLACES, PER_PLACE_OF_AILERON, with_aileron, "aileron_")
-    found = all_rows(options, partial(judged, config=RunConfig(lateral="auto")), logs)
+    found = all_rows(
+        options,
+        partial(judged, config=RunConfig(lateral="auto")),
+        flown(options, PLACES, PER_PLACE_OF_AILERON, with_aileron, "aileron_"),
+    )
     rows = [row for row in found if row["kind"] == "bare"]
     moved = [row for row in rows if row["aileron"] == AILERONS[0]]
     note(options, cells(moved, "bare"))

@@ -169,8 +169,9 @@ def shown(rows: Sequence[Row]) -> dict[str, object]:
 
 def damper(options: Namespace) -> list[Iterable[str]]:
     """Compare what a flight without the damper predicts for gains of it with the closed loop."""
-    places = range(options.cases // len(ADDED))
-    rows = all_rows(options, gains, {f"damper_{i:03d}": partial(flown, i) for i in places})
+    rows = all_rows(options, gains, {
+        f"damper_{i:03d}": partial(flown, i) for i in range(options.cases // len(ADDED))
+    })  # fmt: skip
     found = groups(rows, [("{}", "aircraft", ())]) | {"all": rows}
     some = [row for row in rows if "right" in row]
     counts = {name: sum(row[name] for row in some) for name in LEAST}

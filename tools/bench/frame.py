@@ -82,8 +82,9 @@ def main(arguments: list[str]) -> int:
         own = [f"{options.bench}_{kind}" for kind in ("sealed", "nonlinear")
                if getattr(options, kind, False)]  # fmt: skip
         places = own or PLACES.get(options.bench, [options.bench])
-        tables = (block for block in blocks if block.startswith("|"))
-        for place, made in zip(places, tables, strict=False):
+        for place, made in zip(
+            places, [each for each in blocks if each.startswith("|")], strict=False
+        ):
             put(place, made)
     return int(any(NOT_MET in block for block in blocks))
 

@@ -219,7 +219,6 @@ def live(options: Namespace) -> list[Iterable[str]]:
 
 
 LOOK_S, KILL_EVERY_S = 0.5, 30.0
-MINUTES = 1.0, 4.0
 
 
 def kill(ended: threading.Event, memory_mb: list[float], killed_s: list[float]) -> None:
@@ -238,13 +237,13 @@ def kill(ended: threading.Event, memory_mb: list[float], killed_s: list[float]) 
 
 
 def make(folder: Path, count: int) -> None:
-    """Write ``count`` logs of MINUTES each."""
+    """Write ``count`` logs of 1 to 4 minutes, a day apart."""
     folder.mkdir()
     rng = np.random.default_rng(1)
     for i in range(count):
-        every_s, hours = rng.uniform(60.0, 180.0), rng.uniform(*MINUTES) / 60.0
-        path, start_us = folder / f"{i:04d}.tlog", START_US + 86_400 * 10**6 * i
-        write_log(path, hours, i, 8.0, every_s, start_us=start_us)
+        every_s, hours = rng.uniform(60.0, 180.0), rng.uniform(1.0, 4.0) / 60.0
+        start_us = START_US + 86_400 * 10**6 * i
+        write_log(folder / f"{i:04d}.tlog", hours, i, 8.0, every_s, start_us=start_us)
 
 
 def faults(folder: Path, out: Path) -> list[str]:
