@@ -28,17 +28,15 @@ from typing import Any
 from mcap.reader import make_reader
 
 ROOT = Path(__file__).resolve().parents[2]
-OF_THE_DISK = ("log", "files")
-"""Keys of the printed JSON that have paths."""
-LOGS = {".tlog", ".bin", ".ulg"}
 
 
 def answers(tree: Path, log: Path) -> dict[str, Any]:
     """Return what a tree's yawid makes of a log: its JSON by keys, digests of topics by name.
 
     Keys begin with ``options`` or ``flight``, the table of case.toml with the options; without a
-    case.toml next to the log, all are of ``flight`` and the options are the default ones. If
-    nothing was printed, ``error`` is what was said on stderr.
+    case.toml next to the log, all are of ``flight`` and the options are the default ones. The keys
+    ``log`` and ``files`` have paths, and are left out. If nothing was printed, ``error`` is what
+    was said on stderr.
     """
     case, found = log.parent / "case.toml", dict[str, Any]()
     toml = tomllib.loads(case.read_text(encoding="utf-8")) if case.exists() else {}
@@ -58,7 +56,7 @@ def answers(tree: Path, log: Path) -> dict[str, Any]:
                         topics[channel.topic].update(
                             sent.log_time.to_bytes(8, "little") + sent.data
                         )
-        found[table] = {name: x for name, x in said.items() if name not in OF_THE_DISK}
+        found[table] = {name: x for name, x in said.items() if name not in ("log", "files")}
         found[table] |= {name: of.hexdigest() for name, of in topics.items()}
         found[table]["exit_code"] = done.returncode
     return found
@@ -82,7 +80,7 @@ def main(arguments: Sequence[str]) -> int:
     parser.add_argument("--logs", nargs="+", type=Path, default=[ROOT / "replay_logs"])
     options = parser.parse_args(arguments)
     logs = sorted(path for folder in options.logs for path in folder.rglob("*")
-                  if path.suffix.lower() in LOGS)  # fmt: skip
+                  if path.suffix.lower() in (".tlog", ".bin", ".ulg"))  # fmt: skip
     keys, count = Counter[str](), 0
     with tempfile.TemporaryDirectory() as tree:
         asked = ["git", "archive", options.commit, "src"]

@@ -35,7 +35,6 @@ from yawid.trend.trend import FALSE_ALARMS, study
 SCATTER: Final = {"kappa_rad_m": 0.015, "zeta": 0.08, "K_per_V": 0.05}
 OF_ORDINARY: Final = {"kappa_rad_m": 0.022, "zeta": 0.12}
 LEVELS: Final = {"kappa_rad_m": 0.12, "zeta": 0.15, "K_per_V": 0.04}
-OUTLIERS: Final = 0.05
 FALL: Final = 0.2
 FALL_DAYS: Final = 30
 START_US: Final = 1_740_000_000_000_000  # 2025-02-19
@@ -96,7 +95,7 @@ def draw_history(
 def draw_off(rng: np.random.Generator, n: int) -> Any:
     """Return a factor for each flight (n,), which is 1 except for outliers."""
     far = rng.choice([-1.0, 1.0], n) * rng.uniform(0.25, 0.6, n)
-    return np.where(rng.random(n) < OUTLIERS, 1.0 + far, 1.0)
+    return np.where(rng.random(n) < 0.05, 1.0 + far, 1.0)
 
 
 def draw_vehicles(rng: np.random.Generator, plan: Plan) -> Iterator[dict[str, Track]]:
@@ -114,8 +113,9 @@ def draw_vehicles(rng: np.random.Generator, plan: Plan) -> Iterator[dict[str, Tr
         tracks = {}
         for name, scatter in plan.scatter.items():
             own = LEVELS[name] * (1.0 + 0.03 * rng.standard_normal())
-            shared = plan.share * rng.standard_normal(plan.days)[day]
-            value, sigma = draw_history(rng, own, scatter, len(day), off, shared)
+            value, sigma = draw_history(
+                rng, own, scatter, len(day), off, plan.share * rng.standard_normal(plan.days)[day]
+            )
             value = value * left.get(name, 1.0) * (1.0 + plan.season * np.sin(phase))
             tracks[name] = Track(value, sigma, date)
         yield tracks

@@ -23,9 +23,6 @@ RATE_HZ: Final = 20
 PLANT: Final = [0.0, 0.0124, -0.0115], [1.0, -1.957, 0.9735]
 """B and A of a discrete model from rudder to yaw rate, at ``RATE_HZ``."""
 START_US: Final = 1_700_000_000_000_000
-_BOOT_US: Final = 10_000_000
-_HEAD: Final = 18
-"""The bytes of a record before its payload: stamp and header."""
 _SLOW = (
     "AHRS", "AHRS2", "AIRSPEED", "BATTERY_STATUS", "EKF_STATUS_REPORT", "ESC_TELEMETRY_1_TO_4",
     "GPS_RAW_INT", "LOCAL_POSITION_NED", "MEMINFO", "MISSION_CURRENT", "NAV_CONTROLLER_OUTPUT",
@@ -80,7 +77,7 @@ def write_log(
     for i, (after_us, name, sample) in enumerate(frames):
         of = {key: each[sample::RATE_HZ] for key, each in flight.items()}
         known = _FIELDS.get(name, {}) | of if name in WANTED else None
-        boot_us, number = _BOOT_US + 1_000_000 * second + after_us, 4 + i + len(frames) * second
+        boot_us, number = 1_000_000 * (10 + second) + after_us, 4 + i + len(frames) * second
         rows[f"{after_us} {name}"] = packed(name, boot_us, number, start_us, known, rng)
     parameters = {"FUNCTION": 21, "MIN": 1100, "MAX": 1900, "TRIM": 1500}
     sent = [mavlink.MAVLink_param_value_message(f"SERVO4_{name}".encode(), value, 9, 4, i)
@@ -109,12 +106,11 @@ def packed(
     of["stamp"], of["magic"], of["length"] = start_us + boot_us, 0xFD, payload.itemsize
     of["seq"], of["ids"] = number % 256, 1
     of["message"] = list(CLASSES[name].id.to_bytes(3, "little"))
-    if known is None and rng is not None:
-        data[:, _HEAD:-2] = rng.integers(0, 256, (len(of), payload.itemsize))
-    times = {"time_boot_ms": boot_us // 1000, "time_usec": boot_us}
-    for field, values in (times | (known or {})).items():
-        if field in (payload.dtype.names or ()):
-            payload[field] = values
+    if known is None and rng is not None:  # all but stamp, header and CRC
+        data[:, 18:-2] = rng.integers(0, 256, (len(of), payload.itemsize))
+    given = {"time_boot_ms": boot_us // 1000, "time_usec": boot_us} | (known or {})
+    for field in given.keys() & (payload.dtype.names or ()):
+        payload[field] = given[field]
     at, extra = size * np.arange(len(of)), np.full(len(of), CLASSES[name].crc_extra, np.uint8)
     of["crc"] = crc_of_frames(data.ravel(), at + 9, at + size - 2, extra)
     return of

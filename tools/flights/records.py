@@ -23,13 +23,6 @@ HZ = 20
 SAID: dict[str, Any] = {"rudder_unit": "half-travel", "rudder_is": "commanded", "units": "rad"}
 """What ``yawid.replay`` must be given with such a record."""
 REST_S, GRAVITY = 10.0, 9.80665
-WN_RAD_S, ZETA = (0.5, 6.0), (0.02, 0.15)
-"""The ranges of the releases' Dutch rolls."""
-DECAY_S, DECAY_PERIODS = (5.0, 20.0), 1.5
-"""Hands are off for DECAY_S, and for DECAY_PERIODS at least: with the doublet's one period a
-release of any wn has two and a half."""
-NOISE = (0.003, 0.03)
-"""Standard deviation of the noise as a share of a channel's peak."""
 
 
 def states(A: Floats, B: Floats, rudder: Floats, hz: float) -> Floats:
@@ -75,36 +68,39 @@ def record(legs: Sequence[Leg], *, hz: int = HZ, seed: int = 1, **columns: Any) 
         for leg, u in zip(legs, rudders, strict=True)
     ]
     rudder = np.concatenate(rudders)
-    found = {
+    return {
         "t": np.arange(len(rudder)) / hz,
         "rudder": rudder,
         "r": np.concatenate(flown),
         "airspeed": np.full(len(rudder), 20.0),
         "mode": np.repeat([leg.mode for leg in legs], [len(u) for u in rudders]),
-    }
-    return found | columns
+    } | columns
 
 
 def release(seed: int, number: int, hz: int, *, rolls: bool) -> tuple[dict[str, Any], Leg]:
     """Return the record of release ``number`` at a rate, and its leg, which has wn and zeta.
 
     With ``rolls`` it has the columns p and roll, too; else the aircraft is eq. 22 alone. But for
-    its noise a number is the same flight at each rate.
+    its noise, a share of a channel's peak, a number is the same flight at each rate. Hands are off
+    for 5 to 20 s, and for a period and a half at least: with the doublet's one period a release of
+    any wn has two and a half.
     """
     rng = np.random.default_rng([seed, number])
-    wn, zeta = float(np.exp(rng.uniform(*np.log(WN_RAD_S)))), float(rng.uniform(*ZETA))
+    wn, zeta = float(np.exp(rng.uniform(*np.log((0.5, 6.0))))), float(rng.uniform(0.02, 0.15))
     period_s = 2.0 * np.pi / wn
-    decay_s = rng.uniform(max(DECAY_S[0], DECAY_PERIODS * period_s), DECAY_S[1])
+    decay_s = rng.uniform(max(5.0, 1.5 * period_s), 20.0)
     leg = Leg(zeta, wn, unit_s=period_s / 2.0, seconds=REST_S + period_s + decay_s,
-              noise=rng.uniform(*NOISE), stroke=rng.uniform(0.1, 0.3))  # fmt: skip
+              noise=rng.uniform(0.003, 0.03), stroke=rng.uniform(0.1, 0.3))  # fmt: skip
     airspeed_m_s = 60.0 * wn**-0.6
     A, B = drawn_airframe(rng, wn, zeta, GRAVITY / airspeed_m_s, rolls=rolls)
     rudder = leg.rudder(hz)
     flown = states(A, B, rudder, hz)
     flown += leg.noise * np.abs(flown).max(axis=0) * rng.standard_normal(flown.shape)
     seen = dict(zip(("p", "r", "roll"), flown.T[1:], strict=True)) if rolls else {"r": flown[:, 2]}
-    own = {"t": np.arange(len(rudder)) / hz, "rudder": rudder, "mode": ["MANUAL"] * len(rudder)}
-    return own | seen | {"airspeed": np.full(len(rudder), airspeed_m_s)}, leg
+    return {
+        "t": np.arange(len(rudder)) / hz, "rudder": rudder, "mode": ["MANUAL"] * len(rudder),
+        "airspeed": np.full(len(rudder), airspeed_m_s),
+    } | seen, leg  # fmt: skip
 
 
 def drawn_airframe(

@@ -15,7 +15,6 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 Record = tuple[int, bytes]
 STAMP_SIZE = 8
-FIRST_SIGNATURE = 10_000_000
 CLASSES: dict[str, Any] = {cls.msgname: cls for cls in mavlink.mavlink_map.values()}
 """pymavlink's classes of messages, by name."""
 
@@ -77,12 +76,11 @@ class Encoder:
 
     def frame(self, message: Any, ids: tuple[int, int] = (1, 1)) -> bytes:
         """Return the message as the next frame of the sender ``ids``."""
-        if ids not in self._links:
+        if (link := self._links.get(ids)) is None:
             self._links[ids] = link = self._dialect.MAVLink(None, *ids)
             if self._key is not None:
                 link.signing.secret_key, link.signing.sign_outgoing = self._key, True
-                link.signing.link_id, link.signing.timestamp = ids[0], FIRST_SIGNATURE
-        link = self._links[ids]
+                link.signing.link_id, link.signing.timestamp = ids[0], 10_000_000
         frame = bytes(message.pack(link))
         link.seq = (link.seq + 1) % 256
         return frame
