@@ -46,7 +46,7 @@ LAWS = {
 """The roll laws: time constant in s from angle to rate, corner in Hz of the filter of the wanted
 rate (inf: none), integral and derivative as shares of the rate's gain. Those named after an
 autopilot have the structure of its source and the ratios of its default gains."""
-PHI, THETA, PSI, P, Q, R, KT, FEET, CLIMB = range(9)
+PHI, THETA, PSI, P, Q, R, KT, FEET = range(8)
 AILERON, ELEVATOR, RUDDER, THROTTLE = (
     f"fcs/{name}-cmd-norm" for name in ("aileron", "elevator", "rudder", "throttle")
 )
@@ -140,21 +140,20 @@ def roll_law(name: str, plan: FlightPlan) -> Callable[[float, float, float], flo
 
 def autopilot(
     flight: Ordinary, fdm: Any, rng: np.random.Generator
-) -> Callable[[float, Floats, Floats], list[float]]:
+) -> Callable[[float, list[float]], list[float]]:
     """Return the loop of a flight: it turns the course, and holds course, height and speed.
 
-    It is called with the time in s, STATES and the noise of the sensors, moves elevator and
-    throttle, and returns the outputs of aileron and rudder in units.
+    It is called with the time in s and STATES as they are sensed, moves elevator and throttle, and
+    returns the outputs of aileron and rudder in units.
     """
     plan, law = flight.plan, roll_law(flight.law, flight.plan)
     trim = {name: fdm[name] for name in (*STATES, AILERON, ELEVATOR, RUDDER)}
     off = bank = slow = 0.0
     before, turn_s = math.radians(plan.heading_deg), 20.0
 
-    def outputs(t_s: float, state: Floats, noise: Floats) -> list[float]:
+    def outputs(t_s: float, sensed: list[float]) -> list[float]:
         nonlocal off, bank, slow, before, turn_s
-        phi, theta, _, p, q, r = (state[: len(SENSED)] + noise).tolist()
-        kt, feet, climb = state[[KT, FEET, CLIMB]].tolist()
+        phi, theta, _, p, q, r, kt, feet, climb, *_ = sensed
         course = math.atan2(fdm["velocities/v-east-fps"], fdm["velocities/v-north-fps"])
         off -= math.remainder(course - before, math.tau)
         before = course
@@ -206,7 +205,10 @@ def flown(flight: Ordinary) -> tuple[Floats, Floats, Floats]:
     for k in range(n):
         states[k] = [fdm[name] for name in STATES]
         if k % every == 0:
-            outputs[k : k + every] = steer(k * STEP_S, states[k], noises[k // every])
+            outputs[k : k + every] = steer(
+                k * STEP_S,
+                [*(states[k, :6] + noises[k // every]).tolist(), *states[k, 6:].tolist()],
+            )
         shafts = np.clip(shafts, outputs[k] - play, outputs[k] + play)
         moved = moved + follow * (shafts - moved)
         fdm[AILERON], fdm[RUDDER] = moved[0], jsbsim_rudder(moved[1])

@@ -69,10 +69,7 @@ def quiet(
     own = RANGES[group]
     facts = {name: drawn(rng, of) for name, of in own.items() if name != "severity"}
     place = places[int(rng.integers(len(places)))] if "severity" in own else None
-    still: dict[str, Any] = {
-        "seconds": float(rng.choice(lengths_s)),
-        "manoeuvre": "none",
-    }
+    still: dict[str, Any] = {"seconds": float(rng.choice(lengths_s)), "manoeuvre": "none"}
     plan = (
         plan_at(place, heading_deg=float(rng.integers(0, 360)), **still)
         if place
