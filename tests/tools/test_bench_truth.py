@@ -123,6 +123,20 @@ def test_the_figures_of_two_answers_are_those_by_hand() -> None:
     assert frame.cells(rows(), "bare")["answered %"] == "67"
 
 
+def test_a_criterion_is_missed_by_more_than_its_own_error_over_the_flights() -> None:
+    def missed(figure: str, limit: float, draws: int) -> int:
+        limits = [({}, "wn", figure, limit), ({"aircraft": "T38"}, "wn", figure, limit)]
+        return len([*frame.criteria(rows(), "manoeuvre", limits, {}, draws)])
+
+    assert [missed("median", limit, 500) for limit in (3.1, 3.3)] == [1, 0]  # no T38 was flown
+    assert [missed("answered %", limit, 1) for limit in (66.0, 67.0)] == [0, 1]
+    assert missed("answered %", 67.0, 500) == 0  # one of the two flights has no answer
+    # z of wn is 1.41, 1.3 is allowed; for fewer than 20 answers it is no criterion
+    few, enough = ([*frame.criteria([], "manoeuvre", (), {"all": rows() * n})] for n in (9, 10))
+    assert few == []
+    assert [line.split(": ")[:3] for line in enough] == [["not met", "manoeuvre, wn, all", "z"]]
+
+
 def answering(of: Response) -> Manoeuvre:
     """A manoeuvre whose answer has this response, a K of .308 and a yaw acceleration of 1."""
     made = found(1, 40.0, 2.0, verdict())
