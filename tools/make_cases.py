@@ -244,16 +244,15 @@ def main(argv: Sequence[str]) -> int:
         made = make(how, options.flights)
         assert len(made.log) < 1_000_000, f"{len(made.log)} bytes: a case's log has less"
         checksum = f'sha256 = "{hashlib.sha256(made.log).hexdigest()}"'
+        differ |= checksum not in text
         print(f"{'same' if checksum in text else 'differs':>8}  {name}", flush=True)
-        if options.check:
-            differ |= checksum not in text
-            continue
-        (folder / "log.tlog").write_bytes(made.log)
-        text = re.sub(r'^sha256 = "\w*"', checksum, text, count=1, flags=re.MULTILINE)
-        (folder / "case.toml").write_text(text, encoding="utf-8")
-        if made.truth is not None:
-            (folder / "truth.json").write_text(written(made), encoding="utf-8")
-    return int(differ)
+        if not options.check:
+            (folder / "log.tlog").write_bytes(made.log)
+            text = re.sub(r'^sha256 = "\w*"', checksum, text, count=1, flags=re.MULTILINE)
+            (folder / "case.toml").write_text(text, encoding="utf-8")
+            if made.truth is not None:
+                (folder / "truth.json").write_text(written(made), encoding="utf-8")
+    return int(options.check and differ)
 
 
 if __name__ == "__main__":

@@ -74,8 +74,11 @@ def truth_lines(plan: FlightPlan, flown: Floats) -> dict[str, Line | None]:
         lines[name] = None
         if len(pairs) == len(modes):
             slope, pulse = (pairs[1] - pairs[0]) / step_kt, pairs[2] - pairs[0]
-            line = {"at": pairs[0].tolist(), "per_kt": slope.tolist()}
-            lines[name] = {"mean_kt": mean.speed_kt, "line": line, "pulse": pulse.tolist()}
+            lines[name] = {
+                "mean_kt": mean.speed_kt,
+                "line": {"at": pairs[0].tolist(), "per_kt": slope.tolist()},
+                "pulse": pulse.tolist(),
+            }
     return lines
 
 
