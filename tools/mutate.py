@@ -15,10 +15,10 @@ cheapest, up to ``BUDGET_S``. A folder in the temporary folder keeps the record 
 mutant as it ends (draw_SEED.json). The same command goes on where it was stopped; a record that was
 not complete begins again.
 
-tests/test_mutations.py, marked ``long``, seeds those of checks/defects.toml. Each names one test
-that must fail: if that ends in any other way, it has not caught the defect. For a defect in the
-kernel, or in the code that compiles it, the kernel runs as plain Python, which gives the same bits
-and need not be compiled for each defect. For all others it is compiled once, as fits in plain
+tests/test_mutations.py, marked ``long``, seeds the defects of checks/defects.toml. Each names one
+test that must fail: if that ends in any other way, it has not caught the defect. For a defect in
+the kernel, or in the code that compiles it, the kernel runs as plain Python, which gives the same
+bits and need not be compiled for each defect. For all others it is compiled once, as fits in plain
 Python take minutes.
 """
 
@@ -49,7 +49,7 @@ ROOT = Path(__file__).resolve().parents[1]
 PLAIN = ("estimation/kernel/", "estimation/machine/")
 BUDGET_S = 40.0
 """Seconds, as recorded, that the tests of one mutant may take: a survivor costs that. Without it
-one line that all tests reach costs ten minutes."""
+one line that all tests reach costs ten minutes. Record on a machine that does nothing else."""
 GATE = ("-m", "not slow and not long")
 NO_TESTS = 5
 FAILED = re.compile(r"^(?:FAILED|ERROR) (\S+)", re.MULTILINE)
