@@ -135,7 +135,12 @@ def misplaced(defects: Sequence[Mapping[str, str]]) -> list[str]:
     return [
         f"{each['what']}: {count} times in {each['file']}: {each['old']!r}"
         for each in defects
-        if (count := (ROOT / "src/yawid" / each["file"]).read_text("utf-8").count(each["old"])) != 1
+        if (
+            count := (ROOT / "src/yawid" / each["file"])
+            .read_text(encoding="utf-8")
+            .count(each["old"])
+        )
+        != 1
     ]
 
 

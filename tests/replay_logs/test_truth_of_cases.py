@@ -90,7 +90,7 @@ def test_each_manoeuvre_of_the_three_speeds_lies_as_near_its_truth_as_stated():
 
 def test_every_case_says_how_it_is_made_and_has_a_truth_or_is_one_to_be_refused():
     """But the three speeds, whose flight the tools no longer make."""
-    cases = {path.parent.name: tomllib.loads(path.read_text("utf-8"))
+    cases = {path.parent.name: tomllib.loads(path.read_text(encoding="utf-8"))
              for path in CASES.glob("*/case.toml")}  # fmt: skip
     assert [name for name, case in cases.items() if "made" not in case] == ["c172p_three_speeds"]
     assert cases.keys() == set(WITH_TRUTH) | REFUSED.keys()

@@ -94,7 +94,9 @@ def test_the_page_of_two_aircraft_shows_them_next_to_each_other_in_each_number(
     write_fleet(tmp_path / "two", [*steady(1, 12), *steady(2, 12)])
 
     assert main(["trend", str(tmp_path / "two"), "-o", str(tmp_path / "r.html")]) == 0
-    over_flights, next_to = (tmp_path / "r.html").read_text("utf-8").split("next to each other")
+    over_flights, next_to = (
+        (tmp_path / "r.html").read_text(encoding="utf-8").split("next to each other")
+    )
     assert (over_flights.count("<svg"), next_to.count("<svg")) == (2, 3)
     assert [next_to.count(f"sysid:{i}</text>") for i in (1, 2)] == [3, 3]
 
@@ -241,7 +243,9 @@ def test_two_years_show_the_season_and_what_changes_next_to_it(
     assert zeta["now"]["value"] == pytest.approx(0.15, abs=0.001)
 
     assert main(["trend", str(tmp_path / "steady"), "-o", str(tmp_path / "r.html")]) == 0
-    assert f"highest on {zeta['season']['peak']}" in (tmp_path / "r.html").read_text("utf-8")
+    assert f"highest on {zeta['season']['peak']}" in (tmp_path / "r.html").read_text(
+        encoding="utf-8"
+    )
 
     change = followed(tmp_path / "fallen", yearly(110, 7, swing=0.1, fall=0.05)).followed[0].change
     assert change.percent == pytest.approx(-5.0, abs=1.0)
@@ -347,7 +351,7 @@ def test_several_aircraft_under_one_id_are_a_warning(
     assert "--vehicle-from folder" in warning["text"]
     assert f"warning several_aircraft: {warning['text']}" in text
     assert main(["trend", str(speeds), "-o", str(page)]) == 0
-    assert "warning several_aircraft" in page.read_text("utf-8")
+    assert "warning several_aircraft" in page.read_text(encoding="utf-8")
 
     assert main(["explain", "several_aircraft"]) == 0
     assert "a gap of a factor of 1.5" in " ".join(capsys.readouterr().out.split())

@@ -80,7 +80,9 @@ def built() -> str:
     # setuptools always packs the tests in the root of tests/, too.
     assert names == OF_SDIST | {f"tests/{path.name}" for path in ROOT.glob("tests/test*.py")}, names
     # By number: an older pair that matches would be installed without a word.
-    bounds = re.findall(r'"(\w+)>=[\d.]+,<0\.(\d+)"', (ROOT / "pyproject.toml").read_text("utf-8"))
+    bounds = re.findall(
+        r'"(\w+)>=[\d.]+,<0\.(\d+)"', (ROOT / "pyproject.toml").read_text(encoding="utf-8")
+    )
     newest = [f"{name}==0.{int(bound) - 1}.*" for name, bound in bounds]
     run(["uv", "venv", "--quiet", "--python", sys.executable, "bare"])
     run(["uv", "pip", "install", "--quiet", "--python", "bare", "--no-build", *newest, wheel])
