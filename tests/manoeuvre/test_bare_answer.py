@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import hand_flights
@@ -163,7 +164,7 @@ def test_a_rudder_that_did_not_drive_the_yaw_shows_no_airframe(reason: str, know
     said = Reason(reason, "for the test", weight="fatal")
     flown = hand_flights.manoeuvre(1, 2.4, loop="with_roll_loop", reason=said)
 
-    told = lateral_of(against_flown(found(1, airframe()), flown))
+    told = lateral_of(against_flown(found(1, airframe(), MOTION_OF_20_S), flown))
 
     assert told.verdict.usable == known
     if not known:
@@ -208,3 +209,46 @@ def test_a_fit_that_fails_and_a_motion_that_is_missing_are_causes_and_no_errors(
     monkeypatch.setattr(bare_answer, "fit_airframe", fails)
 
     assert [each.text for each in lateral_of(fitted(1, motion, None)).verdict.reasons] == [said]
+
+
+TEN_HZ = flown(seconds=20.0, rate_hz=10.0)
+SLOW = "attitude and servo outputs come at 10 Hz, and a mode of 3 rad/s needs 12 Hz"
+
+
+@pytest.mark.parametrize(
+    ("motion", "changed", "loop", "wn", "said"),
+    [
+        (MOTION_OF_20_S, {}, "with_roll_loop", 2.4, ""),
+        (MOTION_OF_20_S, {"aileron_known": False}, "airframe", 2.4, "no aileron was found"),
+        (MOTION_OF_20_S, {"commands_exact": False}, "airframe", 2.4, "the commands are known on"),
+        (MOTION_OF_20_S, {"aileron": MOTION_OF_20_S.rudder}, "airframe", 2.4,
+         "the aileron explains 1.000 of the rudder's variance (limit 0.98)"),
+        (MOTION_OF_20_S, {"aileron": 0.0 * MOTION_OF_20_S.aileron}, "with_roll_loop", 2.4,
+         "the aileron never moves, although the autopilot holds the roll"),
+        (MOTION_OF_20_S, {"aileron": 0.0 * MOTION_OF_20_S.aileron}, "airframe", 2.4, ""),
+        (TEN_HZ, {}, "airframe", 3.0, SLOW),
+        (TEN_HZ, {}, "airframe", 2.8, ""),  # less three sigmas it may be slow enough
+    ],
+)  # fmt: skip
+def test_what_a_record_and_its_answer_as_flown_lack_refuses_the_airframe_without_a_fit(
+    motion: Motion, changed: dict[str, Any], loop: str, wn: float, said: str,
+    monkeypatch: pytest.MonkeyPatch,
+):  # fmt: skip
+    """Live, where the fit may be ready before the answer as flown, it is the same in the end."""
+    fits: list[Any] = []
+
+    def fit(motions: list[Motion], **_: Any) -> Airframe:
+        fits.extend(motions)
+        return airframe()
+
+    monkeypatch.setattr(bare_answer, "fit_airframe", fit)
+    monkeypatch.setattr(bare_answer, "_fed_back", lambda motion, found: 0.0)
+    flown = hand_flights.manoeuvre(1, wn, loop=loop)
+    motion = replace(motion, **changed)
+
+    refused = fitted(1, motion, None, flown)
+
+    assert (refused.why.startswith(said), bool(fits)) == (True, not said)
+    assert bool(refused.step) == bool(said)
+    later = against_flown(found(1, airframe(), motion), flown)
+    assert (later.why, later.step) == (refused.why, refused.step)

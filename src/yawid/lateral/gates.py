@@ -6,9 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from yawid.answers.run_summary import DutchRoll, Manoeuvre
 from yawid.lateral.airframe import Airframe
 from yawid.lateral.fit import ITERATIONS
+from yawid.lateral.motion import Motion
 from yawid.lateral.record import FOLLOWS, Record, explained
+from yawid.quantities.vehicles import WITH_ROLL_LOOP
 
 FED_BACK_BY_DAMPER = 0.1
 """The most of the rudder near the mode that may feed back the yaw rate: with .21 to .29 flights
@@ -48,6 +51,10 @@ GATES = {
     "commands_on_grid": Gate(
         "the commands are known on the grid of the samples only",
         "replay the log itself, whose servo messages have their own stamps",
+    ),
+    "aileron_at_rest": Gate(
+        "the aileron never moves, although the autopilot holds the roll",
+        "name the output that moves the aileron, or record all servo outputs",
     ),
     "rudder_copies_aileron": Gate(
         "the aileron explains {found:.3f} of the rudder's variance (limit {limit:g})",
@@ -139,9 +146,6 @@ def failed_gates(
     wn, rudder = airframe.wn_rad_s, airframe.derivatives["N_delta_r"]
     aileron, lag = airframe.derivatives["L_delta_a"], airframe.servo_lag_s.value
     found: dict[str, float] = {
-        "no_aileron": sum(not each.motion.aileron_known for each in records),
-        "commands_on_grid": sum(not each.motion.commands_exact for each in records),
-        "rudder_copies_aileron": min(map(copied_share, records)),
         "not_settled": 0.0 if settled else math.inf,
         "several_minima" if lag_given else "lag_unknown": starts_agreeing,
         "coloured": airframe.rho1,
@@ -158,6 +162,41 @@ def failed_gates(
         if any(each.aileron_moves for each in records):
             found["aileron_uncertain"] = aileron.std / abs(aileron.value)
     return stopped_by(found)
+
+
+def facts_against(motion: Motion, flown: Manoeuvre | None) -> list[tuple[str, str]]:
+    """Return what stops a motion without any fit, each in words with what to do about it.
+
+    ``flown`` is its answer as flown, None where that is not known yet.
+    """
+    if why := motion.contradiction():
+        return [(why, "check the channels' signs and units")]
+    record = Record(motion)
+    is_held = flown is not None and flown.loop == WITH_ROLL_LOOP and motion.aileron_known
+    failed = stopped_by({
+        "no_aileron": not motion.aileron_known,
+        "commands_on_grid": not motion.commands_exact,
+        "aileron_at_rest": is_held and not record.aileron_moves,
+        "rudder_copies_aileron": copied_share(record),
+    })  # fmt: skip
+    said = [(GATES[name].said(x), GATES[name].remedy) for name, x in failed.items()]
+    roll = flown.dutch_roll if flown is not None and flown.verdict.usable else None
+    slow = too_slow(1.0 / motion.sample_time_s, roll)
+    return said if slow is None else [*said, (slow, GATES["too_slow"].remedy)]
+
+
+def too_slow(rate_hz: float, roll: DutchRoll | None) -> str | None:
+    """Return in words that attitudes at this rate are too few for a mode, None where they may do.
+
+    The mode may be slower by three sigmas: another pole may be faster, which the fit shows.
+    """
+    most = GATES["too_slow"].limit
+    if roll is None or not roll.wn_rad_s - 3.0 * (roll.wn_std or 0.0) > most * rate_hz:
+        return None
+    return (
+        f"attitude and servo outputs come at {rate_hz:.3g} Hz, and a mode of {roll.wn_rad_s:.3g} "
+        f"rad/s needs {roll.wn_rad_s / most:.3g} Hz"
+    )
 
 
 def stopped_by(found: Mapping[str, float]) -> dict[str, float]:

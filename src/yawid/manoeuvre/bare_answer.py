@@ -25,7 +25,7 @@ from yawid.answers.run_summary import (
 from yawid.blocks import AIRSPEED_SHARE
 from yawid.lateral.airframe import Airframe, AsFlown, Known, with_modes
 from yawid.lateral.fit_airframe import ANSWERED, fit_airframe, mean
-from yawid.lateral.gates import GATES, stopped_by
+from yawid.lateral.gates import GATES, facts_against, stopped_by
 from yawid.lateral.motion import Motion
 from yawid.manoeuvre.answered import seen_in
 from yawid.manoeuvre.conditions import SIGMAS
@@ -35,11 +35,13 @@ from yawid.manoeuvre.flight import DISAGREE_WN, LEAST_AGREEING, agreement, disag
 from yawid.manoeuvre.projection import ROLL
 from yawid.quantities.flying_qualities import dutch_roll_level, wrong_sign
 from yawid.quantities.vehicles import AIRFRAME
+from yawid.results.yaw_loop import damped_by
 
 BARE_UNKNOWN: Final = "bare_unknown"
 DISAGREE: Final = "manoeuvres_disagree"
 WRONG_SIGN: Final = "wrong_sign"
 CHECK_AILERON: Final = "Check the aileron's servo, and SERVOn_REVERSED of the output that moves it."
+RECORD: Final = "Record ATTITUDE, an airspeed and all servo outputs, at 25 Hz or more."
 LAG_DIFFERS: Final = "lag_differs"
 """Without it a lag that was .1 s wrong was believed, with wn up to 4 sigma off."""
 OF_ALL: Final = frozenset((
@@ -87,20 +89,25 @@ def yaw_damped(n: int, gains: str) -> Fitted:
 
     On a flight of SITL with gains up to 8 wn was 9 % high, and nothing else showed it.
     """
-    name = "yaw damper" if "YAW2SRV_DAMP" in gains else "yaw-rate loop"
-    why = f"the {name} ({gains}) moves the rudder by the yaw rate of the same sample"
-    return Fitted(n, why, None, why, f"Switch the {name} off for the manoeuvre.")
+    why, remedy = damped_by(gains)
+    return Fitted(n, why, None, why, _sentences([remedy]))
 
 
-def fitted(n: int, motion: Motion | str, servo_lag_s: float | None) -> Fitted:
-    """Fit the airframe to the motion of manoeuvre ``n``."""
+def refused(n: int, motion: Motion, flown: Manoeuvre | None) -> Fitted | None:
+    """Return manoeuvre ``n`` refused by what needs no fit, None where a fit may know it."""
+    lacks = facts_against(motion, flown)
+    why, step = "; ".join(said for said, _ in lacks), _sentences([cure for _, cure in lacks])
+    return Fitted(n, motion, None, why, step) if lacks else None
+
+
+def fitted(
+    n: int, motion: Motion | str, servo_lag_s: float | None, flown: Manoeuvre | None = None
+) -> Fitted:
+    """Fit the airframe to the motion of manoeuvre ``n``, unless that is refused without a fit."""
     if isinstance(motion, str):
-        return Fitted(n, motion, None, motion)
-    known = {"no_aileron": motion.aileron_known, "commands_on_grid": motion.commands_exact}
-    if why := motion.contradiction():
-        return Fitted(n, motion, None, why, "Check the channels' signs and units.")
-    if lacks := [GATES[name] for name, has in known.items() if not has]:  # no fit is needed
-        return Fitted(n, motion, None, lacks[0].sentence, _sentences([lacks[0].remedy]))
+        return Fitted(n, motion, None, motion, RECORD)
+    if (without_fit := refused(n, motion, flown)) is not None:
+        return without_fit
     found, why = _fit([motion], servo_lag_s)
     if found is not None:
         fed_back = stopped_by({"rudder_feeds_back": _fed_back(motion, found)})
@@ -114,6 +121,8 @@ def against_flown(found: Fitted, flown: Manoeuvre) -> Fitted:
     The rudder must have driven the yaw, and it must be the aircraft of a usable answer as flown:
     that itself where only the sticks flew, else closed with the roll law, if one is found.
     """
+    if found.airframe is not None and isinstance(found.motion, Motion):
+        found = refused(found.n, found.motion, flown) or found  # the fit may have been first
     against = [each.id for each in flown.verdict.fatal if each.id in NOT_DRIVEN]
     if found.airframe is not None and against:
         why = f"the rudder did not drive the yaw: the answer as flown is {' and '.join(against)}"

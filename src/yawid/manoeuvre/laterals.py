@@ -57,8 +57,11 @@ class Laterals:
         self._until_s = math.inf
         self.is_late = False
 
-    def answer(self, n: int, samples: SampleBlock) -> None:
-        """Fit the airframe to the motion of manoeuvre ``n``, whose samples these are."""
+    def answer(self, n: int, samples: SampleBlock, answered: Manoeuvre | None) -> None:
+        """Fit the airframe to the motion of manoeuvre ``n``, whose samples these are.
+
+        Where it is ``answered`` as flown already, that may refuse it without a fit.
+        """
         motion = self.store.cut(samples)
         flown, _ = conditions(samples, n, self._modes_of)
         if flown.loop != AIRFRAME:
@@ -70,7 +73,7 @@ class Laterals:
         elif self._worker is not None:
             future = self._worker.submit(fitted, n, motion, self._lag_s)
         else:
-            future.set_result(fitted(n, motion, self._lag_s))
+            future.set_result(fitted(n, motion, self._lag_s, answered))
         self._waiting.append((n, future))
 
     def ready(

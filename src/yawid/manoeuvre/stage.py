@@ -170,4 +170,5 @@ class Manoeuvres:
             future.set_result(answer(found, self._count, self._setting, running))
         self.waiting.append((self._count, future))
         if self.laterals is not None:
-            self.laterals.answer(self._count, found)
+            answered = future.result() if self._worker is None else None
+            self.laterals.answer(self._count, found, answered)

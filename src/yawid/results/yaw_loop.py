@@ -66,3 +66,10 @@ def gains_in(
     if rudder is None or rudder.yaw_loop is None or rudder.yaw_gains is None:
         return None if rudder is None else rudder.yaw_loop
     return words_of_gains(gains_between(rudder.yaw_gains, boots, from_s, to_s))
+
+
+def damped_by(gains: str) -> tuple[str, str]:
+    """Return in words why a yaw loop with these gains hides the bare airframe, and what to do."""
+    name = "yaw damper" if "YAW2SRV_DAMP" in gains else "yaw-rate loop"
+    why = f"the {name} ({gains}) moves the rudder by the yaw rate of the same sample"
+    return why, f"switch the {name} off for the manoeuvre"
