@@ -15,9 +15,11 @@ table ``[made]`` of a case.toml says how its log is made:
 gets the records of each flight and returns the log: the same aircraft seems to have another
 autopilot or servos, or the link failed. The truth is that of the last flight, unless ``truth`` is
 false. With ``ordinary`` (fields of flights/ordinary.py) the rudder is not moved on purpose, with
-``aileron`` (a seed) the aileron is moved, too. ``cut`` is a stretch of vehicle time out of a
-recorded flight (--flights DIR), of which only the messages are kept that yawid reads; so this also
-cuts the log of a case in another folder (--cases DIR).
+``aileron`` (a seed) the aileron is moved, too, and with ``parameters`` (by name) ArduPlane's yaw
+damper flies. ``cut`` is a stretch of vehicle time out of a recorded flight (--flights DIR), of
+which only the messages are kept that yawid reads, with ``names`` (a regular expression) the
+parameters of the whole flight that match it; so this also cuts the log of a case in another folder
+(--cases DIR).
 """
 
 from __future__ import annotations
@@ -29,6 +31,7 @@ import shlex
 import sys
 import tomllib
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -37,9 +40,9 @@ import fly_jsbsim
 import numpy as np
 from flights.flight import Hands
 from flights.fly import Made, fly, written
-from flights.moved import pulses
+from flights.moved import ArduPlanesDamper, pulses
 from flights.ordinary import Ordinary, fly_ordinary
-from flights.plan import FlightPlan, Link, excitation
+from flights.plan import FlightPlan, Link, count, excitation
 from flights.surgery import (
     Record,
     after,
@@ -62,13 +65,16 @@ ESSENTIAL = ("HEARTBEAT", "ATTITUDE", "SERVO_OUTPUT_RAW", "VFR_HUD", "PARAM_VALU
 def make(how: dict[str, Any], flights: Path) -> Made:
     """Return the log of a table ``[made]``, and its truth if that is known."""
     if "cut" in how:
-        return Made(cut((flights / f"{how['cut']}.tlog").read_bytes(), *how["boot_s"]))
+        flight = flights / f"{how['cut']}.tlog"
+        return Made(cut(flight.read_bytes(), *how["boot_s"], names=how.get("names", "")))
     lines = ([*shlex.split(line), "--out", "log.tlog"] for line in how["fly"])
     asked = [fly_jsbsim.asked(fly_jsbsim.parse(line)) for line in lines]
     if "ordinary" in how:
         return fly_ordinary(Ordinary(*asked[0], **how["ordinary"]))
     if "aileron" in how:
         return with_aileron(*asked[0], how["aileron"])
+    if "parameters" in how:
+        return with_damper(*asked[0], how["parameters"])
     made = [fly(*each) for each in asked]
     if "change" not in how:
         return made[0]
@@ -76,16 +82,21 @@ def make(how: dict[str, Any], flights: Path) -> Made:
     return Made(log, made[-1].truth if how.get("truth", True) else None)
 
 
-def cut(log: bytes, from_s: float, to_s: float) -> bytes:
+def cut(log: bytes, from_s: float, to_s: float, *, names: str) -> bytes:
     """Return the essential records of a stretch of ATTITUDE's time_boot_ms; no byte changes.
 
-    A record has the time of the last ATTITUDE up to it.
+    A record has the time of the last ATTITUDE up to it. Unless ``names`` is empty, the
+    parameters are those of the whole log that match this regular expression.
     """
     boot_s, kept, records = -1.0, list[Record](), split(log)
     for record, message in zip(records, messages(records), strict=True):
-        if message.get_type() == "ATTITUDE":
+        kind = message.get_type()
+        if kind == "ATTITUDE":
             boot_s = message.time_boot_ms / 1000.0
-        if from_s <= boot_s < to_s and message.get_type() in ESSENTIAL:
+        is_in = from_s <= boot_s < to_s
+        if names and kind == "PARAM_VALUE":
+            is_in = re.match(names, message.param_id) is not None
+        if is_in and kind in ESSENTIAL:
             kept.append(record)
     return join(kept)
 
@@ -100,6 +111,16 @@ def with_aileron(plan: FlightPlan, link: Link, seed: int) -> Made:
     made = fly(plan, link, Hands(excitation(plan), aileron, nose_held=False))
     assert made.truth is not None
     return Made(made.log, made.truth | {"dutch_roll": made.truth["dutch_roll_open_loop"]})
+
+
+def with_damper(plan: FlightPlan, link: Link, parameters: dict[str, float]) -> Made:
+    """Fly with ArduPlane's yaw damper of these parameters; at the end the aileron moves alone."""
+    rudder, aileron = excitation(plan), np.zeros(count(plan.seconds))
+    rudder[-8000:] = 0.0  # 8 s of rest
+    aileron[-7000:-6000] = np.repeat([0.1, -0.1], 500)
+    aileron[-4000:-3000] = np.repeat([-0.1, 0.1], 500)
+    plan = replace(plan, parameters=tuple(parameters.items()))
+    return fly(plan, link, Hands(rudder, aileron, react=ArduPlanesDamper()))
 
 
 def named(values: dict[str, float], parameter: Any) -> None:

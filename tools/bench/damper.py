@@ -23,7 +23,7 @@ import numpy as np
 from flights.flight import Flight, Hands
 from flights.fly import Made
 from flights.linear import GRAVITY
-from flights.moved import CONDITIONS
+from flights.moved import CONDITIONS, KEPT, UNITS
 from flights.plan import KNOT, STEP_S, FlightPlan, Link, excitation
 from flights.surgery import join
 from flights.telemetry import telemetry
@@ -46,10 +46,6 @@ RIGHT, RIGHT_SHARE = 0.05, 0.15
 LEAST = {"right": 0.85, "within": 0.9}
 """The least shares of all cases."""
 REST_S = 10.0
-KEPT = 0.9960080
-"""The part of its output that the washout keeps at each call."""
-UNITS = 180.0 / math.pi / 45.0
-"""Units of rudder per rad/s: the damper works in degrees, of which 45 are one unit."""
 
 
 def pole_of(plan: FlightPlan) -> complex:

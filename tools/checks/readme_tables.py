@@ -34,6 +34,7 @@ HOMES = {
     "bare": "src/yawid/manual/bare_airframe.md",
     "gain": "src/yawid/manual/what_now.md",
     "mix": "src/yawid/manual/what_now.md",
+    "after": "src/yawid/manual/what_now.md",
 }
 """The files of some tables; all others are in tools/README.md."""
 _BELOW = r"(?:```\n(?s:.*?)```\n|(?:\|[^\n]*\n)*)"
@@ -124,14 +125,17 @@ def _printed(line: str) -> list[str]:
     return [line.rstrip() for line in said.stdout.splitlines()[1:]]
 
 
+def to_type(name: str) -> list[str]:
+    """Return the lines to type in the last block before a marker."""
+    return _parts(name)[1].rpartition("```sh\n")[2].partition("```")[0].splitlines()
+
+
 def _shown(name: str, until: str, since: str = "", line: str = "") -> str:
     """Return what a line prints, from one that begins with ``since`` to one with ``until``.
 
-    Without ``line`` it is the last of the lines to type in the last block before the marker, after
-    the others were typed.
+    Without ``line`` it is the last of the lines to type, after the others were typed.
     """
-    block = _parts(name)[1].rpartition("```sh\n")[2].partition("```")[0]
-    *_, printed = map(_printed, [line] if line else block.splitlines())
+    *_, printed = map(_printed, [line] if line else to_type(name))
     shown = takewhile(
         lambda each: not each.startswith(until),
         dropwhile(lambda each: not each.startswith(since), printed),
@@ -147,6 +151,7 @@ TABLES: dict[str, Callable[[], str]] = {
     "good": ("  rudder", "", _FLIGHT("c172p_3211", "answer")),
     "refusal": ("± is one sigma", "", _FLIGHT("turns_calm", "refusal")),
     "bare": ("n from-to",), "gain": ("mix ",), "mix": ("± is one sigma", "mix "),
+    "after": ("wn in rad/s", "the aircraft without"),
 }.items()}  # fmt: skip
 
 

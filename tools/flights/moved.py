@@ -14,7 +14,9 @@ from scipy.signal import lfilter
 
 from flights.flight import Flight, Hands
 from flights.fly import Made, fly
+from flights.linear import GRAVITY
 from flights.plan import (
+    KNOT,
     LEAD_IN_S,
     STEP_S,
     FlightPlan,
@@ -26,6 +28,11 @@ from flights.plan import (
     plan_at,
 )
 from flights.truth import linear_dutch_rolls
+
+KEPT = 0.9960080
+"""The part of its output that the washout of ArduPlane's yaw damper keeps at each call."""
+UNITS = 180.0 / math.pi / 45.0
+"""Units of rudder per rad/s: that damper works in degrees, of which 45 are one unit."""
 
 
 def wander(rng: np.random.Generator, n: int, tau_s: float, std: float) -> Floats:
@@ -92,6 +99,31 @@ class Damper:
         r = flight.sensed(5)
         self.slow += STEP_S / 3.0 * (r - self.slow)
         return -self.gain * (r - self.slow)
+
+
+@dataclass(slots=True)
+class ArduPlanesDamper:
+    """ArduPlane's yaw damper (AP_YawController.cpp) with the parameters of the flight's plan.
+
+    Its output changes at SCHED_LOOP_RATE. The airspeed stays far from the limits of the scaling.
+    """
+
+    high: float = 0.0
+    before: float = 0.0
+    output: float = 0.0
+
+    def __call__(self, flight: Flight) -> float:
+        """Return the rudder of this millisecond."""
+        own = dict(flight.plan.parameters)
+        if flight.ms % round(1.0 / (own["SCHED_LOOP_RATE"] * STEP_S)) == 0:
+            speed = flight["velocities/vc-kts"] * KNOT
+            rate = flight.sensed(5) - own["YAW2SRV_RLL"] * GRAVITY / speed * math.sin(
+                flight.sensed(0)
+            )
+            self.high, self.before = KEPT * self.high + rate - self.before, rate
+            scaled = UNITS * (own["SCALING_SPEED"] / speed) ** 2
+            self.output = -own["YAW2SRV_DAMP"] * scaled * self.high
+        return self.output
 
 
 AIRCRAFT: tuple[tuple[str, float, tuple[float, ...]], ...] = (
