@@ -27,14 +27,15 @@ from manoeuvre.streams import (
     stream,
     yawing,
 )
+from models.answers_by_hand import numbers, response
 from places import REPLAY_LOGS
-from scipy.signal import butter, lfilter
+from scipy.signal import butter, lfilter, step
 
 import yawid
 from yawid.answers.run_summary import Manoeuvre
 from yawid.blocks import Floats, SampleBlock
 from yawid.config.run import BOTH, RunConfig
-from yawid.manoeuvre.answered import answer
+from yawid.manoeuvre.answered import answer, step_of
 from yawid.manoeuvre.feedback import rate_feedback
 from yawid.manoeuvre.judge import ManoeuvreSetting
 
@@ -175,6 +176,13 @@ def damped(gain: float) -> SampleBlock:
     return stream(rudder, y=rate)
 
 
+T, Y = step(([0.9 * WN**2, WN**2], [1.0, 2.0 * ZETA * WN, WN**2]), T=np.linspace(0.0, 6.0, 6001))
+SETTLED_S = T[np.abs(Y - 1.0) > 0.05 * np.abs(Y - 1.0).max()][-1]
+"""When the yaw rate of :func:`yawing` stands after a step of the rudder, by SciPy, and how far its
+second swing goes, of the first."""
+OVERSHOOT_PCT = 100.0 * (1.0 - Y.min()) / (Y.max() - 1.0)
+
+
 @pytest.mark.parametrize("name", ANSWERED)
 def test_a_flight_is_answered_by_its_plants_dutch_roll(name: str):
     """And its samples stay as they are"""
@@ -189,6 +197,9 @@ def test_a_flight_is_answered_by_its_plants_dutch_roll(name: str):
         assert roll.zeta == pytest.approx(ZETA, abs=0.02)
         assert abs(roll.wn_rad_s - WN) < 3.0 * roll.wn_std
         assert abs(roll.zeta - ZETA) < 3.0 * roll.zeta_std
+        swing = ((found.answer.settling_s, SETTLED_S), (found.answer.overshoot_pct, OVERSHOOT_PCT))
+        for known, true in swing:
+            assert abs(known.value - true) < 3.0 * known.std < 0.5 * true
     seen = {
         "inputs": found.inputs, "turn": found.turn_removed, "sure": roll.wn_std < 0.03 * WN,
         "explained": found.answer.fit.simulation_pct, "other": True,
@@ -198,6 +209,22 @@ def test_a_flight_is_answered_by_its_plants_dutch_roll(name: str):
     assert list(found.answer.response.residues) == found.inputs
     for column in ("u", "y", "aileron", "turn_rate"):
         np.testing.assert_array_equal(getattr(samples, column), getattr(untouched, column))
+
+
+@pytest.mark.parametrize("zeta", [0.1, 0.25, 0.4, 0.6])
+def test_the_sigmas_of_a_swing_are_the_scatter_of_answers_with_noise(zeta: float):
+    pole, residue = 3.0 * complex(-zeta, math.sqrt(1.0 - zeta**2)), complex(1.0, -0.3)
+    std = np.array([0.06, 0.05 * zeta, 0.08, 0.05])
+    true = step_of(response([pole], {"rudder": [residue]}, std))
+    rng, off = np.random.default_rng(3), []
+    for noise in std * rng.normal(size=(100, 4)):
+        wn, own, re, im = numbers([pole], [[residue]]) + noise
+        seen = wn * complex(-own, math.sqrt(1.0 - own**2))
+        found = step_of(response([seen], {"rudder": [complex(re, im)]}, std))
+        off.append([(found[name].value - true[name].value) / found[name].std for name in true])
+    rms = np.sqrt(np.mean(np.square(off), axis=0))
+    assert ((rms > 0.5) & (rms < 1.3)).all()
+    assert (np.mean(np.abs(off) < 2.0, axis=0) > 0.9).all()
 
 
 def test_an_aileron_that_is_the_rudders_copy_is_no_input():
@@ -252,9 +279,12 @@ REFUSED: dict[str, tuple[Callable[[], SampleBlock], dict[str, Any], str]] = {
 @pytest.mark.parametrize("name", REFUSED)
 def test_what_shows_no_dutch_roll_is_refused(name: str):
     made, options, expected = REFUSED[name]
-    found = told(made(), **options).verdict
+    refused = told(made(), **options)
+    found = refused.verdict
 
     assert not found.usable
+    for each in refused.estimates.values():
+        assert (each.settling_s, each.overshoot_pct) == (None, None)
     assert expected in " ".join(f"{each.id}: {each.text}" for each in found.fatal)
 
 

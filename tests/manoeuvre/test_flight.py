@@ -349,6 +349,28 @@ def test_derivatives_are_pooled_over_the_power_of_the_airspeed_with_which_they_g
     assert flight.K_per_V.value == pytest.approx(0.02)
 
 
+@pytest.mark.parametrize("zeta", [0.1, 0.3])
+def test_a_flights_swing_settles_at_its_airspeed_and_scatters_as_much_as_zeta(zeta: float):
+    """It goes as 1 / V; between manoeuvres wn scatters by 1.5 % and zeta by 0.02 at least"""
+    manoeuvres = []
+    for n, v in enumerate((15.0, 20.0, 28.0), start=1):
+        own = answered(n, 0.4 * v, zeta, speed=v)
+        swing = {"settling_s": Value(8.0 / (zeta * v), 1e-3), "overshoot_pct": Value(50.0, 1e-3)}
+        own.estimates["ct"] = structs.replace(own.answer, **swing)
+        manoeuvres.append(own)
+    flight = together(*manoeuvres)
+
+    assert flight.settling_s.value == pytest.approx(8.0 / (zeta * 20.0))
+    assert flight.overshoot_pct.value == pytest.approx(50.0)
+    next_one = math.sqrt(1.0 + 1.0 / 3.0)
+    for found, tau in (
+        (flight.settling_s, math.hypot(TAU_WN_SHARE, TAU_ZETA / zeta)),
+        (flight.overshoot_pct, TAU_ZETA * math.pi / (1.0 - zeta**2) ** 1.5),
+    ):
+        assert found.std == pytest.approx(next_one * tau * found.value, rel=0.01)
+    assert (together(answered(1, 10.0)).settling_s) is None
+
+
 def test_the_flight_has_what_most_of_its_manoeuvres_are_warned_of():
     """Of each warning by itself: three of four are most, two are not"""
     warned = [

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy.signal import freqz, residue
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from linear_flights import drawn
+from scipy.signal import freqz, residue, step
 
 from yawid.errors import ConfigError, NotIdentifiable
-from yawid.physics.continuous import Transfer, pole_of
+from yawid.physics.continuous import Transfer, overshoot_of, pole_of, settling_of
 from yawid.physics.frequency_response import frequency_response
 from yawid.plant.excitation import Excitation
 from yawid.plant.yaw import YawPlant
@@ -71,6 +74,50 @@ def test_models_with_fewer_poles_stand_next_to_others_with_their_own_response() 
     again = both.faster(1.3, np.array([-1, 2])).with_pair(both.dutch_roll)
     assert again.poles.shape == (2, 3)
     assert np.isfinite(again.at(S)).all()
+
+
+@settings(max_examples=30)
+@given(
+    wn=st.floats(0.5, 20.0),
+    zeta=st.floats(0.03, 0.97),
+    lead=st.floats(-3.0, -0.01) | st.floats(0.01, 20.0),
+)
+def test_a_swing_settles_and_overshoots_as_scipys_response_to_a_step(wn, zeta, lead):
+    """Of a pair and a zero: after it no distance from the end is above 5 % of the largest."""
+    num, den = [lead * wn, wn**2], [1.0, 2.0 * zeta * wn, wn**2]
+    r, p, _ = residue(num, den)
+    upper = np.argmax(p.imag)
+    found = settling_of(p[upper], r[upper])
+
+    t, y = step((num, den), T=np.linspace(0.0, 1.5 * float(found), 2001))
+    away = np.abs(y - 1.0) / np.abs(y - 1.0).max()
+    assert np.interp(found, t, away) == pytest.approx(0.05, rel=0.02)
+    assert (away[t > found] < 0.0505).all()
+    peak_s = np.pi / p[upper].imag  # eq. 9
+    _, y = step(([wn**2], den), T=np.arange(101) * peak_s / 50.0)
+    assert overshoot_of(np.array(zeta)) == pytest.approx(y.max() - 1.0, abs=1e-9)
+
+
+def test_a_swing_that_grows_never_settles():
+    assert np.isnan(settling_of(np.array([0.1 + 2.0j, 2.0j]), np.ones(2, complex))).all()
+
+
+def test_the_yaw_rate_of_aircraft_whose_roll_is_held_stands_when_the_swing_has_settled():
+    """Of all six poles of 60 aircraft, with servos and roll hold; the modes of roll are in half of
+    them more than 5 % of the swing, so that a few stand later"""
+    late = []
+    for of in map(drawn, range(60)):
+        A = np.zeros((6, 6))
+        A[:4, :4], A[:4, 4:], A[4, :4] = of.A, of.B, -of.hold / of.lag_s
+        A[4, 4] = A[5, 5] = -1.0 / of.lag_s
+        p, vectors = np.linalg.eig(A)
+        r = vectors[2] * np.linalg.inv(vectors)[:, 5] / of.lag_s
+        pair = np.argmin(np.abs(p - pole_of(of.wn_rad_s, np.array(of.zeta))))
+        t = np.linspace(0.0, 15.0 * 2.0 * np.pi / of.wn_rad_s, 20_000)
+        away = np.abs((r / p * np.exp(t[:, None] * p)).sum(axis=1))
+        late.append(t[away > 0.05 * away.max()][-1] / settling_of(p[pair], r[pair]))
+    assert np.percentile(late, [5, 25, 50, 75]) == pytest.approx([0.99, 1.0, 1.01, 1.08], abs=0.03)
+    assert np.max(late) < 2.5
 
 
 TS = 0.05

@@ -187,7 +187,8 @@ class MethodSummary(Part, frozen=True, kw_only=True):
     The recursive methods have orders and theta, whose sigmas (of noise) are by parameter names. The
     continuous-time fit (``ct``) has the ``response`` of its answer, its ``structure``, and what
     each of the ``structures`` found; ``roll_left_out`` says why roll was no output of it.
-    ``yaw_acceleration`` is what a step of the rudder makes at once, K T wn^2 in rad/s^2 per unit.
+    ``yaw_acceleration`` is what a step of the rudder makes at once, K T wn^2 in rad/s^2 per unit;
+    ``overshoot_pct`` and ``settling_s`` say how the yaw rate swings after it, of usable answers.
     """
 
     method: str
@@ -225,6 +226,8 @@ class MethodSummary(Part, frozen=True, kw_only=True):
         Value | None,
         says("of a step of the rudder, at once: K T_theta wn^2", "rad/s^2 per unit of rudder"),
     ] = None
+    overshoot_pct: Value | None = None
+    settling_s: Value | None = None
     response: Annotated[
         Response | None,
         says("transfer functions from the inputs to the yaw rate, with their covariance"),

@@ -230,7 +230,7 @@ class Flight(Part, frozen=True, kw_only=True):
 
     The Dutch roll is that at ``airspeed_m_s``, the median of those used; its sigmas are those of a
     next manoeuvre. ``kappa_rad_m`` is wn / V and ``K_per_V`` is K / V, with V the equivalent
-    airspeed. ``physics`` holds K, T_theta_s and the four derivatives of eq. 22 at that airspeed.
+    airspeed. ``physics`` holds K, T_theta_s and eq. 22's derivatives, ``settling_s`` is there, too.
     Without a usable manoeuvre there is only the verdict, with the best one's reasons.
     """
 
@@ -263,6 +263,8 @@ class Flight(Part, frozen=True, kw_only=True):
             **EQ_22_23,
         ),
     ] = None
+    overshoot_pct: Value | None = None
+    settling_s: Value | None = None
     between_std: Annotated[
         BetweenStd | None, says("tau, by how much manoeuvres scatter beyond their own sigmas")
     ] = None

@@ -7,6 +7,7 @@ roll. What the user gives (``--inputs``, ``--turn``) binds.
 
 import math
 from collections.abc import Mapping
+from typing import Final
 
 import msgspec
 import numpy as np
@@ -34,8 +35,13 @@ from yawid.manoeuvre.fit import Fit, fits_of
 from yawid.manoeuvre.judge import Evidence, ManoeuvreSetting, reasons
 from yawid.manoeuvre.responses import Record, averaged
 from yawid.manoeuvre.signals import fitted, is_turning
+from yawid.physics.continuous import overshoot_of, pole_of, settling_of
 from yawid.physics.modes import modes
 from yawid.quantities.vehicles import AIRFRAME, WITH_ROLL_LOOP
+
+DRAWS: Final = 200
+MOST_ZETA: Final = 0.995
+"""Where a draw's damping ratio ends: beyond it there is no pair."""
 
 
 def answer(
@@ -67,7 +73,10 @@ def answer(
     verdict = Verdict.of([*reasons(evidence), *([] if untrue is None else [untrue])], CT)
     estimates = {name: _of_stream(name, each, setting) for name, each in (running or {}).items()}
     if seen.fits:
-        estimates = {CT: _summary(evidence, found)} | estimates
+        own = _summary(evidence, found)
+        if verdict.usable and own.response is not None:
+            own = msgspec.structs.replace(own, **step_of(own.response))
+        estimates = {CT: own} | estimates
     return Manoeuvre(
         **msgspec.structs.asdict(found),
         inputs=list(seen.inputs),
@@ -215,3 +224,28 @@ def response_of(answer: Answer, inputs: tuple[str, ...]) -> Response:
         },
         covariance=(slopes @ model.covariance @ slopes.T).tolist(),
     )
+
+
+def step_of(response: Response) -> dict[str, Value]:
+    """Return how the yaw rate swings after a step of the rudder, by the names of the summary.
+
+    Sigma is the spread of draws of the pair and its residue: the time jumps by half a swing where
+    one more of them exceeds 5 %. Frequency and damping are log-normal: none changes its sign.
+    """
+    pole, residue = (complex(*each[0]) for each in (response.poles, response.residues["rudder"]))
+    first = sum(2 if imag else 1 for _, imag in response.poles)
+    C = np.array(response.covariance)[np.ix_(*2 * [[0, 1, first, first + 1]])]
+    root = np.linalg.cholesky(C + 1e-9 * np.diag(np.diag(C)))
+    normal = np.random.default_rng(0).normal(size=(DRAWS, 4))
+    moved = np.concatenate([np.zeros((1, 4)), normal @ root.T])
+    pair = np.array([abs(pole), -pole.real / abs(pole)])
+    wn, zeta = (pair * np.exp(moved[:, :2] / pair)).T
+    zeta = np.minimum(zeta, MOST_ZETA)
+    found = {
+        "overshoot_pct": 100.0 * overshoot_of(zeta),
+        "settling_s": settling_of(pole_of(wn, zeta), residue + moved[:, 2] + 1j * moved[:, 3]),
+    }
+    return {
+        name: Value(float(x[0]), float(np.sqrt(np.mean((x[1:] - x[0]) ** 2))))
+        for name, x in found.items()
+    }

@@ -162,6 +162,7 @@ def _together(
     wn = pooled(x[agree], std[agree], floor, wn_beyond / by[agree])
     zeta = pooled(zetas, zeta_stds, TAU_ZETA, zeta_beyond)
     physics = _physics(used, by[agree])
+    swing = _swing(used, by[agree] / unit, zeta.mean)
     reasons = [*of_the_log, *_warnings(used), *rough_reasons(wn.mean * unit, wn.std * unit)]
     if rest:
         apart = [(each.n, f"wn {own:.3g} rad/s", each.airspeed_m_s) for each, own in rest]
@@ -186,6 +187,8 @@ def _together(
         kappa_rad_m=wn.times(1.0) if scaled and is_true else None,
         K_per_V=physics["K"].times(1.0) if "K" in physics and scaled and is_true else None,
         physics={n: each.times(unit ** POWERS[n]) for n, each in physics.items()} or None,
+        overshoot_pct=swing.get("overshoot_pct"),
+        settling_s=swing.get("settling_s"),
         between_std=BetweenStd(wn_rad_s=wn.tau * unit, zeta=zeta.tau),
         used=[each.n for each in used],
         disagree=[each.n for each, _ in rest],
@@ -267,20 +270,45 @@ def _dutch_roll(each: Manoeuvre) -> tuple[float, ...]:
 def _physics(used: Sequence[Manoeuvre], speeds: Floats) -> dict[str, Pooled]:
     """Return the numbers of eq. 22-23 over the power of V with which they go, where known.
 
-    ``speeds`` (n,) are the airspeeds of the n manoeuvres. Half of a variance counts as common to
-    all manoeuvres: what a structure leaves out is.
+    ``speeds`` (n,) are the airspeeds of the n manoeuvres.
     """
     found = {}
     answers = [each.answer for each in used]
     for name, power in POWERS.items():
         values = [(answer.physics or {}).get(name) if answer else None for answer in answers]
-        rows = np.array(
-            [(each.value, each.std) if each else (None, None) for each in values], float
-        )
-        known = np.isfinite(rows).all(axis=1) & (rows[:, 1] > 0.0)
-        if known.any():
-            x, std = (rows[known] / speeds[known, None] ** power).T
-            half = math.sqrt(0.5) * std
-            floor = TAU_WN_SHARE * abs(power) * abs(float(np.median(x)))
-            found[name] = pooled(x, half, floor, half)
+        mean = _mean(values, speeds**power, TAU_WN_SHARE * abs(power))
+        if mean is not None:
+            found[name] = mean
     return found
+
+
+def _swing(used: Sequence[Manoeuvre], faster: Floats, zeta: float) -> dict[str, Value]:
+    """Return the overshoot and the settling time at the flight's airspeed, where known.
+
+    ``faster`` (n,) are the airspeeds of the n manoeuvres over it. Between manoeuvres both scatter
+    as zeta and wn do at least.
+    """
+    floors = {  # with the power of V with which each goes
+        "overshoot_pct": (0, TAU_ZETA * math.pi / (1.0 - zeta**2) ** 1.5),
+        "settling_s": (-1, math.hypot(TAU_WN_SHARE, TAU_ZETA / zeta)),
+    }
+    return {
+        name: mean.times(1.0)
+        for name, (power, least) in floors.items()
+        if (mean := _mean([getattr(m.answer, name, None) for m in used], faster**power, least))
+    }
+
+
+def _mean(values: Sequence[Value | None], by: Floats, floor: float) -> Pooled | None:
+    """Return the mean of the numbers of n manoeuvres over ``by`` (n,), None where none is known.
+
+    ``floor`` is the least scatter between them, relative. Half of a variance counts as common to
+    all manoeuvres: what a structure leaves out is.
+    """
+    rows = np.array([(each.value, each.std) if each else (None, None) for each in values], float)
+    known = np.isfinite(rows).all(axis=1) & (rows[:, 1] > 0.0)
+    if not known.any():
+        return None
+    x, std = (rows[known] / by[known, None]).T
+    half = math.sqrt(0.5) * std
+    return pooled(x, half, floor * abs(float(np.median(x))), half)

@@ -9,6 +9,7 @@ the second one its conjugate.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
@@ -17,11 +18,45 @@ from yawid.physics.modes import Complexes, without_each
 
 FAR = 1e9
 """Size in rad/s of a pole that has no effect."""
+SETTLED: Final = 0.05
+"""The paper's criterion of 5 % (eq. 6): a swing within this share of its largest has settled."""
+HALVINGS: Final = 40
 
 
 def pole_of(wn_rad_s: Floats | float, zeta: Floats) -> Complexes:
     """Return the poles in the upper half plane of wn in rad/s and zeta below 1, of any shape."""
     return np.asarray(wn_rad_s * (-zeta + 1j * np.sqrt(1.0 - zeta**2)), complex)
+
+
+def overshoot_of(zeta: Floats) -> Floats:
+    """Return by what share of it a swing of a pair goes on past its end: eq. 12 of the paper."""
+    return np.asarray(np.exp(-np.pi * zeta / np.sqrt(1.0 - zeta**2)))
+
+
+def settling_of(poles: Complexes, residues: Complexes) -> Floats:
+    """Return when the swing of a pair after a step has settled, in s; NaN where it grows.
+
+    The swing is what the pair adds to the distance from the end, Re(R / p e^(p t)); all arrays have
+    one shape. Its largest values lie half a turn apart, and between the last one above 5 % and the
+    zero that follows it passes the 5 % once.
+    """
+    phase, decay = np.angle(residues / poles), np.where(poles.real < 0.0, -poles.real, np.nan)
+    decay = decay / poles.imag
+    lean = np.arctan(decay)
+
+    def log_size(turned: Floats) -> Floats:
+        return np.asarray(np.log(np.abs(np.cos(turned + phase))) - decay * turned)
+
+    first = np.mod(-phase - lean, np.pi)
+    level = np.log(SETTLED) + np.maximum(log_size(np.zeros_like(first)), log_size(first))
+    above = np.floor((log_size(first) - level) / (np.pi * decay))
+    low = first + np.pi * np.maximum(above, -1.0)  # -1: before the step
+    high = low + 0.5 * np.pi + lean
+    for _ in range(HALVINGS):
+        middle = 0.5 * (low + high)
+        is_above = log_size(middle) > level
+        low, high = np.where(is_above, middle, low), np.where(is_above, high, middle)
+    return np.asarray(high / poles.imag)
 
 
 @dataclass(frozen=True, slots=True)

@@ -139,6 +139,15 @@ _OTHERS: Final = (
         "yaw_acceleration", f"rad/s^2 per {RUDDER}", "what a step of the rudder makes at once, "
         "K T ωn^2",
     ),
+    Quantity(
+        "overshoot_pct", "%", "after a step of the rudder, how far the yaw rate's swing (its Dutch "
+        "roll) goes on past its end, of the swing before: 100 exp(-pi zeta / root(1 - zeta^2))",
+        symbol="Δh/k",
+    ),
+    Quantity(
+        "settling_s", "s", "from a step of the rudder until the yaw rate's swing (its Dutch roll) "
+        "stays within 5 % of the largest distance from its end",
+    ),
     Quantity(REDUCTION_ERROR, "1", "misfit of eq. 23, 0.3 to 3 ωn"),
     # Of the model and its fit.
     Quantity(

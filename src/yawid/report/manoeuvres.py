@@ -127,6 +127,8 @@ def _facts(flight: Flight, rudder_unit: str) -> dict[str, str]:
     numbers = {
         "κ = ωn / V, rad/m": flight.kappa_rad_m,
         f"K / V, rad/m per {rudder_unit}": flight.K_per_V,
+        "overshoot after a step of the rudder, %": flight.overshoot_pct,
+        "settling time after it, s": flight.settling_s,
     }
     rows = {
         **({} if mode is None else {
