@@ -8,12 +8,12 @@ from dataclasses import astuple
 import numpy as np
 import pytest
 from scipy.optimize import brentq
-from scipy.signal import lfilter
+from scipy.signal import lfilter, residue
 
 from yawid.damper.advice import spread
 from yawid.damper.autopilots import AUTOPILOTS, Autopilot, Law
-from yawid.damper.loop import closed_dutch_roll, known_frequencies, margins
-from yawid.physics.continuous import Transfer
+from yawid.damper.loop import closed_dutch_roll, known_frequencies, margins, settling_times
+from yawid.physics.continuous import Transfer, settling_of
 
 PLANE = {"SCALING_SPEED": 15.0, "AIRSPEED_MIN": 10.0, "AIRSPEED_MAX": 30.0}
 PLAIN = Law(1.0, 0.0, 0.0, 0.0, 0.0)
@@ -101,6 +101,20 @@ def test_the_closed_pair_is_a_root_of_the_characteristic_equation(
         acts = (k * gain * s / (s + washout) + integral / s) * np.exp(-delay_s * s)
         assert abs(np.prod(s - np.array(poles)) + size * acts) < 1e-4
         assert s.imag > 0.0
+
+
+def test_the_damped_swing_settles_as_that_of_the_closed_loops_transfer_function() -> None:
+    """Of 60 (s + .8) / ((s - p) (s - p*) (s + 7) (s + .8) + 36 g s), by SciPy."""
+    G, law = of_poles(PAIR, PAIR.conjugate(), -7.0, gain=60.0), Law(0.6, 0.8, 0.0, 0.0, 0.0)
+    gains = np.array([0.0, 0.5, 2.0])
+
+    found = settling_times(G, law, gains, closed_dutch_roll(G, law, gains))[:, 0]
+
+    for gain, own in zip(gains.tolist(), found, strict=True):
+        den = np.poly([PAIR, PAIR.conjugate(), -7.0, -0.8]).real
+        r, p, _ = residue([60.0, 48.0], np.polyadd(den, [36.0 * gain, 0.0]))
+        upper = np.argmax(p.imag)
+        assert own == pytest.approx(settling_of(p[upper], r[upper]), rel=1e-5)
 
 
 def test_a_pair_that_becomes_two_real_poles_is_left_out() -> None:

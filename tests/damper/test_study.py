@@ -115,6 +115,9 @@ def test_the_predictions_are_those_of_the_true_aircraft_at_each_airspeed() -> No
     assert own.wn_rad_s == pytest.approx(flight.wn_rad_s, rel=0.005)
     assert (own.wn_std, own.zeta_std) == pytest.approx(mean, rel=0.2)
     assert own.wn_std < 0.9 * flight.wn_std
+    settles = run().summary.flight.settling_s
+    assert own.settling_s == pytest.approx(settles.value, rel=0.03)
+    assert 0.0 < own.settling_std < settles.std
 
 
 def test_the_advice_aims_at_the_band_and_goes_there_in_steps() -> None:
@@ -252,6 +255,7 @@ def test_the_command_prints_a_table_json_and_a_page(tmp_path: Path, capsys) -> N
     assert command_line.main([*asked, "-o", str(page)]) == 0
     said = capsys.readouterr().out
     assert "aim at" in said
+    assert re.search(r"zeta +settled +GM dB", said)
     assert "This is a prediction" in said
     sentences = said[said.index("The answer is") - 2 : said.index("YAW2SRV_DAMP V m/s")]
     assert all(line.startswith("  ") for line in sentences.splitlines())

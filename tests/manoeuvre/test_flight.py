@@ -91,6 +91,13 @@ def test_what_noise_does_not_explain_is_in_common_and_weighs_nothing(rows, floor
     assert found.noise <= found.error * (1.0 + 1e-12)
 
 
+SWING = {
+    "settling_s": math.hypot(TAU_WN_SHARE, TAU_ZETA / 0.3),
+    "overshoot_pct": TAU_ZETA * math.pi / (1.0 - 0.3**2) ** 1.5,
+}
+"""The least scatter of what is no number of eq. 22-23, at a zeta of 0.3."""
+
+
 def answered(
     n: int,
     wn: float,
@@ -114,6 +121,7 @@ def answered(
     std = [math.hypot(*each) for each in zip(noise, beyond, strict=True)]
     roll = DutchRoll.of((wn, std[0], zeta, std[1]), noise)
     values = {name: Value(*each) for name, each in numbers.items()}
+    swing = {name: values.pop(name) for name in SWING if name in values}
     return manoeuvre(
         n,
         speed=speed,
@@ -125,7 +133,7 @@ def answered(
         loop=loop,
         airspeed_source=source,
         altitude_m=altitude,
-        estimates={"ct": structs.replace(by_ct(roll), physics=values)},
+        estimates={"ct": structs.replace(by_ct(roll), physics=values, **swing)},
         verdict=verdict,
     )
 
@@ -322,12 +330,14 @@ def test_each_loop_has_an_answer_and_that_of_most_manoeuvres_is_the_headline(
         assert each == together(*alone)
 
 
-def test_derivatives_are_pooled_over_the_power_of_the_airspeed_with_which_they_go():
-    """Of an aircraft at constant density: K = 0.02 V, T = 20 / V, N_beta = 0.16 V^2 and so on"""
+def test_numbers_are_pooled_over_the_power_of_the_airspeed_with_which_they_go():
+    """Of an aircraft at constant density: K = 0.02 V, T = 20 / V, N_beta = 0.16 V^2 and so on; the
+    swing after a step scatters as zeta does, which is 0.3, by 0.02"""
     law = {
         "K": lambda v: 0.02 * v, "T_theta_s": lambda v: 20.0 / v, "a_z_beta": lambda v: v / 20.0,
         "a_my_omega_y": lambda v: 0.1 * v, "a_my_beta": lambda v: 0.16 * v * v,
         "a_my_delta_h": lambda v: 0.02 * 0.16 * v * v,
+        "settling_s": lambda v: 25.0 / v, "overshoot_pct": lambda v: 37.0,
     }  # fmt: skip
     manoeuvres = [
         answered(
@@ -338,37 +348,16 @@ def test_derivatives_are_pooled_over_the_power_of_the_airspeed_with_which_they_g
     ]  # fmt: skip
     flight = together(*manoeuvres)
 
-    assert flight.physics.keys() == POWERS.keys() == law.keys()
+    assert flight.physics.keys() == POWERS.keys() == law.keys() - SWING.keys()
     for name, of in law.items():
-        found, power = flight.physics[name], 2 if "_my_" in name and "omega" not in name else 1
+        found = getattr(flight, name) if name in SWING else flight.physics[name]
         assert found.value == pytest.approx(of(20.0)), name
-        tau = TAU_WN_SHARE * power
+        tau = TAU_WN_SHARE * (2 if "_my_" in name and "omega" not in name else 1)
+        tau = SWING.get(name, tau)
         half = math.sqrt(0.5) * 0.02  # as much of the variance is common to all
         std = math.hypot(tau, math.hypot(half, tau) / math.sqrt(3.0), half)
         assert found.std == pytest.approx(std * of(20.0))
     assert flight.K_per_V.value == pytest.approx(0.02)
-
-
-@pytest.mark.parametrize("zeta", [0.1, 0.3])
-def test_a_flights_swing_settles_at_its_airspeed_and_scatters_as_much_as_zeta(zeta: float):
-    """It goes as 1 / V; between manoeuvres wn scatters by 1.5 % and zeta by 0.02 at least"""
-    manoeuvres = []
-    for n, v in enumerate((15.0, 20.0, 28.0), start=1):
-        own = answered(n, 0.4 * v, zeta, speed=v)
-        swing = {"settling_s": Value(8.0 / (zeta * v), 1e-3), "overshoot_pct": Value(50.0, 1e-3)}
-        own.estimates["ct"] = structs.replace(own.answer, **swing)
-        manoeuvres.append(own)
-    flight = together(*manoeuvres)
-
-    assert flight.settling_s.value == pytest.approx(8.0 / (zeta * 20.0))
-    assert flight.overshoot_pct.value == pytest.approx(50.0)
-    next_one = math.sqrt(1.0 + 1.0 / 3.0)
-    for found, tau in (
-        (flight.settling_s, math.hypot(TAU_WN_SHARE, TAU_ZETA / zeta)),
-        (flight.overshoot_pct, TAU_ZETA * math.pi / (1.0 - zeta**2) ** 1.5),
-    ):
-        assert found.std == pytest.approx(next_one * tau * found.value, rel=0.01)
-    assert (together(answered(1, 10.0)).settling_s) is None
 
 
 def test_the_flight_has_what_most_of_its_manoeuvres_are_warned_of():

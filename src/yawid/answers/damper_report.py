@@ -9,8 +9,8 @@ from yawid.answers.reasons import Verdict
 class DamperAt(Part, frozen=True, kw_only=True):
     """The closed loop at one airspeed, and the margins of the open loop at their 95 % bound.
 
-    What is not known is None: wn and zeta where the pair has become two real poles, a margin where
-    nothing crosses in the frequencies over which the model is known.
+    What is not known is None: wn, zeta and the settling time where the pair has become two real
+    poles, a margin where nothing crosses in the frequencies over which the model is known.
     """
 
     airspeed_m_s: Annotated[Positive, says("equivalent airspeed of the prediction", "m/s")]
@@ -24,6 +24,15 @@ class DamperAt(Part, frozen=True, kw_only=True):
     wn_std: Number | None = None
     zeta: Annotated[Number | None, says("its damping ratio", "1")] = None
     zeta_std: Number | None = None
+    settling_s: Annotated[
+        Number | None,
+        says(
+            "from a step of the pilot's rudder until the damped Dutch roll in the yaw rate "
+            "stays within 5 % of its largest; absent where it no longer oscillates",
+            "s",
+        ),
+    ] = None
+    settling_std: Number | None = None
     gain_margin_db: Annotated[
         Number | None,
         says("gain margin of the open loop at the 95 % bound of the model; absent where unknown"),

@@ -7,6 +7,7 @@ for zeta .30 gave .26 to .32 there.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import chain
 from statistics import NormalDist
 from typing import Final
 
@@ -15,7 +16,7 @@ import numpy as np
 from yawid.answers.damper_report import DamperAt, DamperGain, Recommended
 from yawid.blocks import Bools, Floats, finite
 from yawid.damper.autopilots import Law
-from yawid.damper.loop import closed_dutch_roll, known_frequencies, margins
+from yawid.damper.loop import closed_dutch_roll, known_frequencies, margins, settling_times
 from yawid.models.draws import Aircraft
 from yawid.models.flown import Flown
 
@@ -41,10 +42,10 @@ LEAST_KNOWN: Final = 0.8
 class Closed:
     """Predictions for gains (m,), ascending, at airspeeds (v,): of each number an array (v, m).
 
-    wn in rad/s and zeta are the draws' medians with their sigmas, NaN where too few draws have the
-    pair. The margins are their 5th percentiles, NaN where more than 5 % of the draws cross |L| = 1
-    where the model is not known. ``damps`` says whether a gain adds damping in 95 % of the draws,
-    True at the least gain, which is 0 or the flown one.
+    wn in rad/s, zeta and the settling time are the draws' medians with their sigmas, NaN where too
+    few draws have the pair. The margins are their 5th percentiles, NaN where more than 5 % of the
+    draws cross |L| = 1 where the model is not known. ``damps`` says whether a gain adds damping in
+    95 % of the draws, True at the least gain, which is 0 or the flown one.
     """
 
     gains: Floats
@@ -53,6 +54,8 @@ class Closed:
     wn_std: Floats
     zeta: Floats
     zeta_std: Floats
+    settling_s: Floats
+    settling_std: Floats
     gain_margin_db: Floats
     phase_margin_deg: Floats
     damps: Bools
@@ -99,7 +102,8 @@ def closed_with(
         damps = _bound(np.where(np.isnan(more), -np.inf, more)) > 0.0
         unknown = np.where(beyond.mean(axis=1) > BOUND_PCT / 100.0, np.nan, 0.0)
         least = [_bound(each) + unknown for each in (gain, phase)]
-        rows.append((*spread(np.abs(s)), *spread(zeta), *least, damps | (gains == gains[0])))
+        of_pair = (np.abs(s), zeta, settling_times(G, law, gains, s))
+        rows.append((*chain(*map(spread, of_pair)), *least, damps | (gains == gains[0])))
     return Closed(gains, airspeeds_m_s, *(np.stack(each) for each in zip(*rows, strict=True)))
 
 

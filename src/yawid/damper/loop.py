@@ -17,7 +17,7 @@ import numpy as np
 
 from yawid.blocks import Bools, Floats
 from yawid.damper.autopilots import Law
-from yawid.physics.continuous import Transfer
+from yawid.physics.continuous import Transfer, settling_of
 from yawid.physics.modes import Complexes
 
 REAL: Final = 1e-3
@@ -25,6 +25,8 @@ REAL: Final = 1e-3
 LOWEST, HIGHEST_OF_WN, HIGHEST_OF_RATE = 0.1, 3.0, 0.2
 """Where G is known: from this part of wn to this multiple of wn, and to this part of the rate."""
 POINTS: Final = 300
+NEAR: Final = 1e-4
+"""The step of a slope, as a part of |s|."""
 FINER: Final = 8
 """The steps of a sample in a response: the rudder is held over each sample."""
 
@@ -57,6 +59,18 @@ def _closed_poles(G: Transfer, law: Law, gain: float) -> Complexes:  # noqa: N80
     closed[:, m:, :m] = B[:, None] * G.residues[:, None]
     closed[:, m:, m:] = A
     return np.asarray(np.linalg.eigvals(closed), np.complex128)
+
+
+def settling_times(G: Transfer, law: Law, gains: Floats, poles: Complexes) -> Floats:  # noqa: N803
+    """Return when (m, n) the damped swing after a step of the pilot's rudder has settled, in s.
+
+    ``poles`` (m, n) are the closed Dutch rolls of gains (m,); the residue of G / (1 + K G) at such
+    a pole is one over the slope of 1 / G + K.
+    """
+    near = poles[:, :, None] * np.array([1.0 - NEAR, 1.0 + NEAR])
+    with np.errstate(invalid="ignore"):  # NaN where there is no pair
+        inverse = [1.0 / G.at(x) + law.at(x, gain) for x, gain in zip(near, gains, strict=True)]
+        return settling_of(poles, 2.0 * NEAR * poles / np.diff(np.stack(inverse))[:, :, 0])
 
 
 def known_frequencies(wn_rad_s: float, sample_time_s: float) -> Floats:

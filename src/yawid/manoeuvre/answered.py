@@ -73,10 +73,7 @@ def answer(
     verdict = Verdict.of([*reasons(evidence), *([] if untrue is None else [untrue])], CT)
     estimates = {name: _of_stream(name, each, setting) for name, each in (running or {}).items()}
     if seen.fits:
-        own = _summary(evidence, found)
-        if verdict.usable and own.response is not None:
-            own = msgspec.structs.replace(own, **step_of(own.response))
-        estimates = {CT: own} | estimates
+        estimates = {CT: _summary(evidence, found, usable=verdict.usable)} | estimates
     return Manoeuvre(
         **msgspec.structs.asdict(found),
         inputs=list(seen.inputs),
@@ -109,8 +106,11 @@ def seen_in(sample_time_s: float, rudder: Floats, yaw_rate: Floats) -> Floats:
     return np.full(2, np.nan) if found is None else np.array([found.wn_rad_s[0], found.zeta[0]])
 
 
-def _summary(of: Evidence, found: Conditions) -> MethodSummary:
-    """Return the answer as ``--json`` prints it, of the evidence of a manoeuvre that has a fit."""
+def _summary(of: Evidence, found: Conditions, *, usable: bool) -> MethodSummary:
+    """Return the answer as ``--json`` prints it, of the evidence of a manoeuvre that has a fit.
+
+    How the yaw rate swings after a step stands only in one that is usable.
+    """
     fit, answer, seen = of.fit, of.answer, of.seen
     assert fit is not None
     samples = int(np.diff(fit.blocks.record.runs).sum())
@@ -127,6 +127,7 @@ def _summary(of: Evidence, found: Conditions) -> MethodSummary:
         return bare
     wn, zeta, rudder = answer.wn_rad_s, answer.zeta, answer.eq_23
     noise = _noise(seen.fits, answer)
+    response = response_of(answer, seen.inputs)
     numbers = _eq_22(wn, zeta, rudder.K, rudder.T_s, rudder.yaw_acceleration)
     return msgspec.structs.replace(
         bare,
@@ -134,8 +135,9 @@ def _summary(of: Evidence, found: Conditions) -> MethodSummary:
         dutch_roll=DutchRoll.of((*wn, *zeta), noise, has_level=found.loop == AIRFRAME),
         physics={name: Value(each.value, each.std) for name, each in numbers.items()},
         yaw_acceleration=Value(*rudder.yaw_acceleration),
-        response=response_of(answer, seen.inputs),
+        response=response,
         structures=_structures(seen.fits, answer),
+        **(step_of(response) if usable else {}),
     )
 
 
@@ -235,9 +237,9 @@ def step_of(response: Response) -> dict[str, Value]:
     pole, residue = (complex(*each[0]) for each in (response.poles, response.residues["rudder"]))
     first = sum(2 if imag else 1 for _, imag in response.poles)
     C = np.array(response.covariance)[np.ix_(*2 * [[0, 1, first, first + 1]])]
-    root = np.linalg.cholesky(C + 1e-9 * np.diag(np.diag(C)))
-    normal = np.random.default_rng(0).normal(size=(DRAWS, 4))
-    moved = np.concatenate([np.zeros((1, 4)), normal @ root.T])
+    normal = np.random.default_rng(0).normal(size=(1 + DRAWS, 4))
+    normal[0] = 0.0
+    moved = normal @ np.linalg.cholesky(C + 1e-9 * np.diag(np.diag(C))).T
     pair = np.array([abs(pole), -pole.real / abs(pole)])
     wn, zeta = (pair * np.exp(moved[:, :2] / pair)).T
     zeta = np.minimum(zeta, MOST_ZETA)

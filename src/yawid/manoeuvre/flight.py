@@ -272,14 +272,12 @@ def _physics(used: Sequence[Manoeuvre], speeds: Floats) -> dict[str, Pooled]:
 
     ``speeds`` (n,) are the airspeeds of the n manoeuvres.
     """
-    found = {}
-    answers = [each.answer for each in used]
-    for name, power in POWERS.items():
-        values = [(answer.physics or {}).get(name) if answer else None for answer in answers]
-        mean = _mean(values, speeds**power, TAU_WN_SHARE * abs(power))
-        if mean is not None:
-            found[name] = mean
-    return found
+    known = [(each.answer and each.answer.physics) or {} for each in used]
+    return {
+        name: mean
+        for name, power in POWERS.items()
+        if (mean := _mean([x.get(name) for x in known], speeds**power, TAU_WN_SHARE * abs(power)))
+    }
 
 
 def _swing(used: Sequence[Manoeuvre], faster: Floats, zeta: float) -> dict[str, Value]:

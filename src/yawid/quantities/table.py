@@ -220,7 +220,7 @@ _OTHERS: Final = (
     Quantity("gaps", "", "breaks in the samples because messages are missing"),
 )  # fmt: skip
 QUANTITIES: Final = {row.name: row for row in (*_CHANNELS, *YAW_CHANNEL.values(), *_OTHERS)}
-_STEMS: Final = {"wn": "wn_rad_s", "kappa": "kappa_rad_m"}
+_STEMS: Final = {"wn": "wn_rad_s", "kappa": "kappa_rad_m", "settling": "settling_s"}
 """The full names, which end with a unit, by what is before ``_std`` in their sigmas' names."""
 OF_NOISE: Final = "sigma, of noise alone"
 

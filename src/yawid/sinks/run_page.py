@@ -260,8 +260,8 @@ def orders_page(report: OrdersReport, most: int) -> Iterator[Part]:
 
 
 MEANS: Final = (
-    "± is one sigma; GM, PM: margins of the open loop at the 95 % bound, - where nothing crosses "
-    "or the model is not known"
+    "± is one sigma; settled: s after a step of the rudder; GM, PM: margins of the open loop at "
+    "the 95 % bound, - where nothing crosses or the model is not known"
 )
 
 
@@ -295,8 +295,8 @@ def damper_parts(report: DamperReport) -> Iterator[Part]:
 
 def gains_grid(report: DamperReport) -> Grid:
     """Return the table of every gain at every airspeed."""
-    heads = (report.parameter or "", "V m/s", "wn rad/s", "zeta", "GM dB", "PM deg", "")
-    return Grid(heads, list(_gains(report)), texts=(6,))
+    heads = (report.parameter or "", "V m/s", "wn rad/s", "zeta", "settled", "GM dB", "PM deg", "")
+    return Grid(heads, list(_gains(report)), texts=(7,))
 
 
 def _gains(report: DamperReport) -> Iterator[list[str]]:
@@ -319,6 +319,7 @@ def _at_airspeed(at: DamperAt) -> list[str]:
     return [
         _with_sigma(at.wn_rad_s, at.wn_std, ".2f"),
         _with_sigma(at.zeta, at.zeta_std, ".3f"),
+        "-" if at.settling_s is None else f"{at.settling_s:.2g}",
         *("-" if each is None else f"{each:.0f}" for each in margins),
     ]
 
