@@ -133,7 +133,7 @@ def _flown(
             gains = gain * np.linspace(0.0, 1.0, ROWS)
             closed = closed_with(by, [law], gains, [speed], facts.sample_time_s).at(0, -1)
             if "zeta" in closed:
-                found = {each: x for each, x in closed.items() if "margin" not in each}
+                found = {n: x for n, x in closed.items() if n in FlownGain.__struct_fields__}
                 decays = _decays(facts, autopilot, law, gain, manoeuvres, by, closed["wn_rad_s"])
                 found |= decays | {"agrees": _agrees(closed["zeta_std"], decays)}
         yield FlownGain(flight=name, gain=gain, airspeed_m_s=speed, **found)
