@@ -39,7 +39,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "report": {"damper", "lateral", "manoeuvre", "models", "physics", "sinks", "sinks/mcap"},
     "pipeline": {"config", "channels", "estimation", "physics", "manoeuvre", "ordinary", "results"}
     | {"sinks"},
-    "runs": {"config", "channels", "offline", "pipeline", "plant", "results"}
+    "runs": {"config", "channels", "damper", "lateral", "offline", "pipeline", "plant", "results"}
     | {"sources", RECORDS, *SINKS},
     "runs/live": {"config", "estimation", "pipeline", "results", "runs", "sources", WIRE, LINK}
     | {"sinks", "sinks/rerun", "sinks/terminal"},

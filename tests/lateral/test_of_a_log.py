@@ -37,6 +37,7 @@ from yawid.manoeuvre.laterals import Laterals
 from yawid.pipeline import Pipeline
 from yawid.report.lateral_picture import free_states, lateral_picture
 from yawid.report.write import report
+from yawid.runs.inspect_log import inspect
 from yawid.runs.job import feed_all
 from yawid.runs.outputs import Outputs
 from yawid.runs.replay import StopFlag, replay
@@ -254,6 +255,7 @@ def test_a_record_is_refused_without_a_fit_as_its_commands_are_on_its_rows(
     verdict = printed(path, capsys)["bare"]["verdict"]
 
     assert verdict["reasons"][0]["text"].startswith("the commands are known on the grid")
+    assert inspect(path, {}).can["bare"].lacks[0].startswith("the commands are known on the grid")
     assert verdict["next"].startswith("Replay the log itself")
     read = list(open_run(tmp_path / "again/flight.mcap").samples_and_motion())
     attitude = np.vstack([e.attitude.values for e in read if isinstance(e, MotionBlock)])
@@ -322,6 +324,31 @@ def test_a_channel_that_is_missing_constant_or_reversed_is_the_reason(
     assert bare.verdict.reasons[0].id == "bare_unknown"
     assert bare.verdict.reasons[0].text.startswith(said)
     assert then in bare.verdict.next
+
+
+@pytest.mark.parametrize(
+    ("changed", "said"),
+    [
+        ({}, ""),
+        ({"damper_s": 0.0}, DAMPER),
+        ({"aileron": False}, "no aileron was found"),
+    ],
+)
+def test_what_a_log_lacks_for_the_airframe_is_known_before_a_fit_and_then_there_is_none(
+    changed: dict[str, Any], said: str, mcap: Path, tmp_path: Path
+):
+    """What lacks nothing is answered, as the run of the sound log is."""
+    path = tmp_path / "log.tlog"
+    path.write_bytes(log(**changed, seconds=22.0))
+
+    can = inspect(path, {"lateral": "off"}).can["bare"]
+
+    assert (can.yes, "".join(can.lacks)[: len(said)]) == (not said, said)
+    if said:
+        bare = yawid.replay(path, lateral="auto").bare
+        assert bare.verdict.reasons[0].text.startswith(said)
+    else:
+        assert load(mcap).bare.verdict.usable
 
 
 def test_the_view_of_a_run_has_its_airframes(mcap: Path, tmp_path: Path):

@@ -8,7 +8,7 @@ import json
 import numpy as np
 import pytest
 from flightlog import FlightLog
-from hand_flights import forty, four_of_a_flight, none_usable
+from hand_flights import NOT_CONVERGED, forty, four_of_a_flight, none_usable
 from manoeuvre.streams import stream
 from msgspec.structs import replace
 from places import C172P, REPLAY_LOGS
@@ -16,9 +16,9 @@ from printed import printed
 
 from yawid.answers.flight_test_card import FlightTestCard
 from yawid.answers.heard import VehicleSeen
-from yawid.answers.inspection import Inspection
-from yawid.answers.reasons import Reason
-from yawid.answers.run_summary import ChannelFound, Origin, RunSummary
+from yawid.answers.inspection import Can, Inspection
+from yawid.answers.reasons import Reason, Verdict
+from yawid.answers.run_summary import Bare, ChannelFound, Origin, RunSummary
 from yawid.cli.main import main
 from yawid.results.make_card import Flown, make_card
 from yawid.sinks.terminal.inspection import print_card
@@ -28,9 +28,14 @@ RUDDER = ChannelFound("servo4", min_us=1000.0, trim_us=1500.0, max_us=1900.0)
 
 
 def card_of(
-    summary: RunSummary, parameters: dict[str, float] | None = None, flown: Flown | None = None
+    summary: RunSummary,
+    parameters: dict[str, float] | None = None,
+    flown: Flown | None = None,
+    bare: str = "",
 ) -> FlightTestCard:
-    return make_card(summary, flown or Flown(), {}, parameters or {}, 20.0, LIVE)
+    why = [each.text for each in summary.deciding.fatal]
+    can = {"flown": Can(not why, why), "bare": Can(not bare, [bare] if bare else [])}
+    return make_card(summary, can, flown or Flown(), {}, parameters or {}, 20.0, LIVE)
 
 
 def page_of(summary: RunSummary, card: FlightTestCard | None) -> list[str]:
@@ -93,7 +98,7 @@ def test_without_an_answer_the_period_is_a_guess_and_says_so():
     page = "\n".join(page_of(none_usable(), card))
 
     assert (card.manoeuvre.wn_rad_s, card.manoeuvre.wn_guessed) == (6.0, True)
-    assert all(words in page for words in ("GUESSED", "not_converged", "[ ] ________"))
+    assert all(words in page for words in ("GUESSED", NOT_CONVERGED.text[:40], "[ ] ________"))
 
     of = four_of_a_flight()
     reason = Reason("manoeuvres_disagree", "manoeuvre 2 has wn 5 rad/s", weight="fatal")
@@ -101,7 +106,7 @@ def test_without_an_answer_the_period_is_a_guess_and_says_so():
     card = card_of(replace(of, flight=replace(of.flight, verdict=refused), verdict=refused))
     assert (card.answer, card.expected, card.answered) == (None, [], [])
     assert card.manoeuvre.wn_guessed
-    assert card.lacks[0].startswith("manoeuvres_disagree: manoeuvre 2")
+    assert card.lacks[0] == "manoeuvre 2 has wn 5 rad/s"
 
 
 AILERON = ChannelFound("servo1", min_us=1100.0, trim_us=1500.0, max_us=1900.0)
@@ -121,6 +126,11 @@ def test_where_every_manoeuvre_had_a_roll_loop_it_asks_for_an_aileron_doublet():
             "With --lateral auto expect of the bare airframe wn ± 0.12, zeta ± 0.019",
             "or one with the aileron's doublet of part 3")  # fmt: skip
     assert [words for words in said if words not in page] == []
+
+    slow = "attitude and servo outputs come at 25 Hz, and a mode of 10.2 rad/s needs 40.8 Hz"
+    assert f"the bare airframe: {slow}" in card_of(summary, flown=FLOWN, bare=slow).lacks
+    known = replace(summary, bare=Bare(used=[1], verdict=Verdict(usable=True, reasons=[])))
+    assert not any("bare airframe" in each for each in card_of(known, flown=FLOWN).lacks)
 
 
 def test_it_asks_for_none_where_the_airframe_would_stay_unknown_or_is_known_by_itself():

@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -34,6 +35,8 @@ RECORDED = sorted(
     [*FLIGHTS.glob("*.tlog"), *FLIGHTS.glob("*.ulg"), *ROOT.glob("replay_logs/*/log.tlog")]
 )
 ARMED = 128
+NONE: dict[str, Any] = {"verdict": {"usable": False}}
+"""What an answer is that a summary does not have."""
 
 
 def mode_flight(
@@ -167,10 +170,56 @@ def test_a_page_is_read_in_ten_seconds_and_its_command_has_the_verdict_that_insp
     assert again == code
     for key in ("verdict", "manoeuvres", "flight"):
         assert summary.get(key) == report.get(key), key
+    assert [name for name, can in report["can"].items() if can["yes"] == bool(can["lacks"])] == []
+    assert report["can"]["flown"]["yes"] == (code == 0)
+    assert report["can"]["ordinary"]["yes"] == summary.get("ordinary", NONE)["verdict"]["usable"]
+    if not report["can"]["damper"]["yes"]:
+        main(["damper", str(tmp_path / f"{path.stem}.mcap"), "--json"])
+        assert json.loads(capsys.readouterr().out)["gains"] == []
     if "command" in report:
         assert shlex.split(report["command"]) == ["yawid", "replay", str(path)]
     else:
         assert (code != 0, report["verdict"]["usable"]) == (True, False)
+
+
+RATES = "SRn_EXTRA1 = 10 and SRn_RC_CHAN = 10"
+
+
+@pytest.mark.parametrize(
+    ("log", "flown", "bare", "ordinary", "damper"),
+    [
+        ("c172p_gcs_rates", "",
+         "attitude and servo outputs come at 5 Hz, and a mode of 2.45 rad/s needs 9.8", "290 s of",
+         "SCHED_LOOP_RATE is not in the log: delay and washout depend on it; nor are YAW2SRV_DAMP"),
+        ("c172p_damped", "", "the yaw damper (YAW2SRV_DAMP 0.22) moves the rudder", "290 s of", ""),
+        ("c172p_damper", "", "", "290 s of", ""),
+        ("turns_calm", "the rudder follows the aileron", "no manoeuvre was found; fly rudder",
+         "", "there is no usable answer as flown"),
+        ("no_rudder", "none of the servo functions is a rudder", "no manoeuvre was found",
+         "there is no sample", "there is no usable answer as flown"),
+    ],
+)  # fmt: skip
+def test_a_log_says_of_each_answer_whether_it_can_give_it_and_what_cures_it(
+    log: str, flown: str, bare: str, ordinary: str, damper: str, tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+):  # fmt: skip
+    """All before any fit of the airframe: with it, what is refused here is refused, too."""
+    path = ROOT / "replay_logs" / log / "log.tlog"
+    _, report = inspected(path, tmp_path, capsys, "--lateral", "off")
+
+    starts = {"flown": flown, "bare": bare, "ordinary": ordinary, "damper": damper}
+    first = {name: [*can["lacks"], ""][0] for name, can in report["can"].items()}
+    assert {name: first[name][: len(said)] for name, said in starts.items()} == starts
+    assert {name: can["yes"] for name, can in report["can"].items()} == {
+        name: not said for name, said in starts.items()
+    }
+    page = " ".join(page_of(report).split())
+    for name, said in (first | {"flown": flown and "see the verdict"}).items():
+        assert f" {name} {f'no: {said}' if said else 'yes'}" in page
+    if flown == "" != bare:
+        assert (RATES in first["bare"]) == first["bare"].startswith("attitude")
+        _, known = inspected(path, tmp_path, capsys, "--lateral", "auto")
+        assert known["can"] == report["can"]
 
 
 def test_inspect_says_the_options_asked_for_and_the_card_has_the_answer_of_that_replay():

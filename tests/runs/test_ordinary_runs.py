@@ -217,7 +217,7 @@ def test_inspect_says_whether_the_log_can_give_it_and_what_is_missing(
 
     assert (code, short_code) == (5, 5)
     assert_is_read_in_ten_seconds(known)
-    assert known["can"] == {"ordinary": {"yes": True, "lacks": []}}
+    assert known["can"]["ordinary"] == {"yes": True, "lacks": []}
     assert not short["can"]["ordinary"]["yes"]
     needed = "290 s of ordinary flight at one airspeed are needed"
     assert needed in short["can"]["ordinary"]["lacks"][0]

@@ -119,11 +119,12 @@ def test_a_dead_link_stands_in_red_with_how_long() -> None:
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"rudder": ""}, "wait: no rudder yet"),
+        ({"rudder": ""}, "wait: no rudder yet; ask for it at 25 Hz"),
+        ({"lacks": "arm: the autopilot's outputs do not"}, "arm: the autopilot's outputs do not"),
         ({"state": ""}, "wait: the message rates are measured for five seconds"),
         ({"held": "on ground"}, "wait: no sample is used now: on ground"),
         ({"from_s": None}, "wait: a manoeuvre is being estimated; or fly the next one"),
-        ({"from_s": None, "unanswered": 0}, "move the rudder: a doublet of more than 10 % of"),
+        ({"from_s": None, "unanswered": 0}, "doublet, 10 % of half travel or more; then hands"),
         (
             {"from_s": None, "unanswered": 0, "stroke": None},
             "move the rudder; it takes some seconds",

@@ -38,10 +38,10 @@ class Answerable(Part, frozen=True):
 
 
 class Can(Part, frozen=True):
-    """Whether the log gives an answer, and in words what it lacks for it."""
+    """Whether a log gives an answer, and what it lacks for it: found, needed, and what to do."""
 
-    yes: Annotated[bool, says("whether it does")]
-    lacks: Annotated[list[str], says("what is missing for it, in words")]
+    yes: Annotated[bool, says("whether it does; before a fit, whether nothing speaks against it")]
+    lacks: Annotated[list[str], says("what is missing for it and what to do, in sentences")]
 
 
 class Span(Part, frozen=True):
@@ -67,8 +67,8 @@ class Inspection(Origin, Judged, frozen=True, kw_only=True):
     ``unchecked`` is a note on signed frames that were not checked. ``excited`` has the stretches in
     which the rudder moved on its own. ``manoeuvres``, ``flight``, ``flights``, ``verdict`` and
     ``warnings`` are those of a replay with the options asked for, which ``command`` is. ``can``
-    says whether ordinary flight is answered, too, if that is asked for. ``record`` says what to
-    record next time; ``card`` says what to fly, if asked for.
+    says what the log gives, by an answer that is there or by what is known before any fit.
+    ``record`` says what to record next time; ``card`` says what to fly, if asked for.
     """
 
     senders: Annotated[
@@ -117,8 +117,13 @@ class Inspection(Origin, Judged, frozen=True, kw_only=True):
     can: Annotated[
         dict[str, Can] | None,
         says(
-            "whether the log gives an answer that has to be asked for",
-            **named(ordinary="of the mode from ordinary flight"),
+            "what the log can give, a row each, and what it lacks for it",
+            **named(
+                flown="the aircraft as it was flown, by its manoeuvres",
+                bare="the same without its autopilot",
+                ordinary="its mode, from flight without a manoeuvre",
+                damper="advice on the yaw damper's gain",
+            ),
         ),
     ] = None
     record: Annotated[list[str] | None, says("what to record next time, in words")] = None

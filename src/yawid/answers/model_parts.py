@@ -51,6 +51,10 @@ class Fit(Part, frozen=True):
     spr_margin: Number | None = None
 
 
+MOST_TURN: Final = 0.25
+"""The most, in rad, by which the fastest mode of an airframe may turn or decay in one sample."""
+
+
 class DutchRoll(Part, frozen=True, kw_only=True):
     """The answer: natural frequency in rad/s, damping ratio, their sigmas, MIL-F-8785C's level.
 
@@ -76,6 +80,11 @@ class DutchRoll(Part, frozen=True, kw_only=True):
         says("sigma of the mean over a flight's manoeuvres; zeta_std is that of the next one", "1"),
     ] = None
     level: Count | None = None
+
+    @property
+    def airframe_hz(self) -> float:
+        """The rate of attitudes at which the mode of an airframe turns by MOST_TURN in a sample."""
+        return self.wn_rad_s / MOST_TURN
 
     @staticmethod
     def of(

@@ -31,15 +31,6 @@ _OWN_ON = {
     PX4: "move the rudder by itself, on PX4 with FW_RLL_TO_YAW_FF = 0 for the manoeuvre or by the "
     "pedals in Manual while the stick rests" + _DOUBLETS,
 }
-_RATES = (
-    f"ask for ATTITUDE (30) and SERVO_OUTPUT_RAW (36) at {ASK_HZ} Hz or more: {{}}; the on-board "
-    "log has even higher rates"
-)
-_RATES_ANY = _RATES.format("MAV_CMD_SET_MESSAGE_INTERVAL with 40000 us")
-_RATES_ON = {
-    ARDUPILOT: _RATES.format("SRn_EXTRA1 = 25 and SRn_RC_CHAN = 25 (at most 0.8 of the loop rate)"),
-    PX4: _RATES.format("mavlink stream -d DEVICE -s NAME -r 50 for each"),
-}
 PARAMETERS: Final = (
     "download the parameters while recording: they say which output is the rudder and how far it "
     "goes"
@@ -80,6 +71,20 @@ class ReasonKind:
         return self.record if autopilot is None else self.record_on.get(autopilot, self.record)
 
 
+def ask_for(hz: float, autopilot: int | None = None) -> str:
+    """Return how to ask an autopilot for attitude and servo outputs at a rate."""
+    how = {
+        ARDUPILOT: f"SRn_EXTRA1 = {hz:g} and SRn_RC_CHAN = {hz:g} (at most 0.8 of the loop rate)",
+        PX4: f"mavlink stream -d DEVICE -s NAME -r {2.0 * hz:g} for each",
+    }.get(autopilot or 0, f"MAV_CMD_SET_MESSAGE_INTERVAL with {1e6 / hz:.0f} us")
+    return (
+        f"ask for ATTITUDE (30) and SERVO_OUTPUT_RAW (36) at {hz:g} Hz or more: {how}; the "
+        "on-board log has even higher rates"
+    )
+
+
+_RATES_ANY: Final = ask_for(ASK_HZ)
+_RATES_ON: Final = {each: ask_for(ASK_HZ, each) for each in (ARDUPILOT, PX4)}
 _TABLE: Final = (
     ReasonKind("interrupted", 130, "run", "Replay the log again, to its end."),
     ReasonKind(

@@ -1,6 +1,6 @@
 """Why a run gives no advice on its damper: what must be known, each check with what to do."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from math import isfinite, pi
 from typing import Final
 
@@ -151,6 +151,22 @@ def check_loop(autopilot: Autopilot, known: Mapping[str, float]) -> None:
         text += f"; nor are {names}" if missing else ""
     if give:
         raise Refused(id_, text, f"give {' '.join(give)}, or log all parameters")
+
+
+def refusals(
+    summary: RunSummary, config: RunConfig, known: Mapping[str, float]
+) -> Iterator[Refused]:
+    """Yield what stops the advice before anything is predicted, for the parameters ``known``."""
+    checks: tuple[Callable[[], None], ...] = (
+        lambda: check_known(usable_flight(summary)),
+        lambda: check_input(summary, config),
+        lambda: check_loop(autopilot_of(summary, None), known),
+    )
+    for check in checks:
+        try:
+            check()
+        except Refused as refused:
+            yield refused
 
 
 def gain_flown(summary: RunSummary, manoeuvre: Manoeuvre, name: str, last: float) -> float | None:

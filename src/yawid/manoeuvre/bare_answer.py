@@ -56,9 +56,6 @@ LAWS: Final[Mapping[str, int]] = {
     "alpha_rad": -2,
 }  # fmt: skip
 """The power of the airspeed to which each number is proportional, in air of one density."""
-NOT_DRIVEN: Final = frozenset({"not_excited", "mode_not_driven"})
-"""The reasons against an answer as flown that also stop the airframe: at the end of a go-around,
-with the rudder moved by the autopilot to one side, wn was 9 % low with a sigma of 2.5 %."""
 MOST_TOGETHER: Final = 6
 """The most manoeuvres of one airspeed in one fit, which takes longer with each."""
 
@@ -123,10 +120,6 @@ def against_flown(found: Fitted, flown: Manoeuvre) -> Fitted:
     """
     if found.airframe is not None and isinstance(found.motion, Motion):
         found = refused(found.n, found.motion, flown) or found  # the fit may have been first
-    against = [each.id for each in flown.verdict.fatal if each.id in NOT_DRIVEN]
-    if found.airframe is not None and against:
-        why = f"the rudder did not drive the yaw: the answer as flown is {' and '.join(against)}"
-        return Fitted(found.n, found.motion, None, why, "Move the rudder there and back.")
     airframe, roll = found.airframe, flown.dutch_roll
     if airframe is None or roll is None or not flown.verdict.usable:
         return found

@@ -24,6 +24,7 @@ from yawid.answers.flight_test_card import (
     SurfaceMove,
 )
 from yawid.answers.heard import VehicleSeen
+from yawid.answers.inspection import Can
 from yawid.answers.more_manoeuvres import MANOEUVRES, expected
 from yawid.answers.reasons import ASK_HZ, Verdict
 from yawid.answers.run_summary import (
@@ -69,8 +70,6 @@ MOST_REASONS: Final = 2
 BARE_WN_SHARE, BARE_ZETA, BARE_ZETA_SHARE = 0.012, 0.012, 0.03
 """Sigmas of the bare airframe after one manoeuvre with an aileron doublet, of wn relative to wn:
 medians of 31 such flights of JSBSim, and the share of zeta that is the least."""
-TURNS: Final = 4.0
-"""The messages that the bare airframe needs in the time 1/wn: see lateral/gates.py, too_slow."""
 MIXES: Final[Mapping[int, Mapping[str, str]]] = {
     ARDUPILOT: {
         "KFF_RDDRMIX": "rudder follows the aileron",
@@ -123,6 +122,7 @@ def why_no_card(vehicle: VehicleSeen | None, verdict: Verdict) -> str | None:
 
 def make_card(
     summary: RunSummary,
+    can: Mapping[str, Can],
     flown: Flown,
     rates_hz: Mapping[str, float],
     parameters: Mapping[str, float],
@@ -131,9 +131,9 @@ def make_card(
 ) -> FlightTestCard:
     """Return the card for the aircraft of a summary, for which :func:`why_no_card` is None.
 
-    ``rates_hz`` holds the message rates by "yaw" and "rudder", ``parameters`` the vehicle's
-    parameters; ``rudder_max_deg`` is the rudder's full deflection in degrees, None where unknown,
-    and ``live`` the command for a live session.
+    ``can`` says what the log gives; ``rates_hz`` holds the message rates by "yaw" and "rudder",
+    ``parameters`` the vehicle's parameters; ``rudder_max_deg`` is the rudder's full deflection in
+    degrees, None where unknown, and ``live`` the command for a live session.
     """
     autopilot = None if summary.vehicle is None else summary.vehicle.autopilot
     flight, used = summary.flight, _used(summary)
@@ -166,7 +166,7 @@ def make_card(
         answer=roll,
         answered=[manoeuvre.n for manoeuvre in used],
         expected=list(expected(flight)),
-        lacks=list(_lacks(summary, used, aileron)),
+        lacks=list(_lacks(summary, can, used, aileron)),
         live=live,
     )
 
@@ -220,7 +220,7 @@ def _aileron(
 
     It ends before the rudder's rest ends the manoeuvre.
     """
-    if roll.wn_rad_s * TURNS > MOST_HZ:
+    if roll.airframe_hz > MOST_HZ:
         return None
     zeta_std = max(BARE_ZETA, BARE_ZETA_SHARE * roll.zeta)
     return AileronDoublet(
@@ -338,16 +338,19 @@ def _spread(used: Sequence[Manoeuvre]) -> float:
 
 
 def _lacks(
-    summary: RunSummary, used: Sequence[Manoeuvre], aileron: AileronDoublet | None
+    summary: RunSummary,
+    can: Mapping[str, Can],
+    used: Sequence[Manoeuvre],
+    aileron: AileronDoublet | None,
 ) -> Iterator[str]:
     """Yield in words what the log cannot answer yet."""
-    if not summary.deciding.usable:
-        for reason in summary.deciding.fatal[:MOST_REASONS]:
-            yield str(reason)
+    yield from can["flown"].lacks[:MOST_REASONS]
     loops = {manoeuvre.loop for manoeuvre in used}
     if loops == {"unknown"}:
         yield "whose answer it is: the flight mode is not known"
-    elif used and "airframe" not in loops:
+    elif used and can["bare"].lacks:
+        yield f"the bare airframe: {can['bare'].lacks[0]}"
+    elif used and "airframe" not in loops and not summary.bare:
         how = "" if aileron is None else ", or one with the aileron's doublet of part 3"
         yield f"the bare airframe: fly a manoeuvre without the roll loop{how}"
     if used and _spread(used) < APART:

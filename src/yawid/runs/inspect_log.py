@@ -16,7 +16,6 @@ from msgspec import structs
 
 from yawid.answers.flight_test_card import FlightTestCard
 from yawid.answers.inspection import Answerable, Can, Inspection, MessageRate, Span
-from yawid.answers.ordinary import ORDINARY, OrdinaryAnswer
 from yawid.answers.run_summary import Origin, RunSummary
 from yawid.blocks import Floats, Ints, SampleBlock
 from yawid.channels.segments import REBOOT_US, Boots
@@ -27,6 +26,7 @@ from yawid.results.advice import what_to_record
 from yawid.results.excitation import excitation
 from yawid.results.judge_samples import LEAST_RATE_HZ
 from yawid.results.make_card import Flown, make_card, why_no_card
+from yawid.runs.can import what_it_can
 from yawid.runs.job import KeptSamples, RecordedLog, run
 from yawid.sinks.terminal.progress import Bar, progress
 from yawid.sources.open_log import ReadOptions
@@ -79,6 +79,7 @@ def _inspected(source: RecordedLog, config: RunConfig, bar: Bar, *, with_card: b
     origin = {name: getattr(summary, name) for name in Origin.__struct_fields__}
     counted = {key: SenderStats(n) for key, n in link.senders.items()} | dict(link.by_sender)
     modes_of, parameters = channels.modes_of, channels.parameters.values
+    can = what_it_can(summary, job.pipeline)
     can_answer = summary.flight is not None or summary.verdict is None
     return Inspection(
         **origin | {"link": structs.replace(summary.link, signed=link.signed or None)},
@@ -92,21 +93,18 @@ def _inspected(source: RecordedLog, config: RunConfig, bar: Bar, *, with_card: b
         manoeuvres=summary.manoeuvres,
         flight=summary.flight,
         flights=summary.flights,
-        can=None if summary.ordinary is None else {ORDINARY: _can(summary.ordinary)},
+        can=can,
         record=what_to_record(ids, job.pipeline.report()) or None,
         command=command_line(log, config, source.options) if can_answer else None,
-        card=_card(summary, config, samples, rates, parameters) if with_card else None,
+        card=_card(summary, can, config, samples, rates, parameters) if with_card else None,
         verdict=summary.verdict,
         warnings=summary.warnings,
     )
 
 
-def _can(found: OrdinaryAnswer) -> Can:
-    return Can(found.verdict.usable, [reason.text for reason in found.verdict.reasons])
-
-
 def _card(
     summary: RunSummary,
+    can: Mapping[str, Can],
     config: RunConfig,
     samples: SampleBlock | None,
     rates: Mapping[str, MessageRate],
@@ -121,7 +119,7 @@ def _card(
     if summary.vehicle is not None:
         words = _words(replace(config, from_s=None, to_s=None, boot=None))
         live = shlex.join(["yawid", "live", TAP, *words])
-    return make_card(summary, flown, rates_hz, known, config.rudder_max_deg, live)
+    return make_card(summary, can, flown, rates_hz, known, config.rudder_max_deg, live)
 
 
 def _options(config: RunConfig, always: Container[str]) -> dict[str, Any]:

@@ -14,7 +14,7 @@ import subprocess
 import termios
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -22,16 +22,24 @@ from typing import Any
 import numpy as np
 import pytest
 from checks.children import LEAVE_S, child, free_udp_port
-from flights.surgery import split
+from flights.surgery import join, split
 from live_link import BEAT, Screen, frames, listening, send
 from places import REPLAY_LOGS
 from scipy.signal import cont2discrete, lfilter
 
+from yawid.channels.stage import WANTED
 from yawid.config.run import RunConfig
+from yawid.pipeline import Pipeline
+from yawid.runs.job import feed_all
 from yawid.runs.live import Console, LiveOptions, live
+from yawid.runs.live.running_answer import RunningAnswer
+from yawid.runs.live.screen_facts import Gatherer
 from yawid.runs.outputs import Outputs
 from yawid.runs.replay import StopFlag
 from yawid.sinks.terminal.console import console_for
+from yawid.sinks.terminal.live_page import what_to_do
+from yawid.sources.logs.tlog import TlogReader
+from yawid.sources.mavlink.decoder import Decoder
 
 NUMBER = re.compile(r"\bwn -?\d")
 
@@ -160,6 +168,35 @@ def test_before_the_first_manoeuvre_the_screen_has_no_verdict_and_no_advice_for_
     assert "not known yet" in shown
     for said in ("NOT USABLE", "not_excited", "next:", "replay", "log"):
         assert said not in shown
+
+
+def recorded(name: str) -> bytes:
+    return (REPLAY_LOGS / name / "log.tlog").read_bytes()
+
+
+SLOW = join((1_700_000_000_000_000 + 125_000 * i, each) for i, each in enumerate(frames(40, hz=4)))
+
+
+@pytest.mark.parametrize(
+    ("data", "said"),
+    [
+        (lambda: SLOW, "ask for attitude and servo outputs at 25 Hz (streamrate 25)"),
+        (lambda: recorded("turns_gusts"), "doublet, 10 % of half travel or more; then hands off"),
+        (lambda: recorded("c172p_damped"), "for the bare airframe: switch the yaw damper off"),
+        (lambda: recorded("c172p_gcs_rates"), "for the bare airframe: attitude and servo outputs"),
+        (lambda: recorded("c172p_mavlink1"), "for the bare airframe: a doublet, then one of the a"),
+    ],
+)
+def test_next_is_what_is_missing_as_flown_then_for_the_airframe_and_never_about_a_log(
+    data: Callable[[], bytes], said: str
+) -> None:
+    decoder, pipeline = Decoder(WANTED), Pipeline(RunConfig(lateral="off", ordinary="off"))
+    feed_all(TlogReader([data()], decoder), pipeline)
+    answer = RunningAnswer().look(pipeline, decoder.link)
+
+    step = what_to_do(Gatherer().facts(pipeline, decoder.link, "", answer))
+
+    assert step.text.startswith(said)
 
 
 def test_a_manoeuvre_has_one_answer_on_the_screen_a_dead_link_is_said_and_the_terminal_left_clean(

@@ -2,13 +2,15 @@
 
 import time
 from collections import deque
+from typing import Final
 
-from yawid.answers.reasons import Verdict
+from yawid.answers.reasons import ASK_HZ
 from yawid.blocks import Held, words
 from yawid.pipeline import Pipeline
 from yawid.quantities.link import LinkStats
 from yawid.quantities.vehicles import type_name
-from yawid.results.advice import with_remedies
+from yawid.results.judge_samples import message_rate_reasons
+from yawid.runs.can import facts_of_bare
 from yawid.runs.live.running_answer import Answer, said
 from yawid.runs.live.standing import state
 from yawid.sinks.terminal.console import SILENT, VehicleFacts
@@ -16,6 +18,15 @@ from yawid.sinks.terminal.console import SILENT, VehicleFacts
 WINDOW_S = 2.0
 """Rates are counted over this time; where no sample is used for this long, the reason is shown."""
 ASSUMED = ' (assumed: no parameters were heard; in MAVProxy type "param fetch")'
+
+IN_FLIGHT: Final = {
+    "rate_too_low": f"ask for attitude and servo outputs at {ASK_HZ} Hz (streamrate {ASK_HZ})",
+    "not_in_command": "arm: the autopilot's outputs do not move the surfaces",
+    "yaw_damper": "for the bare airframe: switch the yaw damper off",
+    "too_slow": "for the bare airframe: attitude and servo outputs at 50 Hz",
+    "aileron": "for the bare airframe: a doublet, then one of the aileron",
+}
+"""What a pilot, or the ground station, can do in the air: none of it is about a log."""
 
 
 class Gatherer:
@@ -40,7 +51,7 @@ class Gatherer:
         channels, vehicle = pipeline.channels, pipeline.channels.lock.vehicle
         rates, unused = self._rates(pipeline, link)
         progress, unanswered = pipeline.progress()
-        verdict = _with_remedies(pipeline, answer.verdict) if answer.flights else None
+        verdict = answer.verdict if answer.flights else None
         status = state(pipeline)
         name = ""
         if vehicle is not None:
@@ -78,7 +89,7 @@ class Gatherer:
             state=SILENT if quiet else status,
             verdict=None if verdict is None else verdict.usable,
             why=tuple(map(str, fatal or reasons)),
-            next="" if verdict is None else verdict.next or "",
+            lacks=_lacks(pipeline, answer),
         )
 
     def _rates(self, pipeline: Pipeline, link: LinkStats) -> tuple[tuple[float, ...], bool]:
@@ -95,11 +106,19 @@ class Gatherer:
         return rates, lasted_s >= WINDOW_S and now[4] == first[4]
 
 
-def _with_remedies(pipeline: Pipeline, verdict: Verdict | None) -> Verdict | None:
-    """Return the verdict with what to do about its reasons."""
-    if verdict is None:
-        return None
-    return with_remedies(verdict, pipeline.report().vehicle, len(pipeline.manoeuvres or ()))
+def _lacks(pipeline: Pipeline, answer: Answer) -> str:
+    """Return what a pilot can do about what is missing, of the answer as flown before the airframe.
+
+    It is "" where only a manoeuvre is missing, and while one is flown that shows both.
+    """
+    rates_hz, (under_way, unanswered) = pipeline.report().rates_hz, pipeline.progress()
+    of_the_log = [] if answer.flights or answer.verdict is None else answer.verdict.fatal
+    rates = [] if rates_hz is None else message_rate_reasons(*rates_hz)
+    lacks = [each.id for each in (*of_the_log, *rates) if each.exit_code]
+    is_found = any(each.lateral for each in pipeline.manoeuvres or ())
+    if answer.known and not (is_found or unanswered or under_way.from_s is not None):
+        lacks += [*facts_of_bare(pipeline, answer.flights[0]), "aileron"]
+    return next((IN_FLIGHT[each] for each in lacks if each in IN_FLIGHT), "")
 
 
 def _held(pipeline: Pipeline) -> str:

@@ -49,7 +49,8 @@ class VehicleFacts:
     ``answer`` is the answer now in words, "" before the first estimate, ``stream`` the stream
     in words: its status, and its numbers if they are the answer; ``state`` is its status in one or
     two. ``verdict`` says whether the flight's answer is usable, None before a manoeuvre is
-    answered; ``why`` lists its reasons and ``next`` says what to do about the first fatal one.
+    answered; ``why`` lists its reasons. ``lacks`` says what a pilot can do about what is missing,
+    "" where that is only a manoeuvre.
     """
 
     sysid: int = 0
@@ -78,7 +79,7 @@ class VehicleFacts:
     state: str = ""
     verdict: bool | None = None
     why: tuple[str, ...] = ()
-    next: str = ""
+    lacks: str = ""
 
     @property
     def urgency(self) -> tuple[bool, bool, bool, int]:

@@ -64,10 +64,10 @@ def _rows(report: Inspection) -> Iterator[tuple[str, str]]:
             f"Dutch rolls with wn up to {most:.3g} rad/s, and well up to {well:.3g} rad/s",
         )
     for name, can in (report.can or {}).items():
-        lacks = f"does not show the aircraft's mode: {'; '.join(can.lacks)}"
-        yield name, "shows the aircraft's mode, as a replay says" if can.yes else lacks
-    for line in report.record or ():
-        yield "record", line
+        lacks = "see the verdict" if name == "flown" else _first(can.lacks, 1)
+        yield name, "yes" if can.yes else f"no: {lacks}"
+    said = report.deciding.next or ""
+    yield from (("record", line) for line in report.record or () if line not in said)
 
 
 def _sender(name: str, counts: Mapping[str, int]) -> str:

@@ -10,13 +10,14 @@ from rich.console import Console, ConsoleOptions, Group, RenderableType, RenderR
 from rich.segment import Segment
 from rich.text import Text
 
+from yawid.answers.reasons import ASK_HZ
 from yawid.blocks import WINDOW_S
 from yawid.results.excitation import LEAST_STROKE
 from yawid.sinks.door import plain
 from yawid.sinks.pages import Grid, rich_table
 from yawid.sinks.run_page import in_columns, manoeuvre_grid
 from yawid.sinks.terminal.console import LiveFacts, VehicleFacts
-from yawid.sinks.words import NEXT, conditions, counted, duration, dutch_roll, whose
+from yawid.sinks.words import conditions, counted, duration, dutch_roll, whose
 
 LEAST_WIDTH, LEAST_HEIGHT = 72, 20
 """A smaller window has no room for the page and shows one line."""
@@ -28,6 +29,8 @@ SCALE = 0.5
 BAR, SHORT_BAR = 20, 5
 MOVING_S = 1.0
 """A rudder that has rested for less than this is still moving."""
+HANDS_OFF_S = 8.0
+"""For so long a pilot leaves the rudder alone: the rest that ends a manoeuvre, and a margin."""
 LEAST_EVENTS, MOST_WHY, MOST_LINES = 3, 3, 60
 """The least number of lines for messages, and the largest for a verdict's reasons and for the
 page that stays at the end."""
@@ -84,11 +87,14 @@ def what_to_do(vehicle: VehicleFacts) -> Step:
         short = f"silent {vehicle.quiet.partition(' for ')[2]}"
         return Step(short, "wait: nothing is received, so nothing is recorded", "red")
     if missing:
-        return Step("waiting", f"wait: no {' and no '.join(missing)} yet", "yellow")
+        said = f"wait: no {' and no '.join(missing)} yet; ask for it at {ASK_HZ} Hz"
+        return Step("waiting", said, "yellow")
     if not vehicle.state:
         return Step("waiting", "wait: the message rates are measured for five seconds", "yellow")
     if vehicle.held:
         return Step(vehicle.held, f"wait: no sample is used now: {vehicle.held}", "yellow")
+    if vehicle.lacks:
+        return Step("lacks", vehicle.lacks, "yellow")
     if not vehicle.finds:
         return Step("move it", "move the rudder: only the stream answers, as --manoeuvres is off")
     if vehicle.from_s is None and vehicle.unanswered:
@@ -98,7 +104,8 @@ def what_to_do(vehicle: VehicleFacts) -> Step:
         said = "move the rudder; it takes some seconds to find how it follows the aileron"
         return Step("move it", said)
     if vehicle.from_s is None:
-        return Step("move it", f"move the rudder: a doublet of more than {_NEEDED} of half travel")
+        said = f"doublet, {_NEEDED} of half travel or more; then hands off for {HANDS_OFF_S:g} s"
+        return Step("move it", said)
     if not vehicle.is_excited:
         return Step("move it more", "move the rudder more", "yellow")
     if vehicle.rests_s < MOVING_S:
@@ -228,8 +235,6 @@ def _answer(vehicle: VehicleFacts, width: int) -> Iterator[Text]:
     why = [*_wrapped("VERDICT", "; ".join((word, *vehicle.why)), width)][:MOST_WHY]
     why[0].stylize(f"bold {style}", NAME_WIDTH, NAME_WIDTH + len(word))
     yield from why
-    if vehicle.next:
-        yield from _wrapped("", f"{NEXT} {vehicle.next}", width)
 
 
 def _events(said: Said, width: int, room: int) -> list[RenderableType]:
