@@ -103,8 +103,8 @@ def test_a_swing_that_grows_never_settles():
 
 
 def test_the_yaw_rate_of_aircraft_whose_roll_is_held_stands_when_the_swing_has_settled():
-    """Of all six poles of 60 aircraft, with servos and roll hold; the modes of roll are in half of
-    them more than 5 % of the swing, so that a few stand later"""
+    """Of all six poles of 60 aircraft, with servos and roll hold; where modes of roll are slow and
+    large, a few stand later"""
     late = []
     for of in map(drawn, range(60)):
         A = np.zeros((6, 6))

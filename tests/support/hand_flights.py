@@ -131,6 +131,8 @@ def flight(**more: Any) -> Flight:
         "dutch_roll": roll_of(10.21, 0.624, 0.16, 0.021),
         "kappa_rad_m": Value(0.4634, 0.0077, 0.0012),
         "K_per_V": Value(0.014, 0.0004, 0.0001),
+        "overshoot_pct": Value(8.1, 1.2, 0.3),
+        "settling_s": Value(0.462, 0.031, 0.008),
         "between_std": BetweenStd(wn_rad_s=0.15, zeta=0.02),
         "used": [1, 2],
         "disagree": [3],
