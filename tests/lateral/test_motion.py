@@ -184,7 +184,10 @@ def test_what_a_late_jump_adds_is_that_of_jumps_anywhere_in_a_sample(
     surface, [first], added = record.later(lag_s, delay_s)
     assert [surface] == [jump[0] for jump in record.jumps] == [RUDDER]
     mean, slope = np.zeros((2, len(expected)))
-    mean[first : first + added.shape[2]], slope[first : first + added.shape[2]] = added[:, 0]
+    end, last = first + added.shape[2], added[:, 0, -1]
+    mean[first:end], slope[first:end] = added[:, 0]
+    fades = np.exp(-0.1 * np.arange(1, len(mean) - end + 1) / max(lag_s, 1e-9))
+    mean[end:], slope[end:] = last[0] * fades, last[1] * fades
     np.testing.assert_allclose(mean, expected[:, RUDDER], atol=0.1)
     np.testing.assert_allclose(slope, expected[:, 4 + RUDDER], atol=2.0)
 

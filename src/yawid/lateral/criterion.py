@@ -15,13 +15,15 @@ import numpy as np
 from yawid.blocks import Floats, Ints
 from yawid.estimation.machine.products import cross
 from yawid.lateral.model import AILERON, AT, PARAMETERS, RUDDER, Guess, system
-from yawid.lateral.predictor import Predictor, whitened
-from yawid.lateral.record import Record
+from yawid.lateral.predictor import Predictor, innovations
+from yawid.lateral.record import LEAST_LAG_S, Record
 
 _RIDGE = 1e-13
 """Of start and trims, as a share of their power: it holds what the record does not show."""
 COMMANDS = (AILERON, RUDDER, AILERON + 4, RUDDER + 4)
 """The columns of the commands' means and slopes among the inputs of a step."""
+STATE_RUNS = (1, 2, 3, 4, 9, 10)
+"""The runs of a record that begin with a unit of each state."""
 _DIFFERENCE = 1e-5
 """Step of the slopes in scales."""
 
@@ -57,6 +59,11 @@ class Criterion:
         self.mean, self.spread = np.array(known).T
         self.count = 3 * sum(int(np.count_nonzero(~each.unused)) for each in records)
         """Measurements."""
+
+    def begin_with_noise_of(self, other: "Criterion", x: Floats) -> None:
+        """Let the noise begin as it is at another criterion's point ``x`` (n,)."""
+        its = self.free[self.is_noise]
+        self.fixed[its] = other.theta(x[None])[0, its]
 
     def part(self, record: Record, x: Floats, held: float) -> "Criterion":
         """Return the criterion of one record that begins at ``x`` (n,).
@@ -147,14 +154,25 @@ def _part(record: Record, theta: Floats) -> Part:
     model = system(theta, record.motion.airspeed_m_s, record.pitch)
     predictor = Predictor.of(model, record.sample_time_s)
     count, n = len(record.jumps), len(record.y)
-    y, u, units = np.zeros((13, n, 3)), np.zeros((13, n, 8)), np.eye(13, 8, -1)
-    y[0], u[0] = record.y, record.inputs(*pair)  # then a run of each unit of start and trim, and
-    u[range(9, 13), 0, COMMANDS] = 1.0  # of an impulse of each command's mean and slope
-    runs = whitened(predictor, y, u, units[:, :4], units[:, 4:])
-    runs = np.concatenate([runs[:9], _moved(runs[9:], *record.later(*pair))])
-    runs[:, record.unused] = 0.0
-    runs = runs.reshape(len(runs), -1)
-    e, columns = runs[0], np.ascontiguousarray(runs[1:].T)
+    surface, first, added = record.later(*pair)
+    fades = np.exp(-record.sample_time_s / max(pair[0], LEAST_LAG_S)) ** np.arange(n)
+    known = np.column_stack([record.inputs(*pair), record.y, np.ones(n), fades])
+    # A run of the record, then of each unit of start, trim, gust, and of commands that fade.
+    into, seen, start = np.zeros((15, 6, 13)), np.zeros((15, 3, 13)), np.zeros((6, 15))
+    into[0, :, :8], into[0, :, 8:11], seen[0, :, 8:11] = (
+        predictor.drive[0],
+        predictor.K[0],
+        np.eye(3),
+    )
+    into[5:9, :, 11] = predictor.trim[0].T
+    into[11:, :, 12] = predictor.drive[0][:, COMMANDS].T
+    start[range(6), STATE_RUNS] = 1.0
+    runs = innovations(predictor, known, into, seen, start)
+    units = np.ascontiguousarray(runs[:, :, [*STATE_RUNS, *range(11, 15)]])
+    columns = np.dstack([runs[:, :, 1:9], _moved(predictor, units, surface, first, added)])
+    for each in (runs, columns):
+        each[record.unused] = 0.0
+    e, columns = runs[:, :, 0].ravel(), columns.reshape(-1, 8 + count)
     power, slope = cross(columns, columns), cross(columns, e)
     power += np.diag(_RIDGE * np.diag(power) + np.finfo(float).tiny)
     noise = math.sqrt(float(np.mean((e - columns @ np.linalg.solve(power, slope)) ** 2)))
@@ -165,21 +183,24 @@ def _part(record: Record, theta: Floats) -> Part:
     return Part(predictor, own, columns, power, e + columns @ own)
 
 
-def _moved(impulses: Floats, surface: Ints, first: Ints, added: Floats) -> Floats:
-    """Return what jumps that are later by 1 s add to the innovations (j, n, 3).
+def _moved(of: Predictor, runs: Floats, surface: Ints, first: Ints, added: Floats) -> Floats:
+    """Return what jumps that are later by 1 s add to the innovations (n, 3, j).
 
-    ``impulses`` (4, n, 3) are the innovations of an impulse of each command's mean, then of its
-    slope, and the others are as ``Record.later`` returns them.
+    ``runs`` (n, 3, 10) are those of each unit of state, and of mean and slope of each command while
+    they fade; the others are as ``Record.later`` returns them. Each jump is run to where its
+    command only fades, and from there on it is a sum of those.
     """
-    from scipy import fft  # it takes long to load, and few runs need it
-
-    n, size = impulses.shape[1], fft.next_fast_len(impulses.shape[1] + added.shape[2], real=True)
-    of_impulse = fft.rfft(impulses.reshape(2, 2, n, 3).swapaxes(2, 3), size)[:, surface]
-    of_jump = fft.rfft(added, size)[:, :, None]
-    moved = fft.irfft((of_impulse * of_jump).sum(axis=0), size).swapaxes(1, 2)
-    found = np.zeros((len(first), n, 3))
-    for row, at, each in zip(found, first, moved, strict=True):
-        row[at:] = each[: n - at]
+    n, head, count = len(runs), added.shape[2] - 1, len(first)
+    found, x, jumps = np.zeros((n, 3, count)), np.zeros((count, 6)), np.arange(count)
+    F, seen = (of.Phi - of.K @ of.C)[0].T, -(of.whitening @ of.C)[0].T
+    drive = of.drive[0].T[[surface, surface + 4]]
+    for k in range(head):
+        found[first + k, :, jumps] = x @ seen
+        x = x @ F + (added[:, :, k, None] * drive).sum(axis=0)
+    by = np.hstack([x, np.zeros((count, 4))])
+    by[jumps, 6 + surface], by[jumps, 8 + surface] = added[:, :, head]
+    for row, at in enumerate(first + head):
+        found[at:, :, row] = np.einsum("nca,a->nc", runs[: n - at], by[row])
     return found
 
 
@@ -189,14 +210,23 @@ def _pair(theta: Floats) -> tuple[float, float]:
 
 def _slopes(record: Record, theta: Floats, part: Part) -> Floats:
     """Return the slopes (3 n + j, v) of one manoeuvre's innovations to the parameters (v, ...)."""
-    pairs = [_pair(each) for each in theta]
-    inputs = {pair: record.inputs(*pair, part.own[8:].tolist()) for pair in set(pairs)}
-    u, own = np.stack([inputs[pair] for pair in pairs]), np.tile(part.own[:8], (len(theta), 1))
     model = system(theta, record.motion.airspeed_m_s, record.pitch)
     predictor = Predictor.of(model, record.sample_time_s, part.predictor)
-    runs = whitened(predictor, record.y[None], u, own[:, :4], own[:, 4:])
-    runs[:, record.unused] = 0.0
-    found = (runs.reshape(len(theta), -1) - part.e[: record.y.size]).T / _DIFFERENCE
+    trim = predictor.trim @ part.own[4:8, None]
+    into = np.concatenate([predictor.drive, predictor.K, trim], axis=2)
+    start, seen = np.append(part.own[:4], [0.0, 0.0])[:, None], np.eye(3, 12, 8)
+    runs = np.empty((*record.y.shape, len(theta)))
+    pairs = [_pair(each) for each in theta]
+    for pair in sorted(set(pairs), key=pairs.count, reverse=True):
+        # The inputs that most variants have are given to all, so that few are run by themselves.
+        which = [i for i, each in enumerate(pairs) if each == pair]
+        run = slice(None) if len(which) > 1 else slice(which[0], which[0] + 1)
+        inputs = record.inputs(*pair, part.own[8:].tolist())
+        known = np.column_stack([inputs, record.y, np.ones(len(inputs))])
+        states = start.repeat(len(into[run]), axis=1)
+        runs[:, :, run] = innovations(predictor.some(run), known, into[run], seen, states)
+    runs[record.unused] = 0.0
+    found = (runs.reshape(-1, len(theta)) - part.e[: record.y.size, None]) / _DIFFERENCE
     slopes = np.pad(
         found, ((0, len(record.jumps)), (0, 0))
     )  # times stay: their distances have none

@@ -11,6 +11,7 @@ import numpy as np
 
 from yawid.blocks import Floats
 from yawid.lateral.model import AILERON, BETA, RUDDER, airframe
+from yawid.lateral.predictor import exponential
 
 ROLLS_S: Final = (0.5, 1.0, 2.0)
 """Rolls: the aileron is held for so long to one side, and then to the other."""
@@ -23,15 +24,13 @@ def rudder_mixes(theta: Floats, airspeed_m_s: float) -> Floats:
     With the sideslip beta_a of the aileron and beta_r of the rudder moved as the aileron is, the
     mix m gives the least integral of (beta_a + m beta_r)^2. NaN where a derivative is not known.
     """
-    from scipy.linalg import expm  # it takes long to load, and few runs need it
-
     A, B = airframe(theta, airspeed_m_s)
-    whole, x = np.zeros((len(theta), 6, 6)), np.zeros((len(theta), 4, 2))
-    whole[:, :4, :4], whole[:, :4, 4:] = A[:, :4, :4], B[:, :4, (AILERON, RUDDER)]
-    step, held = expm(whole * STEP_S), []
+    Phi, area, _ = exponential(A[:, :4, :4], STEP_S)
+    x, drive = np.zeros((len(theta), 4, 2)), area @ B[:, :4, [AILERON, RUDDER]]
+    held = []
     with np.errstate(over="ignore", invalid="ignore"):  # an airframe that diverges fast
         for _ in range(round(2.0 * ROLLS_S[-1] / STEP_S)):
-            x = step[:, :4, :4] @ x + step[:, :4, 4:]
+            x = Phi @ x + drive
             held.append(x[:, BETA])
         found = []
         for length in (round(each / STEP_S) for each in ROLLS_S):

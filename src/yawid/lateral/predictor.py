@@ -5,13 +5,19 @@ parameter. A leading axis of 1 stands for all v.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 
 from yawid.blocks import Floats
+from yawid.estimation.machine.products import simulated
 from yawid.lateral.model import System
 from yawid.lateral.motion import Flags
+
+LARGEST, TERMS = 0.5, 14
+"""The size of A t up to which so many terms of its power series have all bits."""
+DOUBLINGS, TINY = 60, 1e-12
+"""The most doublings of the time, and what may be left then of a start: Newton's step follows."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,8 +51,6 @@ class Predictor:
         Raises:
             numpy.linalg.LinAlgError: a covariance is singular or not finite.
         """
-        from scipy.linalg import solve_discrete_are  # it takes long to load, and few runs need it
-
         half, area, moment = exponential(model.A, sample_time_s / 2.0)
         Phi, moment = half @ half, moment + half @ (moment + 0.5 * sample_time_s * area)
         area = area + half @ area
@@ -55,30 +59,64 @@ class Predictor:
         if not (np.isfinite(Q).all() and np.isfinite(model.R).all()):
             raise np.linalg.LinAlgError("the model is not finite")
         if near is None:
-            pairs = zip(Phi, model.C, Q, model.R, strict=True)
-            P = np.array([solve_discrete_are(F.T, C.T, Q, R) for F, C, Q, R in pairs])
+            K, *_ = _gain(Phi, model.C, _steady(Phi, model.C, Q, model.R), model.R)
         else:
-            P = _sum_around(Phi - near.K @ model.C, Q + _around(near.K, model.R))
+            K = near.K
+        P = _sum_around(Phi - K @ model.C, Q + _around(K, model.R))
         K, whiten, log_det = _gain(Phi, model.C, P, model.R)
         sloped = (0.5 * sample_time_s * area - moment) @ model.B
         drive, trim = np.concatenate([area @ model.B, sloped], axis=2), area[:, :, :4]
         return cls(Phi, model.C, drive, trim, K, P, Q, whiten, log_det)
 
+    @property
+    def whitening(self) -> Floats:
+        """``whiten`` (v, 3, 3) with a determinant of 1.
+
+        The sum of squares of what it whitens has its least where the likelihood is largest,
+        whatever the scale of the noise.
+        """
+        return np.asarray(self.whiten * np.exp(self.log_det / 3.0)[:, None, None], np.float64)
+
+    def some(self, which: slice) -> "Predictor":
+        """Return these of the variants."""
+        return Predictor(*(getattr(self, each.name)[which] for each in fields(self)))
+
 
 def exponential(A: Floats, time_s: float) -> tuple[Floats, Floats, Floats]:
     """Return exp(A t), the integrals of exp(A s) and s exp(A s) from 0 to t, for A (v, n, n).
 
-    A line as input makes its value and its slope states of a larger system (Van Loan 1978).
+    Their power series over a part of t is doubled until it is t (scaling and squaring).
     """
-    from scipy.linalg import expm  # it takes long to load, and few runs need it
-
     if not np.isfinite(A).all():
         raise np.linalg.LinAlgError("the model is not finite")
-    v, n, _ = A.shape
-    larger = np.zeros((v, 3 * n, 3 * n))
-    larger[:, :n, :n], larger[:, : 2 * n, n:] = A, np.eye(2 * n)
-    Phi, area, ramp = np.split(expm(larger * time_s)[:, :n], 3, axis=2)
-    return Phi, area, time_s * area - ramp
+    size = float(np.abs(A).sum(axis=2).max()) * time_s
+    doublings = max(0, math.ceil(math.log2(max(size / LARGEST, 1.0))))
+    h = time_s / 2.0**doublings
+    term = np.broadcast_to(np.eye(A.shape[2]), A.shape)
+    Phi, area, moment = np.zeros((3, *A.shape))
+    for m in range(1, TERMS + 1):
+        Phi, area = Phi + term, area + h / m * term
+        moment, term = moment + h * h / (m + 1) * term, h / m * term @ A
+    for _ in range(doublings):
+        moment, area = moment + Phi @ (moment + h * area), area + Phi @ area
+        Phi, h = Phi @ Phi, 2.0 * h
+    return Phi, area, moment
+
+
+def _steady(Phi: Floats, C: Floats, Q: Floats, R: Floats) -> Floats:
+    """Return the steady covariance of the prediction (v, n, n).
+
+    Each step doubles the time since a start without any knowledge (Chu, Fan, Lin and Wang 2004).
+    """
+    A, X, eye = Phi.swapaxes(1, 2), Q, np.eye(Phi.shape[1])
+    G = C.swapaxes(1, 2) @ np.linalg.solve(R, C)
+    for _ in range(DOUBLINGS):
+        W = np.linalg.solve(eye + G @ X, np.concatenate([A, G], axis=2))
+        A_W, G_W = np.split(W, 2, axis=2)
+        G, X, A = G + A @ G_W @ A.swapaxes(1, 2), X + A.swapaxes(1, 2) @ X @ A_W, A @ A_W
+        if np.abs(A).max() < TINY:
+            break
+    return X
 
 
 def _around(Phi: Floats, Q: Floats) -> Floats:
@@ -112,37 +150,14 @@ def unused(missing: Flags) -> Flags:
     return found
 
 
-def whitened(of: Predictor, y: Floats, u: Floats, start: Floats, trim: Floats) -> Floats:
-    """Return the whitened innovations (v, n, 3).
+def innovations(of: Predictor, known: Floats, into: Floats, seen: Floats, start: Floats) -> Floats:
+    """Return the whitened innovations (n, 3, v) of v variants.
 
-    ``y`` (v, n, 3) are p, r and roll, ``u`` (v, n, 8) the inputs' means and slopes over each step,
-    ``start`` (v, 4) are the first four states of the first sample and ``trim`` (v, 4) the trims,
-    whose number of rows is v. The whitening has a mean determinant of 1, so that the sum of squares
-    has its least where the likelihood is largest, whatever the scale of the noise.
-
-    The run is cut into about sqrt(n) blocks of about sqrt(n) samples, which are run through side by
-    side: from rest, to find the state at the start of each, and then from there.
+    ``known`` (n, m) are what goes by ``into`` (v, 6, m) into the next state and what is measured by
+    ``seen`` (3, m) or (v, 3, m). ``start`` (6, v) are the states of the first sample.
     """
-    v, n = len(start), y.shape[1]
-    length = math.isqrt(n - 1) + 1
-    blocks = -(-n // length)
-    known = np.zeros((len(u), blocks * length, 11))
-    known[:, :n, :8], known[:, :n, 8:] = u, y
-    known = known.reshape(-1, blocks, length, 11).transpose(2, 0, 1, 3)
-    into = np.concatenate([of.drive, of.K], axis=2).swapaxes(1, 2)
-    pushed = known @ into + trim[:, None] @ of.trim.swapaxes(1, 2)
-    Ft = (of.Phi - of.K @ of.C).swapaxes(1, 2)
-    rest = np.zeros_like(pushed[0])
-    for each in pushed:
-        rest = rest @ Ft + each
-    states, over_block = np.empty((length, *rest.shape)), np.linalg.matrix_power(Ft, length)
-    X = np.hstack([start, np.zeros((v, 2))])[:, None]
-    for b in range(blocks):
-        states[0, :, b] = X[:, 0]
-        X = X @ over_block + rest[:, b : b + 1]
-    for i, each in enumerate(pushed[:-1]):
-        np.matmul(states[i], Ft, out=states[i + 1])
-        states[i + 1] += each
-    whiten = (of.whiten * np.exp(of.log_det / 3.0)[:, None, None]).swapaxes(1, 2)
-    found = (known[..., 8:] - states @ of.C.swapaxes(1, 2)) @ whiten
-    return np.asarray(found.transpose(1, 2, 0, 3).reshape(v, -1, 3)[:, :n], np.float64)
+    whiten, m = of.whitening, known.shape[1]
+    matrix = np.empty((start.shape[1], 9, m + 6))  # innovations and next state, of known and state
+    matrix[:, :3, :m], matrix[:, 3:, :m] = whiten @ seen, into
+    matrix[:, :3, m:], matrix[:, 3:, m:] = -whiten @ of.C, of.Phi - of.K @ of.C
+    return simulated(np.ascontiguousarray(matrix.transpose(1, 2, 0)), start, known)

@@ -32,11 +32,9 @@ slow."""
 SURELY_LATE = 10.0
 """The least delay in sigmas of white noise. Noise that is integrated has up to four of them by
 chance, where roll hardly moves; in SITL it is over a hundred."""
-FORGOTTEN = 36.0
-"""Lags after which a jump adds no more than the last bit of a float."""
 _DRIFT = 5
 """The powers of time in a slow drift of roll from the integral of its rates."""
-_NO_LAG_S = 1e-9
+LEAST_LAG_S = 1e-9
 _LEAST_LIFT = 0.25
 
 
@@ -168,13 +166,15 @@ class Record:
         """Return what jumps that are later by 1 s add to their surfaces, for each jump.
 
         They are its surface (j,), the first step (j,) in which it adds anything, and from there on
-        what it adds to the surface's mean and slope (2, j, s), until the lag has forgotten it.
+        what it adds to the surface's mean and slope (2, j, s); beyond the last of these steps that
+        fades with the lag.
         """
         width = round(self.sample_time_s / COMMAND_STEP_S)
+        steps = 3 + math.ceil(4 / width)
         late = np.array([row for _, row, _ in self.jumps]).reshape(-1, self.commands.shape[1])
-        wide = min(2 * width + 4 + math.ceil(FORGOTTEN * lag_s / COMMAND_STEP_S), late.shape[1])
-        begin = np.clip((late != 0.0).argmax(axis=1) - 2, 0, late.shape[1] - wide)[:, None]
-        cells, steps = self._cells(delay_s), min(wide // width + 2, len(self.times_s))
+        wide, cells = (steps + 1) * (width + 1), self._cells(delay_s)
+        begin = np.maximum((late != 0.0).argmax(axis=1) - 2, 0)[:, None]
+        late = np.pad(late, ((0, 0), (0, wide)))
         first = np.clip(np.searchsorted(cells, begin, "right") - 1, 0, len(cells) - 1 - steps)
         rows = np.take_along_axis(late, begin + np.arange(wide), axis=1)
         added = self._lines(rows, lag_s, cells[first + np.arange(steps + 1)] - begin)
@@ -224,7 +224,7 @@ def explained(x: Floats, by: Floats) -> float:
 
 def lagged_lines(signals: Floats, lag_s: float, step_s: float) -> Floats:
     """Return signals (s, m), linear between instants a step apart, after a lag of first order."""
-    if lag_s < _NO_LAG_S:
+    if lag_s < LEAST_LAG_S:
         return signals
     stays = math.exp(-step_s / lag_s)
     mean = lag_s / step_s * (1.0 - stays)

@@ -186,4 +186,39 @@ def filter_rows(a, delays, x):
             delays[last, j] = 0.0 - a[last, 0] * x[k, j]
 
 
-LOOPS = (add_products, filter_rows)
+@merged
+def run_systems(systems, u, out):
+    """Run v linear systems, each a column of ``systems`` (rows, v).
+
+    For ``u`` (n, m), ``out`` (n, o v) and s states, a column has a matrix (o + s, m + s) row by
+    row, the states at the start, and o + s places. The matrix times inputs and states is what comes
+    out, o rows of v, and the next states.
+    """
+    width, m, states = systems.shape[1], u.shape[1], 0
+    o = out.shape[1] // width
+    while (o + states) * (m + states + 1) + states < len(systems):
+        states += 1
+    now = (o + states) * (m + states)
+    found = now + states
+    for k in range(len(u)):
+        for row in range(o + states):
+            at, total = row * (m + states), systems[found + row]
+            for j in range(width):
+                total[j] = 0.0
+            for i in range(m):
+                part, by = systems[at + i], u[k, i]
+                for j in range(width):
+                    total[j] += part[j] * by
+            for i in range(states):
+                part, x = systems[at + m + i], systems[now + i]
+                for j in range(width):
+                    total[j] += part[j] * x[j]
+        for i in range(o):
+            for j in range(width):
+                out[k, i * width + j] = systems[found + i, j]
+        for i in range(states):
+            for j in range(width):
+                systems[now + i, j] = systems[found + o + i, j]
+
+
+LOOPS = (add_products, filter_rows, run_systems)
