@@ -31,7 +31,7 @@ def answers(summary: RunSummary) -> dict[str, Any]:
 
 GAPS = REPLAY_LOGS / "c172p_gaps" / "log.tlog"
 """Four manoeuvres; between them samples are held, where the log has gaps."""
-ALONE = ("--ordinary", "off")
+ALONE = ("--ordinary", "off", "--lateral", "off")
 IN_RAD = ("--rudder-max-deg", "25")
 """What only Parquet says in its metadata: how far the rudder moves. Both say in which sense."""
 

@@ -260,7 +260,7 @@ class Pipeline:
         stage = self._manoeuvres
         if stage is None or stage.laterals is None:
             return []
-        ready = list(stage.laterals.ready(stage.answered, until_s=until_s))
+        ready = list(stage.laterals.ready({each.n for each in stage.answered}, until_s=until_s))
         for n, bare in ready:
             for sink in self.sinks:
                 sink.take(FoundBare(n, bare, stage.spans_ns[n]))

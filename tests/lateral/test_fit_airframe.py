@@ -12,14 +12,13 @@ from lateral.flown import DERIVATIVES, ROLL, P, R, flown
 from linear_flights import airframe, modes
 from scipy.linalg import expm
 
-from yawid.lateral.airframe import Known
 from yawid.lateral.criterion import Criterion
 from yawid.lateral.fit import fit, guesses
 from yawid.lateral.fit_airframe import autocorrelation, fit_airframe
 from yawid.lateral.gates import GATES, failed_gates
 from yawid.lateral.model import AT, NAMES, Law, System
 from yawid.lateral.motion import COMMAND_STEP_S, Motion
-from yawid.lateral.predictor import Predictor, exponential, unused, whitened
+from yawid.lateral.predictor import Predictor, exponential, innovations, unused
 from yawid.lateral.record import Record
 from yawid.lateral.roll_law import roll_law, yaw_rate_closed
 from yawid.plant.lateral import LateralCoefficients, lateral_motion
@@ -79,30 +78,31 @@ def test_the_innovations_are_those_of_the_steady_filter_and_unused_after_gaps(
     n, missing = 150, np.zeros(150, bool)
     for start, stop in gaps:
         missing[start:stop] = True
-    y, u = rng.normal(size=(n, 3)), rng.normal(size=(2, n, 8))
-    own = rng.normal(size=8)  # the state at the start and the trims
+    y, u = rng.normal(size=(n, 3)), rng.normal(size=(n, 8))
+    own = rng.normal(size=10)  # the state at the start and the trims
 
     predictor = Predictor.of(system, TS)
-    runs = np.repeat(own[None], 2, axis=0)
-    found = whitened(predictor, y[None], u, runs[:, :4], runs[:, 4:])
-    found[:, unused(missing)] = 0.0
+    into = np.dstack([predictor.drive, predictor.K, predictor.trim @ own[6:, None]])
+    known, start = np.column_stack([u, y, np.ones(n)]), np.column_stack([own[:6], own[:6]])
+    found = innovations(predictor, known, into, np.eye(3, 12, 8), start)
+    found[unused(missing)] = 0.0
 
     for i in range(2):
         Phi, G, moment = (each[i] for each in exponential(system.A, TS))
         C, P = system.C[i], predictor.P[i]
         S = C @ P @ C.T + system.R[i]
         factor, K = np.linalg.cholesky(S), Phi @ P @ C.T @ np.linalg.inv(S)
-        x, expected = np.append(own[:4], [0.0, 0.0]), np.zeros((n, 3))
+        x, expected = own[:6], np.zeros((n, 3))
         for k in range(n):
             e = y[k] - C @ x
             expected[k] = np.linalg.solve(factor, e)
-            push = G @ system.B[i] @ u[i, k, :4] + G[:, :4] @ own[4:]
-            push += (TS / 2.0 * G - moment) @ system.B[i] @ u[i, k, 4:]
+            push = G @ system.B[i] @ u[k, :4] + G[:, :4] @ own[6:]
+            push += (TS / 2.0 * G - moment) @ system.B[i] @ u[k, 4:]
             x = Phi @ x + push + K @ e
         for start, stop in gaps:  # as many samples as were lost are not used after them
             expected[start : 2 * stop - start] = 0.0
         expected *= np.exp(np.log(np.diag(factor)).sum() / 3.0)
-        np.testing.assert_allclose(found[i], expected, atol=1e-10)
+        np.testing.assert_allclose(found[:, :, i], expected, atol=1e-10)
 
 
 WN, ZETA, ROLL_S = modes(airframe(DERIVATIVES)[0])
@@ -173,7 +173,7 @@ def jumping() -> Motion:
     roll mode 37 % too slow.
     """
     given = flown(
-        1, seconds=15.0, rate_hz=50.0, lag_s=0.14, amplitude=0.3, aileron=0.15, derivatives=FAST,
+        2, seconds=15.0, rate_hz=50.0, lag_s=0.14, amplitude=0.3, aileron=0.15, derivatives=FAST,
         ramp_s=COMMAND_STEP_S,
     )  # fmt: skip
     every = np.arange(0, len(given.rudder), round(0.02 / COMMAND_STEP_S))
@@ -250,28 +250,14 @@ def test_pitch_and_angle_of_attack_are_two_things() -> None:
 
 
 def test_the_roll_law_does_not_pass_for_the_airframe() -> None:
-    """Under a fast roll hold the aircraft as flown has another mode; the airframe is the same.
-
-    Several manoeuvres in which the aileron is feedback alone do not show the servo's lag.
-    """
+    """Under a fast roll hold the aircraft as flown has another mode; the airframe is the same."""
     hold = (1.0, 0.3)
     A, controls = airframe(DERIVATIVES)
     closed = A - np.outer(controls[:, 0], [0.0, hold[1], 0.0, hold[0]])
     assert abs(modes(closed)[1] - ZETA) > 0.03
 
-    motion = flown(4, seconds=20.0, hold=hold, aileron=0.0)
-    found = fit_airframe([motion], servo_lag_s=0.0)
+    found = fit_airframe([flown(4, seconds=20.0, hold=hold, aileron=0.0)], servo_lag_s=0.0)
 
-    def names(records: list[Record], lag_given: bool) -> set[str]:
-        return set(failed_gates(found, records, True, 3, lag_given))
-
-    several = [Record(motion)] * 2
-    assert "only_feedback" in names(several, False)
-    slow_servo = replace(found, servo_lag_s=Known(0.6 / WN, 0.0))
-    slow = failed_gates(slow_servo, several[:1], True, 3, False)
-    assert "only_feedback" in slow
-    assert "only_feedback" not in names(several, True) | names(several[:1], False)
-    assert found.aileron_fed_back > 0.95
     assert abs(found.zeta.value - ZETA) < 3.0 * found.zeta.std
     assert abs(found.wn_rad_s.value - WN) < 3.0 * found.wn_rad_s.std
 
@@ -290,12 +276,40 @@ def test_what_a_slower_rudder_servo_does_to_the_derivatives_is_in_their_sigma() 
 
 
 def test_all_starts_end_at_one_likelihood() -> None:
+    """Also those whose noise begins where another start ended."""
     records = [Record(flown(seed=3, seconds=12.0, lag_s=0.1))]
 
     ends = [fit(Criterion(records, each, {})) for each in guesses(records, None)]
+    later = Criterion(records, guesses(records, None)[2], {})
+    later.begin_with_noise_of(ends[0].of, ends[0].x)
+    ends.append(fit(later))
 
     assert all(each.settled for each in ends)
     assert np.ptp([each.criterion for each in ends]) < 1.0
+
+
+@pytest.mark.parametrize("lag_s", [0.0, 0.002, 0.1])
+def test_what_a_later_jump_does_to_the_innovations_is_that_of_its_inputs(lag_s: float) -> None:
+    """Each is a sum of runs that all jumps share; here each is run by itself."""
+    motion = flown(3, seconds=12.0, aileron=0.2)
+    edges = np.isin(np.arange(len(motion.rudder)) // 100 % 5, (1, 3))
+    records = [Record(replace(motion, rudder=motion.rudder + 0.3 * edges))]
+    guess, record = guesses(records, None)[0], records[0]
+    criterion = Criterion(records, replace(guess, start=guess.start | {"servo_lag": lag_s}), {})
+    part = criterion.at(criterion.start()).parts[0]
+    assert len(record.jumps) > 5
+
+    def run(later_s: list[float]) -> np.ndarray:
+        predictor, n = part.predictor, len(record.y)
+        known = np.column_stack([record.inputs(lag_s, 0.0, later_s), record.y, np.ones(n)])
+        into = np.dstack([predictor.drive, predictor.K, np.zeros((1, 6, 1))])
+        found = innovations(predictor, known, into, np.eye(3, 12, 8), np.zeros((6, 1)))
+        return np.asarray(found[:, :, 0].ravel())
+
+    for j in range(len(record.jumps)):
+        by = np.eye(len(record.jumps))[j]
+        expected, found = run(by.tolist()) - run([]), part.columns[: record.y.size, 8 + j]
+        np.testing.assert_allclose(found, expected, atol=1e-6 * np.abs(expected).max())
 
 
 @pytest.mark.parametrize(("rate_hz", "correlated"), [(25.0, 0.5), (50.0, 0.25)])
@@ -331,7 +345,7 @@ def test_a_jump_after_which_nothing_is_measured_changes_nothing() -> None:
 def test_a_fit_that_does_not_settle_says_after_how_many_steps() -> None:
     """The text once said "within nan steps"."""
     motion = flown(seed=3, seconds=12.0)
-    gates = failed_gates(fit_airframe([motion]), [Record(motion)], False, 3, lag_given=False)
+    gates = failed_gates(fit_airframe([motion]), [Record(motion)], settled=False)
     said = GATES["not_settled"].said(gates["not_settled"])
     assert said == "the fit did not settle within 100 steps"
 

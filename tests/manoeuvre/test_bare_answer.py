@@ -35,7 +35,6 @@ def airframe(v: float = 50.0, wn: float = 2.4, std: float = 0.02, **changed: Any
         "rudder_mix": Known(0.3, 0.05), "gust_std_rad": 0.01,
         "rho1": 0.1, "airspeed_m_s": v,
         "alpha_rad": Known(0.05, 0.01), "correlations": np.eye(14), "from_prior": (),
-        "aileron_fed_back": 0.0,
     }  # fmt: skip
     return Airframe(**(given | changed))
 
@@ -116,7 +115,7 @@ def test_a_rudder_that_feeds_the_yaw_rate_back_is_refused_without_any_parameter(
 ):
     motion = flown(3, seconds=20.0, amplitude=0.3, damper=damper)
 
-    told = lateral_of(fitted(1, motion, 0.0))
+    told = lateral_of(fitted(1, motion, 0.0, hand_flights.manoeuvre(1, 2.4, loop="airframe")))
 
     said = " ".join(reason.text for reason in told.verdict.reasons)
     assert ("is feedback of the yaw rate (limit 0.1)" in said) == refused
@@ -159,12 +158,16 @@ def test_as_it_was_flown_the_airframe_must_be_within_one_and_a_half_times_both_s
     ("reason", "known"),
     [("not_excited", False), ("mode_not_driven", False), ("not_converged", True)],
 )
-def test_a_rudder_that_did_not_drive_the_yaw_shows_no_airframe(reason: str, known: bool):
+def test_a_rudder_that_did_not_drive_the_yaw_shows_no_airframe(
+    reason: str, known: bool, monkeypatch: pytest.MonkeyPatch
+):
     """Rudder and aileron together often leave the yaw alone unresolved, and the airframe known."""
     said = Reason(reason, "for the test", weight="fatal")
     flown = hand_flights.manoeuvre(1, 2.4, loop="with_roll_loop", reason=said)
 
-    told = lateral_of(against_flown(found(1, airframe(), MOTION_OF_20_S), flown))
+    monkeypatch.setattr(bare_answer, "fit_airframe", lambda motions, servo_lag_s: airframe())
+
+    told = lateral_of(fitted(1, MOTION_OF_20_S, None, flown))
 
     assert told.verdict.usable == known
     if not known:
@@ -195,7 +198,7 @@ def test_manoeuvres_whose_lag_is_unknown_are_fitted_together(
 
 @pytest.mark.parametrize(
     ("motion", "said"),
-    [(MOTION, "the fit failed: nothing there"),
+    [(MOTION_OF_20_S, "the fit failed: nothing there"),
      ("the airspeed is not known", "the airspeed is not known")],
 )  # fmt: skip
 def test_a_fit_that_fails_and_a_motion_that_is_missing_are_causes_and_no_errors(
@@ -208,9 +211,15 @@ def test_a_fit_that_fails_and_a_motion_that_is_missing_are_causes_and_no_errors(
 
     monkeypatch.setattr(bare_answer, "fit_airframe", fails)
 
-    assert [each.text for each in lateral_of(fitted(1, motion, None)).verdict.reasons] == [said]
+    assert [
+        each.text
+        for each in lateral_of(
+            fitted(1, motion, None, hand_flights.manoeuvre(1, 2.4))
+        ).verdict.reasons
+    ] == [said]
 
 
+FOLLOWED = flown(4, seconds=20.0, hold=(1.0, 0.3), aileron=0.0)
 TEN_HZ = flown(seconds=20.0, rate_hz=10.0)
 SLOW = "attitude and servo outputs come at 10 Hz, and a mode of 3 rad/s needs 12 Hz"
 
@@ -225,6 +234,7 @@ SLOW = "attitude and servo outputs come at 10 Hz, and a mode of 3 rad/s needs 12
          "the aileron explains 1.000 of the rudder's variance (limit 0.98)"),
         (MOTION_OF_20_S, {"aileron": 0.0 * MOTION_OF_20_S.aileron}, "with_roll_loop", 2.4,
          "the aileron never moves, although the autopilot holds the roll"),
+        (FOLLOWED, {}, "with_roll_loop", 2.4, "the aileron only follows the roll hold"),
         (MOTION_OF_20_S, {"aileron": 0.0 * MOTION_OF_20_S.aileron}, "airframe", 2.4, ""),
         (TEN_HZ, {}, "airframe", 3.0, SLOW),
         (TEN_HZ, {}, "airframe", 2.8, ""),  # less three sigmas it may be slow enough
@@ -234,7 +244,6 @@ def test_what_a_record_and_its_answer_as_flown_lack_refuses_the_airframe_without
     motion: Motion, changed: dict[str, Any], loop: str, wn: float, said: str,
     monkeypatch: pytest.MonkeyPatch,
 ):  # fmt: skip
-    """Live, where the fit may be ready before the answer as flown, it is the same in the end."""
     fits: list[Any] = []
 
     def fit(motions: list[Motion], **_: Any) -> Airframe:
@@ -250,5 +259,15 @@ def test_what_a_record_and_its_answer_as_flown_lack_refuses_the_airframe_without
 
     assert (refused.why.startswith(said), bool(fits)) == (True, not said)
     assert bool(refused.step) == bool(said)
-    later = against_flown(found(1, airframe(), motion), flown)
-    assert (later.why, later.step) == (refused.why, refused.step)
+
+
+def test_an_aileron_that_only_follows_needs_a_servos_lag_of_a_sample(
+    monkeypatch: pytest.MonkeyPatch,
+):
+    """The lag takes the noise of the same sample out of the aileron."""
+    monkeypatch.setattr(bare_answer, "fit_airframe", lambda motions, servo_lag_s: airframe())
+    flown = hand_flights.manoeuvre(1, 2.4)
+
+    known = [fitted(1, FOLLOWED, lag_s, flown).is_known for lag_s in (None, 0.0, 0.039, 0.041)]
+
+    assert known == [False, False, False, True]

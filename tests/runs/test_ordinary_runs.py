@@ -63,7 +63,8 @@ def replayed(log: Path, folder: Path, *options: object) -> Replayed:
 
 
 OPTIONS = {
-    "next_to": [], "alone": ["--ordinary", "only"], "without": ["--ordinary", "off"],
+    "next_to": ["--lateral", "off"], "alone": ["--ordinary", "only"],
+    "without": ["--ordinary", "off", "--lateral", "off"],
     "short": ["--ordinary", "only", "--to", "200"],
 }  # fmt: skip
 """The runs that the tests look at: next to the other answers, alone, not at all, and too short."""

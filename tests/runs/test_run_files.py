@@ -22,7 +22,7 @@ from yawid.cli.main import main
 from yawid.sinks.mcap.reader import open_run
 from yawid.sinks.palette import DATA, MODEL, RUDDER
 
-OPTIONS = ("--rate", "10", "--rerun", "save", "--ordinary", "off")
+OPTIONS = ("--rate", "10", "--rerun", "save", "--ordinary", "off", "--lateral", "off")
 OTHER = ("--orders", "4,4,2,1", "--memory", "100")
 
 

@@ -64,7 +64,7 @@ def test_where_nothing_can_be_written_one_line_says_what_to_do(
 
 
 def test_a_view_of_a_damaged_run_and_a_simulation_remove_their_own_parts(tmp_path: Path) -> None:
-    run = replayed(C172P, tmp_path / "run", "--rate", 10, "--ordinary", "off")
+    run = replayed(C172P, tmp_path / "run", "--rate", 10, "--ordinary", "off", "--lateral", "off")
     data = bytearray(run.read_bytes())
     data[len(data) // 2] ^= 0xFF  # in a chunk: found when the rows are read
     (tmp_path / "bad.mcap").write_bytes(data)

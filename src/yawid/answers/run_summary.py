@@ -188,10 +188,7 @@ class Manoeuvre(Conditions, frozen=True, kw_only=True):
     verdict: Annotated[Verdict, says("of the manoeuvre")]
     lateral: Annotated[
         Bare | None,
-        says(
-            "the bare airframe of this manoeuvre, with --lateral auto; it "
-            "comes after the answer as flown"
-        ),
+        says("the bare airframe of this manoeuvre; it comes after the answer as flown"),
     ] = None
 
     @property
@@ -388,10 +385,7 @@ class RunSummary(Origin, Judged, frozen=True, kw_only=True):
     ] = None
     bare: Annotated[
         Bare | None,
-        says(
-            "the bare airframe of the flight, with --lateral auto: without the "
-            "roll loop it was flown with"
-        ),
+        says("the bare airframe of the flight: without the roll loop it was flown with"),
     ] = None
     ordinary: Annotated[
         OrdinaryAnswer | None,

@@ -248,13 +248,16 @@ class RunConfig:
     lateral: Annotated[str, one_of("auto", "off")] | None = field(
         default=None,
         metadata=option(
-            ANSWER, "auto|off", "fit the bare airframe to all of the lateral motion (default: off)"
+            ANSWER,
+            "auto|off",
+            "answer the aircraft without its autopilot, too "
+            "(default: auto, of a CSV or Parquet file off)",
         ),
     )
     servo_lag: NotNegative | None = field(
         default=None,
         metadata=option(
-            ANSWER, "SECONDS", "lag of both servos, for --lateral auto (default: unknown)"
+            ANSWER, "SECONDS", "lag of both servos, for the bare airframe (default: unknown)"
         ),
     )
     ordinary: Annotated[str, one_of("auto", "only", "off")] | None = field(
@@ -278,6 +281,11 @@ class RunConfig:
         return (self.ordinary or ("off" if self.rudder_unit else "auto")) != "off"
 
     @property
+    def is_lateral(self) -> bool:
+        """Whether the bare airframe is looked for; of a record only where it is asked."""
+        return (self.lateral or ("off" if self.rudder_unit else "auto")) != "off"
+
+    @property
     def asks_motion(self) -> bool:
         """Whether an answer that needs the lateral motion was asked for."""
         return self.lateral == "auto" or self.ordinary in ("auto", "only")
@@ -285,7 +293,7 @@ class RunConfig:
     @property
     def keeps_motion(self) -> bool:
         """Whether the lateral motion is read and kept."""
-        return self.lateral == "auto" or self.is_ordinary
+        return self.is_lateral or self.is_ordinary
 
     @property
     def has_manoeuvres(self) -> bool:

@@ -20,8 +20,8 @@ MOST_STD, MOST_SHARE = 0.1, 0.3
 LIMITS: Final = (0.0, 1.0)
 """Both parameters are made for values in these limits."""
 UNKNOWN: Final = (
-    "the mix needs the bare airframe with the aileron's effect: move the aileron as well, replay "
-    "with --lateral auto, then run yawid damper on that run's MCAP"
+    "the mix needs the bare airframe with the aileron's effect: move the aileron as well, and "
+    "replay that log"
 )
 
 

@@ -77,7 +77,7 @@ BARE: Final = (
     ("bare_roll_mode_std", NUMBER, "total sigma"),
     ("bare_airspeed_m_s", NUMBER, "true airspeed of the bare airframe's numbers, m/s"),
 )
-"""The bare airframe, which ``--lateral auto`` looks for."""
+"""The bare airframe."""
 ORDINARY: Final = (
     ("ordinary_wn_rad_s", NUMBER, "wn from ordinary flight, rad/s; NULL where it is not known"),
     ("ordinary_wn_std", NUMBER, "total sigma"),

@@ -66,7 +66,6 @@ class Airframe:
     gust_std_rad: float
     rho1: float
     airspeed_m_s: float
-    aileron_fed_back: float
     """R squared of the aileron on roll and p: over .95 it is feedback alone."""
     as_flown: AsFlown | None = None
     """None where no roll law is found."""

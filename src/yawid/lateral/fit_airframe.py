@@ -76,24 +76,33 @@ def fit_airframe(motions: Sequence[Motion], *, servo_lag_s: float | None = None)
     Raises:
         ValueError: there is no manoeuvre, or no start has a predictor.
     """
-    records = [Record(motion) for motion in motions]
+    records, given = [Record(motion) for motion in motions], servo_lag_s is not None
     priors = {} if servo_lag_s is None else {"servo_lag": (servo_lag_s, GIVEN_LAG_STD_S)}
-    fits: list[Fit] = []
     starts = guesses(records, servo_lag_s)
+    fits: list[Fit] = []
     for guess in starts:
+        of = Criterion(records, guess, priors)
+        if fits:
+            of.begin_with_noise_of(fits[0].of, fits[0].x)
         with suppress(np.linalg.LinAlgError):  # there is no predictor at this start
-            fits.append(fit(Criterion(records, guess, priors)))
+            fits.append(fit(of))
+        if not fits:
+            continue
+        fits.sort(key=lambda each: each.criterion - 2.0 * NATS * each.settled)
+        airframe = _airframe(fits, records)
+        failed = failed_gates(airframe, records, fits[0].settled)
+        alone = stopped_by(
+            {"several_minima" if given else "lag_unknown": _agreeing(fits, airframe)}
+        )
+        if not alone or failed.keys() - {"not_settled"}:
+            break
     if not fits:
         raise ValueError("the fit of the bare airframe found no predictor from any start")
-    fits.sort(key=lambda each: each.criterion - 2.0 * NATS * each.settled)
-    airframe = _airframe(fits, records)
-    agreeing, given = _agreeing(fits, airframe), servo_lag_s is not None
-    gates = failed_gates(airframe, records, fits[0].settled, agreeing, given)
-    gates = gates or stopped_by({"changes": _most_apart(fits[0])})
-    if not gates and servo_lag_s is not None:
+    failed = failed or alone or stopped_by({"changes": _most_apart(fits[0])})
+    if not failed and servo_lag_s is not None:
         airframe = replace(airframe, given_lag_s=Known(servo_lag_s, GIVEN_LAG_STD_S),
                            free_lag_s=_free_lag(fits[0], starts[0]))  # fmt: skip
-    return replace(airframe, failed=gates)
+    return replace(airframe, failed=failed)
 
 
 def _free_lag(found: Fit, guess: Guess) -> Known:
@@ -230,7 +239,7 @@ def _airframe(fits: Sequence[Fit], records: Sequence[Record]) -> Airframe:
         rudder_mix=mix if math.isfinite(by_name["N_delta_a"].value) else Known(),
         gust_std_rad=math.exp(by_name["log_gust"].value) * best.noise_scale,
         rho1=autocorrelation(best.errors, records), airspeed_m_s=best.of.airspeed_m_s,
-        aileron_fed_back=max(each.fed_back for each in records), as_flown=as_flown,
+        as_flown=as_flown,
     )  # fmt: skip
 
 

@@ -90,21 +90,17 @@ def yaw_damped(n: int, gains: str) -> Fitted:
     return Fitted(n, why, None, why, _sentences([remedy]))
 
 
-def refused(n: int, motion: Motion, flown: Manoeuvre | None) -> Fitted | None:
-    """Return manoeuvre ``n`` refused by what needs no fit, None where a fit may know it."""
-    lacks = facts_against(motion, flown)
-    why, step = "; ".join(said for said, _ in lacks), _sentences([cure for _, cure in lacks])
-    return Fitted(n, motion, None, why, step) if lacks else None
+def fitted(n: int, motion: Motion | str, servo_lag_s: float | None, flown: Manoeuvre) -> Fitted:
+    """Fit the airframe to the motion of manoeuvre ``n``, unless that is refused without a fit.
 
-
-def fitted(
-    n: int, motion: Motion | str, servo_lag_s: float | None, flown: Manoeuvre | None = None
-) -> Fitted:
-    """Fit the airframe to the motion of manoeuvre ``n``, unless that is refused without a fit."""
+    ``flown`` is its answer as flown, in which the rudder must have driven the yaw.
+    """
     if isinstance(motion, str):
         return Fitted(n, motion, None, motion, RECORD)
-    if (without_fit := refused(n, motion, flown)) is not None:
-        return without_fit
+    lacks = facts_against(motion, flown, servo_lag_s)
+    if lacks:
+        why, step = "; ".join(said for said, _ in lacks), _sentences([cure for _, cure in lacks])
+        return Fitted(n, motion, None, why, step)
     found, why = _fit([motion], servo_lag_s)
     if found is not None:
         fed_back = stopped_by({"rudder_feeds_back": _fed_back(motion, found)})
@@ -113,13 +109,11 @@ def fitted(
 
 
 def against_flown(found: Fitted, flown: Manoeuvre) -> Fitted:
-    """Return a fit, refused where it does not go with the answer as flown.
+    """Return a fit, refused where it is not the aircraft of a usable answer as flown.
 
-    The rudder must have driven the yaw, and it must be the aircraft of a usable answer as flown:
-    that itself where only the sticks flew, else closed with the roll law, if one is found.
+    It must be that itself where only the sticks flew, else closed with the roll law, if one is
+    found.
     """
-    if found.airframe is not None and isinstance(found.motion, Motion):
-        found = refused(found.n, found.motion, flown) or found  # the fit may have been first
     airframe, roll = found.airframe, flown.dutch_roll
     if airframe is None or roll is None or not flown.verdict.usable:
         return found

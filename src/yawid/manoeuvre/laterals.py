@@ -10,6 +10,8 @@ from typing import Any
 from yawid.answers.reasons import Reason
 from yawid.answers.run_summary import Bare, Flight, Manoeuvre
 from yawid.blocks import SampleBlock
+from yawid.lateral.gates import SURELY_APART
+from yawid.lateral.motion import Motion
 from yawid.lateral.motion_store import MotionStore
 from yawid.manoeuvre.bare_answer import (
     Fitted,
@@ -57,40 +59,37 @@ class Laterals:
         self._until_s = math.inf
         self.is_late = False
 
-    def answer(self, n: int, samples: SampleBlock, answered: Manoeuvre | None) -> None:
+    def answer(self, n: int, samples: SampleBlock, flown: Future[Manoeuvre]) -> None:
         """Fit the airframe to the motion of manoeuvre ``n``, whose samples these are.
 
-        Where it is ``answered`` as flown already, that may refuse it without a fit.
+        Its answer as ``flown`` comes first: it may refuse the airframe without a fit.
         """
         motion = self.store.cut(samples)
-        flown, _ = conditions(samples, n, self._modes_of)
-        if flown.loop != AIRFRAME:
-            self._held_s[n] = flown.from_s, flown.to_s
+        done, _ = conditions(samples, n, self._modes_of)
+        if done.loop != AIRFRAME:
+            self._held_s[n] = done.from_s, done.to_s
         gains = self._damper(n)
         future: Future[Fitted] = Future()
         if gains is not None:
             future.set_result(yaw_damped(n, gains))
         elif self._worker is not None:
-            future = self._worker.submit(fitted, n, motion, self._lag_s)
+            future = self._worker.submit(_airframe, n, motion, self._lag_s, flown)
         else:
-            future.set_result(fitted(n, motion, self._lag_s, answered))
+            future.set_result(_airframe(n, motion, self._lag_s, flown))
         self._waiting.append((n, future))
 
     def ready(
-        self, answered: Sequence[Manoeuvre], *, until_s: float = -math.inf
+        self, answered: Collection[int], *, until_s: float = -math.inf
     ) -> Iterator[tuple[int, Bare]]:
         """Yield number and airframe of each manoeuvre newly fitted, once.
 
-        ``answered`` are the answers as flown so far; a manoeuvre without one waits for it. Those
-        without a fit are waited for until ``until_s`` on the monotonic clock.
+        ``answered`` are the numbers of those answered as flown so far; a manoeuvre that is not
+        waits for that. Those without a fit are waited for until ``until_s`` on the monotonic clock.
         """
-        flown = {each.n: each for each in answered}
         while self._waiting and done_by(self._waiting[0][1], until_s):
-            n, future = self._waiting[0]
-            if n not in flown:
+            if self._waiting[0][0] not in answered:
                 return
-            self._waiting.popleft()
-            found = self._checked(against_flown(future.result(), flown[n]))
+            found = self._checked(self._waiting.popleft()[1].result())
             if len(self._found) < MOST_KEPT:
                 self._found.append(found)
             self._bares[found.n] = lateral_of(found)
@@ -119,7 +118,7 @@ class Laterals:
         return {
             each.n: [Reason("airframe_changes", text.format(each.airframe.failed["changes"]))]
             for each in self._found
-            if each.airframe is not None and "changes" in each.airframe.failed
+            if each.airframe is not None and each.airframe.failed.get("changes", 0.0) > SURELY_APART
         }
 
     def flight(self, flown: Sequence[Flight]) -> Bare | None:
@@ -143,6 +142,14 @@ class Laterals:
 
     def _damper(self, n: int) -> str | None:
         return self._yaw_loop(*self._held_s[n]) if n in self._held_s else None
+
+
+def _airframe(
+    n: int, motion: Motion | str, servo_lag_s: float | None, flown: Future[Manoeuvre]
+) -> Fitted:
+    """Return the airframe of manoeuvre ``n``, once its answer as ``flown`` is there."""
+    answer = flown.result()
+    return against_flown(fitted(n, motion, servo_lag_s, answer), answer)
 
 
 def done_by(future: Future[Any], until_s: float) -> bool:

@@ -37,7 +37,7 @@ class Manoeuvres:
     With ``worker``, an executor of one thread, ``feed`` does not wait for the fits; without one
     they are made at once. In both cases the answers are the same and come in the order flown.
     ``waiting`` are those without an answer yet, by number; ``finder`` has the one under way.
-    ``laterals`` fits the bare airframe on a worker of its own, None without ``--lateral auto``;
+    ``laterals`` fits the bare airframe on a worker of its own, None where it is not looked for;
     ``yaw_loop`` gives the gains of a yaw damper in a stretch, as far as they are known.
     """
 
@@ -66,7 +66,7 @@ class Manoeuvres:
         )
         self._airspeed = AirspeedCheck(setting.sample_time_s)
         self.laterals: Laterals | None = None
-        if setting.config.lateral == "auto":
+        if setting.config.is_lateral:
             longest_s = LONGEST_STATED_S if self.finder.is_stated else LONGEST_S
             lag_s, modes_of = setting.config.servo_lag, setting.modes_of
             self.laterals = Laterals(longest_s, lag_s, lateral_worker, modes_of, yaw_loop)
@@ -170,5 +170,4 @@ class Manoeuvres:
             future.set_result(answer(found, self._count, self._setting, running))
         self.waiting.append((self._count, future))
         if self.laterals is not None:
-            answered = future.result() if self._worker is None else None
-            self.laterals.answer(self._count, found, answered)
+            self.laterals.answer(self._count, found, future)

@@ -186,10 +186,10 @@ def _polynomials(every: Sequence[Transfer]) -> Floats:
 def _bare(run: Recorded) -> LinearModel:
     bare = run.summary.bare
     if bare is None or not bare or bare.derivatives is None or bare.airspeed_m_s is None:
-        why = "replay the log with --lateral auto" if bare is None else why_not(bare.verdict)
+        why = "replay the log" if bare is None else why_not(bare.verdict)
         raise NotIdentifiable(f"the bare airframe is not known: {why}")
     if bare.alpha_rad is None or bare.correlations is None:
-        raise NotIdentifiable("its covariance is missing: replay the log with --lateral auto")
+        raise NotIdentifiable("its covariance is missing: replay the log")
     known = {**bare.derivatives, "alpha_rad": bare.alpha_rad}
     names, n = tuple(known), len(known)
     value, std = np.array([(each.value, each.std or 0.0) for each in known.values()], float).T

@@ -81,8 +81,8 @@ _CHANNELS: Final = (
     Quantity("pitch", "rad", "nose up positive", "linear"),
     Quantity("q", "rad/s", "pitch rate", "linear"),
     Quantity("air_density", "kg/m^3", "of the air flown in: for a true airspeed", "held"),
-    Quantity("p", "rad/s", "roll rate; used by --lateral auto"),
-    Quantity("ay", "m/s^2", "lateral acceleration; used by --lateral auto"),
+    Quantity("p", "rad/s", "roll rate; of the bare airframe"),
+    Quantity("ay", "m/s^2", "lateral acceleration; drawn next to the bare airframe's"),
 )  # fmt: skip
 CHANNELS: Final = {row.name: row for row in _CHANNELS}
 """The channels by the names of a record's columns. A file that yawid exported with all kept

@@ -73,7 +73,7 @@ class FinishedRun:
             return config
         if config.asks_motion:
             self._said = [f"{self.path} holds no lateral motion: for that, replay the log itself"]
-        return replace(config, ordinary=config.ordinary or "off")
+        return replace(config, ordinary=config.ordinary or "off", lateral=config.lateral or "off")
 
     def read(self) -> Iterator[tuple[int, SampleBlock | MotionBlock]]:
         """Yield (bytes, samples or motion); each sample counts for the same part of the size."""

@@ -1,7 +1,7 @@
 """A data set's flights as histories: one number of one vehicle, flight after flight.
 
 A vehicle flown with its roll loop responds differently from the airframe alone, so each loop is a
-history of its own. So is the bare airframe that ``--lateral auto`` finds under a roll loop,
+history of its own. So is the bare airframe that is found under a roll loop,
 and that which ordinary flight shows.
 """
 

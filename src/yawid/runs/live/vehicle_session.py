@@ -278,7 +278,8 @@ class LiveSession:
 
     def _report_lateral(self, found: list[tuple[int, Bare]]) -> None:
         for n, bare in found:
-            self.say(f"manoeuvre {n}, {lateral_says(bare)}")
+            if bare.dutch_roll is not None or self._setting.config.lateral is not None:
+                self.say(f"manoeuvre {n}, {lateral_says(bare)}")
 
     def _open(self) -> None:
         self._opened = True

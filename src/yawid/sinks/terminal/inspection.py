@@ -278,7 +278,7 @@ def _aileron(card: FlightTestCard) -> Iterator[Line]:
     text = (
         f"once, {asked.after_s:.2g} s after the last doublet: right {side}, left {side}, neutral; "
         f"{_far(asked.amplitude)}, bank 10 deg at most. ATTITUDE and outputs at {asked.ask_hz:g} "
-        f"Hz. With --lateral auto expect of the bare airframe wn ± {asked.expected.wn_std:.2g}, "
+        f"Hz. Expect of the bare airframe wn ± {asked.expected.wn_std:.2g}, "
         f"zeta ± {zeta_std:.2g}"
     )
     yield "aileron", text

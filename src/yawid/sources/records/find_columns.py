@@ -29,9 +29,9 @@ LIKELY: Final = {
 WITHOUT_UNIT: Final = TEXTS | {
     name for name, row in CHANNELS.items() if row.unit == "1" or not (row.kind or row.kept)
 }
-"""The columns whose units do not matter: without --lateral p may be a pressure."""
+"""The columns whose units do not matter: p may be a pressure where no bare airframe is asked."""
 LATERAL: Final = ("p", "ay")
-"""The columns that only --lateral auto reads."""
+"""The columns that only the bare airframe needs."""
 _WITH_UNIT: Final = re.compile(r"(.+?)\s*\[([^\[\]]+)\]", re.DOTALL)
 RUDDER_UNIT: Final = {"--rudder-unit": "half-travel/rad/deg"}
 SIGN: Final = {"--rudder-sign": "nose-right/nose-left"}
