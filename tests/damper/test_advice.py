@@ -175,8 +175,11 @@ TRAVEL = math.radians(30.0)
             ("FW_RLL_TO_YAW_FF", "an unknown mix"),
         ),
         (known(-0.1, 0.05), {}, -0.1, ("Leave KFF_RDDRMIX at 0 (found -0.10",)),
-        (known(1.6, 0.1), {}, 1.6, ("KFF_RDDRMIX 1.00 rolls",)),
-        (None, {}, None, ("--lateral auto",)),
+        (known(1.6, 0.09), {}, 1.6, ("KFF_RDDRMIX 1.00 rolls",)),
+        # Less than sigma is not worth a change; a sigma of .1 or more is too large for any mix.
+        (known(0.46, 0.05), {}, 0.46, ("Keep KFF_RDDRMIX 0.5 (found 0.46 ± 0.05",)),
+        (known(1.6, 0.1), {}, None, ("1.6 ± 0.1",)),
+        (None, {}, None, ("move the aileron as well, and replay that log",)),
         (
             Bare(used=[1], verdict=Verdict(usable=False, reasons=[UNKNOWN])), {}, None,
             ("the aileron does not move",),

@@ -162,7 +162,7 @@ DIMENSIONS = "dimensions: --aircraft mass=...,ixx=...,izz=...,ixz=...,area=...,s
             lambda: coefficients(model("flight"), {}),
             ConfigError, "of the bare airframe, not of the flight",
         ),
-        (lambda: model("bare"), NotIdentifiable, "replay the log with lateral auto"),
+        (lambda: model("bare"), NotIdentifiable, "airframe is not known: replay the log"),
         (lambda: model(9), ConfigError, r"no model of 9: .* a manoeuvre \(1, 2\)"),
         (lambda: model(1).tf(output="beta"), ConfigError, "no 'beta': r"),
     ],
@@ -237,7 +237,7 @@ def test_other_tables_and_refusals(
         main([*as_model, "--of", "all"])
     assert main([*as_model, "--of", "bare", "-o", str(tmp_path / "m.xml")]) == 5
     said = capsys.readouterr().err
-    for each in (".json, .mat, .xml", "--of: must be", "replay the log with --lateral"):
+    for each in (".json, .mat, .xml", "--of: must be", "airframe is not known: replay the log"):
         assert each in said
 
 

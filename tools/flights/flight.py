@@ -9,7 +9,7 @@ turns it left. A positive aileron rolls right in both.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -238,9 +238,12 @@ class Flight:
             self.rudder_us = plan.rudder.pulse(rudder)
             self.aileron_us = plan.aileron.pulse(aileron)
             # The aircraft flies the servo outputs, with their quantisation.
+            moved = self._moved(
+                plan.rudder.unit(self.rudder_us), plan.aileron.unit(self.aileron_us)
+            )
             put(self._fdm, {
-                "fcs/rudder-cmd-norm": jsbsim_rudder(self._moved(plan.rudder.unit(self.rudder_us))),
-                "fcs/aileron-cmd-norm": plan.aileron.unit(self.aileron_us),
+                "fcs/rudder-cmd-norm": jsbsim_rudder(moved[0]),
+                "fcs/aileron-cmd-norm": moved[1],
                 "fcs/elevator-cmd-norm": elevator,
             })  # fmt: skip
             self._fdm.run()
@@ -253,9 +256,9 @@ class Flight:
         if self._noises and self.ms % SENSED_MS == 0:
             self.noise = self._noises[self.ms // SENSED_MS]
 
-    def _moved(self, rudder: float) -> float:
-        """Return the deflection in this millisecond of a servo whose command is ``rudder``."""
-        return rudder
+    def _moved(self, *commands: float) -> Sequence[float]:
+        """Return what the servos of rudder and aileron make of their commands this millisecond."""
+        return commands
 
     def sensed(self, number: int) -> float:
         """Return number ``number`` of ``SENSED`` as the autopilot senses it."""

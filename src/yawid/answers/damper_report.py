@@ -143,6 +143,14 @@ class DamperReport(Part, frozen=True, kw_only=True):
     parameter: Annotated[str | None, says("the autopilot's parameter of the gain")] = None
     flown: Annotated[Number | None, says("its value in the log")] = None
     loop_rate_hz: Annotated[Positive | None, says("rate of the autopilot's loop", "Hz")] = None
+    aircraft: Annotated[
+        str | None,
+        says(
+            "what the gains rest on: the bare airframe, closed with the roll hold "
+            "it flew under, or the answer as flown; absent where there are none",
+            enum=["airframe", "as_flown"],
+        ),
+    ] = None
     gains: Annotated[list[DamperGain], says("the gains, ascending, and what each of them gives")]
     recommended: Annotated[
         Recommended | None,

@@ -17,6 +17,7 @@ from yawid.answers.damper_report import DamperAt, DamperGain, Recommended
 from yawid.blocks import Bools, Floats, finite
 from yawid.damper.autopilots import Law
 from yawid.damper.loop import closed_dutch_roll, known_frequencies, margins, settling_times
+from yawid.models.closed_airframe import ClosedAirframe
 from yawid.models.draws import Aircraft
 from yawid.models.flown import Flown
 
@@ -73,7 +74,7 @@ class Predicted:
     ``laws`` are by airspeed. ``pilot`` (n,) is the rudder that the pilot moved in ``manoeuvre``.
     """
 
-    aircraft: Aircraft
+    aircraft: Aircraft | ClosedAirframe
     laws: tuple[Law, ...]
     closed: Closed
     manoeuvre: Flown
@@ -86,8 +87,8 @@ def aimed(aim: float | None) -> tuple[float, float]:
 
 
 def closed_with(
-    aircraft: Aircraft, laws: Sequence[Law], gains: Floats, airspeeds_m_s: Sequence[float],
-    sample_time_s: float,
+    aircraft: Aircraft | ClosedAirframe, laws: Sequence[Law], gains: Floats,
+    airspeeds_m_s: Sequence[float], sample_time_s: float,
 ) -> Closed:  # fmt: skip
     """Return the predictions for gains (m,), ascending, at airspeeds with one law each."""
     rows = []
@@ -127,7 +128,9 @@ def spread(values: Floats) -> tuple[Floats, Floats]:
     return middle, np.where(np.isfinite(middle), std, np.nan)
 
 
-def largest_gain(aircraft: Aircraft, laws: Sequence[Law], airspeeds_m_s: Sequence[float]) -> float:
+def largest_gain(
+    aircraft: Aircraft | ClosedAirframe, laws: Sequence[Law], airspeeds_m_s: Sequence[float]
+) -> float:
     """Return the gain that would add about .6 of zeta, were there no lag, at each airspeed.
 
     With |L| at wn, a damper without lag adds |L| zeta.

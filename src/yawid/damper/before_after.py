@@ -153,7 +153,7 @@ def _decays(
         turn = facts.turn_left(then.found, autopilot, facts.parameters)
         v, error = pilots_part(then, law, gain, turn)
         speed = then.found.airspeed_m_s or by.airspeed_m_s
-        G = by.central.faster(speed / by.airspeed_m_s)  # noqa: N806
+        G = by.middle_at(speed)  # noqa: N806
         decays = [rows for rows in decays_in(v, step, wn) if then.known[rows].all()]
         # What a wrong gain leaves of v in a decay would make the response that flown.
         for rows in decays:

@@ -15,8 +15,8 @@ from yawid.answers.run_summary import RunSummary
 from yawid.damper.autopilots import Autopilot
 from yawid.quantities.flying_qualities import wrong_sign
 
-MOST_STD, MOST_SHARE = 0.1, 0.3
-"""A mix is given where its sigma is at most .1, or 30 % of it."""
+MOST_STD: Final = 0.1
+"""A mix is given where its sigma is below this."""
 LIMITS: Final = (0.0, 1.0)
 """Both parameters are made for values in these limits."""
 UNKNOWN: Final = (
@@ -43,13 +43,16 @@ def mix_of(
         why = "; ".join(reason.text for reason in bare.verdict.reasons)
         return replace(found, text=f"{UNKNOWN}{f' ({why})' if why else ''}")
     value, std = mix.value / half_travel, mix.std / half_travel
-    if std > max(MOST_STD, MOST_SHARE * abs(value)):
-        text = f"the mix is only known as {value:.2g} ± {std:.2g}: move the aileron more"
-        return replace(found, text=text)
+    if std >= MOST_STD:
+        return replace(
+            found, text=f"the mix is only known as {value:.2g} ± {std:.2g}: move the aileron more"
+        )
     best = f"{np.clip(value, *LIMITS):.2f}"
     found_at = f"found {value:.2f} ± {std:.2f} at {bare.airspeed_m_s:.1f} m/s; flown "
     found_at += "an unknown mix" if flown is None else f"{flown:g}"
-    if float(best) == 0.0:
+    if flown is not None and abs(float(best) - flown) <= std:
+        text = f"Keep {autopilot.mix} {flown:g} ({found_at}): the change is within sigma"
+    elif float(best) == 0.0:
         text = f"Leave {autopilot.mix} at 0 ({found_at})"
     else:
         text = (

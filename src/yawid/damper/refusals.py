@@ -21,7 +21,7 @@ EXIT_CODES: Final = {
     "parameters_unknown": 2, "travel_unknown": 2, "too_far": 2,
 }  # fmt: skip
 """The exit code of each reason for refusing."""
-OF_DAMPER: Final = (*EXIT_CODES, "lowers_damping", "gain_changed")
+OF_DAMPER: Final = (*EXIT_CODES, "lowers_damping", "gain_changed", "airframe_differs")
 """The reasons that only this report has; ``closed_loop`` is one of a replay, too."""
 MOST_WN_STD, MOST_GAIN_STD, MOST_TURN = 0.05, 0.2, 0.2
 """The largest sigma of wn and of the gain at wn, and the largest share of the turn's term."""

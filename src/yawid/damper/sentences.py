@@ -7,7 +7,6 @@ import numpy as np
 
 from yawid.answers.damper_report import Recommended
 from yawid.answers.reasons import Reason
-from yawid.answers.run_summary import DutchRoll
 from yawid.damper.advice import SURE, Closed, Predicted, aimed
 
 MOSTLY_FEEDBACK: Final = 1.2
@@ -27,17 +26,17 @@ class Without(NamedTuple):
     suffices: bool = False
 
 
-def without_damper(roll: DutchRoll, aim: float | None) -> Without:
+def without_damper(zeta: float, std: float | None, aim: float | None) -> Without:
     """Return how far above the aim zeta is without a damper; no text where it is not above it.
 
-    ``roll`` has the sigma of the mean. No damper is needed where zeta is above the aim with 95 %.
+    ``std`` is the sigma of the mean. No damper is needed where zeta is above the aim with 95 %.
     """
     low, high = aimed(aim)
-    std, above = roll.zeta_std, roll.zeta - high
+    above = zeta - high
     if above <= 0.0:
         return Without()
     sigmas = above / std if std else 0.0
-    known = f"{roll.zeta:.2f} ± {std:.2f}" if std else f"{roll.zeta:.2f}, of unknown sigma"
+    known = f"{zeta:.2f} ± {std:.2f}" if std else f"{zeta:.2f}, of unknown sigma"
     by = f"{sigmas:.1f} sigma above the aim of {low:g} to {high:g}"
     if sigmas >= SURE:
         return Without(f"None is needed: without a damper zeta is {known}, {by}.", True)
@@ -98,7 +97,7 @@ def sentences(
     if without.suffices:
         yield without.text
         yield leave_out(name, flown)
-    yield "The answer is the aircraft without its damper" + (
+    yield f"The answer is {predicted.aircraft.words} without its damper" + (
         f"; {name} was {flown:g}, with which the pilot felt {felt}." if flown > 0.0 else "."
     )
     if takes_damping(closed):

@@ -1,6 +1,7 @@
 """From a run to the advice on its yaw damper: checks, predictions, sentences."""
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any, Final
 
@@ -18,6 +19,7 @@ from yawid.damper.advice import (
     largest_gain,
     nice,
     recommended,
+    spread,
     table,
 )
 from yawid.damper.autopilots import AUTOPILOTS, Autopilot
@@ -26,6 +28,7 @@ from yawid.damper.identified import Facts, identified
 from yawid.damper.mix import mix_of
 from yawid.damper.refusals import (
     EXIT_CODES,
+    MOST_GAIN_STD,
     Refused,
     autopilot_of,
     check_input,
@@ -42,6 +45,9 @@ from yawid.damper.sentences import (
     without_damper,
 )
 from yawid.errors import ConfigError
+from yawid.models.closed_airframe import ClosedAirframe, closed_airframe
+from yawid.models.draws import Aircraft
+from yawid.models.flown import Flown
 
 DIGITS: Final = 6
 """Decimal places of a gain."""
@@ -110,7 +116,7 @@ def study(facts: Facts, asked: Asked) -> Study:
         check_input(facts.summary, facts.config)
         roll = of_mean(flight).dutch_roll
         assert roll is not None  # usable_flight() has seen to it
-        without = without_damper(roll, asked.aim)
+        without = without_damper(roll.zeta, roll.zeta_std, asked.aim)
         check_known(flight)
         autopilot = autopilot_of(facts.summary, asked.autopilot)
         said |= {"autopilot": autopilot.words, "parameter": autopilot.gain}
@@ -125,14 +131,18 @@ def study(facts: Facts, asked: Asked) -> Study:
         # A parameter is a float32, whose 0.2 is 3e-9 more than ours: one gain is one row.
         known[autopilot.gain] = flown = round(flown, DIGITS)
         said |= {"flown": flown, "loop_rate_hz": known[autopilot.loop_rate]}
-        predicted = _predicted(facts, flight, autopilot, known, asked)
+        predicted, differs = _predicted(facts, flight, autopilot, known, asked)
     except Refused as refused:
         return Study(DamperReport(**said, **_refused(refused, without, said)))
-    found = recommended(predicted.closed, flown, asked.aim)
+    closed, is_airframe = predicted.closed, isinstance(predicted.aircraft, ClosedAirframe)
+    said["aircraft"] = "airframe" if is_airframe else "as_flown"
+    if is_airframe:
+        without = without_damper(float(closed.zeta[0, 0]), float(closed.zeta_std[0, 0]), asked.aim)
+    found = recommended(closed, flown, asked.aim)
     says = list(sentences(predicted, autopilot.gain, flown, found, asked.aim, without))
-    reasons = list(warnings(predicted, autopilot.gain, flown, seen))
+    reasons = [*differs, *warnings(predicted, autopilot.gain, flown, seen)]
     verdict = Verdict(method=flight.method, usable=True, reasons=reasons)
-    gains = _shown(predicted.closed, found, flown, asked.gains)
+    gains = _shown(closed, found, flown, asked.gains)
     report = DamperReport(**said, gains=gains, recommended=found, says=says, verdict=verdict)
     return Study(report, predicted)
 
@@ -155,9 +165,10 @@ def _refused(refused: Refused, without: Without, said: Mapping[str, Any]) -> dic
 
 def _predicted(
     facts: Facts, flight: Flight, autopilot: Autopilot, known: Mapping[str, float], asked: Asked
-) -> Predicted:  # fmt: skip
+) -> tuple[Predicted, list[Reason]]:  # fmt: skip
+    """Return the damped aircraft, and what speaks against the airframe where it is not taken."""
     flown = facts.flown(facts.used)
-    aircraft = identified(facts, flight, flown, autopilot, known)
+    aircraft, differs = _aircraft(facts, flight, flown, autopilot, known)
     speeds = _airspeeds(aircraft.airspeed_m_s, facts.used, asked)
     laws = facts.laws(autopilot, known, speeds)
     # The gains that are tried: finely spaced from 0, with the one flown and those asked for.
@@ -169,7 +180,35 @@ def _predicted(
     near = int(np.argmin(np.abs(np.array(speeds) - aircraft.airspeed_m_s)))
     turn = facts.turn_left(flown[0].found, autopilot, known)
     pilot, _ = pilots_part(flown[0], laws[near], known[autopilot.gain], turn)
-    return Predicted(aircraft, tuple(laws), closed, flown[0], pilot)
+    return Predicted(aircraft, tuple(laws), closed, flown[0], pilot), differs
+
+
+def _aircraft(
+    facts: Facts, flight: Flight, flown: Sequence[Flown], autopilot: Autopilot,
+    known: Mapping[str, float],
+) -> tuple[Aircraft | ClosedAirframe, list[Reason]]:  # fmt: skip
+    """Return the airframe where it is known, else the answer as flown, and what speaks against it.
+
+    Where their zeta without a damper differs by more than the sum of both sigmas, it is the answer
+    as flown: no damper acted where an airframe is known.
+
+    Raises:
+        Refused: the airframe is not known, and :func:`identified` refuses the answer as flown.
+    """
+    airframe = closed_airframe(facts, known.get(autopilot.turn, 1.0) if autopilot.turn else 0.0)
+    if airframe is None or not flown or not airframe.effect_std <= MOST_GAIN_STD:
+        return identified(facts, flight, flown, autopilot, known), []
+    with suppress(Refused):  # then the airframe is known alone
+        as_flown = identified(facts, flight, flown, autopilot, known)
+        pairs = [each.at(as_flown.airspeed_m_s).dutch_roll[None] for each in (as_flown, airframe)]
+        (own, std), (its, its_std) = (spread(-pair.real / np.abs(pair)) for pair in pairs)
+        if abs(own - its) > std + its_std:
+            text = (
+                f"the bare airframe with its loops has zeta {its[0]:.2f} ± {its_std[0]:.2f} without"
+                f" a damper, and the answer as flown, which is taken, {own[0]:.2f} ± {std[0]:.2f}"
+            )
+            return as_flown, [Reason("airframe_differs", text, weight="warning")]
+    return airframe, []
 
 
 def _airspeeds(middle: float, used: Sequence[Manoeuvre], asked: Asked) -> list[float]:

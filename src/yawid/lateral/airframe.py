@@ -9,7 +9,7 @@ import numpy as np
 
 from yawid.answers.run_summary import Bare, Value
 from yawid.blocks import Floats
-from yawid.lateral.model import AT, NAMES, modes
+from yawid.lateral.model import modes, theta_of
 
 _STEPS, _SLOPE = 20, 1e-5
 
@@ -85,8 +85,7 @@ def with_modes(found: Bare, correlations: Floats) -> Bare:
     roll, speed_m_s, alpha = found.dutch_roll, found.airspeed_m_s, found.alpha_rad
     if roll is None or speed_m_s is None or alpha is None or found.derivatives is None:
         return found
-    known = {**found.derivatives, "alpha": alpha}
-    at = [AT.get(name, AT["log_Y_beta"]) for name in known]
+    known = {**found.derivatives, "alpha_rad": alpha}
     std = np.array([each.std or 0.0 for each in known.values()])
     covariance = correlations[: len(std), : len(std)] * np.outer(std, std)
     value, step = np.array([each.value for each in known.values()], float), _SLOPE * std
@@ -95,9 +94,7 @@ def with_modes(found: Bare, correlations: Floats) -> Bare:
     wanted = np.array([roll.wn_rad_s, roll.zeta, *poles])
     given = np.isfinite(wanted)
     for _ in range(_STEPS):
-        theta = np.zeros((len(value) + 1, len(NAMES)))
-        theta[:, at] = np.vstack([value, value + np.diag(step)])
-        theta[:, AT["log_Y_beta"]] = np.log(np.maximum(-theta[:, AT["log_Y_beta"]], step.min()))
+        theta = theta_of([*known], np.vstack([value, value + np.diag(step)]))
         now = modes(theta, speed_m_s)[:, given]
         if not np.isfinite(now).all():  # a mode is lost on the way
             return found
@@ -108,4 +105,4 @@ def with_modes(found: Bare, correlations: Floats) -> Bare:
         return found
     both = zip(known.items(), value.tolist(), strict=True)
     numbers = {name: Value(new, each.std) for (name, each), new in both}
-    return msgspec.structs.replace(found, alpha_rad=numbers.pop("alpha"), derivatives=numbers)
+    return msgspec.structs.replace(found, alpha_rad=numbers.pop("alpha_rad"), derivatives=numbers)

@@ -13,7 +13,7 @@ from yawid.lateral.criterion import Criterion
 from yawid.lateral.fit import Fit, fit, guesses
 from yawid.lateral.gates import failed_gates, stopped_by
 from yawid.lateral.mix import ROLLS_S, rudder_mixes
-from yawid.lateral.model import AT, DERIVATIVES, NAMES, RUDDER, Guess, Law, modes
+from yawid.lateral.model import AT, DERIVATIVES, NAMES, OF, RUDDER, Guess, Law, modes
 from yawid.lateral.motion import Motion
 from yawid.lateral.record import Record
 from yawid.lateral.roll_law import dutch_roll_closed, roll_law, yaw_rate_closed
@@ -61,8 +61,6 @@ _THETA = slice(4, 4 + len(NAMES))
 _CLOSED, _MIXES = slice(_THETA.stop, -len(ROLLS_S)), slice(-len(ROLLS_S), None)
 _Y_BETA, _Y_DELTA_R = NUMBERS.index("log_Y_beta"), NUMBERS.index("Y_delta_r")
 NO_LAW = Law()
-_OF = {"Y_beta": "log_Y_beta", "alpha_rad": "alpha", "servo_lag_s": "servo_lag"}
-"""The parameters that they are made of, where they have other names."""
 _STEP = 1e-4
 """Step of the modes' slopes, in scales of the parameters."""
 
@@ -245,7 +243,7 @@ def _airframe(fits: Sequence[Fit], records: Sequence[Record]) -> Airframe:
 
 def _correlations(covariance: Floats) -> Floats:
     """Return those of the parameters in ANSWERED (14, 14); 0 of one that was not estimated."""
-    at = [AT[_OF.get(name, name)] for name in ANSWERED]
+    at = [AT[OF.get(name, name)] for name in ANSWERED]
     some = covariance[np.ix_(at, at)]
     std = np.sqrt(np.maximum(np.diag(some), np.finfo(float).tiny))
     found = np.asarray(some / np.outer(std, std), np.float64)
@@ -258,7 +256,7 @@ def _from_prior(found: Fit) -> Iterator[str]:
     of = found.of
     share = np.sqrt(np.diag(found.covariance)) * of.scale / of.spread
     known = dict(zip(of.names, share.tolist(), strict=True))
-    yield from (name for name in ANSWERED if known.get(_OF.get(name, name), 0.0) > OF_PRIOR)
+    yield from (name for name in ANSWERED if known.get(OF.get(name, name), 0.0) > OF_PRIOR)
 
 
 def _time_constant(pole: Known) -> Known:

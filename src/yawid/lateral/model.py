@@ -17,7 +17,7 @@ their own. The paper's coefficients have the opposite sign of Y_beta, L_beta, L_
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -150,6 +150,10 @@ DERIVATIVES = (
     "N_beta", "N_p", "N_r", "N_delta_a", "N_delta_r", "Y_delta_r",
 )  # fmt: skip
 """The derivatives that are answered, all of them parameters but for Y_beta, which is -exp of it."""
+OF = {"Y_beta": "log_Y_beta", "alpha_rad": "alpha", "servo_lag_s": "servo_lag"}
+"""The parameters of which answered numbers are made, where they have other names."""
+LEAST_Y_BETA = 1e-9
+"""The least size of Y_beta in 1/s: of a file that somebody has changed it may be 0."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -225,6 +229,15 @@ def airframe(theta: Floats, airspeed_m_s: float) -> tuple[Floats, Floats]:
     B[:, P, AILERON], B[:, P, RUDDER] = of["L_delta_a"], of["L_delta_r"]
     B[:, R, AILERON], B[:, R, RUDDER] = of["N_delta_a"], of["N_delta_r"]
     return A, B
+
+
+def theta_of(names: Sequence[str], values: Floats) -> Floats:
+    """Return parameters (v, n) that have these answered numbers (v, m) by their names, and 0."""
+    theta = np.zeros((len(values), len(NAMES)))
+    theta[:, [AT[OF.get(name, name)] for name in names]] = values
+    Y_beta = AT["log_Y_beta"]
+    theta[:, Y_beta] = np.log(np.maximum(-theta[:, Y_beta], LEAST_Y_BETA))
+    return theta
 
 
 def modes(theta: Floats, airspeed_m_s: float) -> Floats:

@@ -25,7 +25,7 @@ MOST_STEPS = 20
 ROLL_LAGS_S = (0.0, 0.03, 0.06, 0.1)
 """Lags of the roll angle in the hold that are tried; the one that explains the aileron best is it.
 That is the filter's with what else is late, as the servo's output."""
-_LEAST_LAG_S = 1e-3
+LEAST_LAG_S = 1e-3
 
 
 def roll_law(record: Record) -> Law | None:
@@ -73,14 +73,23 @@ def dutch_roll_closed(theta: Floats, airspeed_m_s: float, law: Law) -> Floats:
     Of several pairs of poles it is the one with the most energy in the yaw rate's answer to the
     rudder; NaN where no pair oscillates.
     """
-    whole, drive = closed(theta, airspeed_m_s, law)
-    poles, vectors = np.linalg.eig(whole)
-    residues = vectors[:, R] * np.linalg.solve(vectors, drive.astype(complex))[..., 0]
-    energy = np.abs(residues) ** 2 / (2.0 * np.abs(poles.real) + np.finfo(float).tiny)
-    energy = np.where(poles.imag > 1e-6, energy, -1.0)
-    pair = np.take_along_axis(poles, energy.argmax(axis=1)[:, None], axis=1)[:, 0]
+    pair = modal(*closed(theta, airspeed_m_s, law), np.eye(7)[R])[0][:, 0]
     found = np.stack([np.abs(pair), -pair.real / np.abs(pair)], axis=1)
-    return np.where((energy.max(axis=1) < 0.0)[:, None], np.nan, found)
+    return np.where((pair.imag > 1e-6)[:, None], found, np.nan)
+
+
+def modal(whole: Floats, drive: Floats, seen: Floats) -> tuple[np.ndarray, np.ndarray]:
+    """Return poles and residues (v, n) of A (v, n, n) and B (v, n, 1) to the output ``seen`` (n,).
+
+    The first pole is that of the pair with the most energy in it, and the second its conjugate.
+    """
+    poles, vectors = np.linalg.eig(whole)
+    residues = seen @ vectors * np.linalg.solve(vectors, drive.astype(complex))[..., 0]
+    energy = np.abs(residues) ** 2 / (2.0 * np.abs(poles.real) + np.finfo(float).tiny)
+    first = np.where(poles.imag > 1e-6, energy, -1.0).argmax(axis=1)[:, None]
+    near = np.abs(poles - np.conj(np.take_along_axis(poles, first, axis=1))).argsort(axis=1)
+    order = np.hstack([first, near[near != first].reshape(len(near), -1)])
+    return np.take_along_axis(poles, order, axis=1), np.take_along_axis(residues, order, axis=1)
 
 
 def yaw_rate_closed(theta: Floats, record: Record, law: Law) -> Floats:
@@ -113,12 +122,12 @@ def closed(theta: Floats, airspeed_m_s: float, law: Law) -> tuple[Floats, Floats
     integral.
     """
     A, B = airframe(theta, airspeed_m_s)
-    servo_s = np.maximum(theta[:, AT["servo_lag"]], _LEAST_LAG_S)
+    servo_s = np.maximum(theta[:, AT["servo_lag"]], LEAST_LAG_S)
     whole, drive = np.zeros((len(theta), 7, 7)), np.zeros((len(theta), 7, 1))
     whole[:, :4, :4], whole[:, :4, 4] = A[:, :4, :4], B[:, :4, AILERON]
     whole[:, 4, 4], whole[:, 4, P] = -1.0 / servo_s, -law.rate_gain / servo_s
     whole[:, 4, 5], whole[:, 4, 6] = -law.roll_gain / servo_s, -law.integral_gain / servo_s
-    held = 1.0 / max(law.roll_lag_s, _LEAST_LAG_S)
+    held = 1.0 / max(law.roll_lag_s, LEAST_LAG_S)
     whole[:, 5, ROLL], whole[:, 5, 5], whole[:, 6, 5] = held, -held, 1.0
     drive[:, :4, 0] = B[:, :4, RUDDER]
     return whole, drive

@@ -10,7 +10,7 @@ median of theirs, whose numerator is solved by least squares.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import ClassVar, Final
 
 import numpy as np
 
@@ -35,6 +35,8 @@ class Aircraft:
     median, that noise and the scatter between manoeuvres cause: it falls with their number.
     """
 
+    words: ClassVar = "the aircraft"
+
     G: Transfer
     central: Transfer
     alike: Transfer
@@ -45,6 +47,10 @@ class Aircraft:
     def at(self, airspeed_m_s: float) -> Transfer:
         """Return the transfer functions at another equivalent airspeed."""
         return self.G.faster(airspeed_m_s / self.airspeed_m_s, self.lag)
+
+    def middle_at(self, airspeed_m_s: float) -> Transfer:
+        """Return the central one at another equivalent airspeed."""
+        return self.central.faster(airspeed_m_s / self.airspeed_m_s)
 
     def effect_std(self, manoeuvres: int) -> float:
         """Return the sigma of the rudder's effect on the pair, over its median, of their mean.

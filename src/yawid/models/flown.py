@@ -23,6 +23,17 @@ SEGMENTS: Final = 4
 """Segments without overlap into which a manoeuvre is cut for its coherence."""
 
 
+def samples_of(found: Manoeuvre, samples: SampleBlock) -> SampleBlock:
+    """Return a manoeuvre's samples, out of those of a run."""
+    t, near = samples.boot_us / 1e6, 1e-3 * samples.sample_time_s  # its seconds are rounded
+    rows: Bools = (t >= found.from_s - near) & (t <= found.to_s + near)
+    if found.date is not None:  # another boot may have the same seconds
+        begin_ns = datetime.fromisoformat(found.date).timestamp() * 1e9
+        away_ns = np.abs(samples.unix_ns - begin_ns - 0.5e9 * found.duration_s)
+        rows &= away_ns <= 0.5e9 * found.duration_s + _AWAY_NS
+    return samples.select(rows)
+
+
 @dataclass(frozen=True, slots=True)
 class Flown:
     """A manoeuvre and its samples (n,), as the fit took them: NaN in ``u`` and ``y`` is a gap.
@@ -45,15 +56,9 @@ class Flown:
     @classmethod
     def of(cls, found: Manoeuvre, samples: SampleBlock, config: RunConfig) -> "Flown | None":
         """Return a manoeuvre's samples, out of those of a run; None where it has none."""
-        t, near = samples.boot_us / 1e6, 1e-3 * samples.sample_time_s  # its seconds are rounded
-        rows: Bools = (t >= found.from_s - near) & (t <= found.to_s + near)
-        if found.date is not None:  # another boot may have the same seconds
-            begin_ns = datetime.fromisoformat(found.date).timestamp() * 1e9
-            away_ns = np.abs(samples.unix_ns - begin_ns - 0.5e9 * found.duration_s)
-            rows &= away_ns <= 0.5e9 * found.duration_s + _AWAY_NS
-        if not rows.any():
+        samples, measured = samples_of(found, samples), config.rudder_is == "measured"
+        if not len(samples):
             return None
-        samples, measured = samples.select(rows), config.rudder_is == "measured"
         if config.output == "yaw":
             samples = averaged(samples, measured=measured)
         turned = found.turn_removed and config.turn == "keep"

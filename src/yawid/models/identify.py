@@ -7,7 +7,6 @@ mean of its manoeuvres' in one form, and their covariance is that of the flight'
 bare airframe has the states of :mod:`yawid.lateral.model`.
 """
 
-import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -17,11 +16,11 @@ import numpy as np
 
 from yawid.answers.identified_model import ModelSignal
 from yawid.answers.reasons import Verdict
-from yawid.answers.run_summary import HIGHEST, LOWEST, Flight, Manoeuvre, RunSummary
-from yawid.blocks import Floats, SampleBlock
+from yawid.answers.run_summary import HIGHEST, LOWEST, Bare, Flight, Manoeuvre, RunSummary
+from yawid.blocks import Floats, MotionBlock, SampleBlock
 from yawid.config.run import RunConfig
 from yawid.errors import ConfigError, NotIdentifiable
-from yawid.lateral.model import NAMES, airframe
+from yawid.lateral.model import airframe, theta_of
 from yawid.models.answered import Answered, changes_of, why_not
 from yawid.models.draws import drawn_aircraft
 from yawid.models.flown import Flown
@@ -41,13 +40,17 @@ _STATES = (
 
 @dataclass(frozen=True, slots=True)
 class Recorded:
-    """A run: its summary and configuration, its samples in one block or more, and parameters."""
+    """A run: its summary and configuration, its samples in one block or more, and parameters.
+
+    ``motion`` is None where the run kept none.
+    """
 
     summary: RunSummary
     config: RunConfig
     sample_time_s: float
     samples: Iterable[SampleBlock]
     parameters: Mapping[str, float]
+    motion: MotionBlock | None = None
 
     @property
     def input_is(self) -> str:
@@ -183,35 +186,41 @@ def _polynomials(every: Sequence[Transfer]) -> Floats:
     return np.stack(found)
 
 
-def _bare(run: Recorded) -> LinearModel:
-    bare = run.summary.bare
+def numbers_of(bare: Bare | None) -> tuple[tuple[str, ...], Floats, Floats, float]:
+    """Return names, values and covariance of a flight's airframe, its servo lag last; its airspeed.
+
+    Raises:
+        NotIdentifiable: it is not known.
+    """
     if bare is None or not bare or bare.derivatives is None or bare.airspeed_m_s is None:
         why = "replay the log" if bare is None else why_not(bare.verdict)
         raise NotIdentifiable(f"the bare airframe is not known: {why}")
-    if bare.alpha_rad is None or bare.correlations is None:
+    if bare.alpha_rad is None or bare.servo_lag_s is None or bare.correlations is None:
         raise NotIdentifiable("its covariance is missing: replay the log")
-    known = {**bare.derivatives, "alpha_rad": bare.alpha_rad}
-    names, n = tuple(known), len(known)
+    known = {**bare.derivatives, "alpha_rad": bare.alpha_rad, "servo_lag_s": bare.servo_lag_s}
     value, std = np.array([(each.value, each.std or 0.0) for each in known.values()], float).T
-    covariance = np.array(bare.correlations)[:n, :n] * np.outer(std, std)
-    matrices = partial(_airframe, names=names, airspeed_m_s=bare.airspeed_m_s)
-    units = [unit_of_derivative(each, run.config.unit_of_rudder) for each in bare.derivatives]
+    covariance = np.array(bare.correlations) * np.outer(std, std)
+    return tuple(known), value, covariance, bare.airspeed_m_s
+
+
+def _bare(run: Recorded) -> LinearModel:
+    (*names, _), value, covariance, airspeed_m_s = numbers_of(bare := run.summary.bare)
+    assert bare  # its numbers are known
+    units = [unit_of_derivative(each, run.config.unit_of_rudder) for each in names[:-1]]
     return LinearModel(
         of="bare airframe", **_judged(bare.verdict), input_is=MEAN,
-        names=names, units=(*units, "rad"), values=value, covariance=covariance, matrices=matrices,
+        names=tuple(names), units=(*units, "rad"), values=value[:-1],
+        covariance=covariance[:-1, :-1],
+        matrices=partial(_airframe, names=names, airspeed_m_s=airspeed_m_s),
         sample_time_s=run.sample_time_s, inputs=run.inputs(("aileron", "rudder")), outputs=_STATES,
-        states=_STATES, facts={"airspeed_m_s": bare.airspeed_m_s} | (
-            {} if bare.servo_lag_s is None else {"servo_lag_s": bare.servo_lag_s.value or 0.0}
-        ),
+        states=_STATES, facts={"airspeed_m_s": airspeed_m_s, "servo_lag_s": float(value[-1])},
         from_prior=tuple(bare.from_prior or ()),
     )  # fmt: skip
 
 
 def _airframe(values: Floats, names: Sequence[str], airspeed_m_s: float) -> Matrices:
     """Return the matrices of the bare airframe; inputs are the deflections after the servos."""
-    of = dict(zip(names, values.tolist(), strict=True))
-    of |= {"alpha": of["alpha_rad"], "log_Y_beta": math.log(-of["Y_beta"])}
-    A, B = airframe(np.array([[of.get(name, 0.0) for name in NAMES]]), airspeed_m_s)
+    A, B = airframe(theta_of(names, values[None]), airspeed_m_s)
     return A[0, :4, :4], B[0, :4, :2], np.eye(4), np.zeros((4, 2))
 
 

@@ -12,7 +12,6 @@ from yawid.blocks import Floats
 from yawid.damper.advice import LEAST_PHASE_DEG, Predicted
 from yawid.damper.loop import closed_dutch_roll, closed_response, known_frequencies
 from yawid.damper.study import Study
-from yawid.physics.continuous import Transfer
 from yawid.physics.modes import Complexes
 from yawid.report.html import head, listed, note, page, pictures, sheet
 from yawid.report.picture import Picture, band, log_axis
@@ -54,19 +53,13 @@ def _sections(report: DamperReport, predicted: Predicted, name: str) -> Iterator
     if report.mix is not None:
         body += note("", f"Rudder mix, {report.mix.parameter}: {report.mix.text}")
     yield head(name, origin, sentence, body, usable=band_said is not None)
-    yield pictures("The damped aircraft", list(_pictures(report, predicted)))
+    drawn = predicted, _gain_of(report, predicted), report.parameter or ""
+    of_gains = [_over_gain(report, predicted), _locus(report, predicted)]
+    yield pictures("The damped aircraft", [*of_gains, _bode(*drawn), _response(*drawn)])
     grid = gains_grid(report)
     rows = [([(cell, "") for cell in row], False) for row in grid.rows]
     yield sheet("Every gain", grid.heads, rows)
     yield note("", f"{MEANS}. Bands are 2 sigma.")
-
-
-def _pictures(report: DamperReport, predicted: Predicted) -> Iterator[Picture]:
-    gain = _gain_of(report, predicted)
-    yield _over_gain(report, predicted)
-    yield _locus(report, predicted)
-    yield _bode(predicted, gain, report.parameter or "")
-    yield _response(predicted, gain, report.parameter or "")
 
 
 def _gain_of(report: DamperReport, predicted: Predicted) -> float:
@@ -100,18 +93,13 @@ def _over_gain(report: DamperReport, predicted: Predicted) -> Picture:
     return Picture("over-gain", "Damping and frequency over the gain", look, draw)
 
 
-def _middle_of(predicted: Predicted, v: int) -> Transfer:
-    aircraft = predicted.aircraft
-    return aircraft.central.faster(predicted.closed.airspeeds_m_s[v] / aircraft.airspeed_m_s)
-
-
 def _locus(report: DamperReport, predicted: Predicted) -> Picture:
     closed = predicted.closed
 
     def draw(figure: Figure) -> None:
         ax = figure.subplots()
         for v, (speed, law) in enumerate(zip(closed.airspeeds_m_s, predicted.laws, strict=True)):
-            s = closed_dutch_roll(_middle_of(predicted, v), law, closed.gains)[:, 0]
+            s = closed_dutch_roll(predicted.aircraft.middle_at(speed), law, closed.gains)[:, 0]
             shade = SHADES[v % len(SHADES)]
             ax.plot(s.real, s.imag, color=shade, label=f"{speed:.1f} m/s")
             ax.plot(s.real[:1], s.imag[:1], "x", color=shade)
@@ -138,7 +126,7 @@ def _bode(predicted: Predicted, gain: float, name: str) -> Picture:
     )
     s: Complexes = (1j * w).astype(np.complex128)
     every = law.at(s, gain) * aircraft.at(s)
-    middle = (law.at(s, gain) * _middle_of(predicted, 0).at(s))[0]
+    middle = (law.at(s, gain) * predicted.aircraft.middle_at(speed).at(s))[0]
 
     def draw(figure: Figure) -> None:
         upper, lower = figure.subplots(2, 1, sharex=True)
@@ -173,7 +161,7 @@ def _response(predicted: Predicted, gain: float, name: str) -> Picture:
     flown = predicted.manoeuvre
     speeds = np.array(predicted.closed.airspeeds_m_s)
     v = int(np.argmin(np.abs(speeds - predicted.aircraft.airspeed_m_s)))
-    G, law = _middle_of(predicted, v), predicted.laws[v]
+    G, law = predicted.aircraft.middle_at(speeds[v]), predicted.laws[v]
     period_s = 2.0 * np.pi / float(np.abs(G.dutch_roll[0]))
     shown = slice(0, round(PERIODS_SHOWN * period_s / flown.sample_time_s))
     u, t = predicted.pilot[shown], (flown.t - flown.t[0])[shown]

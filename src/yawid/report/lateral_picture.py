@@ -13,7 +13,7 @@ from typing import Final
 import numpy as np
 from matplotlib.figure import Figure
 
-from yawid.answers.run_summary import Bare, Manoeuvre, RunSummary
+from yawid.answers.run_summary import Bare, Manoeuvre, RunSummary, Value
 from yawid.blocks import Floats, Ints, StampedRows
 from yawid.lateral import model
 from yawid.lateral.record import lagged_lines
@@ -29,8 +29,6 @@ _AWAY_S: Final = 5.0
 _LEAST_ROWS: Final = 20
 STEP_S: Final = 0.005
 """The step in s of the simulation, within which the commands are lines."""
-LEAST_Y_BETA: Final = 1e-9
-"""The least size of Y_beta in 1/s: of a file that somebody has changed it may be 0."""
 
 
 def lateral_picture(run: McapRun) -> Picture | None:
@@ -152,9 +150,7 @@ def acceleration(
 
 def _airframe(bare: Bare, pitch: float) -> tuple[Floats, Floats]:
     """Return A (4, 4) of sideslip, p, r, roll, and B (4, 2) of rudder and aileron (eq. 21)."""
-    of = {name: each.value or 0.0 for name, each in (bare.derivatives or {}).items()}
-    of["log_Y_beta"] = math.log(max(-of.get("Y_beta", 0.0), LEAST_Y_BETA))
-    of["alpha"] = pitch if bare.alpha_rad is None else bare.alpha_rad.value or 0.0
-    theta = np.array([[of.get(name, 0.0) for name in model.NAMES]])
+    known = (bare.derivatives or {}) | {"alpha_rad": bare.alpha_rad or Value(pitch)}
+    theta = model.theta_of([*known], np.array([[each.value or 0.0 for each in known.values()]]))
     found = model.system(theta, bare.airspeed_m_s or math.inf, pitch)
     return found.A[0, :4, :4], found.B[0, :4][:, [model.RUDDER, model.AILERON]]

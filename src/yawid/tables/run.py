@@ -242,7 +242,9 @@ class Run:
         from yawid.damper.identified import Facts
 
         sample_time_s, samples = self._known.grid.sample_time_s, [self._rows.samples]
-        return Facts(self.summary, self.config, sample_time_s, samples, self.parameters)
+        return Facts(
+            self.summary, self.config, sample_time_s, samples, self.parameters, self._motion
+        )
 
     @with_keywords
     def report(self, path: str | PathLike[str], *, force: bool = False) -> Path:
