@@ -221,8 +221,8 @@ def test_the_first_answer_is_as_right_as_the_text_below_it_says():
     assert f"linearisation says {true[0]:.3f} rad/s and {true[1]:.3f}" in page
 
 
-def test_the_next_gain_damps_as_the_simulators_own_linearisation_says():
-    """It is closed with ArduPlane's damper by tools/bench/damper.py."""
+def test_the_next_gain_and_the_mix_are_those_of_the_simulators_own_linearisation():
+    """It is closed with ArduPlane's damper by tools/bench/damper.py; rolls take 1 to 4 s."""
     page = " ".join((SRC / "manual" / "what_now.md").read_text(encoding="utf-8").split())
     ((true_wn, true_zeta),) = re.findall(
         r"linearisation, closed with that gain, is (\S+) rad/s and (\S+),", page
@@ -233,6 +233,10 @@ def test_the_next_gain_damps_as_the_simulators_own_linearisation_says():
     assert gain == 0.2
     assert abs(wn - float(true_wn)) < wn_std
     assert abs(zeta - float(true_zeta)) < zeta_std
+    true = re.findall(r"linearisation, is (\S+) to (\S+) for rolls of", page)
+    mix, std = re.findall(r"found (\S+) ± (\S+)", readme_tables.written("mix"))[0]
+    for each in map(float, true[0]):
+        assert abs(float(mix) - each) < 1.5 * float(std)
 
 
 def test_the_exit_codes_are_those_of_the_code():
