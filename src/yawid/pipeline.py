@@ -136,7 +136,7 @@ class Pipeline:
             return []
         return [Reason("not_excited", "rudder and yaw rate never moved enough for an estimate")]
 
-    def _yaw_loop(self, from_s: float, to_s: float) -> str | None:
+    def yaw_loop(self, from_s: float, to_s: float) -> str | None:
         """Return the gains of a yaw damper in a stretch, as far as they are known."""
         report = self.report()
         rudder, boots = report.channels.get("rudder"), report.boots
@@ -316,7 +316,7 @@ class Pipeline:
                 rates_hz = 1e6 / yaw_us, 1e6 / rudder_us
             setting = ManoeuvreSetting(self.config, sample_time_s, rates_hz, modes_of)
             self._manoeuvres = Manoeuvres(
-                setting, self._worker, self._lateral_worker, self._yaw_loop
+                setting, self._worker, self._lateral_worker, self.yaw_loop
             )
         names = parameter_names(self.config.armax_orders(), self.config.inputs, bias=True)
         grid = Grid(

@@ -123,7 +123,7 @@ def test_where_every_manoeuvre_had_a_roll_loop_it_asks_for_an_aileron_doublet():
     assert card.aileron.expected.wn_std == pytest.approx(0.012 * 10.21)
     assert card.aileron.expected.zeta_std == pytest.approx(0.03 * 0.624)
     said = ("right 0.2 s, left 0.2 s, neutral; 15 % = 1440 / 1560 us",
-            "With --lateral auto expect of the bare airframe wn ± 0.12, zeta ± 0.019",
+            "Expect of the bare airframe wn ± 0.12, zeta ± 0.019",
             "or one with the aileron's doublet of part 3")  # fmt: skip
     assert [words for words in said if words not in page] == []
 

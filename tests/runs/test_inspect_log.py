@@ -216,6 +216,10 @@ def test_a_log_says_of_each_answer_whether_it_can_give_it_and_what_cures_it(
     page = " ".join(page_of(report).split())
     for name, said in (first | {"flown": flown and "see the verdict"}).items():
         assert f" {name} {f'no: {said}' if said else 'yes'}" in page
+    if log == "c172p_damped":
+        _, early = inspected(path, tmp_path, capsys, "--lateral", "off", "--to", "32")
+        found = early["can"]["bare"]["lacks"]
+        assert [each[:12] for each in found] == ["no manoeuvre", "the yaw damp"]
     if flown == "" != bare:
         assert (RATES in first["bare"]) == first["bare"].startswith("attitude")
         _, known = inspected(path, tmp_path, capsys, "--lateral", "auto")

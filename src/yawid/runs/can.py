@@ -4,24 +4,24 @@ flown -> bare (its airframe without the autopilot), and the advice on the yaw da
 ordinary (the mode from flight without a manoeuvre) by itself
 """
 
+import math
 from collections.abc import Iterable
 from typing import Final, TypeAlias
 
 from yawid.answers.inspection import Can
 from yawid.answers.ordinary import ORDINARY
 from yawid.answers.reasons import ask_for
-from yawid.answers.run_summary import Flight, RunSummary
+from yawid.answers.run_summary import RunSummary
 from yawid.damper.refusals import refusals
 from yawid.lateral.gates import GATES, not_driven, too_slow
 from yawid.pipeline import Pipeline
 from yawid.quantities.vehicles import AIRFRAME
 from yawid.results.advice import what_to_record
 from yawid.results.make_card import NICE_HZ
-from yawid.results.yaw_loop import damped_by, gains_of
+from yawid.results.yaw_loop import damped_by
 
 Lack: TypeAlias = tuple[str, str]
 """What was found and what is needed, and what to do about it."""
-MOVE: Final = "fly rudder doublets, and then one of the aileron"
 NOT_SOUGHT: Final = "manoeuvres were not looked for", "leave out --manoeuvres off, --ordinary only"
 NOT_ASKED: Final = "ordinary flight was not looked at", "give --ordinary auto"
 NOT_FLOWN: Final = "there is no usable answer as flown", ""
@@ -35,22 +35,21 @@ def what_it_can(summary: RunSummary, pipeline: Pipeline) -> dict[str, Can]:
     """
     config, report, known = pipeline.config, pipeline.report(), pipeline.channels.parameters.values
     bare, ordinary, fatal = summary.bare, summary.ordinary, summary.deciding.fatal
-    facts = list(facts_of_bare(pipeline, summary.flight).values())
+    facts = list(facts_of_bare(pipeline).values())
     if bare is not None and not facts:
         facts = [("; ".join(x.text for x in bare.verdict.reasons), bare.verdict.next or "")]
-    found = [] if ordinary is None else ordinary.verdict.fatal
     flown = [(x.text, " ".join(what_to_record([x.id], report)) or x.remedy or "") for x in fatal]
     rows: dict[str, Iterable[Lack]] = {
         "flown": flown if config.has_manoeuvres else [NOT_SOUGHT],
         "bare": [] if bare else facts,
-        ORDINARY: [(each.text, each.remedy or "") for each in found],
+        ORDINARY: [NO_SAMPLES if config.is_ordinary else NOT_ASKED]
+        if ordinary is None
+        else [(each.text, each.remedy or "") for each in ordinary.verdict.fatal],
         "damper": [
             NOT_FLOWN if x.reason.id == "not_usable" else (x.reason.text, x.to_do)
             for x in refusals(summary, config, known)
         ],
     }
-    if ordinary is None:
-        rows[ORDINARY] = [NO_SAMPLES if config.is_ordinary else NOT_ASKED]
     lacks = {name: list(dict.fromkeys(map(_sentence, row))) for name, row in rows.items()}
     return {name: Can(not each, each) for name, each in lacks.items()}
 
@@ -63,10 +62,11 @@ def _sentence(lack: Lack) -> str:
     return f"{text}; {to_do[0].lower() if to_do[1:2].islower() else to_do[0]}{to_do[1:]}"
 
 
-def facts_of_bare(pipeline: Pipeline, flight: Flight | None) -> dict[str, Lack]:
+def facts_of_bare(pipeline: Pipeline) -> dict[str, Lack]:
     """Return what the channels lack for the bare airframe, by gate, at any time of a run.
 
-    Of a flight in which only the sticks moved the surfaces a yaw damper says nothing.
+    What a manoeuvre may be without must be missing in all. Where only the sticks moved the surfaces
+    a yaw damper says nothing.
     """
     report, flown = pipeline.report(), pipeline.manoeuvres or []
     has = {
@@ -74,17 +74,16 @@ def facts_of_bare(pipeline: Pipeline, flight: Flight | None) -> dict[str, Lack]:
         "commands_on_grid": not report.is_record,
     }
     lacks = {name: (GATES[name].sentence, GATES[name].remedy) for name in has if not has[name]}
-    if all(why := [not_driven(each) for each in flown]):
-        lacks["not_driven"] = [*why, "no manoeuvre was found"][0], MOVE
-    rudder, held = report.channels.get("rudder"), [x for x in flown if x.loop != AIRFRAME]
-    gains = None if rudder is None else gains_of(rudder, report.boots, held)
-    if gains is not None and len(held) == len(flown):
-        lacks["yaw_damper"] = damped_by(gains)
-    roll = flight.dutch_roll if flight else None
+    if all(why := [not_driven(each) for each in flown] or ["no manoeuvre was found"]):
+        lacks["not_driven"] = why[0], "fly rudder doublets, and then one of the aileron"
+    held = [x.loop != AIRFRAME and pipeline.yaw_loop(x.from_s, x.to_s) for x in flown]
+    if all(gains := held or [pipeline.yaw_loop(-math.inf, math.inf)]):
+        lacks["yaw_damper"] = damped_by(str(gains[0]))
+    rolls = [x.dutch_roll for x in flown if x.verdict.usable and x.dutch_roll is not None]
     slowest_hz = min((hz for each in report.channels.values() if (hz := each.rate_hz)), default=0.0)
-    if roll is not None and (slow := too_slow(slowest_hz, roll)):
-        ask_hz = next((each for each in NICE_HZ if each >= roll.airframe_hz), None)
-        autopilot = None if report.vehicle is None else report.vehicle.autopilot
-        cure = ask_for(ask_hz, autopilot) if ask_hz else "no rate is enough for so fast a mode"
-        lacks["too_slow"] = slow, cure
+    if rolls and all(slow := [too_slow(slowest_hz, roll) for roll in rolls]):
+        ask_hz = next((each for each in NICE_HZ if each >= rolls[0].airframe_hz), None)
+        whose = None if report.vehicle is None else report.vehicle.autopilot
+        cure = ask_for(ask_hz, whose) if ask_hz else "no rate is enough for so fast a mode"
+        lacks["too_slow"] = slow[0] or "", cure
     return lacks

@@ -115,9 +115,9 @@ def _lacks(pipeline: Pipeline, answer: Answer) -> str:
     of_the_log = [] if answer.flights or answer.verdict is None else answer.verdict.fatal
     rates = [] if rates_hz is None else message_rate_reasons(*rates_hz)
     lacks = [each.id for each in (*of_the_log, *rates) if each.exit_code]
-    is_found = any(each.lateral for each in pipeline.manoeuvres or ())
-    if answer.known and not (is_found or unanswered or under_way.from_s is not None):
-        lacks += [*facts_of_bare(pipeline, answer.flights[0]), "aileron"]
+    is_busy = unanswered or under_way.from_s is not None
+    if answer.known and not is_busy and not any(x.lateral for x in pipeline.manoeuvres or ()):
+        lacks += [*facts_of_bare(pipeline), "aileron"]
     return next((IN_FLIGHT[each] for each in lacks if each in IN_FLIGHT), "")
 
 

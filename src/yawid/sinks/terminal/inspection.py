@@ -66,8 +66,9 @@ def _rows(report: Inspection) -> Iterator[tuple[str, str]]:
     for name, can in (report.can or {}).items():
         lacks = "see the verdict" if name == "flown" else _first(can.lacks, 1)
         yield name, "yes" if can.yes else f"no: {lacks}"
-    said = report.deciding.next or ""
-    yield from (("record", line) for line in report.record or () if line not in said)
+    for line in report.record or ():
+        if line not in (report.deciding.next or ""):
+            yield "record", line
 
 
 def _sender(name: str, counts: Mapping[str, int]) -> str:
