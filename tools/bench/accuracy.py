@@ -23,7 +23,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from checks.judge import NOT_JUDGED, SHOWN, judged, judged_answer, replayed
+from checks.judge import NOT_JUDGED, OF_BARE, SHOWN, judged, judged_answer, replayed
 from flights.fly import Made
 from flights.moved import (
     AILERONS,
@@ -178,7 +178,7 @@ def lateral(options: Namespace) -> list[Iterable[str]]:
     """
     found = all_rows(
         options,
-        partial(judged, config=RunConfig(lateral="auto")),
+        judged,
         flown(options, PLACES, PER_PLACE_OF_AILERON, with_aileron, "aileron_"),
     )
     rows = [row for row in found if row["kind"] == "bare"]
@@ -187,12 +187,24 @@ def lateral(options: Namespace) -> list[Iterable[str]]:
     shown = groups(rows, [("aileron {}", "aileron", AILERONS)]) | groups(
         moved, [("severity {}", "severity", SEVERITIES[:-1]), ("{}", "aircraft", ())]
     )
+    numbers = {name: figures(rows, "bare", name) for name in OF_BARE}
+    columns = "count", "median", "z", "in 2 sigma %", "beyond"
     return [
         table("", {name: cells(its, "bare") for name, its in shown.items()}),
-        criteria(moved, "bare", (), {"aileron moved": moved}),
-    ]
+        table("number", {
+            name: {column: f"{of[column]:.3g}" for column in columns}
+            for name, of in numbers.items()
+        }),
+        criteria(moved, "bare", LIMITS_OF_BARE, shown, ("wn", "zeta", *OF_BARE)),
+    ]  # fmt: skip
 
 
+LIMITS_OF_BARE: Limits = (
+    ({}, "wn", "answered %", 75.0), ({}, "wn", "median", 1.0), ({}, "zeta", "median", 0.008),
+    ({}, "roll mode", "median", 4.0),
+    *(({}, name, "beyond", 0.0) for name in ("wn", "zeta", *OF_BARE)),
+)  # fmt: skip
+"""The criteria of the bare airframes of flights whose aileron is moved, too."""
 SEALED = {"excited": 44, "unexcited": 28, "misled": 30}
 """How many logs there are in a sealed run."""
 RIGHT_PCT, WRONG_PCT = 5.0, 10.0

@@ -58,7 +58,11 @@ BENCHES: dict[str, tuple[str, dict[str, Any]]] = {
     "fleet": ("programs", {"count": 2000, "workers": 2}),
 }  # fmt: skip
 """The module of each bench, and its options with their defaults; False is a flag."""
-PLACES = {"truth": ["truth", "truth_by"], "ordinary": ["ordinary", "ordinary_hostile"]}
+PLACES = {
+    "truth": ["truth", "truth_by"],
+    "lateral": ["lateral", "lateral_numbers"],
+    "ordinary": ["ordinary", "ordinary_hostile"],
+}
 """The markers of a bench's tables. A bench that is not here writes its first table, below the
 marker of its own name."""
 NOT_MET = "not met: "
@@ -295,12 +299,14 @@ def criteria(
     kind: str,
     limits: Limits,
     of: Mapping[str, Sequence[Row]],
+    names: Sequence[str] = ("wn", "zeta"),
     draws: int = 500,
 ) -> Iterator[str]:
     """Yield the limits of the rows of a kind that a figure misses by more than its own error.
 
-    In each group ``of`` rows with LEAST_ROW answers and more, z has the limits OF_Z. The own error
-    is the standard deviation over ``draws`` draws of the flights: 0 of one draw, and of a count.
+    In each group ``of`` rows with LEAST_ROW answers and more, z of ``names`` has the limits OF_Z.
+    The own error is the standard deviation over ``draws`` draws of the flights: 0 of one draw, and
+    of a count.
     """
     checks: list[tuple[str, Sequence[Row], str, str, float]] = [
         (", ".join([name, *map(str, where.values())]), its, name, figure, limit)
@@ -310,7 +316,7 @@ def criteria(
     ]
     checks += [
         (f"{name}, {called}", its, name, figure, limit)
-        for (called, its), name, (figure, limit) in product(of.items(), ("wn", "zeta"), OF_Z)
+        for (called, its), name, (figure, limit) in product(of.items(), names, OF_Z)
         if FIGURES["count"](errors(its, kind, name)) >= LEAST_ROW
     ]
     for what, some, name, figure, limit in checks:

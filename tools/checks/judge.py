@@ -22,15 +22,17 @@ from typing import Any
 import control
 import numpy as np
 from bench.frame import METHODS, Floats, Row, Truth
+from flights.flight import trimmed
 from flights.fly import Made
 from flights.linear import GRAVITY
-from flights.plan import FOOT, KNOT, plan_at
-from flights.truth import PHI, R, at_airspeeds, dutch_roll, with_roll_hold
+from flights.plan import FOOT, KNOT, FlightPlan, plan_at
+from flights.truth import LATERAL, PHI, R, at_airspeeds, dutch_roll, lateral, with_roll_hold
 
 from yawid.answers.reasons import Verdict
-from yawid.answers.run_summary import DutchRoll, Manoeuvre, RunSummary
+from yawid.answers.run_summary import Bare, DutchRoll, Manoeuvre, RunSummary
 from yawid.config.run import RunConfig
 from yawid.errors import YawidError
+from yawid.lateral.model import DERIVATIVES
 from yawid.models.answered import Answered, changes_of
 from yawid.runs.job import open_log, run
 
@@ -99,6 +101,8 @@ def compared(summary: RunSummary, truth: Truth, *, responses: bool = False) -> l
             own["manoeuvre"] |= response_errors(found, truth, float(of[0][0]))
         if (bare := found.lateral) is not None:
             own["bare"] = judged_answer(bare.dutch_roll, true(["aileron"]), bare.verdict)
+            if bare.verdict.usable:
+                own["bare"] |= bare_errors(found, bare, truth)
         rows += [{"from_s": found.from_s, "kind": kind} | row for kind, row in own.items()]
     return [*rows, _flight_row(summary, known)]
 
@@ -147,6 +151,40 @@ def judged_answer(roll: DutchRoll | None, known: Known | None, verdict: Verdict)
     return row
 
 
+OF_BARE = ("roll mode", *DERIVATIVES)
+"""The numbers of a bare airframe that are compared, next to wn and zeta."""
+
+
+def bare_errors(found: Manoeuvre, bare: Bare, truth: Truth) -> Row:
+    """Return the errors in % of the numbers of OF_BARE that an airframe has, and their z.
+
+    The truth is the linearisation at the mean airspeed of the manoeuvre; a positive rudder turns
+    the nose to the right.
+    """
+    A, aileron, rudder = lateral(trimmed(plan_of(found, truth)))
+    rows = {"Y": LATERAL.index("Beta"), "L": LATERAL.index("P"), "N": R}
+    columns = {"beta": A[:, rows["Y"]], "p": A[:, rows["L"]], "r": A[:, R]}
+    columns |= {"delta_a": aileron, "delta_r": -rudder}
+    true = {name: float(columns[name[2:]][rows[name[0]]]) for name in DERIVATIVES}
+    poles = np.linalg.eigvals(A)
+    true["roll mode"] = -1.0 / float(poles[np.abs(poles.imag) < 1e-6].real.min())
+    known = {name: (each.value, each.std) for name, each in (bare.derivatives or {}).items()}
+    if bare.roll_mode is not None:
+        known["roll mode"] = bare.roll_mode.time_constant_s, bare.roll_mode.std
+    row: Row = {}
+    for name, (value, std) in known.items():
+        if value is not None and std:
+            row[f"{name}_error_pct"] = 100.0 * (value - true[name]) / (true[name] or math.nan)
+            row[f"{name}_z"] = (value - true[name]) / std
+    return row
+
+
+def plan_of(found: Manoeuvre, truth: Truth) -> FlightPlan:
+    """Return the aircraft at its altitude and at the mean airspeed of a manoeuvre."""
+    knots = round(float(flown_kt(truth, found.from_s, found.to_s).mean()), 1)
+    return plan_at((truth["aircraft"], truth["altitude_m"] / FOOT, knots))
+
+
 AT: Floats = np.array([0.7, 1.0, 1.4])
 """The multiples of the true wn at which |G| is compared."""
 BAND: Floats = np.linspace(0.6, 1.6, 21)
@@ -161,10 +199,10 @@ def response_errors(found: Manoeuvre, truth: Truth, wn_rad_s: float) -> Row:
     The truth is the linearisation at the mean airspeed of the manoeuvre, of the yaw rate less the
     turn where that was removed.
     """
-    knots = round(float(flown_kt(truth, found.from_s, found.to_s).mean()), 1)
-    bare, closed = with_roll_hold(plan_at((truth["aircraft"], truth["altitude_m"] / FOOT, knots)))
+    plan = plan_of(found, truth)
+    bare, closed = with_roll_hold(plan)
     A, rudder = bare if "aileron" in found.inputs else closed
-    turn = GRAVITY / (knots * KNOT) if found.turn_removed else 0.0
+    turn = GRAVITY / (plan.speed_kt * KNOT) if found.turn_removed else 0.0
     row: Row = {}
     shown, known = numbers_shown(found, wn_rad_s), true_numbers(A, rudder, turn, wn_rad_s)
     for name, (value, std), true in zip(SHOWN, shown, known, strict=True):
