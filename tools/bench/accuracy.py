@@ -178,7 +178,7 @@ def lateral(options: Namespace) -> list[Iterable[str]]:
     """
     found = all_rows(
         options,
-        judged,
+        partial(judged, responses=True),
         flown(options, PLACES, PER_PLACE_OF_AILERON, with_aileron, "aileron_"),
     )
     rows = [row for row in found if row["kind"] == "bare"]
@@ -195,7 +195,7 @@ def lateral(options: Namespace) -> list[Iterable[str]]:
             name: {column: f"{of[column]:.3g}" for column in columns}
             for name, of in numbers.items()
         }),
-        criteria(moved, "bare", LIMITS_OF_BARE, shown, ("wn", "zeta", *OF_BARE)),
+        criteria(moved, "bare", LIMITS_OF_BARE, shown, names=("wn", "zeta", *OF_BARE)),
     ]  # fmt: skip
 
 

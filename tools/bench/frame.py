@@ -299,8 +299,8 @@ def criteria(
     kind: str,
     limits: Limits,
     of: Mapping[str, Sequence[Row]],
-    names: Sequence[str] = ("wn", "zeta"),
     draws: int = 500,
+    names: Sequence[str] = ("wn", "zeta"),
 ) -> Iterator[str]:
     """Yield the limits of the rows of a kind that a figure misses by more than its own error.
 

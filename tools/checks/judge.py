@@ -101,7 +101,7 @@ def compared(summary: RunSummary, truth: Truth, *, responses: bool = False) -> l
             own["manoeuvre"] |= response_errors(found, truth, float(of[0][0]))
         if (bare := found.lateral) is not None:
             own["bare"] = judged_answer(bare.dutch_roll, true(["aileron"]), bare.verdict)
-            if bare.verdict.usable:
+            if responses and bare.verdict.usable:
                 own["bare"] |= bare_errors(found, bare, truth)
         rows += [{"from_s": found.from_s, "kind": kind} | row for kind, row in own.items()]
     return [*rows, _flight_row(summary, known)]

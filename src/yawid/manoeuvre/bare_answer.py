@@ -206,7 +206,7 @@ def _answer(airframe: Airframe, used: Sequence[int]) -> Bare:
 def _with_lag(found: Bare, airframes: Sequence[Airframe]) -> Bare:
     """Return an answer, with a warning where the airframes show another servo lag than given."""
     lags, stds = np.array([(a.free_lag_s.value, a.free_lag_s.std) for a in airframes]).T
-    own, given = mean(lags, stds, "servo_lag_s"), airframes[0].given_lag_s
+    own, given = mean(lags, stds, "servo_lag_s", {}), airframes[0].given_lag_s
     if not abs(own.value - given.value) > SIGMAS * math.hypot(own.std, given.std):
         return found
     text = (
@@ -423,12 +423,12 @@ def _pooled(airframes: Sequence[Airframe], used: Sequence[int]) -> Bare:
     speeds = np.array([each.airspeed_m_s for each in airframes])
     middle = float(np.median(speeds))
     rows = [_numbers(each) for each in airframes]
-    numbers = {}
+    numbers: dict[str, Known] = {}
     for name in rows[0]:
         by = (middle / speeds) ** LAWS[name]
         value = by * np.array([row[name].value for row in rows])
         std = np.abs(by) * np.array([row[name].std for row in rows])
-        numbers[name] = mean(value, std, name)
+        numbers[name] = mean(value, std, name, numbers)
     gust = float(np.median([each.gust_std_rad for each in airframes]))
     rho1 = max((each.rho1 for each in airframes), key=abs)
     return _with_lag(_bare(numbers, middle, gust, rho1, used), airframes)
