@@ -16,11 +16,11 @@ from yawid.lateral.criterion import Criterion
 from yawid.lateral.fit import fit, guesses
 from yawid.lateral.fit_airframe import autocorrelation, fit_airframe
 from yawid.lateral.gates import GATES, failed_gates
-from yawid.lateral.model import AT, NAMES, Law, System
+from yawid.lateral.model import System
 from yawid.lateral.motion import COMMAND_STEP_S, Motion
 from yawid.lateral.predictor import Predictor, exponential, innovations, unused
 from yawid.lateral.record import Record
-from yawid.lateral.roll_law import roll_law, yaw_rate_closed
+from yawid.lateral.roll_law import roll_law
 from yawid.plant.lateral import LateralCoefficients, lateral_motion
 
 TS = 0.04
@@ -393,23 +393,7 @@ def test_closed_with_the_law_the_airframe_is_the_aircraft_as_flown(roll_lag_s: f
     """Without its roll hold its damping is another."""
     found = fit_airframe([flown(3, roll_lag_s=roll_lag_s, **HELD)], servo_lag_s=0.1)
 
-    (wn, zeta), (own_wn, own_zeta) = (
-        closed(0.1, roll_lag_s), (found.as_flown.wn_rad_s, found.as_flown.zeta),
-    )  # fmt: skip
+    (wn, zeta), (own_wn, own_zeta) = closed(0.1, roll_lag_s), found.as_flown
     assert abs(own_wn.value - wn) < min(2.0 * own_wn.std, 0.02 * wn)
     assert abs(own_zeta.value - zeta) < min(2.0 * own_zeta.std, 0.02)
     assert abs(found.zeta.value - zeta) > apart
-
-
-def test_under_the_law_the_airframe_yaws_as_measured_by_the_rudder_alone():
-    """The airframe is known from a flight whose aileron moved; in this one it only follows."""
-    found = fit_airframe([flown(seconds=20.0, amplitude=0.3, lag_s=0.1)], servo_lag_s=0.1)
-    theta, known = np.zeros(len(NAMES)), dict(found.derivatives)
-    known |= {"alpha": found.alpha_rad, "servo_lag": found.servo_lag_s, "delay": found.delay_s}
-    theta[AT["log_Y_beta"]] = np.log(-known.pop("Y_beta").value)
-    theta[[AT[name] for name in known]] = [each.value for each in known.values()]
-    motion = flown(seconds=20.0, amplitude=0.3, aileron=0.0, hold=HOLD, lag_s=0.1, roll_lag_s=0.1)
-
-    yaw_rate = yaw_rate_closed(theta, Record(motion), Law(*HOLD, 0.1))
-
-    assert np.std(yaw_rate - motion.r) < 0.02 * np.std(motion.r)

@@ -22,20 +22,6 @@ class Known:
     std: float = math.nan
 
 
-@dataclass(frozen=True, slots=True)
-class AsFlown:
-    """The airframe closed with the roll law found: its Dutch roll, and how it answers the rudder.
-
-    ``rudder`` (n,) are the commands, means from one sample to the next, and ``yaw_rate`` (n,) in
-    rad/s is what these commands alone make of it at each sample.
-    """
-
-    wn_rad_s: Known
-    zeta: Known
-    rudder: Floats
-    yaw_rate: Floats
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Airframe:
     """The bare airframe at one airspeed. Inputs are in the unit of their channel.
@@ -67,7 +53,8 @@ class Airframe:
     rho1: float
     airspeed_m_s: float
     """R squared of the aileron on roll and p: over .95 it is feedback alone."""
-    as_flown: AsFlown | None = None
+    as_flown: tuple[Known, Known] | None = None
+    """Its wn and zeta closed with the roll law of the aileron, None where none is found."""
     """None where no roll law is found."""
     given_lag_s: Known = Known()
     free_lag_s: Known = Known()

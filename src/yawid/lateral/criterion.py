@@ -192,7 +192,7 @@ def _moved(of: Predictor, runs: Floats, surface: Ints, first: Ints, added: Float
     """
     n, head, count = len(runs), added.shape[2] - 1, len(first)
     found, x, jumps = np.zeros((n, 3, count)), np.zeros((count, 6)), np.arange(count)
-    F, seen = (of.Phi - of.K @ of.C)[0].T, -(of.whitening @ of.C)[0].T
+    F, seen = (of.Phi - of.K @ of.C)[0].T, -(of.whiten @ of.C)[0].T
     drive = of.drive[0].T[[surface, surface + 4]]
     for k in range(head):
         found[first + k, :, jumps] = x @ seen

@@ -8,15 +8,15 @@ from dataclasses import replace
 import numpy as np
 
 from yawid.blocks import Floats
-from yawid.lateral.airframe import Airframe, AsFlown, Known
+from yawid.lateral.airframe import Airframe, Known
 from yawid.lateral.criterion import Criterion
 from yawid.lateral.fit import Fit, fit, guesses
 from yawid.lateral.gates import failed_gates, stopped_by
 from yawid.lateral.mix import ROLLS_S, rudder_mixes
-from yawid.lateral.model import AT, DERIVATIVES, NAMES, OF, RUDDER, Guess, Law, modes
+from yawid.lateral.model import AT, DERIVATIVES, NAMES, OF, Guess, Law, modes
 from yawid.lateral.motion import Motion
 from yawid.lateral.record import Record
-from yawid.lateral.roll_law import dutch_roll_closed, roll_law, yaw_rate_closed
+from yawid.lateral.roll_law import dutch_roll_closed, roll_law
 
 GIVEN_LAG_STD_S = 0.005
 """How well a servo lag is known that the user gives."""
@@ -229,11 +229,6 @@ def _airframe(fits: Sequence[Fit], records: Sequence[Record]) -> Airframe:
     by_name |= dict.fromkeys({"L_delta_a", "N_delta_a"} - set(best.of.names), Known())
     variance = covariance[_MIXES, _MIXES].mean() + np.var(values[_MIXES], ddof=1)
     mix = Known(float(values[_MIXES].mean()), math.sqrt(max(float(variance), 0.0)))
-    as_flown = None
-    if law is not None:
-        yaw_rate = yaw_rate_closed(best.of.theta(best.x[None])[0], records[0], law)
-        wn, zeta = known[_CLOSED]
-        as_flown = AsFlown(wn, zeta, records[0].inputs(0.0, 0.0)[:, RUDDER], yaw_rate)
     return Airframe(
         wn_rad_s=known[0], zeta=known[1],
         roll_s=_time_constant(known[2]), spiral_s=_time_constant(known[3]),
@@ -244,7 +239,7 @@ def _airframe(fits: Sequence[Fit], records: Sequence[Record]) -> Airframe:
         rudder_mix=mix if math.isfinite(by_name["N_delta_a"].value) else Known(),
         gust_std_rad=math.exp(by_name["log_gust"].value) * best.noise_scale,
         rho1=autocorrelation(best.errors, records), airspeed_m_s=best.of.airspeed_m_s,
-        as_flown=as_flown,
+        as_flown=None if law is None else (known[_CLOSED][0], known[_CLOSED][1]),
     )  # fmt: skip
 
 

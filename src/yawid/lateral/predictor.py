@@ -26,7 +26,9 @@ class Predictor:
 
     x(k+1) = Phi x(k) + drive u(k) + trim c + K e(k). ``P`` is the covariance of the prediction,
     ``Q`` that of a step's noise; ``whiten`` (v, 3, 3) is the
-    inverse of S's lower Cholesky factor L and ``log_det`` (v,) the logarithm of L's determinant.
+    inverse of S's lower Cholesky factor L, times the cube root of its determinant, so that the sum
+    of squares of what it whitens has its least where the likelihood is largest, whatever the scale
+    of the noise. ``log_det`` (v,) is the logarithm of L's determinant.
     """
 
     Phi: Floats
@@ -67,15 +69,6 @@ class Predictor:
         sloped = (0.5 * sample_time_s * area - moment) @ model.B
         drive, trim = np.concatenate([area @ model.B, sloped], axis=2), area[:, :, :4]
         return cls(Phi, model.C, drive, trim, K, P, Q, whiten, log_det)
-
-    @property
-    def whitening(self) -> Floats:
-        """``whiten`` (v, 3, 3) with a determinant of 1.
-
-        The sum of squares of what it whitens has its least where the likelihood is largest,
-        whatever the scale of the noise.
-        """
-        return np.asarray(self.whiten * np.exp(self.log_det / 3.0)[:, None, None], np.float64)
 
     def some(self, which: slice) -> "Predictor":
         """Return these of the variants."""
@@ -131,12 +124,13 @@ def _sum_around(F: Floats, Q: Floats) -> Floats:
 
 
 def _gain(Phi: Floats, C: Floats, P: Floats, R: Floats) -> tuple[Floats, Floats, Floats]:
-    """Return K (v, 6, 3), the whitening (v, 3, 3) and log det L (v,) of S = L L' = C P C' + R."""
+    """Return K (v, 6, 3), ``whiten`` (v, 3, 3) and log det L (v,) of S = L L' = C P C' + R."""
     seen = P @ C.swapaxes(1, 2)
     factor = np.linalg.cholesky(C @ seen + R)
     whiten = np.linalg.inv(factor)
     K = Phi @ seen @ (whiten.swapaxes(1, 2) @ whiten)
-    return K, whiten, np.log(np.diagonal(factor, axis1=1, axis2=2)).sum(axis=1)
+    log_det = np.log(np.diagonal(factor, axis1=1, axis2=2)).sum(axis=1)
+    return K, whiten * np.exp(log_det / 3.0)[:, None, None], log_det
 
 
 def unused(missing: Flags) -> Flags:
@@ -156,7 +150,7 @@ def innovations(of: Predictor, known: Floats, into: Floats, seen: Floats, start:
     ``known`` (n, m) are what goes by ``into`` (v, 6, m) into the next state and what is measured by
     ``seen`` (3, m) or (v, 3, m). ``start`` (6, v) are the states of the first sample.
     """
-    whiten, m = of.whitening, known.shape[1]
+    whiten, m = of.whiten, known.shape[1]
     matrix = np.empty((start.shape[1], 9, m + 6))  # innovations and next state, of known and state
     matrix[:, :3, :m], matrix[:, 3:, :m] = whiten @ seen, into
     matrix[:, :3, m:], matrix[:, 3:, m:] = -whiten @ of.C, of.Phi - of.K @ of.C

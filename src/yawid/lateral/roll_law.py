@@ -10,7 +10,6 @@ import numpy as np
 
 from yawid.blocks import Floats
 from yawid.lateral.model import AILERON, AT, ROLL, RUDDER, Law, P, R, airframe
-from yawid.lateral.predictor import exponential
 from yawid.lateral.record import Record, lagged_lines
 
 KEPT = 0.7
@@ -90,29 +89,6 @@ def modal(whole: Floats, drive: Floats, seen: Floats) -> tuple[np.ndarray, np.nd
     near = np.abs(poles - np.conj(np.take_along_axis(poles, first, axis=1))).argsort(axis=1)
     order = np.hstack([first, near[near != first].reshape(len(near), -1)])
     return np.take_along_axis(poles, order, axis=1), np.take_along_axis(residues, order, axis=1)
-
-
-def yaw_rate_closed(theta: Floats, record: Record, law: Law) -> Floats:
-    """Return the yaw rate (n,) in rad/s that the rudder of a record makes under a roll law.
-
-    ``theta`` is (n,). It begins at rest, with the rudder as it is then; the rudder comes after its
-    delay and lag.
-
-    Raises:
-        numpy.linalg.LinAlgError: the model is not finite.
-    """
-    whole, drive = closed(theta[None], record.motion.airspeed_m_s, law)
-    Ts = record.sample_time_s
-    Phi, area, moment = exponential(whole, Ts)
-    inputs = record.inputs(float(theta[AT["servo_lag"]]), float(theta[AT["delay"]]))
-    by_mean, by_slope = (area @ drive)[0], ((0.5 * Ts * area - moment) @ drive)[0]
-    mean, slope = inputs[:, [RUDDER]] - inputs[0, RUDDER], inputs[:, [4 + RUDDER]]
-    driven = mean * by_mean.T + slope * by_slope.T
-    states = np.zeros_like(driven)
-    with np.errstate(all="ignore"):  # a law that is no stable hold may overflow
-        for k in range(len(states) - 1):
-            states[k + 1] = Phi[0] @ states[k] + driven[k]
-    return np.asarray(states[:, R], np.float64)
 
 
 def closed(theta: Floats, airspeed_m_s: float, law: Law) -> tuple[Floats, Floats]:

@@ -26,14 +26,14 @@ from yawid.answers.run_summary import (
     Response,
     Value,
 )
-from yawid.blocks import EstimateBlock, Floats, SampleBlock, finite
+from yawid.blocks import EstimateBlock, SampleBlock, finite
 from yawid.config.run import BOTH
 from yawid.estimation.polynomials import parameter_names
 from yawid.manoeuvre.answer import Answer, Known, answer_of
 from yawid.manoeuvre.conditions import conditions
-from yawid.manoeuvre.fit import Fit, fits_of
+from yawid.manoeuvre.fit import Fit
 from yawid.manoeuvre.judge import Evidence, ManoeuvreSetting, reasons
-from yawid.manoeuvre.responses import Record, averaged
+from yawid.manoeuvre.responses import averaged
 from yawid.manoeuvre.signals import fitted, is_turning
 from yawid.physics.continuous import overshoot_of, pole_of, settling_of
 from yawid.physics.modes import modes
@@ -97,13 +97,6 @@ def _of_stream(method: str, last: EstimateBlock, setting: ManoeuvreSetting) -> M
         dutch_roll=DutchRoll.of(found.dutch_roll[0]),
         fit=HowWell(**finite({"innovation_std": last.noise_std[0]})),
     )
-
-
-def seen_in(sample_time_s: float, rudder: Floats, yaw_rate: Floats) -> Floats:
-    """Return wn in rad/s and zeta (2,) that the fit sees in a yaw rate (n,); NaN without."""
-    record = Record.of(sample_time_s, rudder[:, None], yaw_rate)
-    found = answer_of(fits_of(record))
-    return np.full(2, np.nan) if found is None else np.array([found.wn_rad_s[0], found.zeta[0]])
 
 
 def _summary(of: Evidence, found: Conditions, *, usable: bool) -> MethodSummary:

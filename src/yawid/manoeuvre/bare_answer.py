@@ -23,16 +23,13 @@ from yawid.answers.run_summary import (
     Value,
 )
 from yawid.blocks import AIRSPEED_SHARE
-from yawid.lateral.airframe import Airframe, AsFlown, Known, with_modes
+from yawid.lateral.airframe import Airframe, Known, with_modes
 from yawid.lateral.fit_airframe import ANSWERED, fit_airframe, mean
 from yawid.lateral.gates import GATES, facts_against, stopped_by
 from yawid.lateral.motion import Motion
-from yawid.manoeuvre.answered import seen_in
 from yawid.manoeuvre.conditions import SIGMAS
 from yawid.manoeuvre.feedback import rate_feedback
-from yawid.manoeuvre.fit import SMALL
 from yawid.manoeuvre.flight import DISAGREE_WN, LEAST_AGREEING, agreement, disagreement, left_out
-from yawid.manoeuvre.projection import ROLL
 from yawid.quantities.flying_qualities import dutch_roll_level, wrong_sign
 from yawid.quantities.vehicles import AIRFRAME
 from yawid.results.yaw_loop import damped_by
@@ -119,7 +116,7 @@ def against_flown(found: Fitted, flown: Manoeuvre) -> Fitted:
         return found
     own: tuple[Known, Known] | None = airframe.wn_rad_s, airframe.zeta
     if flown.loop != AIRFRAME:
-        own = _seen_as_flown(airframe.as_flown, flown, found.motion)
+        own = airframe.as_flown if flown.inputs == ["rudder"] else None
     if own is None:
         return found
     apart = stopped_by({"differs_from_flown": _away(own, roll)})
@@ -132,30 +129,6 @@ def _away(own: tuple[Known, Known], flown: DutchRoll) -> float:
         abs(own[0].value - flown.wn_rad_s) / (own[0].std + (flown.wn_std or 0.0)),
         abs(own[1].value - flown.zeta) / (own[1].std + (flown.zeta_std or 0.0)),
     )
-
-
-def _seen_as_flown(
-    closed: AsFlown | None, flown: Manoeuvre, motion: Motion | str
-) -> tuple[Known, Known] | None:
-    """Return wn and zeta that the fit of an answer sees of the airframe as flown.
-
-    It has more poles than yaw rate alone shows, 10.06 for SITL's 10.37 rad/s: so the fit is made of
-    the yaw rate that it should have. By its weight, roll shows the pair itself.
-    """
-    if closed is None or flown.inputs != ["rudder"] or isinstance(motion, str):
-        return None
-    yaw_rate = np.where(np.isfinite(motion.r), closed.yaw_rate, np.nan)
-    wn, zeta = seen_in(motion.sample_time_s, closed.rudder, yaw_rate).tolist()
-    if not wn > 0.0:
-        return closed.wn_rad_s, closed.zeta
-    found = (flown.answer and flown.answer.structures) or {}
-    itself = sum(found[name].weight for name in (ROLL, ROLL + SMALL) if name in found)
-    wn, zeta = (
-        wn + itself * (closed.wn_rad_s.value - wn),
-        zeta + itself * (closed.zeta.value - zeta),
-    )
-    share = wn / closed.wn_rad_s.value
-    return Known(wn, share * closed.wn_rad_s.std), Known(zeta, closed.zeta.std)
 
 
 def _fed_back(motion: Motion, found: Airframe) -> float:
