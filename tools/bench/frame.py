@@ -62,6 +62,7 @@ PLACES = {
     "truth": ["truth", "truth_by"],
     "lateral": ["lateral", "lateral_numbers"],
     "ordinary": ["ordinary", "ordinary_hostile"],
+    "start": ["start", "start_bare"],
 }
 """The markers of a bench's tables. A bench that is not here writes its first table, below the
 marker of its own name."""
