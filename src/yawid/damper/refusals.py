@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from math import isfinite, pi
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
@@ -12,8 +12,10 @@ from yawid.answers.reasons import Reason
 from yawid.answers.run_summary import Flight, Manoeuvre, RunSummary
 from yawid.config.run import RunConfig
 from yawid.damper.autopilots import AUTOPILOTS, Autopilot, first
-from yawid.models.flown import Flown
 from yawid.quantities.vehicles import AIRFRAME
+
+if TYPE_CHECKING:
+    from yawid.models.flown import Flown  # it takes long to load, and inspect needs none of it
 
 EXIT_CODES: Final = {
     "not_usable": 5, "stick": 5, "other_loop": 5, "airspeed_unknown": 5, "wn_uncertain": 5,
@@ -185,7 +187,7 @@ def gain_flown(summary: RunSummary, manoeuvre: Manoeuvre, name: str, last: float
     return values.pop() if len(values) == 1 else None
 
 
-def check_turn(flown: Sequence[Flown], wn: float, factor: float) -> None:
+def check_turn(flown: Sequence["Flown"], wn: float, factor: float) -> None:
     """Check the share of the turn's term, which feeds the roll back, in the yaw rate near wn.
 
     ``factor`` is the parameter of the term, wn is in rad/s.
