@@ -146,9 +146,14 @@ def test_as_it_was_flown_the_airframe_must_be_within_one_and_a_half_times_both_s
 
 @pytest.mark.parametrize(
     ("reason", "known"),
-    [("not_excited", False), ("mode_not_driven", False), ("not_converged", True)],
+    [
+        ("not_excited", False),
+        ("mode_not_driven", False),
+        ("not_converged", True),
+        ("not_proportional", False),
+    ],
 )
-def test_a_rudder_that_did_not_drive_the_yaw_shows_no_airframe(
+def test_a_rudder_that_did_not_drive_the_yaw_or_not_in_proportion_shows_no_airframe(
     reason: str, known: bool, monkeypatch: pytest.MonkeyPatch
 ):
     """Rudder and aileron together often leave the yaw alone unresolved, and the airframe known."""
@@ -157,11 +162,12 @@ def test_a_rudder_that_did_not_drive_the_yaw_shows_no_airframe(
 
     monkeypatch.setattr(bare_answer, "fit_airframe", lambda motions, servo_lag_s: airframe())
 
-    told = lateral_of(fitted(1, MOTION_OF_20_S, None, flown))
+    told = lateral_of(against_flown(fitted(1, MOTION_OF_20_S, None, flown), flown))
 
     assert told.verdict.usable == known
     if not known:
-        assert told.verdict.reasons[0].text.endswith(f"the answer as flown is {reason}")
+        causes = f"the answer as flown is {reason}", "and the airframe is linear"
+        assert told.verdict.reasons[0].text.endswith(causes)
 
 
 @pytest.mark.parametrize(

@@ -134,6 +134,10 @@ GATES = {
         "move the rudder more, and the aileron on its own",
         ITERATIONS,
     ),
+    "not_proportional": Gate(
+        "as flown the yaw rate does not answer in proportion, and the airframe is linear",
+        "fly again with half the rudder",
+    ),
     "no_dutch_roll": Gate("no mode of the airframe oscillates", "check the channels' signs"),
 }
 """Every gate by its name, in the order in which they decide: what is wrong with the record comes

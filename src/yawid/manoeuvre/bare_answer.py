@@ -108,11 +108,16 @@ def fitted(n: int, motion: Motion | str, servo_lag_s: float | None, flown: Manoe
 def against_flown(found: Fitted, flown: Manoeuvre) -> Fitted:
     """Return a fit, refused where it is not the aircraft of a usable answer as flown.
 
-    It must be that itself where only the sticks flew, else closed with the roll law, if one is
-    found.
+    As flown it must answer in proportion. It must be that itself where only the sticks flew, else
+    closed with the roll law, if one is found.
     """
-    airframe, roll = found.airframe, flown.dutch_roll
-    if airframe is None or roll is None or not flown.verdict.usable:
+    if found.airframe is None:
+        return found
+    bent = any(each.id == "not_proportional" for each in flown.verdict.reasons)
+    failed = {**found.airframe.failed, **stopped_by({"not_proportional": float(bent)})}
+    airframe, roll = replace(found.airframe, failed=failed), flown.dutch_roll
+    found = replace(found, airframe=airframe)
+    if roll is None or not flown.verdict.usable:
         return found
     own: tuple[Known, Known] | None = airframe.wn_rad_s, airframe.zeta
     if flown.loop != AIRFRAME:
