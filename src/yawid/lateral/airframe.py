@@ -52,10 +52,8 @@ class Airframe:
     gust_std_rad: float
     rho1: float
     airspeed_m_s: float
-    """R squared of the aileron on roll and p: over .95 it is feedback alone."""
     as_flown: tuple[Known, Known] | None = None
     """Its wn and zeta closed with the roll law of the aileron, None where none is found."""
-    """None where no roll law is found."""
     given_lag_s: Known = Known()
     free_lag_s: Known = Known()
     """The servo lag that was given, and what a fit without it finds; NaN where none was given."""

@@ -7,6 +7,7 @@ mode 17 % too fast. So how much later is sought for every jump, as start and tri
 
 import math
 from collections.abc import Iterator, Sequence
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -61,16 +62,22 @@ class Record:
         self.y = self._filled[:3].T - self._filled[:3].mean(axis=1)
         self.turn = self._turn()
         times = motion.command_times_s()
-        inside = (times >= 0.0) & (times <= self.times_s[-1])
+        self._inside: Flags = (times >= 0.0) & (times <= self.times_s[-1])
         commands = np.stack([motion.aileron, motion.rudder])
-        self.commands = commands - commands[:, inside].mean(axis=1)[:, None]
-        self.aileron_moves = motion.aileron_known and bool(self.commands[0, inside].std() > AT_REST)
+        self.commands = commands - commands[:, self._inside].mean(axis=1)[:, None]
+        self.aileron_moves = motion.aileron_known and bool(
+            self.commands[0, self._inside].std() > AT_REST
+        )
         aileron, heard = self.commanded(0.0, 0.0)[:, 0], self.y[:, [0, 2]]
         self.fed_back = explained(aileron, heard) if self.aileron_moves else 0.0
-        its = [RUDDER] if self.fed_back > FOLLOWS else [AILERON, RUDDER]
-        jumps = [jump for surface in its for jump in self._jumps(surface, inside)]
-        self.jumps = sorted(jumps, key=lambda jump: -jump[2])[:MOST_JUMPS]
         self.jump_std_s = self.sample_time_s / math.sqrt(12.0)
+
+    @cached_property
+    def jumps(self) -> list[tuple[int, Floats, float]]:
+        """The largest jumps, as ``_jumps`` yields them: only a fit pays for them."""
+        its = [RUDDER] if self.fed_back > FOLLOWS else [AILERON, RUDDER]
+        jumps = [jump for surface in its for jump in self._jumps(surface)]
+        return sorted(jumps, key=lambda jump: -jump[2])[:MOST_JUMPS]
 
     def _fill(self, x: Floats) -> Floats:
         """Return x with lines over its gaps.
@@ -128,15 +135,15 @@ class Record:
         mean, slope = 0.5 * (both + after), (after - both) / self.sample_time_s
         return np.asarray(mean, np.float64), np.asarray(slope, np.float64)
 
-    def _jumps(self, surface: int, inside: Flags) -> Iterator[tuple[int, Floats, float]]:
+    def _jumps(self, surface: int) -> Iterator[tuple[int, Floats, float]]:
         """Yield the surface of each jump in a sample, what it adds (m,) if later by 1 s, its size.
 
         The jump may be anywhere in a sample. The step that is expected for a jump that is known to
         be late differs from the line by a parabola over that sample.
         """
         width, u = round(self.sample_time_s / COMMAND_STEP_S), self.commands[surface]
-        change = np.where(inside[:-width], u[width:] - u[:-width], 0.0)
-        large = np.abs(change) > JUMP * np.ptp(u[inside])
+        change = np.where(self._inside[:-width], u[width:] - u[:-width], 0.0)
+        large = np.abs(change) > JUMP * np.ptp(u[self._inside])
         edges = np.flatnonzero(np.diff(np.sign(change) * large, prepend=0.0, append=0.0))
         for start, stop in pairwise(edges.tolist()):
             if large[start]:

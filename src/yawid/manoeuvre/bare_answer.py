@@ -111,21 +111,19 @@ def against_flown(found: Fitted, flown: Manoeuvre) -> Fitted:
     As flown it must answer in proportion. It must be that itself where only the sticks flew, else
     closed with the roll law, if one is found.
     """
-    if found.airframe is None:
+    airframe, roll = found.airframe, flown.dutch_roll
+    if airframe is None:
         return found
-    bent = any(each.id == "not_proportional" for each in flown.verdict.reasons)
-    failed = {**found.airframe.failed, **stopped_by({"not_proportional": float(bent)})}
-    airframe, roll = replace(found.airframe, failed=failed), flown.dutch_roll
-    found = replace(found, airframe=airframe)
-    if roll is None or not flown.verdict.usable:
-        return found
+    against: dict[str, float] = {
+        "not_proportional": any(each.id == "not_proportional" for each in flown.verdict.reasons)
+    }
     own: tuple[Known, Known] | None = airframe.wn_rad_s, airframe.zeta
     if flown.loop != AIRFRAME:
         own = airframe.as_flown if flown.inputs == ["rudder"] else None
-    if own is None:
-        return found
-    apart = stopped_by({"differs_from_flown": _away(own, roll)})
-    return replace(found, airframe=replace(airframe, failed={**airframe.failed, **apart}))
+    if own is not None and roll is not None and flown.verdict.usable:
+        against["differs_from_flown"] = _away(own, roll)
+    failed = {**airframe.failed, **stopped_by(against)}
+    return replace(found, airframe=replace(airframe, failed=failed))
 
 
 def _away(own: tuple[Known, Known], flown: DutchRoll) -> float:
