@@ -92,10 +92,10 @@ def test_level_and_slope_are_weighted_least_squares() -> None:
     ones = np.ones(10, bool)
 
     slope = slope_of(x, fit, ones)
-    assert slope[0] == pytest.approx(0.5)
+    assert slope.value == pytest.approx(0.5)
     w = fit.day_std**-2.0
     mean = np.sum(w * x) / np.sum(w)
-    assert slope[1] == pytest.approx(np.sum(w * (x - mean) ** 2) ** -0.5)
+    assert slope.std == pytest.approx(np.sum(w * (x - mean) ** 2) ** -0.5)
     assert slope_of(x, fit, x < 2) is None
     level = level_of(track, fit, None)
     assert level.value == pytest.approx(np.average(track.value, weights=fit.std**-2.0))

@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 
 from yawid.blocks import Bools, Floats
-from yawid.trend.days import FAR, Days, local_median
+from yawid.trend.days import FAR, Days, alike, local_median
 
 LEAST_DAYS: Final = 12
 """Least number of days in which a change is looked for."""
@@ -34,15 +34,15 @@ class Fit:
     """Variance of the days about the fit, as a multiple of sigma² + tau²; NaN without ``dof``."""
     dof: float
     """Degrees of freedom of ``s2``; 0 or less if there are too few days."""
-    g2: float
+    g2: float = 0.0
     """By how much the profile reduces the weighted sum of squares."""
-    slope: float
+    slope: float = 0.0
     """The value after the change less that before it."""
-    level: float
+    level: float = 0.0
     """The value before the change."""
-    den: float
+    den: float = 1.0
     """The inverse variance of ``slope`` if ``s2`` were 1."""
-    swing: float
+    swing: float = 0.0
     """By how much a season of amplitude 1 could move ``slope``; 0 if a season is fitted."""
 
 
@@ -81,11 +81,8 @@ def fit_best(
     ``tau2`` (histories,) is tau²; ``scale`` (histories,) is the scatter of each history as a
     multiple of what its sigmas and tau explain.
     """
-    alike: dict[tuple[int, int], list[int]] = {}
-    for i, each in enumerate(days):
-        alike.setdefault(each.steady.shape, []).append(i)
     found: dict[int, Fit] = {}
-    for rows in alike.values():
+    for rows in alike(range(len(days)), lambda i: days[i].steady.shape):
         for begin in range(0, len(rows), _AT_ONCE):
             some = rows[begin : begin + _AT_ONCE]
             stack = _Stack([days[i] for i in some], tau2[some], scale[some])
@@ -116,18 +113,17 @@ class _Stack:
         for _ in range(_ROUNDS):
             found = self._best(kept, slow)
             kept = self._near(found["fitted"])
-        found["g2"] = np.maximum(0.0, self._loss(steady) - self._loss(found["fitted"]))
-        if "best" not in found:
-            return [self._without(found, i) for i in range(len(self.value))]
-        names = ("s2", "dof", "g2", "slope", "level", "den", "swing")
+        fitted, best = found.pop("fitted"), found.pop("best", None)
+        if best is not None:
+            found["g2"] = np.maximum(0.0, self._loss(steady) - self._loss(fitted))
         return [
-            Fit(int(k), found["fitted"][i], **{name: float(found[name][i]) for name in names})
-            for i, k in enumerate(found["best"])
+            Fit(
+                None if best is None else int(best[i]),
+                fitted[i],
+                **{name: float(numbers[i]) for name, numbers in found.items()},
+            )
+            for i in range(len(fitted))
         ]
-
-    def _without(self, found: dict[str, Floats], i: int) -> Fit:
-        s2, dof = float(found["s2"][i]), float(found["dof"][i])
-        return Fit(None, found["fitted"][i], s2, dof, 0.0, 0.0, 0.0, 1.0, 0.0)
 
     def _near(self, fitted: Floats) -> Bools:
         """Return which days (r, d) have weight: all of a history if half of them are far off."""

@@ -30,7 +30,15 @@ import numpy as np
 
 from yawid.blocks import Floats
 from yawid.trend.best_profile import LEAST_DAYS, Fit, fit_best, profiles, variance
-from yawid.trend.days import MEDIAN_CHI2, Days, Track, by_day, solve_tau2, within_tau2
+from yawid.trend.days import (
+    MEDIAN_CHI2,
+    Days,
+    Track,
+    by_day,
+    neighbours_tau2,
+    solve_tau2,
+    within_tau2,
+)
 from yawid.trend.moderated import moderated, prior, two_sided
 
 SEASON: Final = 0.04
@@ -65,11 +73,6 @@ class Change:
     """Probability that a history with no more than a season shows as much in any of its tests."""
     p_if_no_season: float
     """Probability that a history without change or season shows as much in any of its tests."""
-
-    @property
-    def is_step(self) -> bool:
-        """Whether the change happens from one day to the next."""
-        return self.last == self.first + 1
 
 
 @dataclass(frozen=True, slots=True)
@@ -151,7 +154,7 @@ class _Fleet:
         ]
         self.within2 = within_tau2(self.tracks)
         self.days = [by_day(track, self.within2) for track in self.tracks]
-        self.tau2 = _first_tau2(self.days)
+        self.tau2 = neighbours_tau2((d.value, d.sigma, slice(None)) for d in self.days)
         self.scale: Floats = np.ones(len(tracks))
 
     def see_scatter(self, fits: Sequence[Fit]) -> None:
@@ -200,14 +203,6 @@ def scatter(sigma: Floats, tau2: float, s2: float) -> Floats:
 def _unit(track: Track) -> float:
     level = abs(float(np.median(track.value)))
     return max(level, float(np.median(track.sigma)), 1e-12)
-
-
-def _first_tau2(days: Sequence[Days]) -> float:
-    """Return tau² from the differences of neighbouring days, which slow changes hardly affect."""
-    pairs = [(np.diff(d.value) ** 2, d.sigma[1:] ** 2 + d.sigma[:-1] ** 2) for d in days]
-    d2 = np.concatenate([np.zeros(0), *(pair[0] for pair in pairs)])
-    s2 = np.concatenate([np.zeros(0), *(pair[1] for pair in pairs)])
-    return solve_tau2(d2 / 2.0, s2 / 2.0)
 
 
 def _tau2(days: Sequence[Days], fits: Sequence[Fit]) -> float:

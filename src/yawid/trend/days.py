@@ -6,15 +6,17 @@ weighted by 1 / (sigma² + within²). ``within`` is the scatter between flights 
 sigmas do not explain. The scatter between days that is left over is tau.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Hashable, Iterable, Sequence
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from functools import cached_property
-from typing import Final
+from typing import Final, TypeVar
 
 import numpy as np
 
 from yawid.blocks import Bools, Floats, Ints
 
+_Each = TypeVar("_Each")
 HOUR_US: Final = 3_600_000_000
 DAY_US: Final = 24 * HOUR_US
 NIGHT_US: Final = 6 * HOUR_US
@@ -109,6 +111,19 @@ class Days:
         return bool(np.ptp(self.year) >= LEAST_YEARS and len(quarters) >= LEAST_QUARTERS)
 
 
+def date(us: int) -> str:
+    """Return a time in us since 1970 as ISO 8601 in UTC."""
+    return datetime.fromtimestamp(int(us) / 1e6, UTC).isoformat(timespec="seconds")
+
+
+def alike(every: Iterable[_Each], key: Callable[[_Each], Hashable]) -> list[list[_Each]]:
+    """Return what has the same key together, in the order of the first ones."""
+    found: dict[Hashable, list[_Each]] = {}
+    for each in every:
+        found.setdefault(key(each), []).append(each)
+    return list(found.values())
+
+
 def days_of(date_us: Ints) -> Ints:
     """Return the number of each flight's day (n,), from 0; the dates (n,) in us are sorted."""
     day = np.zeros(len(date_us), dtype=np.int64)
@@ -122,12 +137,20 @@ def days_of(date_us: Ints) -> Ints:
 
 def within_tau2(tracks: Sequence[Track]) -> float:
     """Return ``within``² of all tracks: tau² between flights of one day; 0 if no day has two."""
-    r2, s2 = [np.zeros(0)], [np.zeros(0)]
-    for track in tracks:
-        same = np.diff(track.day) == 0
-        r2.append(np.diff(track.value)[same] ** 2)
-        s2.append((track.sigma[1:] ** 2 + track.sigma[:-1] ** 2)[same])
-    return solve_tau2(np.concatenate(r2) / 2.0, np.concatenate(s2) / 2.0)
+    return neighbours_tau2((t.value, t.sigma, np.diff(t.day) == 0) for t in tracks)
+
+
+def neighbours_tau2(parts: Iterable[tuple[Floats, Floats, Bools | slice]]) -> float:
+    """Return tau² from the differences of neighbours, which slow changes hardly affect.
+
+    Each part has values (n,), their sigmas (n,), and which of the n - 1 differences count.
+    """
+    pairs = [
+        (np.diff(value)[counts] ** 2, (sigma[1:] ** 2 + sigma[:-1] ** 2)[counts])
+        for value, sigma, counts in parts
+    ]
+    r2, s2 = (np.concatenate(each) for each in zip(*pairs, strict=True))
+    return solve_tau2(r2 / 2.0, s2 / 2.0)
 
 
 def by_day(track: Track, within2: float) -> Days:

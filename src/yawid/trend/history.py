@@ -24,7 +24,7 @@ from yawid.ordinary import Ordinary, Sums, answer_of
 from yawid.quantities.airspeed import density_ratio
 from yawid.quantities.vehicles import autopilot_name, type_name
 from yawid.trend import SEVERAL
-from yawid.trend.days import Track, days_of
+from yawid.trend.days import Track, alike, days_of
 
 FOLLOWED: Final = {"kappa_rad_m": "kappa_std", "zeta": "zeta_std", "K_per_V": "K_per_V_std"}
 """The numbers that are followed, by their column, each with the column of its total sigma."""
@@ -172,17 +172,14 @@ def mixed(flights: Flights) -> Iterator[Reason]:
 
     They have several types of vehicle or autopilot, or airspeeds with a gap between them.
     """
-    by_id: dict[str, list[FlightRow]] = {}
-    for row in flights.rows:
-        if row["vehicle"].startswith(BY_SYSID):
-            by_id.setdefault(shown(row["vehicle"]), []).append(row)
-    for vehicle, rows in by_id.items():
+    by_id = (row for row in flights.rows if row["vehicle"].startswith(BY_SYSID))
+    for rows in alike(by_id, lambda row: shown(row["vehicle"])):
         parts = (("flown as", _kinds(rows)), ("at", _ranges(rows)))
         said = [f"{how} {' and '.join(kinds)}" for how, kinds in parts if len(kinds) > 1]
         if said:
             text = (
-                f"{vehicle} may be several aircraft, {', '.join(said)}: name them by "
-                "yawid fleet --vehicle-from folder or --vehicle NAME"
+                f"{shown(rows[0]['vehicle'])} may be several aircraft, {', '.join(said)}: name "
+                "them by yawid fleet --vehicle-from folder or --vehicle NAME"
             )
             yield Reason(SEVERAL, text, weight="warning")
 

@@ -1,31 +1,30 @@
 """The level of a vehicle's number, its slope, its outliers, and how vehicles compare."""
 
 from dataclasses import dataclass
-from typing import Final
+from typing import Annotated, Final
 
 import numpy as np
 
+from yawid.answers.part import Part, says
+from yawid.answers.run_summary import Value
 from yawid.blocks import Bools, Floats
 from yawid.trend.best_profile import WITHIN_FAR
 from yawid.trend.changes import Fitted
-from yawid.trend.days import FAR, Track, solve_tau2
-from yawid.trend.moderated import two_sided
+from yawid.trend.days import FAR, YEAR_US, Track, date, solve_tau2
 
-LEAST_COMPARED: Final = 5
-"""Least number of vehicles for comparing each with the others."""
+A_YEAR: Final = 40.0
+"""A year, counted from 1970, whose calendar turns a fraction of a year into a date."""
 LEAST_SLOPE: Final = 3
 """Least number of days for a straight line: one more than it has parameters."""
 _ROUNDS: Final = 6
 """How often a fit is repeated without the days that are far off it."""
 
 
-@dataclass(frozen=True, slots=True)
-class Season:
-    """A season: its amplitude with sigma, and its ``peak`` as a fraction of the year."""
+class Yearly(Part, frozen=True, kw_only=True):
+    """A season: the amplitude by which a number swings, and the day of the year of its peak."""
 
-    amplitude: float
-    std: float
-    peak: float
+    amplitude: Annotated[Value, says("by how much it swings the number either way")]
+    peak: Annotated[str, says("month and day at which the number is highest")]
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,7 +43,7 @@ class Level:
     """Scatter of this vehicle's flights beyond their sigmas; None for fewer than five flights."""
     fitted: Floats
     """The level or profile at each flight (n,)."""
-    season: Season | None
+    season: Yearly | None
     """The season; None if the days do not suffice to fit one."""
     excess: float
     """Variance of the days about the fit as a multiple of the assumed one, at least 1."""
@@ -74,15 +73,15 @@ def level_of(track: Track, fitted: Fitted, profile: Floats | None) -> Level:
     return Level(value, error, z, np.abs(z) <= FAR, tau, line, season, max(1.0, excess))
 
 
-def _season(theta: Floats, cov: Floats) -> Season:
+def _season(theta: Floats, cov: Floats) -> Yearly:
     """Return the season given the coefficients (2,) of cosine and sine, and their covariance."""
-    amplitude = float(np.hypot(*theta))
-    std = float(np.sqrt(np.trace(cov) / 2.0))
-    return Season(amplitude, std, float(np.arctan2(theta[1], theta[0]) / (2.0 * np.pi)) % 1.0)
+    amplitude = Value(float(np.hypot(*theta)), float(np.sqrt(np.trace(cov) / 2.0)))
+    peak = float(np.arctan2(theta[1], theta[0]) / (2.0 * np.pi)) % 1.0
+    return Yearly(amplitude=amplitude, peak=date(round((A_YEAR + peak) * YEAR_US))[5:10])
 
 
-def slope_of(x: Floats, fitted: Fitted, kept: Bools) -> tuple[float, float] | None:
-    """Return the slope of a straight line over x (n,) and its sigma; None for too few days.
+def slope_of(x: Floats, fitted: Fitted, kept: Bools) -> Value | None:
+    """Return the slope of a straight line over x (n,) with its sigma; None for too few days.
 
     ``kept`` (n,) are the flights that have weight; a day has weight if most of its flights have.
     """
@@ -93,7 +92,7 @@ def slope_of(x: Floats, fitted: Fitted, kept: Bools) -> tuple[float, float] | No
         return None
     design = np.column_stack([days.steady, x - x[kept].mean()])
     theta, cov = weighted_fit(design, days.value, fitted.day_std, kept)
-    return float(theta[-1]), float(np.sqrt(cov[-1, -1]))
+    return Value(float(theta[-1]), float(np.sqrt(cov[-1, -1])))
 
 
 def weighted_fit(design: Floats, value: Floats, std: Floats, kept: Bools) -> tuple[Floats, Floats]:
@@ -106,28 +105,11 @@ def weighted_fit(design: Floats, value: Floats, std: Floats, kept: Bools) -> tup
     return cov @ weighted.T @ (value[kept] / std[kept]), cov
 
 
-@dataclass(frozen=True, slots=True)
-class Compared:
-    """A vehicle compared with others.
+def compare(value: Floats, std: Floats) -> tuple[float, Floats]:
+    """Return the median of the levels (v,) of vehicles, and how far each is off it in sigmas (v,).
 
-    ``median`` is that of all, ``z`` the vehicle's distance from it in sigmas, and ``p`` the
-    probability of a larger one by chance.
+    ``std`` (v,) are the levels' sigmas; to them comes the scatter between the vehicles.
     """
-
-    median: float
-    z: float
-    p: float
-
-
-def compare(value: Floats, std: Floats) -> list[Compared | None]:
-    """Compare vehicles by their levels (v,) and sigmas (v,), given the scatter between all of them.
-
-    Each entry is None if there are fewer than LEAST_COMPARED vehicles.
-    """
-    n = len(value)
-    if n < LEAST_COMPARED:
-        return [None] * n
-    median = float(np.median(value))
+    n, median = len(value), float(np.median(value))
     tau2 = solve_tau2((value - median) ** 2 * n / (n - 1), std**2)
-    z = (value - median) / np.sqrt(np.maximum(std**2 + tau2, 1e-300))
-    return [Compared(median, float(each), two_sided(each, n - 1.0)) for each in z]
+    return median, (value - median) / np.sqrt(np.maximum(std**2 + tau2, 1e-300))

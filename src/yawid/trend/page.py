@@ -13,9 +13,9 @@ from yawid.quantities.table import QUANTITIES
 from yawid.report.html import Cell, head, listed, note, page, pictures, sheet
 from yawid.report.picture import Picture, band
 from yawid.sinks.palette import BAD, DATA, NEUTRAL
-from yawid.system.part_file import check_free, write_whole
+from yawid.system.part_file import written_whole
 from yawid.trend import words
-from yawid.trend.days import FAR
+from yawid.trend.days import FAR, alike
 from yawid.trend.history import FOLLOWED
 from yawid.trend.trend import Followed, Studied, Trend
 
@@ -37,9 +37,9 @@ def write_page(
     Raises:
         SinkError: the file exists and ``force`` is not set, or it cannot be written.
     """
-    check_free(path, force=force)
-    html = page(f"{Path(report.dataset).name} - yawid trend", _sections(report, studied))
-    write_whole({path: html.encode("utf-8", "replace")}, force=force)
+    title = f"{Path(report.dataset).name} - yawid trend"
+    with written_whole(path, force=force) as stream:
+        stream.write(page(title, _sections(report, studied)).encode("utf-8", "replace"))
 
 
 def _sections(report: Trend, studied: Sequence[Studied]) -> Iterator[str]:
@@ -53,11 +53,8 @@ def _sections(report: Trend, studied: Sequence[Studied]) -> Iterator[str]:
     yield head(name, origin, sentence, listed(_changes(report)),
                usable=not changed and report.judged > 0)  # fmt: skip
     if studied:
-        by_vehicle: dict[tuple[str, str], list[Studied]] = {}
-        for each in studied:
-            whose = (each.history.vehicle, each.history.loop)
-            by_vehicle.setdefault(whose, []).append(each)
-        first = sorted(by_vehicle.values(), key=lambda some: all(e.change is None for e in some))
+        by_vehicle = alike(studied, lambda each: (each.history.vehicle, each.history.loop))
+        first = sorted(by_vehicle, key=lambda some: all(e.change is None for e in some))
         shown = [_picture(i, some) for i, some in enumerate(first[:MOST_VEHICLES])]
         yield pictures("Over the flights", shown)
         more = len(first) - len(shown)
@@ -107,19 +104,15 @@ def _whose(each: Followed) -> str:
     return f"{each.vehicle} {words.name_of(each.quantity)}"
 
 
-def _season_cell(each: Followed) -> Cell:
-    if each.season is None:
-        return "–", ""
-    return words.spread(each.season.amplitude), f"highest on {each.season.peak}"
-
-
 def _row(each: Followed) -> Iterator[Cell]:
     yield each.vehicle, each.loop.replace("_", " ")
     yield words.name_of(each.quantity), each.unit
     yield str(each.flights), f"{each.first_date[:10]} to {each.last_date[:10]}"
     yield words.spread(each.now), ""
     yield words.spread(each.slope_per_year), ""
-    yield _season_cell(each)
+    yield ("–", "") if (season := each.season) is None else (
+        words.spread(season.amplitude), f"highest on {season.peak}"
+    )  # fmt: skip
     yield words.spread(each.slope_per_flight), ""
     yield "–" if each.between_std is None else f"{each.between_std:.2g}", ""
     yield "–" if each.beside is None else f"{each.beside.sigmas:+.1f}", ""

@@ -9,7 +9,6 @@ reported at the same rate for a single test; they do not count as changes.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated, Final
 
@@ -21,15 +20,15 @@ from yawid.answers.run_summary import Value
 from yawid.errors import ConfigError
 from yawid.quantities.table import QUANTITIES
 from yawid.trend.changes import Change, Fitted, fit_fleets, profile
-from yawid.trend.days import YEAR_US
+from yawid.trend.days import YEAR_US, alike, date
 from yawid.trend.history import Flights, History, measured_otherwise, mixed, read_flights
-from yawid.trend.levels import Compared, Level, compare, level_of, slope_of
+from yawid.trend.levels import Level, Yearly, compare, level_of, slope_of
 from yawid.trend.moderated import two_sided
 
 FALSE_ALARMS: Final = 0.01
 """Rate of false alarms of a whole data set."""
-A_YEAR: Final = 40.0
-"""A year, counted from 1970, whose calendar turns a fraction of a year into a date."""
+LEAST_COMPARED: Final = 5
+"""Least number of vehicles for comparing each with the others."""
 LEAST_SPAN_YEARS: Final = 1.0 / 12.0
 """Least time from the first flight to the last for a slope per year: a few days do not show one."""
 
@@ -73,13 +72,6 @@ class Outlier(Part, frozen=True, kw_only=True):
     value: Annotated[float, says("what it says", "as the quantity it belongs to")]
     sigmas: Annotated[float, says("in sigmas", "1")]
     p: Annotated[float, says("probability of as much by chance anywhere in what was tested", "1")]
-
-
-class Yearly(Part, frozen=True, kw_only=True):
-    """A season: the amplitude by which a number swings, and the day of the year of its peak."""
-
-    amplitude: Annotated[Value, says("by how much it swings the number either way")]
-    peak: Annotated[str, says("month and day at which the number is highest")]
 
 
 class Beside(Part, frozen=True, kw_only=True):
@@ -216,13 +208,11 @@ def study(flights: Flights) -> list[Studied]:
     """Return each history with its results, judged among all histories."""
     histories = flights.histories
     fits = _fits(histories)
-    among = _Among(
-        histories=sum(fit.change is not None for fit in fits),
-        numbers=sum(len(history.flights) for history in histories),
-    )
+    tested = sum(fit.change is not None for fit in fits)
+    numbers = sum(len(history.flights) for history in histories)
     levels, changes = [], []
     for history, fit in zip(histories, fits, strict=True):
-        is_change = fit.change is not None and fit.change.p * among.histories <= FALSE_ALARMS
+        is_change = fit.change is not None and fit.change.p * tested <= FALSE_ALARMS
         change = fit.change if is_change else None
         shape = None if change is None else profile(len(fit.days.value), change)
         changes.append(change)
@@ -230,52 +220,40 @@ def study(flights: Flights) -> list[Studied]:
     compared = _compared(histories, levels)
     return [
         Studied(history, fit, level, change, _followed(flights, history, fit, level, change, beside,
-                                                   among))
+                                                   tested, numbers))
         for history, fit, level, change, beside in zip(
             histories, fits, levels, changes, compared, strict=True
         )
     ]  # fmt: skip
 
 
-@dataclass(frozen=True, slots=True)
-class _Among:
-    """How many histories are tested for a change, and how many numbers are tested as outliers."""
-
-    histories: int
-    numbers: int
-
-
 def _fits(histories: Sequence[History]) -> list[Fitted]:
     """Return the fit of each history; those of one loop and quantity share their scatter."""
-    alike: dict[tuple[str, str], list[int]] = {}
-    for i, history in enumerate(histories):
-        alike.setdefault((history.loop, history.quantity), []).append(i)
+    fleets = alike(range(len(histories)), lambda i: (histories[i].loop, histories[i].quantity))
     found: dict[int, Fitted] = {}
-    numbers = [[histories[i].track for i in rows] for rows in alike.values()]
-    for rows, fits in zip(alike.values(), fit_fleets(numbers), strict=True):
+    numbers = [[histories[i].track for i in rows] for rows in fleets]
+    for rows, fits in zip(fleets, fit_fleets(numbers), strict=True):
         found |= zip(rows, fits, strict=True)
     return [found[i] for i in range(len(histories))]
 
 
 def _compared(histories: Sequence[History], levels: Sequence[Level]) -> list[Beside | None]:
-    """Compare the levels of vehicles of one type and loop."""
-    alike: dict[tuple[object, ...], list[int]] = {}
-    for i, history in enumerate(histories):
-        alike.setdefault((history.vehicle_type, history.loop, history.quantity), []).append(i)
+    """Compare the levels of vehicles of one type and loop; None where they are too few."""
+
+    def kind(i: int) -> tuple[int | None, str, str]:
+        return histories[i].vehicle_type, histories[i].loop, histories[i].quantity
+
     found: list[Beside | None] = [None] * len(histories)
-    for rows in alike.values():
-        value = np.array([levels[i].value for i in rows])
-        std = np.array([levels[i].std for i in rows])
-        for i, beside in zip(rows, compare(value, std), strict=True):
-            found[i] = None if beside is None else _among_others(beside, len(rows), len(histories))
+    for rows in alike(range(len(histories)), kind):
+        if (count := len(rows)) >= LEAST_COMPARED:
+            value = np.array([levels[i].value for i in rows])
+            median, away = compare(value, np.array([levels[i].std for i in rows]))
+            for i, z in zip(rows, away.tolist(), strict=True):
+                p = min(1.0, two_sided(z, count - 1.0) * len(histories))
+                found[i] = Beside(
+                    vehicles=count, median=median, sigmas=z, p=p, stands_out=p <= FALSE_ALARMS
+                )
     return found
-
-
-def _among_others(found: Compared, vehicles: int, tested: int) -> Beside:
-    p = min(1.0, found.p * tested)
-    return Beside(
-        vehicles=vehicles, median=found.median, sigmas=found.z, p=p, stands_out=p <= FALSE_ALARMS
-    )
 
 
 def _followed(
@@ -285,15 +263,15 @@ def _followed(
     level: Level,
     change: Change | None,
     beside: Beside | None,
-    among: _Among,
+    tested: int,
+    numbers: int,
 ) -> Followed:
-    dates, n = history.track.dates, len(history.flights)
-    clear = fit.change if fit.change is not None and _is_clear(fit.change, among) else None
+    """Return the results of a history among ``tested`` histories with ``numbers`` in all."""
+    dates, n, clear = history.track.dates, len(history.flights), fit.change
+    if clear is not None and clear.p_if_no_season * tested > FALSE_ALARMS:
+        clear = None
     years = (dates - dates[0]) / YEAR_US
-    by_year = None
-    if years[-1] >= LEAST_SPAN_YEARS:
-        by_year = slope_of(years, fit, level.kept)
-    by_flight = slope_of(np.arange(n, dtype=float), fit, level.kept)
+    is_long = years[-1] >= LEAST_SPAN_YEARS
     return Followed(
         vehicle=history.vehicle,
         loop=history.loop,
@@ -305,44 +283,29 @@ def _followed(
         last_date=date(dates[-1]),
         now=Value(value=level.value, std=level.std),
         between_std=level.tau,
-        slope_per_year=_value(by_year),
-        slope_per_flight=_value(by_flight),
+        slope_per_year=slope_of(years, fit, level.kept) if is_long else None,
+        slope_per_flight=slope_of(np.arange(n, dtype=float), fit, level.kept),
         tested=fit.change is not None,
-        change=None if change is None else _changed(flights, history, fit, change, change.p, among),
+        change=None
+        if change is None
+        else _changed(flights, history, fit, change, change.p, tested),
         may_be_season=None
         if change is not None or clear is None
-        else _changed(flights, history, fit, clear, clear.p_if_no_season, among),
-        season=_yearly(level),
-        outliers=_outliers(flights, history, fit, level, among.numbers),
+        else _changed(flights, history, fit, clear, clear.p_if_no_season, tested),
+        season=level.season,
+        outliers=_outliers(flights, history, fit, level, numbers),
         beside=beside,
     )
 
 
-def _value(found: tuple[float, float] | None) -> Value | None:
-    return None if found is None else Value(value=found[0], std=found[1])
-
-
-def _is_clear(change: Change, among: _Among) -> bool:
-    """Return whether something changed, even if a season may explain it."""
-    return change.p_if_no_season * among.histories <= FALSE_ALARMS
-
-
-def _yearly(level: Level) -> Yearly | None:
-    season = level.season
-    if season is None:
-        return None
-    day = date(round((A_YEAR + season.peak) * YEAR_US))[5:10]
-    return Yearly(amplitude=Value(value=season.amplitude, std=season.std), peak=day)
-
-
 def _changed(
-    flights: Flights, history: History, fit: Fitted, change: Change, p: float, among: _Among
+    flights: Flights, history: History, fit: Fitted, change: Change, p: float, tested: int
 ) -> Changed:
     difference = change.after - change.before
     dates = history.track.dates
     first, last = int(fit.days.last[change.first]), int(fit.days.first[change.last])
     return Changed(
-        kind="step" if change.is_step else "slope",
+        kind="step" if change.last == change.first + 1 else "slope",
         from_flight=first + 1,
         to_flight=last + 1,
         from_date=date(dates[first]),
@@ -353,7 +316,7 @@ def _changed(
         std=change.std,
         sigmas=change.t,
         percent=100.0 * difference / abs(change.before) if change.before else None,
-        p=min(1.0, p * among.histories),
+        p=min(1.0, p * tested),
         measured_otherwise=measured_otherwise(flights, history, first, last),
     )
 
@@ -372,8 +335,3 @@ def _outliers(
             )  # fmt: skip
             found.append(outlier)
     return found
-
-
-def date(us: int) -> str:
-    """Return a time in us since 1970 as ISO 8601 in UTC."""
-    return datetime.fromtimestamp(int(us) / 1e6, UTC).isoformat(timespec="seconds")

@@ -21,11 +21,11 @@ def name_of(quantity: str, names: tuple[str, str] = GREEK) -> str:
     return found
 
 
-def spread(value: Value | None, unit: str = "") -> str:
+def spread(value: Value | None) -> str:
     """Return a value with one sigma in words, or ``-`` if there is no value."""
     if value is None or value.value is None:
         return "-"
-    return f"{plus_minus(value.value, value.std)} {unit}".rstrip()
+    return plus_minus(value.value, value.std)
 
 
 def change_line(change: Changed) -> str:
