@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import json
 import re
 from argparse import SUPPRESS
@@ -16,7 +15,8 @@ from places import REPLAY_LOGS
 from yawid.answers.reports import OrdersReport
 from yawid.cli.main import COMMANDS, command_of, every, main, overview, parsed
 from yawid.config.settings import check_settings
-from yawid.sinks.run_page import print_orders
+from yawid.sinks.pages import to_text
+from yawid.sinks.run_page import orders_page
 
 QUIET = str(REPLAY_LOGS / "sitl_auto" / "log.tlog")
 C172P = str(REPLAY_LOGS / "c172p_3211" / "log.tlog")
@@ -47,10 +47,9 @@ def test_orders_recommends_nothing_for_a_log_that_cannot_answer(capsys):
     told = json.loads(capsys.readouterr().out)
     assert "recommended" not in told
     assert told["candidates"]
-    page = io.StringIO()
-    print_orders(msgspec.convert(told, OrdersReport), page)
-    assert "no orders are recommended" in page.getvalue()
-    assert told["verdict"]["reasons"][0]["id"] in page.getvalue()
+    page = to_text(orders_page(msgspec.convert(told, OrdersReport)))
+    assert "no orders are recommended" in page
+    assert told["verdict"]["reasons"][0]["id"] in page
 
 
 def test_every_command_stands_in_the_overview_and_has_two_examples(capsys):

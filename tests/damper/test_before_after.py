@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import json
 from pathlib import Path
 from typing import Any
@@ -23,8 +22,9 @@ from yawid.damper.decay import damped_sine, decays_in
 from yawid.damper.identified import Facts
 from yawid.damper.loop import pilots_rudder
 from yawid.damper.refusals import gain_flown
+from yawid.sinks.pages import to_text
 from yawid.trend.diff import DamperDiff, Diff
-from yawid.trend.table import print_diff
+from yawid.trend.table import diff_page
 
 GAIN = 0.3
 FAST, EVERY = 200, 4
@@ -152,11 +152,9 @@ def test_the_terminal_and_json_have_what_was_found(found) -> None:
     )  # fmt: skip
     told = Diff(a="a", b="b", changed=True, false_alarm_rate=0.01, judged=1, numbers=[], facts=[],
                 notes=[], damper=damper)  # fmt: skip
-    stream = io.StringIO()
 
-    print_diff(told, stream)
+    said = to_text(diff_page(told))
 
-    said = stream.getvalue()
     assert "without its yaw damper  CHANGED in zeta" in said
     assert "one note" in said
     rows = [line.split() for line in said.splitlines() if line.endswith("agrees")]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import json
 
 import numpy as np
@@ -21,7 +20,8 @@ from yawid.answers.reasons import Reason, Verdict
 from yawid.answers.run_summary import Bare, ChannelFound, Origin, RunSummary
 from yawid.cli.main import main
 from yawid.results.make_card import Flown, make_card
-from yawid.sinks.terminal.inspection import print_card
+from yawid.sinks.pages import to_text
+from yawid.sinks.terminal.inspection import card_page
 
 LIVE = "yawid live udpin:127.0.0.1:14560"
 RUDDER = ChannelFound("servo4", min_us=1000.0, trim_us=1500.0, max_us=1900.0)
@@ -44,9 +44,7 @@ def page_of(summary: RunSummary, card: FlightTestCard | None) -> list[str]:
         **origin, senders={}, by_sender={}, rates={}, excited=[], card=card,
         verdict=summary.verdict,
     )  # fmt: skip
-    stream = io.StringIO()
-    print_card(report, stream)
-    return stream.getvalue().splitlines()
+    return to_text(card_page(report)).splitlines()
 
 
 def test_times_are_parts_of_the_period_and_the_rudder_is_in_percent_pulses_and_degrees():

@@ -35,7 +35,8 @@ from yawid.report.write import write_report
 from yawid.results.ordinary_flight import compared
 from yawid.runs.live.publish import values_of
 from yawid.runs.live.running_answer import RunningAnswer, said
-from yawid.sinks.run_page import print_summary
+from yawid.sinks.pages import to_text
+from yawid.sinks.run_page import whole_page
 from yawid.sources.mavlink.decoder import Decoder
 
 
@@ -77,9 +78,8 @@ def runs(log: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Repla
 
 def page(told: dict[str, Any]) -> str:
     """Return what a terminal shows, on one line."""
-    out = io.StringIO()
-    print_summary(RunSummary.from_json(json.dumps(told).encode()), out)
-    return " ".join(out.getvalue().split())
+    summary = RunSummary.from_json(json.dumps(told).encode())
+    return " ".join(to_text(whole_page(summary)).split())
 
 
 def test_the_mode_stands_next_to_the_refusal_of_the_rudders_question(

@@ -42,9 +42,10 @@ from yawid.sinks.pages import (
     rich_table,
     to_html,
     to_terminal,
+    to_text,
     verdict_parts,
 )
-from yawid.sinks.run_page import manoeuvre_grid, print_summary
+from yawid.sinks.run_page import manoeuvre_grid, whole_page
 from yawid.sinks.words import Row, percent
 
 HOSTILE = "a|b <script>\x1b[31m"
@@ -95,12 +96,12 @@ def test_a_run_whose_manoeuvres_were_not_looked_for_is_shown_as_not_judged_and_h
 ) -> None:
     """Samples without enough before them teach nothing either, but nothing holds them."""
     options = "--rate", 10, "--memory", "inf", "--manoeuvres", "off"  # as report/test_report.py
-    run, out = open_run(replayed(C172P, tmp_path, *options)), io.StringIO()
+    run = open_run(replayed(C172P, tmp_path, *options))
     html = report(run)
     assert "It was not judged." in first_screen(html)
-    print_summary(run.summary, out)
-    assert "verdict  not judged" in out.getvalue()
-    assert "NOT USABLE" not in out.getvalue()
+    shown = to_text(whole_page(run.summary))
+    assert "verdict  not judged" in shown
+    assert "NOT USABLE" not in shown
     text, counts = Page(html).text, [run.summary.estimates[name].held for name in ("els", "rml")]
     assert min(counts) > 0
     assert f"not used: held, or too few before them {counts[0]} {counts[1]}" in text
@@ -134,9 +135,7 @@ def test_a_run_that_explodes_is_reported_without_a_warning_or_an_absurd_number(
     options = (*options, "--manoeuvres", "off", "--to", 60)
     run = open_run(replayed(C172P, tmp_path, *options))
     assert run.summary.estimates["rml"].fit.simulation_pct == -1000.0
-    out = io.StringIO()
-    print_summary(run.summary, out)
-    for text in (Page(report(run)).text, out.getvalue()):
+    for text in (Page(report(run)).text, to_text(whole_page(run.summary))):
         assert "< -1000" in text
         assert not re.findall(r"[1-9]e\+\d\d", text)
     assert percent(-999.0, ".0f") == "-999"
@@ -215,9 +214,7 @@ Make = Callable[[], RunSummary]
 
 
 def printed(run: RunSummary) -> list[str]:
-    out = io.StringIO()
-    print_summary(run, out)
-    lines = out.getvalue().splitlines()
+    lines = to_text(whole_page(run)).splitlines()
     assert max(map(len, lines)) <= WIDTH
     return lines
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +9,8 @@ import msgspec
 from printed import answered
 
 from yawid.answers.inspection import Inspection
-from yawid.sinks.terminal.inspection import print_inspection
+from yawid.sinks.pages import to_text
+from yawid.sinks.terminal.inspection import inspection_page
 
 
 def inspected(log: bytes | Path, tmp_path: Path, capsys, *options: str) -> tuple[int, Any]:
@@ -22,9 +22,7 @@ def inspected(log: bytes | Path, tmp_path: Path, capsys, *options: str) -> tuple
 
 def page_of(report: Any) -> str:
     """Return the page that a terminal shows of an inspection."""
-    out = io.StringIO()
-    print_inspection(msgspec.convert(report, Inspection), out)
-    return out.getvalue()
+    return to_text(inspection_page(msgspec.convert(report, Inspection)))
 
 
 def assert_is_read_in_ten_seconds(report: Any) -> None:

@@ -108,12 +108,12 @@ def damper(
 ) -> int:
     """Print which gain of the yaw damper gives which damping."""
     from yawid.damper.study import Asked, study
-    from yawid.sinks.run_page import print_damper
+    from yawid.sinks.run_page import damper_page
     from yawid.tables.replay import run_of
 
     given = dict(ChainMap(*reversed(param)))  # of a parameter the last one counts
     found = study(run_of(log).facts, Asked(aim, autopilot, airspeed, given))
-    print_answer(found.report, print_damper, as_json=as_json)
+    print_answer(found.report, damper_page, as_json=as_json)
     if out is not None and found.predicted is None:
         say(f"{out} was not written, as there is nothing to draw")
     elif out is not None:

@@ -139,7 +139,7 @@ def trend(
     force: Force = False,
 ) -> int:
     """Print what changed over a fleet's flights."""
-    from yawid.trend.table import print_trend
+    from yawid.trend.table import trend_page
     from yawid.trend.trend import trend as trend_of
 
     report, studied = trend_of(dataset, vehicle)
@@ -147,7 +147,7 @@ def trend(
         from yawid.trend.page import write_page
 
         write_page(report, studied, out, force=force)
-    print_answer(report, print_trend, as_json=as_json)
+    print_answer(report, trend_page, as_json=as_json)
     return _code(report)
 
 
@@ -158,10 +158,10 @@ RunOrSet = Annotated[Place, said("", "the MCAP of a finished run, or a data set"
 def diff(a: RunOrSet, b: RunOrSet, *, as_json: AsJson = False) -> int:
     """Print what changed between two runs or data sets."""
     from yawid.trend.diff import diff as diff_of
-    from yawid.trend.table import print_diff
+    from yawid.trend.table import diff_page
 
     report = diff_of(a, b)
-    print_answer(report, print_diff, as_json=as_json)
+    print_answer(report, diff_page, as_json=as_json)
     return _code(report)
 
 

@@ -6,7 +6,7 @@ import webbrowser
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, TextIO
+from typing import TYPE_CHECKING, Annotated
 
 from yawid.cli.main import code_of
 from yawid.cli.options import (
@@ -29,6 +29,7 @@ from yawid.system.stores import Place, place_of
 
 if TYPE_CHECKING:
     from yawid.answers.run_summary import RunSummary
+    from yawid.sinks.pages import Page
 
 DEFAULT_OUT = "yawid-out"
 INTERRUPTED = 130
@@ -89,9 +90,9 @@ def replay(
         try:
             summary = replay_log(log, settings, outputs, stop, read_options)
         except UnwrittenError as error:
-            print_answer(error.summary, _print_summary, as_json=as_json)
+            print_answer(error.summary, _page_of, as_json=as_json)
             raise
-        print_answer(summary, _print_summary, as_json=as_json)
+        print_answer(summary, _page_of, as_json=as_json)
         if report:
             _write_report(summary, force=force, as_json=as_json, is_only=len(logs) == 1)
         return summary.exit_code
@@ -114,10 +115,10 @@ def replay(
     return max(codes, default=0)
 
 
-def _print_summary(summary: "RunSummary", stream: TextIO) -> None:
-    from yawid.sinks.run_page import print_summary  # --json needs nothing of it
+def _page_of(summary: "RunSummary") -> "Page":
+    from yawid.sinks.run_page import whole_page  # --json needs nothing of it
 
-    print_summary(summary, stream)
+    return whole_page(summary)
 
 
 def _write_report(summary: "RunSummary", *, force: bool, as_json: bool, is_only: bool) -> None:
@@ -165,7 +166,6 @@ def live(
     from yawid.runs.live import LiveOptions, session_name
     from yawid.runs.live import live as live_session
     from yawid.runs.outputs import Outputs
-    from yawid.sinks.run_page import print_summary
     from yawid.sinks.terminal.console import console_for
 
     if Path(endpoint).is_file():
@@ -185,7 +185,7 @@ def live(
     with StopFlag().installed() as stop:
         ended = live_session(options, config, outputs, stop, console, read)
     for session in ended:
-        print_answer(session.summary, print_summary, as_json=as_json)
+        print_answer(session.summary, _page_of, as_json=as_json)
     return max(session.exit_code for session in ended)
 
 
@@ -204,11 +204,11 @@ def inspect(
 ) -> int:
     """Print what a log can answer."""
     from yawid.runs.inspect_log import inspect as inspect_log
-    from yawid.sinks.terminal.inspection import print_card, print_inspection
+    from yawid.sinks.terminal.inspection import card_page, inspection_page
 
     settings, read_options = settings_of(arguments), read_options_of(arguments)
     report = inspect_log(log, settings, read_options, with_card=card)
-    print_answer(report, print_card if card else print_inspection, as_json=as_json)
+    print_answer(report, card_page if card else inspection_page, as_json=as_json)
     return report.exit_code
 
 
@@ -220,8 +220,8 @@ def inspect(
 def orders(arguments: argparse.Namespace, log: Log, *, as_json: AsJson = False) -> int:
     """Print which orders describe a log best."""
     from yawid.runs.choose_orders import orders_report
-    from yawid.sinks.run_page import print_orders
+    from yawid.sinks.run_page import orders_page
 
     report = orders_report(log, settings_of(arguments), read_options_of(arguments))
-    print_answer(report, print_orders, as_json=as_json)
+    print_answer(report, orders_page, as_json=as_json)
     return report.verdict.exit_code

@@ -17,7 +17,7 @@ from yawid.report.html import head, listed, note, page, pictures, sheet
 from yawid.report.picture import Picture, band, log_axis
 from yawid.sinks.palette import BAD, DATA, MODEL, NEUTRAL, RUDDER
 from yawid.sinks.run_page import MEANS, gains_grid
-from yawid.system.part_file import check_free, write_whole
+from yawid.system.part_file import written_whole
 
 PERIODS_SHOWN: Final = 16.0
 """The periods of the Dutch roll over which the response is drawn."""
@@ -31,11 +31,11 @@ def write_damper_page(found: Study, path: Path, *, force: bool = False) -> None:
     Raises:
         SinkError: the file exists and ``force`` is not set, or it cannot be written.
     """
-    check_free(path, force=force)
     assert found.predicted is not None
     name = Path(found.report.log).name
-    html = page(f"{name} - yawid damper", _sections(found.report, found.predicted, name))
-    write_whole({path: html.encode("utf-8", "replace")}, force=force)
+    with written_whole(path, force=force) as stream:
+        sections = _sections(found.report, found.predicted, name)
+        stream.write(page(f"{name} - yawid damper", sections).encode("utf-8", "replace"))
 
 
 def _sections(report: DamperReport, predicted: Predicted, name: str) -> Iterator[str]:

@@ -13,7 +13,7 @@ from typing import Final
 import numpy as np
 from matplotlib.figure import Figure
 
-from yawid.answers.run_summary import Bare, Manoeuvre, RunSummary, Value
+from yawid.answers.run_summary import Bare, Manoeuvre, Value
 from yawid.blocks import Floats, Ints, StampedRows
 from yawid.lateral import model
 from yawid.lateral.record import lagged_lines
@@ -37,7 +37,8 @@ def lateral_picture(run: McapRun) -> Picture | None:
     Raises:
         SourceError: the file is damaged.
     """
-    found = _first(run.summary)
+    known = (m for m in run.summary.manoeuvres or () if m.lateral and m.lateral.dutch_roll)
+    found = next(known, None)
     if found is None or found.lateral is None or (motion := run.motion()) is None:
         return None
     attitude, commands = _own(motion.attitude, found), _own(motion.commands, found, lead_s=1.0)
@@ -84,12 +85,6 @@ def lateral_picture(run: McapRun) -> Picture | None:
         )
     title = f"Manoeuvre {found.n}: the lateral motion as measured, and of the bare airframe"
     return Picture("lateral", title, look, draw, (5.6, 5.4))
-
-
-def _first(summary: RunSummary) -> Manoeuvre | None:
-    """Return the first manoeuvre whose airframe is known."""
-    known = (m for m in summary.manoeuvres or () if m.lateral and m.lateral.dutch_roll)
-    return next(known, None)
 
 
 def _own(rows: StampedRows, found: Manoeuvre, lead_s: float = 0.0) -> StampedRows:

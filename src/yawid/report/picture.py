@@ -2,8 +2,7 @@
 
 import io
 import re
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -63,7 +62,11 @@ class Picture:
     def svg(self) -> str:
         """The picture as SVG for a page; all ids in it begin with its key."""
         out = io.StringIO()
-        with _styled(self) as figure:
+        with mpl.rc_context():
+            mpl.rcdefaults()  # not the user's style: equal runs must give equal reports
+            mpl.rcParams.update(_STYLE)
+            figure = Figure(figsize=self.size_in)
+            self.draw(figure)
             figure.set(facecolor="none", edgecolor="none")
             for axes in figure.axes:
                 axes.patch.set(facecolor="none", edgecolor="none")
@@ -81,16 +84,6 @@ class Picture:
         return re.sub(
             r'^<svg ([^>]*?)width="[^"]*" height="[^"]*"', r"<svg \1", svg.strip(), count=1
         )
-
-
-@contextmanager
-def _styled(picture: Picture) -> Iterator[Figure]:
-    with mpl.rc_context():
-        mpl.rcdefaults()  # not the user's style: equal runs must give equal reports
-        mpl.rcParams.update(_STYLE)
-        figure = Figure(figsize=picture.size_in)
-        picture.draw(figure)
-        yield figure
 
 
 GAP = 3.0
@@ -127,10 +120,10 @@ def band(ax: Axes, x: Floats, low: Floats, high: Floats, shade: str, alpha: floa
     ax.fill_between(x, low, high, color=shade, alpha=alpha, linewidth=0.0)
 
 
-def mark_events(ax: Axes, events: Events, *, numbered: bool = True) -> None:
+def mark_events(ax: Axes, events: Events) -> None:
     """Shade manoeuvres and held stretches and mark changes of mode; the axis keeps its limits."""
     low, high = ax.get_xlim()
-    _mark_manoeuvres(ax, events, low, high, numbered=numbered)
+    _mark_manoeuvres(ax, events, low, high)
     for first, last in events.held[:200]:
         if last > low and first < high:
             ax.axvspan(first, last, color=NEUTRAL, alpha=0.25, linewidth=0.0)
@@ -140,7 +133,7 @@ def mark_events(ax: Axes, events: Events, *, numbered: bool = True) -> None:
     ax.set_xlim(low, high)
 
 
-def _mark_manoeuvres(ax: Axes, events: Events, low: float, high: float, *, numbered: bool) -> None:
+def _mark_manoeuvres(ax: Axes, events: Events, low: float, high: float) -> None:
     """Shade each manoeuvre and number it at the top; one that is not usable is hatched."""
     last_number = -np.inf
     for each in events.manoeuvres[:200]:
@@ -152,8 +145,8 @@ def _mark_manoeuvres(ax: Axes, events: Events, low: float, high: float, *, numbe
         else:
             ax.axvspan(first, last, facecolor="none", edgecolor="#cfcfcf", hatch="////", lw=0.0)
         middle = (first + last) / 2.0
-        far = abs(middle - last_number) > LEAST_BETWEEN * (high - low)
-        if numbered and far:  # closer numbers would hide each other
+        # Closer numbers would hide each other.
+        if abs(middle - last_number) > LEAST_BETWEEN * (high - low):
             ax.annotate(str(each.n), (middle, 0.99), xycoords=("data", "axes fraction"),
                         ha="center", va="top", fontsize=7.5, color="#555555")  # fmt: skip
             last_number = middle

@@ -68,23 +68,24 @@ def advised(summary: RunSummary) -> RunSummary:
         steps = dict.fromkeys(each.remedy for each in verdict.reasons if each.remedy)
         return replace(bare, verdict=replace(verdict, next=" ".join(steps) or None))
 
-    flight, flights, manoeuvres = summary.flight, summary.flights, summary.manoeuvres
-    ordinary = summary.ordinary
-    if flight is not None:
-        flight = replace(flight, verdict=complete(flight.verdict))
-    if flights is not None:
-        flights = [replace(each, verdict=complete(each.verdict)) for each in flights]
-    if manoeuvres is not None:
-        manoeuvres = [
-            replace(each, verdict=complete(each.verdict), lateral=warned(each.lateral))
-            for each in manoeuvres
-        ]
     return replace(
-        summary, verdict=summary.verdict and complete(summary.verdict), flight=flight,
-        flights=flights, manoeuvres=manoeuvres, bare=warned(summary.bare),
-        ordinary=None if ordinary is None
-        else replace(ordinary, verdict=complete(ordinary.verdict)),
-    )  # fmt: skip
+        summary,
+        verdict=summary.verdict and complete(summary.verdict),
+        flight=None
+        if summary.flight is None
+        else replace(summary.flight, verdict=complete(summary.flight.verdict)),
+        flights=summary.flights
+        and [replace(each, verdict=complete(each.verdict)) for each in summary.flights],
+        manoeuvres=summary.manoeuvres
+        and [
+            replace(each, verdict=complete(each.verdict), lateral=warned(each.lateral))
+            for each in summary.manoeuvres
+        ],
+        bare=warned(summary.bare),
+        ordinary=None
+        if summary.ordinary is None
+        else replace(summary.ordinary, verdict=complete(summary.ordinary.verdict)),
+    )
 
 
 def with_remedies(verdict: Verdict, vehicle: VehicleSeen | None, flown: int) -> Verdict:

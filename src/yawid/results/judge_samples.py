@@ -136,14 +136,9 @@ def explained(target: Floats, causes: Floats) -> float:
     target, causes = target[good], causes[good]
     if len(target) < 10 or target.std() <= ROUNDING * np.abs(target).max():
         return 0.0
-    return 1.0 - variance_left(target, causes) / float(np.var(target))
-
-
-def variance_left(target: Floats, causes: Floats) -> float:
-    """Return the variance that a regression on ``causes`` (n, m), with intercept, leaves."""
     columns = np.column_stack([causes, np.ones(len(target))])
-    coefficients = np.linalg.lstsq(columns, target, rcond=None)[0]
-    return float(np.var(target - columns @ coefficients))
+    left = target - columns @ np.linalg.lstsq(columns, target, rcond=None)[0]
+    return 1.0 - float(np.var(left)) / float(np.var(target))
 
 
 def closeness(a: Floats, b: Floats) -> float:

@@ -322,8 +322,7 @@ def _move(percent: float, surface: ChannelFound | None, max_deg: float | None) -
     """Return a movement of ``percent``; a surface of two servos has no single pulse width."""
     low = high = None
     if surface is not None and not surface.source.count("servo") > 1:
-        ends = surface.min_us, surface.trim_us, surface.max_us
-        least, trim, most = ends
+        least, trim, most = surface.min_us, surface.trim_us, surface.max_us
         if least is not None and trim is not None and most is not None:
             low = round(trim - percent / 100.0 * (trim - least))
             high = round(trim + percent / 100.0 * (most - trim))

@@ -32,7 +32,7 @@ def with_yaw_loop(summary: RunSummary) -> RunSummary:
             if isinstance(found, Manoeuvre)
             else [by_number[n] for n in found.used if n in by_number]
         )
-        loop = gains_of(rudder, summary.boots, of)
+        loop = gains_of(rudder, summary.boots, [(each.from_s, each.to_s) for each in of])
         if loop is None:
             return found
         return replace(found, yaw_loop=f"{with_it} its {name} ({loop}): {held}")
@@ -46,14 +46,14 @@ def with_yaw_loop(summary: RunSummary) -> RunSummary:
 
 
 def gains_of(
-    rudder: ChannelFound, boots: Sequence[BootSpan] | None, manoeuvres: Sequence[Manoeuvre]
+    rudder: ChannelFound, boots: Sequence[BootSpan] | None, stretches: Sequence[tuple[float, float]]
 ) -> str | None:
-    """Return the gains of the yaw loop in these manoeuvres; None where it was off in them."""
-    if rudder.yaw_gains is None or not manoeuvres:
+    """Return the gains of the yaw loop in these stretches; None where it was off in them."""
+    if rudder.yaw_loop is None or rudder.yaw_gains is None or not stretches:
         return rudder.yaw_loop
     gains: dict[str, list[float]] = {}
-    for each in manoeuvres:
-        between = gains_between(rudder.yaw_gains, boots, each.from_s, each.to_s)
+    for from_s, to_s in stretches:
+        between = gains_between(rudder.yaw_gains, boots, from_s, to_s)
         for name, values in between.items():
             gains.setdefault(name, []).extend(values)
     return words_of_gains(gains)
@@ -63,9 +63,7 @@ def gains_in(
     rudder: ChannelFound | None, boots: Sequence[BootSpan] | None, from_s: float, to_s: float
 ) -> str | None:
     """Return the gains of the yaw loop in a stretch; None where it was off, or none is known."""
-    if rudder is None or rudder.yaw_loop is None or rudder.yaw_gains is None:
-        return None if rudder is None else rudder.yaw_loop
-    return words_of_gains(gains_between(rudder.yaw_gains, boots, from_s, to_s))
+    return None if rudder is None else gains_of(rudder, boots, [(from_s, to_s)])
 
 
 def damped_by(gains: str) -> tuple[str, str]:

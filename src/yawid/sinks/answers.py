@@ -119,8 +119,6 @@ def _stretch(stretch: Stretch) -> str:
 
 def _elsewhere(summary: RunSummary) -> str:
     """Return a sentence on the part of a refused log that is usable by itself, "" without any."""
-    if summary.flight is None:
-        return ""
     found = summary.manoeuvres or ()
     usable = [of_loop(each, found, GREEK) for each in summary.by_loop if each.verdict.usable]
     alone = [

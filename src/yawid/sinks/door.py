@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from yawid.answers.part import Part
+    from yawid.sinks.pages import Page
 
 _Answer = TypeVar("_Answer", bound="Part")
 WIDTH: Final = 80
@@ -82,10 +83,8 @@ def print_json(answer: object) -> None:
     print_text(json.dumps(answer).replace("\x7f", "\\u007f") + "\n")
 
 
-def print_answer(
-    answer: _Answer, page: Callable[[_Answer, TextIO], None], *, as_json: bool
-) -> None:
-    """Print an answer to stdout, as one line of JSON or as a page, which makes its texts plain.
+def print_answer(answer: _Answer, page: "Callable[[_Answer], Page]", *, as_json: bool) -> None:
+    """Print an answer to stdout, as one line of JSON or as the page that ``page`` makes of it.
 
     Raises:
         OSError: stdout takes no more.
@@ -93,8 +92,10 @@ def print_answer(
     if as_json:
         print_json(answer.to_json())
         return
-    text = _Page()
-    page(answer, text)
+    from yawid.sinks.pages import to_terminal  # --json needs nothing of it
+
+    text = _TextForStdout()
+    to_terminal(page(answer), text)
     print_text(text.getvalue())
 
 
@@ -122,7 +123,7 @@ def mute(stream: TextIO) -> None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
-class _Page(io.StringIO):
+class _TextForStdout(io.StringIO):
     """A text for stdout, with the width and colours that stdout itself would have."""
 
     def isatty(self) -> bool:

@@ -6,9 +6,9 @@ In a terminal a table is at most 80 columns wide; of many manoeuvres it has the 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from datetime import datetime, timedelta
-from typing import Final, TextIO
+from typing import Final
 
-from msgspec.structs import replace
+from msgspec.structs import asdict, replace
 
 from yawid.answers.damper_report import DamperAt, DamperReport
 from yawid.answers.heard import VehicleSeen
@@ -22,7 +22,7 @@ from yawid.answers.run_summary import (
     RunSummary,
 )
 from yawid.quantities.airspeed import GROUND_SPEED
-from yawid.sinks.pages import Grid, Note, Part, Said, to_terminal, verdict_parts
+from yawid.sinks.pages import Grid, Note, Part, Said, verdict_parts
 from yawid.sinks.words import (
     answer_rows,
     loop_of,
@@ -131,13 +131,13 @@ MOST_BOOTS: Final = 4
 """The largest number of boots that are printed; --json has all."""
 
 
-def print_summary(summary: RunSummary, stream: TextIO) -> None:
-    """Print the summary of one run: see :func:`summary_page`, then the channels and files."""
-    # A path is for copying and must not be wrapped.
-    files = (summary.files or {}).items()
-    paths = (Note(f"{kind:>8}  {path}", wraps=False) for kind, path in files)
-    page = summary_page(summary)
-    to_terminal([Note(summary.log, "bold"), *page, *origin(summary), *paths], stream)
+def whole_page(summary: RunSummary) -> Iterator[Part]:
+    """Yield the page of one run: see :func:`summary_page`, then the channels and files."""
+    yield Note(summary.log, "bold")
+    yield from (*summary_page(summary), *origin(summary))
+    for kind, path in (summary.files or {}).items():
+        # A path is for copying and must not be wrapped.
+        yield Note(f"{kind:>8}  {path}", wraps=False)
 
 
 def summary_page(summary: RunSummary) -> Iterator[Part]:
@@ -173,10 +173,6 @@ def stream_grid(estimates: Mapping[str, MethodSummary]) -> Grid:
 
 def _number(value: float | None, spec: str) -> str:
     return "-" if value is None else format(value, spec)
-
-
-def _wn_zeta(roll: DutchRoll | None) -> tuple[float | None, float | None]:
-    return (None, None) if roll is None else (roll.wn_rad_s, roll.zeta)
 
 
 def _percent(value: float | None) -> str:
@@ -219,16 +215,11 @@ def _vehicles(vehicles: Sequence[VehicleSeen], answered: VehicleSeen | None) -> 
     return f"{', '.join(named)}: choose another by --sysid"
 
 
-def print_orders(report: OrdersReport, stream: TextIO, most: int = 12) -> None:
-    """Print the ``most`` best structures of a log as a table; an arrow marks the recommended one.
+def orders_page(report: OrdersReport, most: int = 12) -> Iterator[Part]:
+    """Yield the ``most`` best structures of a log as a table; an arrow marks the recommended one.
 
-    That is printed where it is not among the best by simulation, too.
+    It is there where it is not among the best by simulation, too.
     """
-    to_terminal(orders_page(report, most), stream)
-
-
-def orders_page(report: OrdersReport, most: int) -> Iterator[Part]:
-    """Yield the parts of that page."""
     yield Note(report.log, "bold")
     chosen = str(report.recommended)
     shown = [t for i, t in enumerate(report.candidates) if i < most or str(t) == chosen]
@@ -240,7 +231,7 @@ def orders_page(report: OrdersReport, most: int) -> Iterator[Part]:
             _number(tried.bic, ".0f"),
             _number(tried.aic, ".0f"),
             _number(tried.whiteness_p, ".2g"),
-            *(_number(each, ".3f") for each in _wn_zeta(tried.dutch_roll)),
+            *(_number(getattr(tried.dutch_roll, n, None), ".3f") for n in ("wn_rad_s", "zeta")),
         )
         for tried in shown
     ]
@@ -265,13 +256,8 @@ MEANS: Final = (
 )
 
 
-def print_damper(report: DamperReport, stream: TextIO) -> None:
-    """Print the report of a damper: the gains, the band, what to look for; or why there is none."""
-    to_terminal(damper_parts(report), stream)
-
-
-def damper_parts(report: DamperReport) -> Iterator[Part]:
-    """Yield the parts of that page."""
+def damper_page(report: DamperReport) -> Iterator[Part]:
+    """Yield the report of a damper: the gains, the band, what to look for; or why there is none."""
     yield Note(report.log, "bold")
     mix = [] if report.mix is None else [Note(f"mix  {report.mix.text}")]
     if not report.verdict.usable:
@@ -300,18 +286,13 @@ def gains_grid(report: DamperReport) -> Grid:
 
 
 def _gains(report: DamperReport) -> Iterator[list[str]]:
+    named = {"flown": report.flown}
+    if report.recommended is not None:
+        named |= asdict(report.recommended)  # low, high, next
     for gain in report.gains or ():
-        marks = ", ".join(name for name, value in _named(report) if value == gain.value)
+        marks = ", ".join(name for name, value in named.items() if value == gain.value)
         for at in gain.at:
             yield [f"{gain.value:g}", f"{at.airspeed_m_s:.1f}", *_at_airspeed(at), marks]
-
-
-def _named(report: DamperReport) -> list[tuple[str, float | None]]:
-    found = report.recommended
-    named: list[tuple[str, float | None]] = [("flown", report.flown)]
-    if found is not None:
-        named += [("low", found.low), ("high", found.high), ("next", found.next)]
-    return named
 
 
 def _at_airspeed(at: DamperAt) -> list[str]:

@@ -131,8 +131,7 @@ class _Side:
     """One side of the comparison, a run or a data set.
 
     ``numbers`` and the degrees of freedom ``dof`` of their sigmas are by (vehicle, loop, quantity).
-    ``rows`` are a run's answers by loop, the headline first; ``run`` and ``sha256`` are those of a
-    run.
+    ``rows`` are a run's answers by loop, the headline first; ``run`` is that of a run.
     """
 
     path: Place
@@ -140,7 +139,6 @@ class _Side:
     dof: dict[tuple[str, str, str], float] = field(default_factory=dict)
     rows: dict[str, FlightRow] = field(default_factory=dict)
     run: McapRun | None = None
-    sha256: str | None = None
 
 
 def diff(a: Place, b: Place) -> Diff:
@@ -162,7 +160,8 @@ def _compared(one: _Side, other: _Side) -> Diff:
     notes: list[str] = []
     for run, fleet, name in ((one, other, "B"), (other, one, "A")):
         if fleet.run is None and isinstance(fleet.path, Path):
-            flights = read_flights(fleet.path, run.sha256)
+            sha256 = None if run.run is None else run.run.summary.own_source.sha256
+            flights = read_flights(fleet.path, sha256)
             notes += [f"warning {each.id} in {name}: {each.text}" for each in mixed(flights)]
             studied = study(flights)
             for each in studied:
@@ -226,8 +225,7 @@ def _side(path: Place, stack: ExitStack) -> _Side:
         for quantity, std in _RUN_QUANTITIES.items()
         if row.get(quantity) is not None and row.get(std) is not None
     }
-    sha256 = run.summary.own_source.sha256
-    return _Side(path, numbers, rows=rows, run=run, sha256=sha256)
+    return _Side(path, numbers, rows=rows, run=run)
 
 
 def _vehicle(run: McapRun) -> str:

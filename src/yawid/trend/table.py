@@ -1,12 +1,12 @@
-"""The pages of ``yawid trend`` and ``yawid diff``, and how they are printed."""
+"""The pages of ``yawid trend`` and ``yawid diff``."""
 
 from collections.abc import Iterable, Iterator
-from typing import Final, TextIO
+from typing import Final
 
 from yawid.answers.damper_report import Decay, FlownGain
 from yawid.quantities.table import QUANTITIES
 from yawid.quantities.vehicles import AIRFRAME, WITH_ROLL_LOOP
-from yawid.sinks.pages import Grid, Note, Part, Said, to_terminal
+from yawid.sinks.pages import Grid, Note, Part, Said
 from yawid.sinks.words import LATIN, Row
 from yawid.trend import words
 from yawid.trend.diff import CANNOT_TELL, DamperDiff, Diff
@@ -21,13 +21,8 @@ LONGEST_NAME: Final = 18
 """The longest name of a vehicle in a table of 80 columns."""
 
 
-def print_trend(report: Trend, stream: TextIO) -> None:
-    """Print a data set's trends: first what changed, then the histories and outliers."""
-    to_terminal(trend_page(report), stream)
-
-
 def trend_page(report: Trend) -> Iterator[Part]:
-    """Yield the parts of that page."""
+    """Yield a data set's trends: first what changed, then the histories and outliers."""
     yield Note(report.dataset, "bold", wraps=False)
     changed = [each for each in report.followed if each.change is not None]
     if changed:
@@ -98,13 +93,8 @@ def _named(vehicle: str, loop: str) -> str:
     return name if len(name) <= LONGEST_NAME else f"{name[: LONGEST_NAME - 1]}…"
 
 
-def print_diff(report: Diff, stream: TextIO) -> None:
-    """Print what changed between two sides: numbers, verdict, channels, configuration."""
-    to_terminal(diff_page(report), stream)
-
-
 def diff_page(report: Diff) -> Iterator[Part]:
-    """Yield the parts of that page."""
+    """Yield what changed between two sides: numbers, verdict, channels, configuration."""
     yield Note(f"A {report.a}", "bold", wraps=False)
     yield Note(f"B {report.b}", "bold", wraps=False)
     unknown = any((each.not_judged or "").startswith(CANNOT_TELL) for each in report.numbers)

@@ -54,13 +54,10 @@ def outlier_line(outlier: Outlier) -> str:
 def result(each: Followed) -> str:
     """Return the result for one number of one vehicle in a few words."""
     said = []
-    if each.change is not None:
-        size = each.change.percent
-        said.append("CHANGED" if size is None else f"CHANGED {size:+.0f} %")
-    elif each.may_be_season is not None:
-        size = each.may_be_season.percent
-        said.append("a season?" if size is None else f"a season? {size:+.0f} %")
-    elif not each.tested:
+    for word, change in (("CHANGED", each.change), ("a season?", each.may_be_season)):
+        if change is not None:
+            said.append(word if change.percent is None else f"{word} {change.percent:+.0f} %")
+    if not each.tested:
         said.append("too few days")
     if each.outliers:
         said.append(f"{len(each.outliers)} outlier{'s' if len(each.outliers) > 1 else ''}")

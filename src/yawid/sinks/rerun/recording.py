@@ -213,9 +213,8 @@ class RerunView(Sink):
         lane = rr.StateChange.columns(state=[state, ""])  # an empty state leaves a gap
         times = [_boot_times(boot_us), _unix_times(unix_ns)]
         self._recording.send_columns("state/manoeuvre", times, lane)
-        if found.dutch_roll is None:
-            return
-        self._send_bars_of(found.dutch_roll, USABLE if usable else REFUSED, boot_us, unix_ns)
+        if found.dutch_roll is not None:
+            self._send_bars_of(found.dutch_roll, USABLE if usable else REFUSED, boot_us, unix_ns)
 
     def _find_bare(self, n: int, bare: Bare, span_ns: tuple[int, int]) -> None:
         """Show the bare airframe of manoeuvre ``n``: bars next to its Dutch roll, and poles."""

@@ -41,9 +41,8 @@ class RerunSink(Sink):
         self._pace = Pace(FLUSH_S)
         self._view: RerunView | None = None
         self.path = path if target == "save" else None
-        self._file: Part | None = None
-        if self.path is not None:
-            self._file = Part(self.path, force=force)  # rerun opens it again
+        # Rerun opens it again.
+        self._file = None if self.path is None else Part(self.path, force=force)
         # Rerun's native part would also write to stderr the errors that it raises.
         os.environ.setdefault("RUST_LOG", "off")
         try:

@@ -12,7 +12,7 @@ import shutil
 import threading
 import time
 from collections import Counter, deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import IO, TYPE_CHECKING, Any, Final, TextIO, cast
 
@@ -117,11 +117,15 @@ class LiveFacts:
         """The state in one line; more than ``FEW`` vehicles are counted by their state."""
         if len(self.vehicles) <= FEW:
             return " | ".join(each.line(self.dropped) for each in self.vehicles) or "no vehicle yet"
-        states = Counter(each.state or "waiting" for each in self.vehicles).most_common()
         rate, lost = sum(v.message_hz for v in self.vehicles), sum(v.lost for v in self.vehicles)
         counts = f"{rate:.0f} msg/s, lost {lost}, dropped {self.dropped}"
-        said = ", ".join(f"{count} {state}" for state, count in states)
-        return f"{len(self.vehicles)} vehicles, {counts}: {said}"
+        return f"{len(self.vehicles)} vehicles, {counts}: {states_of(self.vehicles)}"
+
+
+def states_of(vehicles: Iterable[VehicleFacts]) -> str:
+    """Return how many vehicles there are in each state, in words, the most frequent first."""
+    states = Counter(each.state or "waiting" for each in vehicles).most_common()
+    return ", ".join(f"{count} {state}" for state, count in states)
 
 
 PLAIN_LINE_S: Final = 10.0

@@ -7,15 +7,14 @@ import math
 import textwrap
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TextIO
 
 from yawid.answers.flight_test_card import FlightTestCard, ParameterToSet, SurfaceMove
 from yawid.answers.inspection import FlightPhase, Inspection, MessageRate, Span
 from yawid.quantities.airspeed import GROUND_SPEED
 from yawid.quantities.vehicles import AIRFRAME, ARDUPILOT, PX4
 from yawid.results.make_card import why_no_card
-from yawid.sinks.door import WIDTH, plain
-from yawid.sinks.pages import NAME_WIDTH, Note, to_terminal, verdict_parts
+from yawid.sinks.door import WIDTH
+from yawid.sinks.pages import NAME_WIDTH, Note, Part, verdict_parts
 from yawid.sinks.run_page import manoeuvre_grid, origin
 from yawid.sinks.words import Row, count, dutch_roll, flight_rows
 
@@ -25,20 +24,21 @@ MOST_WINDOWS = 6
 MOST_SENDERS = 8
 
 
-def print_inspection(report: Inspection, stream: TextIO) -> None:
-    """Print what a log can answer: verdict, channels, phases and stretches, and what to do."""
-    head, rows = Note(report.log, "bold", wraps=False), (Row(*each) for each in _rows(report))
-    page = [head, *verdict_parts(report.deciding), *origin(report), *rows]
+def inspection_page(report: Inspection) -> Iterator[Part]:
+    """Yield what a log can answer: verdict, channels, phases and stretches, and what to do."""
+    yield Note(report.log, "bold", wraps=False)
+    rows = (Row(*each) for each in _rows(report))
+    yield from (*verdict_parts(report.deciding), *origin(report), *rows)
     if report.flight is not None:
         flights, found = report.flights or [report.flight], report.manoeuvres or []
         *answers, _ = flight_rows(flights, found, report.vehicle)  # how it was flown stands above
-        is_known = flights[0].dutch_roll is not None
-        page += [*answers, *([manoeuvre_grid(found, flights)] * is_known)]
-    to_terminal(page, stream)
+        yield from answers
+        if flights[0].dutch_roll is not None:
+            yield manoeuvre_grid(found, flights)
     if report.command is not None:
         # The command that was tried is for copying: it must not be wrapped.
         word = "try" if report.exit_code == 0 else "tried"
-        to_terminal([Note(f"{word:>{NAME_WIDTH - 1}}  {report.command}", wraps=False)], stream)
+        yield Note(f"{word:>{NAME_WIDTH - 1}}  {report.command}", wraps=False)
 
 
 def _rows(report: Inspection) -> Iterator[tuple[str, str]]:
@@ -119,11 +119,12 @@ PAGE = 60
 Line = tuple[str, str]
 
 
-def print_card(report: Inspection, stream: TextIO) -> None:
-    """Print the card, or a line with the reason why there is none."""
+def card_page(report: Inspection) -> Iterator[Part]:
+    """Yield the lines of the card, or one with the reason why there is none."""
     card = report.card
     if card is None:
-        stream.write(plain(f"{why_no_card(report.vehicle, report.deciding)}: {report.log}") + "\n")
+        reason = why_no_card(report.vehicle, report.deciding)
+        yield Note(f"{reason}: {report.log}", wraps=False)
         return
     head, date = "TEST CARD: rudder to yaw", f"date {BLANK}  pilot {BLANK}"
     lines = [f"{head}{date:>{WIDTH - len(head)}}", *_lines(_known(report, card))]
@@ -138,7 +139,7 @@ def print_card(report: Inspection, stream: TextIO) -> None:
     wanted = card.manoeuvre.manoeuvres * max(len(card.conditions.airspeeds_m_s), 2)
     flown = max(min(wanted, PAGE - len(lines) - 2), 0)
     lines += ["", _table(COLUMNS), *[_table("_" * n for n in COLUMNS.values())] * flown]
-    stream.write("\n".join(plain(line.rstrip()) for line in lines) + "\n")
+    yield from (Note(line.rstrip(), wraps=False) for line in lines)
 
 
 def _table(cells: Iterable[str]) -> str:

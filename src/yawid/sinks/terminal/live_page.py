@@ -1,6 +1,5 @@
 """The live screen as a page of text: all facts of one vehicle, or a row for each of several."""
 
-from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from textwrap import wrap
@@ -16,7 +15,7 @@ from yawid.results.excitation import LEAST_STROKE
 from yawid.sinks.door import plain
 from yawid.sinks.pages import Grid, rich_table
 from yawid.sinks.run_page import in_columns, manoeuvre_grid
-from yawid.sinks.terminal.console import LiveFacts, VehicleFacts
+from yawid.sinks.terminal.console import LiveFacts, VehicleFacts, states_of
 from yawid.sinks.words import conditions, counted, duration, dutch_roll, whose
 
 LEAST_WIDTH, LEAST_HEIGHT = 72, 20
@@ -152,8 +151,7 @@ def _several(facts: LiveFacts, width: int, room: int) -> Group:
     rows = max(room - len(link) - 2, 1)
     in_turn = sorted(vehicles, key=lambda each: each.urgency)
     shown = sorted(in_turn[:rows], key=lambda each: each.sysid)
-    states = Counter(vehicle.state or "waiting" for vehicle in in_turn[rows:]).most_common()
-    rest = ", ".join(f"{count} {state}" for state, count in states)
+    rest = states_of(in_turn[rows:])
     more = Text(f"and {len(in_turn) - rows} more: {rest}") if rest else Text(_LEGEND, "dim")
     heads = ("sys", "msg/s", "rudder", "now", "n", "wn rad/s", "zeta", "verdict")
     styles = ["red" if vehicle.quiet else "" for vehicle in shown]
