@@ -8,7 +8,7 @@ import scipy.stats
 from checks.judge_trend import PLANS, Plan, draw_history, draw_off, judge_plan
 
 from yawid.trend.best_profile import LEAST_DAYS
-from yawid.trend.changes import Fitted, fit_fleets, nights, profile
+from yawid.trend.changes import Fitted, fit_fleets, nights
 from yawid.trend.days import DAY_US, HOUR_US, Track, by_day, days_of, solve_tau2, within_tau2
 from yawid.trend.levels import level_of, slope_of
 
@@ -17,7 +17,12 @@ N, VEHICLES = 40, 20
 
 def fleet(seed: int, n: int = N, vehicles: int = VEHICLES) -> list[Track]:
     rng = np.random.default_rng(seed)
-    return [Track(*draw_history(rng, 0.15, 0.08, n, draw_off(rng, n))) for _ in range(vehicles)]
+    return [daily(*draw_history(rng, 0.15, 0.08, n, draw_off(rng, n))) for _ in range(vehicles)]
+
+
+def daily(value: np.ndarray, sigma: np.ndarray) -> Track:
+    """Return the history of flights on one day after the other."""
+    return Track(value, sigma, np.arange(len(value)) * DAY_US)
 
 
 def fit_tracks(tracks: list[Track]) -> list[Fitted]:
@@ -26,7 +31,7 @@ def fit_tracks(tracks: list[Track]) -> list[Fitted]:
 
 def changed(track: Track, factor: float, first: int, last: int) -> Track:
     along = np.clip((np.arange(len(track.value)) - first) / (last - first), 0.0, 1.0)
-    return Track(track.value * (1.0 + (factor - 1.0) * along), track.sigma)
+    return daily(track.value * (1.0 + (factor - 1.0) * along), track.sigma)
 
 
 def found(fits: list[Fitted], p: float) -> list[int]:
@@ -59,10 +64,10 @@ def test_a_step_and_a_slope_are_found_where_they_are(first: int, last: int) -> N
 def test_outliers_are_no_change_and_have_no_weight() -> None:
     value = 0.15 + 0.01 * np.random.default_rng(3).standard_normal((VEHICLES, N))
     value[5, [7, 21, 22]] = 0.6, 0.5, 0.55
-    fits = fit_tracks([Track(each, np.full(N, 0.008)) for each in value])
+    fits = fit_tracks([daily(each, np.full(N, 0.008)) for each in value])
 
     assert found(fits, 0.01) == []
-    assert list(np.flatnonzero(~level_of(Track(value[5], np.full(N, 0.008)), fits[5], None).kept)
+    assert list(np.flatnonzero(~level_of(daily(value[5], np.full(N, 0.008)), fits[5], None).kept)
                 ) == [7, 21, 22]  # fmt: skip
 
 
@@ -70,14 +75,14 @@ def test_a_vehicle_that_scatters_thrice_as_much_is_not_called_changed() -> None:
     for seed in range(5):
         tracks = fleet(seed)
         about = tracks[0].value - np.median(tracks[0].value)
-        tracks[0] = Track(tracks[0].value + 2.0 * about, tracks[0].sigma)
+        tracks[0] = daily(tracks[0].value + 2.0 * about, tracks[0].sigma)
         assert found(fit_tracks(tracks), 0.01 / 60) == []
 
 
 def test_neither_unit_nor_sign_of_a_number_matters() -> None:
     tracks = fleet(2)
     tracks[3] = changed(tracks[3], 0.75, 5, 35)
-    turned = [Track(-1000.0 * each.value, 1000.0 * each.sigma) for each in tracks]
+    turned = [daily(-1000.0 * each.value, 1000.0 * each.sigma) for each in tracks]
 
     for one, other in zip(fit_tracks(tracks), fit_tracks(turned), strict=True):
         assert other.change.t == pytest.approx(-one.change.t)
@@ -87,7 +92,7 @@ def test_neither_unit_nor_sign_of_a_number_matters() -> None:
 def test_level_and_slope_are_weighted_least_squares() -> None:
     x = np.arange(10.0)
     std = np.linspace(1.0, 3.0, 10)
-    track = Track(5.0 + 0.5 * x, std)
+    track = daily(5.0 + 0.5 * x, std)
     fit = fit_tracks([track])[0]
     ones = np.ones(10, bool)
 
@@ -106,7 +111,7 @@ def test_the_level_after_a_change_is_that_of_its_end() -> None:
     tracks[0] = changed(tracks[0], 0.7, 15, 16)
     fit = fit_tracks(tracks)[0]
 
-    level = level_of(tracks[0], fit, profile(N, fit.change))
+    level = level_of(tracks[0], fit, fit.change)
 
     assert level.value == pytest.approx(0.7 * 0.15, abs=4.0 * level.std)
     assert level.std == pytest.approx(0.08 * 0.7 * 0.15 / 24**0.5, rel=0.6)
@@ -185,7 +190,7 @@ def test_a_days_number_is_the_weighted_mean_of_its_flights() -> None:
         w = 1.0 / (sigma[rows] ** 2 + 3.0)
         assert days.value[d] == pytest.approx(np.average(value[rows], weights=w))
         assert days.sigma[d] == pytest.approx(w.sum() ** -0.5)
-    assert (list(days.first), list(days.last)) == ([0, 2], [1, 3])
+    assert list(days.day) == [0, 0, 1, 1]
 
 
 def test_a_flight_far_off_has_no_weight_where_its_day_has_another() -> None:
@@ -194,7 +199,7 @@ def test_a_flight_far_off_has_no_weight_where_its_day_has_another() -> None:
     value[[7, 20]] = 2.0
     date = np.repeat(np.arange(15), 2) * DAY_US + np.tile([0, HOUR_US], 15)
     assert by_day(Track(value, sigma, date), 0.0).value[3] == pytest.approx(value[6])
-    assert by_day(Track(value, sigma), 0.0).value[20] == 2.0
+    assert by_day(daily(value, sigma), 0.0).value[20] == 2.0
 
 
 def test_tau_within_days_does_not_see_what_a_day_has_in_common() -> None:
@@ -205,7 +210,7 @@ def test_tau_within_days_does_not_see_what_a_day_has_in_common() -> None:
     date = day * DAY_US + np.tile([0, HOUR_US], 3000)
 
     assert within_tau2([Track(value, sigma, date)]) == pytest.approx(3.0, rel=0.15)
-    assert within_tau2([Track(value, sigma)]) == 0.0
+    assert within_tau2([daily(value, sigma)]) == 0.0
 
 
 def test_tau_is_what_makes_half_of_the_squares_lie_below_the_median_of_chi2() -> None:

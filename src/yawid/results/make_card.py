@@ -136,7 +136,9 @@ def make_card(
     degrees, None where unknown, and ``live`` the command for a live session.
     """
     autopilot = None if summary.vehicle is None else summary.vehicle.autopilot
-    flight, used = summary.flight, _used(summary)
+    flight = summary.flight
+    rests_on = () if flight is None else flight.used
+    used = [each for each in summary.manoeuvres or () if each.n in rests_on]
     roll = summary.dutch_roll if flight is None else flight.dutch_roll
     if not summary.deciding.usable:
         roll, flight, used = None, None, []
@@ -230,12 +232,6 @@ def _aileron(
         ask_hz=MOST_HZ,
         expected=Expected(more=1, wn_std=BARE_WN_SHARE * roll.wn_rad_s, zeta_std=zeta_std),
     )
-
-
-def _used(summary: RunSummary) -> list[Manoeuvre]:
-    """Return the manoeuvres that the flight's answer rests on."""
-    numbers = () if summary.flight is None else summary.flight.used
-    return [each for each in summary.manoeuvres or () if each.n in numbers]
 
 
 def _percentiles(x: Floats) -> Sequence[float]:

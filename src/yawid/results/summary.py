@@ -103,10 +103,9 @@ def judged(
     """
     flights = pipeline.flights(of_the_log)
     verdict = verdict_of(pipeline, of_the_log, rates_hz, flights, summary.ordinary)
-    if pipeline.config.ordinary == "only":
-        summary = replace(summary, estimates=None)
     summary = replace(
         summary,
+        estimates=None if pipeline.config.ordinary == "only" else summary.estimates,
         verdict=verdict,
         warnings=of_the_log or None if verdict is None else None,
         flight=flights[0] if flights else None,

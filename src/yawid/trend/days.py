@@ -42,20 +42,12 @@ _AROUND: Final = 4
 class Track:
     """One number of one vehicle in the order of its n flights: value (n,) and total sigma (n,).
 
-    ``date_us`` (n,) is the time of each flight in us since 1970; without it, the flights count as
-    flown on one day after the other.
+    ``dates`` (n,) is the time of each flight in us since 1970.
     """
 
     value: Floats
     sigma: Floats
-    date_us: Ints | None = None
-
-    @cached_property
-    def dates(self) -> Ints:
-        """Return the time of each flight (n,) in us."""
-        if self.date_us is None:
-            return np.arange(len(self.value), dtype=np.int64) * DAY_US
-        return self.date_us
+    dates: Ints
 
     @cached_property
     def day(self) -> Ints:
@@ -79,16 +71,6 @@ class Days:
     def mean(self, x: Floats) -> Floats:
         """Return the mean (d,) of x (n,) over the flights of each day."""
         return np.bincount(self.day, x) / np.bincount(self.day)
-
-    @cached_property
-    def first(self) -> Ints:
-        """Return the index of each day's first flight (d,)."""
-        return np.searchsorted(self.day, np.arange(len(self.value)))
-
-    @cached_property
-    def last(self) -> Ints:
-        """Return the index of each day's last flight (d,)."""
-        return np.searchsorted(self.day, np.arange(len(self.value)), side="right") - 1
 
     @cached_property
     def steady(self) -> Floats:

@@ -8,7 +8,6 @@ and that which ordinary flight shows.
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import groupby
 from pathlib import Path
 from typing import Any, Final
 
@@ -16,7 +15,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from yawid.answers.reasons import Reason
-from yawid.blocks import AIRSPEED_SHARE, Floats, Ints
+from yawid.blocks import AIRSPEED_SHARE, Ints
 from yawid.dataset.files import read_table
 from yawid.dataset.schema import BARE, ORDINARY
 from yawid.dataset.summary_rows import ordinary_row
@@ -88,8 +87,8 @@ def read_flights(folder: Path, without_sha: str | None = None) -> Flights:
     rows = [row | {"date": date} for row, date in zip(table.to_pylist(), dates, strict=True)]
     if without_sha is not None:
         rows = [row for row in rows if row["log_sha256"] != without_sha]
-    each = {(row["log_sha256"], row["sysid"], row["boot"]): row for row in reversed(rows)}
-    flights = [*each.values()][::-1]
+    by_flight = alike(rows, lambda row: (row["log_sha256"], row["sysid"], row["boot"]))
+    flights = [its[0] for its in by_flight]
     return flights_of([*rows, *_bare_rows(flights), *_ordinary_rows(flights)])
 
 
@@ -130,8 +129,7 @@ def _days_of_short_flights(rows: Iterable[FlightRow]) -> Iterator[FlightRow]:
     needs = "ordinary_sums", "ordinary_altitude_m", "date"
     short = [row for row in rows if None not in [row[name] for name in needs]]
     short.sort(key=lambda row: (row["vehicle"], row["date"]))
-    for _, group in groupby(short, lambda row: row["vehicle"]):
-        its = list(group)
+    for its in alike(short, lambda row: row["vehicle"]):
         days = days_of(np.array([row["date"] for row in its]))
         for day in np.split(np.arange(len(its)), np.flatnonzero(np.diff(days)) + 1):
             flight = Ordinary()
@@ -226,9 +224,10 @@ _LEFT_OUT: Final[dict[str, Callable[[FlightRow], bool]]] = {
 def _history(
     vehicle: str, loop: str, quantity: str, rows: Sequence[FlightRow], known: list[int]
 ) -> History:
-    def column(name: str) -> Floats:
-        return np.array([rows[i][name] for i in known], dtype=float)
-
+    value, sigma = (
+        np.array([rows[i][name] for i in known], dtype=float)
+        for name in (quantity, FOLLOWED[quantity])
+    )
     dates = np.array([rows[i]["date"] for i in known], dtype=np.int64)
     return History(
         vehicle,
@@ -236,7 +235,7 @@ def _history(
         quantity,
         rows[known[-1]]["vehicle_type"],
         rows[known[-1]]["sysid"],
-        Track(column(quantity), column(FOLLOWED[quantity]), dates),
+        Track(value, sigma, dates),
         np.array(known, dtype=np.int64),
     )
 

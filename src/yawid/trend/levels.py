@@ -9,7 +9,7 @@ from yawid.answers.part import Part, says
 from yawid.answers.run_summary import Value
 from yawid.blocks import Bools, Floats
 from yawid.trend.best_profile import WITHIN_FAR
-from yawid.trend.changes import Fitted
+from yawid.trend.changes import Change, Fitted, profile
 from yawid.trend.days import FAR, YEAR_US, Track, date, solve_tau2
 
 A_YEAR: Final = 40.0
@@ -49,12 +49,12 @@ class Level:
     """Variance of the days about the fit as a multiple of the assumed one, at least 1."""
 
 
-def level_of(track: Track, fitted: Fitted, profile: Floats | None) -> Level:
-    """Return the level of a history; ``profile`` (d,) is that of its change, None without one."""
+def level_of(track: Track, fitted: Fitted, change: Change | None) -> Level:
+    """Return the level of a history with this change, None without one."""
     days, std = fitted.days, fitted.day_std
-    n, steady = len(track.value), days.steady
-    about = np.zeros((len(std), 0)) if profile is None else profile[:, None] - 1.0
-    design = np.column_stack([steady, about])
+    n, design = len(track.value), days.steady
+    if change is not None:
+        design = np.column_stack([design, profile(len(std), change) - 1.0])
     kept = np.abs(days.value - np.median(days.value)) <= FAR * std
     for _ in range(_ROUNDS):
         if 2 * kept.sum() <= len(std):

@@ -19,7 +19,7 @@ from yawid.answers.reasons import Reason
 from yawid.answers.run_summary import Value
 from yawid.errors import ConfigError
 from yawid.quantities.table import QUANTITIES
-from yawid.trend.changes import Change, Fitted, fit_fleets, profile
+from yawid.trend.changes import Change, Fitted, fit_fleets
 from yawid.trend.days import YEAR_US, alike, date
 from yawid.trend.history import Flights, History, measured_otherwise, mixed, read_flights
 from yawid.trend.levels import Level, Yearly, compare, level_of, slope_of
@@ -210,13 +210,12 @@ def study(flights: Flights) -> list[Studied]:
     fits = _fits(histories)
     tested = sum(fit.change is not None for fit in fits)
     numbers = sum(len(history.flights) for history in histories)
-    levels, changes = [], []
-    for history, fit in zip(histories, fits, strict=True):
-        is_change = fit.change is not None and fit.change.p * tested <= FALSE_ALARMS
-        change = fit.change if is_change else None
-        shape = None if change is None else profile(len(fit.days.value), change)
-        changes.append(change)
-        levels.append(level_of(history.track, fit, shape))
+    changes = [
+        fit.change if fit.change is not None and fit.change.p * tested <= FALSE_ALARMS else None
+        for fit in fits
+    ]
+    tracks = [history.track for history in histories]
+    levels = [level_of(*each) for each in zip(tracks, fits, changes, strict=True)]
     compared = _compared(histories, levels)
     return [
         Studied(history, fit, level, change, _followed(flights, history, fit, level, change, beside,
@@ -303,7 +302,9 @@ def _changed(
 ) -> Changed:
     difference = change.after - change.before
     dates = history.track.dates
-    first, last = int(fit.days.last[change.first]), int(fit.days.first[change.last])
+    days = fit.days.day
+    first = int(np.searchsorted(days, change.first, side="right")) - 1
+    last = int(np.searchsorted(days, change.last))
     return Changed(
         kind="step" if change.last == change.first + 1 else "slope",
         from_flight=first + 1,
