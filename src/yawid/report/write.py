@@ -132,10 +132,9 @@ def _origin(run: McapRun) -> str:
     if answer is not None:
         rate = f"{1.0 / answer.sample_time_s:.3g} Hz"
         best = answer if flight is None else flight
-        if best.method is None:  # a flight without a usable manoeuvre
-            parts.append(f"at {rate}")
-        else:
-            parts.append(f"{method_words(best.method)} at {rate}")
+        # A flight without a usable manoeuvre has no method.
+        by = "" if best.method is None else f"{method_words(best.method)} "
+        parts.append(f"{by}at {rate}")
     return " · ".join(parts)
 
 

@@ -33,13 +33,12 @@ class Movement:
     """How far the rudder moved in the last 5 s, at each sample (n,), as a part of half its travel.
 
     ``whole`` is the stroke of the whole rudder, ``own`` the stroke of the part that the aileron
-    does not explain; both are 0 at samples that are not used. ``aileron_known`` says whether there
-    was an aileron to compare with; without one ``own`` equals ``whole``.
+    does not explain; both are 0 at samples that are not used. Without an aileron to compare with
+    ``own`` equals ``whole``.
     """
 
     whole: Floats
     own: Floats
-    aileron_known: bool
 
     @property
     def excited(self) -> Bools:
@@ -59,9 +58,9 @@ def excitation(
     whole = _strokes(rudder, sample_time_s)
     known = np.isfinite(rudder) & np.isfinite(aileron)
     if not known.any() or float(np.ptp(aileron[known])) == 0.0:
-        return Movement(whole, whole, bool(known.any()))
+        return Movement(whole, whole)
     own = _strokes(own_part(rudder, aileron, mode, sample_time_s), sample_time_s)
-    return Movement(whole, np.minimum(own, whole), aileron_known=True)
+    return Movement(whole, np.minimum(own, whole))
 
 
 def own_part(rudder: Floats, aileron: Floats, mode: Floats, sample_time_s: float) -> Floats:

@@ -62,15 +62,14 @@ def profiles(n: int) -> tuple[Floats, Floats, Bools]:
             if LEAST_SIDE - 0.5 <= middle <= n - LEAST_SIDE - 0.5:
                 ends.add((first, first + span))
         length = max(length + 1.0, (1.12 if is_slow else 1.3) * length)
-    found: Floats = np.array([*sorted(ends), (0, n - 1)], dtype=float)
+    found = np.array([*sorted(ends), (0, n - 1)], dtype=float)
     shapes = np.clip((np.arange(n) - found[:, :1]) / (found[:, 1:] - found[:, :1]), 0.0, 1.0)
     return shapes, found, 2.0 * (found[:, 1] - found[:, 0]) >= n
 
 
 def variance(sigma: Floats, tau2: Floats | float) -> Floats:
     """Return the whole variance of numbers: sigma² + tau², at least 1e-12."""
-    found: Floats = np.maximum(sigma**2 + tau2, 1e-12)
-    return found
+    return np.maximum(sigma**2 + tau2, 1e-12)
 
 
 def fit_best(
@@ -144,8 +143,7 @@ class _Stack:
             return np.broadcast_to(mean, y.shape)
         across = np.swapaxes(self.steady, 1, 2)
         normal = np.linalg.pinv(across @ (w[:, :, None] * self.steady))
-        made: Floats = (self.steady @ (normal @ (across @ (w * y)[:, :, None])))[:, :, 0]
-        return made
+        return (self.steady @ (normal @ (across @ (w * y)[:, :, None])))[:, :, 0]
 
     def _best(self, kept: Bools, slow: bool | None) -> dict[str, Floats]:
         y, w = self.value, self.weight * kept
@@ -185,5 +183,4 @@ class _Stack:
 
 def _along(basis: Floats, x: Floats) -> Floats:
     """Return the projection of x (r, d) on an orthonormal basis (r, d, q)."""
-    part: Floats = (basis @ (np.swapaxes(basis, 1, 2) @ x[:, :, None]))[:, :, 0]
-    return part
+    return (basis @ (np.swapaxes(basis, 1, 2) @ x[:, :, None]))[:, :, 0]

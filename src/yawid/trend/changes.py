@@ -96,8 +96,7 @@ class Fitted:
 
 def profile(n: int, change: Change) -> Floats:
     """Return the profile (n,) of a change over n days: 0 before it, 1 after it."""
-    found: Floats = np.clip((np.arange(n) - change.first) / (change.last - change.first), 0.0, 1.0)
-    return found
+    return np.clip((np.arange(n) - change.first) / (change.last - change.first), 0.0, 1.0)
 
 
 def looks(n: int, *, slow: bool) -> float:
@@ -196,8 +195,7 @@ def scatter(sigma: Floats, tau2: float, s2: float) -> Floats:
     The sigmas of several flights share errors: flights may agree better than their sigmas say, but
     none of them is more accurate than its sigma.
     """
-    found: Floats = np.maximum(s2 * variance(sigma, tau2), sigma**2)
-    return found
+    return np.maximum(s2 * variance(sigma, tau2), sigma**2)
 
 
 def _unit(track: Track) -> float:

@@ -153,8 +153,7 @@ def _near(track: Track) -> Bools:
     """Return which flights (n,) are at most FAR sigmas off the median of their neighbours."""
     off = np.abs(track.value - local_median(track.value))
     scale2 = track.sigma**2 + solve_tau2(off**2, track.sigma**2)
-    near: Bools = off <= FAR * np.sqrt(scale2)
-    return near
+    return off <= FAR * np.sqrt(scale2)
 
 
 def local_median(y: Floats) -> Floats:
@@ -162,14 +161,11 @@ def local_median(y: Floats) -> Floats:
 
     If a row has eight values or fewer, it is their median.
     """
-    local: Floats
     if y.shape[-1] <= 2 * _AROUND:
-        local = np.broadcast_to(np.median(y, axis=-1, keepdims=True), y.shape)
-        return local
+        return np.broadcast_to(np.median(y, axis=-1, keepdims=True), y.shape)
     padded = np.pad(y, [(0, 0)] * (y.ndim - 1) + [(_AROUND, _AROUND)], mode="reflect")
     around = np.lib.stride_tricks.sliding_window_view(padded, 2 * _AROUND + 1, axis=-1)
-    local = np.median(around, axis=-1)
-    return local
+    return np.median(around, axis=-1)
 
 
 def solve_tau2(r2: Floats, s2: Floats) -> float:

@@ -156,20 +156,15 @@ class ChunkWriter:
 
     def add_metadata(self, name: str, record: Mapping[str, str]) -> None:
         """Write a metadata record."""
-        self.end_chunk()
-        data = _bytes_of(Metadata(name=name, metadata=dict(record)))
-        index = MetadataIndex(offset=self._offset, length=len(data), name=name)
+        place = self._placed(_bytes_of(Metadata(name=name, metadata=dict(record))))
+        index = MetadataIndex(*place, name)
         self._summary[Opcode.METADATA_INDEX].append(_bytes_of(index))
-        self._write(data)
 
     def add_attachment(self, log_ns: int, name: str, media_type: str, content: bytes) -> None:
         """Write an attachment."""
-        self.end_chunk()
-        data = _bytes_of(Attachment(log_ns, log_ns, name, media_type, content))
-        size = len(content)
-        index = AttachmentIndex(self._offset, len(data), log_ns, log_ns, size, name, media_type)
+        place = self._placed(_bytes_of(Attachment(log_ns, log_ns, name, media_type, content)))
+        index = AttachmentIndex(*place, log_ns, log_ns, len(content), name, media_type)
         self._summary[Opcode.ATTACHMENT_INDEX].append(_bytes_of(index))
-        self._write(data)
 
     def finish(self) -> None:
         """Write the last chunk, the summary and the end."""
@@ -194,10 +189,15 @@ class ChunkWriter:
         self._write(summary + _bytes_of(footer) + MAGIC)
 
     def _keep(self, opcode: Opcode, record: McapRecord) -> None:
-        self.end_chunk()
         data = _bytes_of(record)
+        self._placed(data)
         self._summary[opcode].append(data)
+
+    def _placed(self, data: bytes) -> tuple[int, int]:
+        """Write a record after the open chunk; return its place, as offset and length."""
+        self.end_chunk()
         self._write(data)
+        return self._offset - len(data), len(data)
 
     def _write(self, data: bytes) -> None:
         self._stream.write(data)
