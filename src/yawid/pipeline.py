@@ -36,7 +36,7 @@ from yawid.physics.stage import PhysicsStage
 from yawid.results.judge_samples import all_held
 from yawid.results.ordinary_flight import Flown, given
 from yawid.results.yaw_loop import gains_in
-from yawid.sinks.base import Found, FoundBare, Grid, RunRows, Sink
+from yawid.sinks.base import Event, Found, FoundBare, Grid, RunRows, Sink
 
 BLOCK = 4096
 """The samples estimated and written at once: each row has a covariance, so blocks are large."""
@@ -52,8 +52,8 @@ class Pipeline:
     ``rates_hz`` the rates of yaw and rudder messages, and ``of_file`` the rudder, with gains of a
     yaw damper, and the boots. With ``worker``, an executor of one thread, manoeuvres are answered
     there, and ``collect`` returns those that are ready; ``lateral_worker`` is the same for the fits
-    of the bare airframe, which ``collect_lateral`` returns, and for those of ordinary flight, whose
-    ``running`` answer of the last quarter of an hour follows each window of it.
+    of the bare airframe, and for those of ordinary flight, whose ``running`` answer of the last
+    quarter of an hour follows each window of it.
 
     Raises:
         ConfigError: the rate asked for does not fit the log.
@@ -106,11 +106,8 @@ class Pipeline:
         stage = self._manoeuvres
         if stage is None:
             return []
-        found = stage.judged()
-        if stage.laterals is None:
-            return found
-        bares = stage.laterals.bares()
-        return [msgspec.structs.replace(each, lateral=bares.get(each.n)) for each in found]
+        bares = {} if stage.laterals is None else stage.laterals.bares()
+        return [msgspec.structs.replace(x, lateral=bares.get(x.n)) for x in stage.judged()]
 
     def progress(self) -> tuple[UnderWay, int]:
         """Return the progress of the current manoeuvre, and how many wait for their answers."""
@@ -199,9 +196,13 @@ class Pipeline:
         if self._manoeuvres is not None and self._manoeuvres.laterals is not None:
             self._manoeuvres.laterals.store.feed(motion)
         if self._ordinary is not None:
-            self._ordinary.move(motion)
+            self._ordinary.store.feed(motion)
+        self._pass_on(motion)
+
+    def _pass_on(self, event: Event) -> None:
+        """Give every sink an event."""
         for sink in self.sinks:
-            sink.take(motion)
+            sink.take(event)
 
     def _asked_for(self, block: SampleBlock) -> SampleBlock:
         """Return a file's samples with the inputs and in the stretch that are asked for."""
@@ -210,10 +211,10 @@ class Pipeline:
         samples = replace(block, u=np.ascontiguousarray(block.u[:, : len(self.config.inputs)]))
         return samples if rows.all() else samples.select(rows)
 
-    def finish(self) -> list[Manoeuvre]:
+    def finish(self) -> tuple[list[Manoeuvre], list[tuple[int, Bare]]]:
         """Estimate the samples kept back until now; the sinks stay open for the summary.
 
-        Return the manoeuvres answered since the last call: all, where no worker answers them.
+        Return what :meth:`collect` does: all, where no worker answers.
         """
         self._estimate_all(self.channels.finish())
         if self._manoeuvres is not None:
@@ -224,19 +225,26 @@ class Pipeline:
                 self._answering = self._lateral_worker.submit(_answered, self._ordinary)
         return self.collect()
 
-    def collect(self, *, until_s: float = -math.inf) -> list[Manoeuvre]:
-        """Pass the manoeuvres answered since the last call to the sinks; return them.
+    def collect(
+        self, *, until_s: float = -math.inf
+    ) -> tuple[list[Manoeuvre], list[tuple[int, Bare]]]:
+        """Pass the manoeuvres answered and the airframes fitted since the last call to the sinks.
 
-        Those without an answer are waited for until ``until_s`` on the monotonic clock.
+        Return both, an airframe with its manoeuvre's number. Those without an answer or a fit are
+        waited for until ``until_s`` on the monotonic clock.
         """
-        stage = self._manoeuvres
+        stage, bares = self._manoeuvres, list[tuple[int, Bare]]()
         if stage is None:
-            return []
-        ready = list(stage.ready(until_s=until_s))
-        for each in ready:
-            for sink in self.sinks:
-                sink.take(Found(each, stage.spans_ns[each.n]))
-        return ready
+            return [], bares
+        answered = list(stage.ready(until_s=until_s))
+        for each in answered:
+            self._pass_on(Found(each, stage.spans_ns[each.n]))
+        if stage.laterals is not None:
+            numbers = {each.n for each in stage.answered}
+            bares = list(stage.laterals.ready(numbers, until_s=until_s))
+        for n, bare in bares:
+            self._pass_on(FoundBare(n, bare, stage.spans_ns[n]))
+        return answered, bares
 
     def leave_out(self, until_s: float) -> list[str]:
         """Give up the answers that are not ready; return in words what is missing."""
@@ -252,20 +260,6 @@ class Pipeline:
         laterals = None if self._manoeuvres is None else self._manoeuvres.laterals
         return laterals is not None and laterals.is_late
 
-    def collect_lateral(self, *, until_s: float = -math.inf) -> list[tuple[int, Bare]]:
-        """Pass the airframes fitted since the last call to the sinks; return them with their n.
-
-        Those without a fit are waited for as by :meth:`collect`.
-        """
-        stage = self._manoeuvres
-        if stage is None or stage.laterals is None:
-            return []
-        ready = list(stage.laterals.ready({each.n for each in stage.answered}, until_s=until_s))
-        for n, bare in ready:
-            for sink in self.sinks:
-                sink.take(FoundBare(n, bare, stage.spans_ns[n]))
-        return ready
-
     def estimate(self, samples: SampleBlock) -> None:
         """Estimate samples of one epoch, and write them."""
         for first in range(0, len(samples), BLOCK):
@@ -278,8 +272,7 @@ class Pipeline:
         self.newest, self.samples = samples, self.samples + len(samples)
         self._used += int(np.count_nonzero(samples.held == 0))
         self._held |= Held(int(np.bitwise_or.reduce(samples.held)))
-        for sink in self.sinks:
-            sink.take(RunRows(samples, estimates, self.modes))
+        self._pass_on(RunRows(samples, estimates, self.modes))
         if self._ordinary is not None:
             self._ordinary.feed(samples)
             self._flown.feed(samples)
@@ -288,7 +281,6 @@ class Pipeline:
             self._manoeuvres.feed(samples, estimates)
             if self._worker is None:
                 self.collect()
-                self.collect_lateral()
 
     def _run_on(self, flight: Ordinary) -> None:
         """Take the running answer of ordinary flight, and ask for the next one after a window."""
@@ -327,8 +319,7 @@ class Pipeline:
             self.config.unit_of_rudder,
             *modes_of,
         )
-        for sink in self.sinks:
-            sink.take(grid)
+        self._pass_on(grid)
         waiting, self._motion = self._motion, []
         for motion in waiting:
             self._move(motion)

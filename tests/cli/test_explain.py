@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from dataclasses import fields
 from string import ascii_uppercase
 
 import pytest
@@ -11,7 +10,7 @@ import pytest
 from yawid.answers.reasons import KINDS
 from yawid.cli import main as command_line
 from yawid.cli.explain import explained, parts_of
-from yawid.config.run import KEPT_ONLY, RunConfig
+from yawid.config.run import settings_declared
 from yawid.damper.refusals import OF_DAMPER
 from yawid.errors import EXIT_CODES
 from yawid.quantities.table import QUANTITIES
@@ -39,14 +38,13 @@ def test_every_reason_says_what_it_means_and_what_to_do():
 def test_every_option_has_its_part_and_those_of_a_run_their_default():
     options = {o for each in command_line.every().values() for o in each.options} - {"--maneuvers"}
     assert words_of("options") == {option for option in options if option.startswith("--")}
-    for field in fields(RunConfig):
-        if field.name not in KEPT_ONLY:
-            name = field.name.removesuffix("_s").replace("_", "-")
-            text = PARTS["options", f"--{name}"]
-            assert f"In a settings file: {name} = " in text
-            _, comment, _ = text.split("\n\n")
-            assert comment[0] in f'"{ascii_uppercase}', name
-            assert comment.endswith("."), name
+    for field, _ in settings_declared():
+        name = field.name.removesuffix("_s").replace("_", "-")
+        text = PARTS["options", f"--{name}"]
+        assert f"In a settings file: {name} = " in text
+        _, comment, _ = text.split("\n\n")
+        assert comment[0] in f'"{ascii_uppercase}', name
+        assert comment.endswith("."), name
 
 
 @pytest.mark.parametrize(

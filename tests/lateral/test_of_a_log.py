@@ -153,7 +153,6 @@ def test_live_on_a_worker_equals_replay_to_the_bit():
         feed_all(TlogReader(pieces, Decoder(WANTED)), live)
         until_s = time.monotonic() + 60.0
         live.collect(until_s=until_s)
-        live.collect_lateral(until_s=until_s)
 
     assert live.bare() == whole.bare()
     assert live.manoeuvres == whole.manoeuvres

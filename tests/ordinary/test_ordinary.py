@@ -41,7 +41,7 @@ def streamed(flight: np.ndarray, pieces: int = 1) -> Ordinary:
     for rows in np.array_split(np.arange(len(samples)), pieces):
         cut = slice(int(rows[0]), int(rows[-1]) + 1)
         parts = motion.attitude.select(cut), motion.commands.select(cut), motion.acceleration
-        stream.move(MotionBlock(*parts))
+        stream.store.feed(MotionBlock(*parts))
         stream.feed(samples.select(cut))
     stream.finish()
     return stream

@@ -27,7 +27,6 @@ BOTH = ("rudder", "aileron")
 INPUTS = (("rudder",), BOTH)
 INPUT = "be rudder or rudder,aileron"
 BAND = "be LO,HI in Hz with 0 < LO < HI"
-Sysid = Annotated[int, Meta(ge=1, le=255, description="be a whole number from 1 to 255")]
 DeadTime = Annotated[int, Meta(ge=1, le=50)]
 _SERVO = r"([1-9]|[12]\d|3[0-2])"
 _CHANNELS = rf"auto|servo:{_SERVO}|control:[0-7]|rc:([1-9]|1[0-8])"
@@ -312,19 +311,16 @@ class RunConfig:
             if not isinstance(each := getattr(self, name), str | None):
                 object.__setattr__(self, name, tuple(each))
         check_fields(self, lambda name: f"--{option_name(name)}")
-        self._check_lists()
-        if self.from_s is not None and self.to_s is not None and not self.from_s < self.to_s:
-            raise ConfigError(f"--from {self.from_s!r} must lie before --to {self.to_s!r}")
-        if self.forgetting is not None and self.memory != DEFAULT_MEMORY_S:
-            raise ConfigError("--memory and --forgetting mean the same: give only one of them")
-
-    def _check_lists(self) -> None:
         if unknown := set(self.given) - set(GIVEN):
             raise ConfigError(f"given must name some of {', '.join(GIVEN)}, got {min(unknown)!r}")
         if self.inputs not in INPUTS:
             raise ConfigError(f"--inputs must {INPUT}, got {','.join(self.inputs)}")
         if self.band is not None and not self.band[0] < self.band[1]:
             raise ConfigError(f"--band must {BAND}, got {self.band[0]:g},{self.band[1]:g}")
+        if self.from_s is not None and self.to_s is not None and not self.from_s < self.to_s:
+            raise ConfigError(f"--from {self.from_s!r} must lie before --to {self.to_s!r}")
+        if self.forgetting is not None and self.memory != DEFAULT_MEMORY_S:
+            raise ConfigError("--memory and --forgetting mean the same: give only one of them")
 
     @property
     def half_travel(self) -> float:
@@ -424,7 +420,5 @@ def settings_declared() -> Iterator[tuple[Field[Any], Said]]:
             yield each, each.metadata["said"]
 
 
-KEPT_ONLY = frozenset(each.name for each in fields(RunConfig) if not each.metadata)
-"""Settings that are in a run's file only: there is no option for them."""
 OF_RECORDS = tuple(each.name for each, said in settings_declared() if said.group == COLUMNS)
 """Settings that say what the columns of CSV and Parquet hold; a log takes none of them."""

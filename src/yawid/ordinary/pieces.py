@@ -19,7 +19,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from yawid.blocks import MotionBlock, SampleBlock
+from yawid.blocks import SampleBlock
 from yawid.lateral.motion_store import MotionStore
 from yawid.ordinary.spectra import NONE, Sums, window_sums
 
@@ -51,8 +51,9 @@ _PIECE_US = round(1e6 * PIECE_S)
 
 
 class Ordinary:
-    """An ordinary flight: ``move`` motion and ``feed`` samples, then ``finish``.
+    """An ordinary flight: feed motion to its ``store``, then ``feed`` samples, and ``finish``.
 
+    The motion comes before the samples of the same time.
     ``travel_unit`` is half the rudder's travel in the unit of ``u``. ``by_speed`` has the sums by
     airspeed, ``recent`` the last windows; ``lost_s`` has the time in s that was left out by
     its cause, and ``seen_s`` all of it. Another thread may read all of them meanwhile.
@@ -60,7 +61,7 @@ class Ordinary:
 
     def __init__(self, travel_unit: float = 1.0) -> None:
         self._unit = travel_unit
-        self._store = MotionStore(PIECES * PIECE_S)
+        self.store = MotionStore(PIECES * PIECE_S)
         self._waiting: list[SampleBlock] = []
         self._row: list[SampleBlock] = []
         self._new = 0
@@ -68,10 +69,6 @@ class Ordinary:
         self.recent: tuple[tuple[int, Sums], ...] = ()
         self.lost_s: defaultdict[str, float] = defaultdict(float)
         self.seen_s = 0.0
-
-    def move(self, motion: MotionBlock) -> None:
-        """Take motion in, before the samples of the same time."""
-        self._store.feed(motion)
 
     def feed(self, samples: SampleBlock) -> None:
         """Take samples in."""
@@ -84,7 +81,7 @@ class Ordinary:
         for piece in pieces[:done]:
             self._judge(piece)
         self._waiting = pieces[done:]
-        self._store.forget(samples)
+        self.store.forget(samples)
 
     def finish(self) -> None:
         """End the stream; what is not a whole piece is left out."""
@@ -157,9 +154,9 @@ class Ordinary:
     def _transform(self) -> None:
         """Add the window of the row to the sums of its airspeed."""
         rows, new_s, self._new = SampleBlock.joined(self._row), self._new * PIECE_S, 0
-        motion = self._store.cut(rows)
+        motion = self.store.cut(rows)
         if isinstance(motion, str):  # a record may begin before its first command
-            motion = self._store.cut(rows.select(rows.boot_us >= rows.boot_us[0] + SETTLED_US))
+            motion = self.store.cut(rows.select(rows.boot_us >= rows.boot_us[0] + SETTLED_US))
         if isinstance(motion, str) or not motion.aileron_known:
             self.lost_s["without motion or aileron"] += new_s
             return

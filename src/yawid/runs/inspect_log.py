@@ -6,8 +6,8 @@ outputs, whose verdict it has.
 
 import shlex
 import sys
-from collections.abc import Container, Iterator, Mapping
-from dataclasses import asdict, fields, replace
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +20,7 @@ from yawid.answers.run_summary import Origin, RunSummary
 from yawid.blocks import Floats, Ints, SampleBlock
 from yawid.channels.segments import REBOOT_US, Boots
 from yawid.channels.survey import Survey
-from yawid.config.run import KEPT_ONLY, RATE_SLACK, RunConfig
+from yawid.config.run import RATE_SLACK, RunConfig, option_name, settings_declared
 from yawid.quantities.link import SenderStats
 from yawid.results.advice import what_to_record
 from yawid.results.excitation import excitation
@@ -122,21 +122,6 @@ def _card(
     return make_card(summary, can, flown, rates_hz, known, config.rudder_max_deg, live)
 
 
-def _options(config: RunConfig, always: Container[str]) -> dict[str, Any]:
-    """Return the options that differ from their defaults, and those in ``always``."""
-    named = {"from_s": "from", "to_s": "to"}
-    found = {}
-    for option in fields(config):
-        value = getattr(config, option.name)
-        if value is None or option.name in KEPT_ONLY:
-            continue
-        if value == option.default and option.name not in always:
-            continue
-        text = ",".join(str(each) for each in value) if isinstance(value, tuple) else value
-        found[named.get(option.name, option.name.replace("_", "-"))] = text
-    return found
-
-
 def command_line(log: Place, config: RunConfig, read_options: ReadOptions) -> str:
     """Return the command that replays a log with this configuration, to be copied into a shell.
 
@@ -150,8 +135,16 @@ def command_line(log: Place, config: RunConfig, read_options: ReadOptions) -> st
 
 
 def _words(config: RunConfig) -> list[str]:
-    options = _options(config, config.given).items()
-    return [word for name, value in options for word in (f"--{name}", str(value))]
+    """Return the options that differ from their defaults, and those that the user gave."""
+    found = list[str]()
+    for option, _ in settings_declared():
+        value = getattr(config, option.name)
+        is_usual = value == option.default and option.name not in config.given
+        if value is None or is_usual:
+            continue
+        text = ",".join(map(str, value)) if isinstance(value, tuple) else str(value)
+        found += [f"--{option_name(option.name)}", text]
+    return found
 
 
 def _answerable(rates: Mapping[str, MessageRate]) -> Answerable | None:

@@ -195,7 +195,6 @@ def feed_all(
         read += size
         advance(size)
     pipeline.finish()
-    pipeline.collect_lateral()
     if is_whole:
         pipeline.channels.boots.check(pipeline.config)
     return read, is_whole

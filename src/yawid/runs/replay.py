@@ -79,7 +79,7 @@ def to_files(source: Recording, config: RunConfig, outputs: Outputs, stop: StopF
         summary = job.conclude()
         files = outputs.files()
         if not job.is_whole:
-            summary = _cut_short(summary, stop.name, (job.read, source.size))
+            summary = _cut_short(summary, stop.name, job.read, source.size)
         try:
             if not job.is_whole:
                 files = keep_as_interrupted(sinks, outputs)
@@ -91,12 +91,11 @@ def to_files(source: Recording, config: RunConfig, outputs: Outputs, stop: StopF
             raise UnwrittenError(str(error), summary) from error
 
 
-def _cut_short(summary: RunSummary, signal: str, read_bytes: tuple[int, int]) -> RunSummary:
+def _cut_short(summary: RunSummary, signal: str, read: int, total: int) -> RunSummary:
     """Return the summary of a run that a signal ended, as not usable.
 
-    ``read_bytes`` holds the bytes read and the size of the log, whose hash is not known.
+    ``read`` bytes of ``total`` were read of the log, whose hash is not known.
     """
-    read, total = read_bytes
     text = f"{signal} after {read / 1e6:.1f} of {total / 1e6:.1f} MB: the rest was not read"
     part = msgspec.structs.replace(summary, sha256=None, bytes_read=read)
     return refused(part, Reason("interrupted", text))

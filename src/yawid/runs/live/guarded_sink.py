@@ -51,11 +51,7 @@ class Guard(Bulkhead):
 
     def _attempt(self, act: Callable[[], object]) -> None:
         """Call ``act``, unless there was a failure before."""
-        self.attempt(lambda: self._write_by(act), None)
-
-    def _write_by(self, act: Callable[[], object]) -> None:
-        with os_errors_as_sink_error(self._part):
-            act()
+        self.attempt(os_errors_as_sink_error(self._part)(act), None)
 
 
 class Guarded(Guard, Sink):

@@ -89,8 +89,7 @@ class LiveOptions:
             raise ConfigError("--request-rates asks one vehicle only: name it by --sysid N")
         endpoint = parse_endpoint(self.endpoint)
         parse_all(self.publish, endpoint)
-        kind = endpoint.kind
-        if kind == "udpout" and self.request_hz is None:
+        if endpoint.kind == "udpout" and self.request_hz is None:
             raise ConfigError(
                 f"{self.endpoint}: a program that listens there answers only those who send first, "
                 "and a tap is passive: add --request-rates, or let the program send to a udpin "
@@ -150,9 +149,7 @@ def _attend(
     publish: Publish | None,
 ) -> list[Ended]:
     """Read the tap until asked to stop, close it and finish; after an error files stay readable."""
-    sessions: Single | Fleet = Single(setting)
-    if options.every_vehicle:
-        sessions = Fleet(setting)
+    sessions = (Fleet if options.every_vehicle else Single)(setting)
     try:
         loop = _Loop(tap, sessions, setting, options, console, publish)
         loop.run(stop)
@@ -205,7 +202,7 @@ class _Loop:
     def __init__(
         self,
         tap: Tap,
-        sessions: Single | Fleet,
+        sessions: Single,
         setting: Setting,
         options: LiveOptions,
         console: Console,
@@ -246,8 +243,7 @@ class _Loop:
             self._watch()
             if self._publish is not None:
                 publish = partial(self._publish.tick, self._sessions.running(), time.monotonic())
-                for line in self._publishing.attempt(publish, list[str]()):
-                    self._say(line)
+                self._say(*self._publishing.attempt(publish, list[str]()))
             stopped = [session for session in self._sessions.running() if session.stopped()]
             if stopped or self._console.is_due():
                 self._show()
@@ -292,8 +288,7 @@ class _Loop:
                 f"stopped while {inbox.skipped} datagrams of {skipped_bytes} bytes were waiting to "
                 "be estimated: they are in no file and no estimate"
             )
-        for line in self._tap.news:
-            self._say(line)
+        self._say(*self._tap.news)
         if inbox.dropped or inbox.too_long or self._tap.socket_dropped:
             self._say(f"some datagrams were lost on this machine: {self._dropped()} dropped")
         parts = (self._publishing, self._asking, self._drawing)
@@ -362,17 +357,16 @@ class _Loop:
             never = self._is_silent and not self._tap.inbox.last_us
             to_send = f"; {self._tap.endpoint.to_send}" if never else ""
             self._say(f"{text} on {self._tap.endpoint}{to_send}")
-        for line in self._overload.lines():
-            self._say(line)
+        self._say(*self._overload.lines())
         if self._rates is not None:
             ask = partial(self._rates.tick, time.monotonic(), self._vehicle())
-            for line in self._asking.attempt(ask, list[str]()):
-                self._say(line)
+            self._say(*self._asking.attempt(ask, list[str]()))
 
-    def _say(self, text: str) -> None:
-        if len(self._events) < MOST_EVENTS:
-            self._events.append(text)
-        self._console.say(text)
+    def _say(self, *lines: str) -> None:
+        for text in lines:
+            if len(self._events) < MOST_EVENTS:
+                self._events.append(text)
+            self._console.say(text)
 
     def _vehicle(self) -> tuple[int, int] | None:
         return next((s.vehicle for s in self._sessions.running()), None)

@@ -3,9 +3,10 @@
 import math
 import re
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import partial
 
-from yawid.answers.run_summary import DutchRoll, Manoeuvre
+from yawid.answers.run_summary import DutchRoll
 from yawid.runs.live.running_answer import Answer
 from yawid.runs.live.vehicle_session import LiveSession
 from yawid.sinks.words import dutch_roll, says
@@ -22,16 +23,16 @@ REASON_S = 15.0
 """The least time between two texts that say "not usable" for different reasons."""
 
 
+@dataclass(slots=True)
 class Published:
     """The state of what has been published of one session."""
 
-    def __init__(self) -> None:
-        self.round_s = -math.inf
-        self.rounds = 0
-        self.manoeuvres = 0
-        self.since_s = math.inf
-        self.state: str | None = None
-        self.said_s = -math.inf
+    round_s: float = -math.inf
+    rounds: int = 0
+    manoeuvres: int = 0
+    since_s: float = math.inf
+    state: str | None = None
+    said_s: float = -math.inf
 
 
 class Publish:
@@ -103,8 +104,7 @@ class Publish:
         known.since_s = min(known.since_s, now_s)
         if now_s - known.since_s >= SETTLE_S:
             self._report_change(vehicle[0], answer, known, now_s)
-        newest_us = [us for us in pipeline.channels.segmenter.newest if us is not None]
-        boot_ms = max(newest_us, default=0) // 1000
+        boot_ms = max(*pipeline.channels.segmenter.newest, 0) // 1000
         values = values_of(answer, known.rounds)
         if self._publisher.send_round(vehicle[0], boot_ms, values, now_s):
             known.round_s, known.rounds = now_s, known.rounds + 1
@@ -114,7 +114,7 @@ class Publish:
         answered = session.pipeline.manoeuvres or []
         news, known.manoeuvres = answered[known.manoeuvres :], len(answered)
         for found in news:
-            self._publisher.say(sysid, INFO, manoeuvre_text(found))
+            self._publisher.say(sysid, INFO, _fitting(f"yawid m{found.n}: {says(found)}"))
 
     def _report_change(self, sysid: int, answer: Answer, known: Published, now_s: float) -> None:
         """Queue a text where the verdict differs from the one that was sent last.
@@ -154,11 +154,6 @@ def _named(first: str, roll: DutchRoll | None) -> dict[str, float]:
         for name, value in values.items()
         if value is not None and math.isfinite(value)
     }
-
-
-def manoeuvre_text(found: Manoeuvre) -> str:
-    """Return the STATUSTEXT of a manoeuvre that has ended."""
-    return _fitting(f"yawid m{found.n}: {says(found)}")
 
 
 def verdict_text(answer: Answer) -> str:

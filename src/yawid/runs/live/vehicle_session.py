@@ -127,13 +127,8 @@ class LiveSession:
             self.events.append(text)
         self._setting.say(f"{self._label}{text}")
 
-    def feed(self, data: bytes) -> None:
-        """Record the bytes (whole records), then estimate from them."""
-        self.record(data)
-        self.estimate(data)
-
     def record(self, data: bytes) -> None:
-        """Record the bytes; the first call opens the files."""
+        """Record the bytes (whole records); the first call opens the files."""
         if not self._opened:
             self._open()
         self._sha256.update(data)
@@ -163,8 +158,7 @@ class LiveSession:
 
     def _look(self) -> None:
         """Report new manoeuvres, further vehicles, and signatures that are not checked."""
-        self._report(self.pipeline.collect())
-        self._report_lateral(self.pipeline.collect_lateral())
+        self._report(*self.pipeline.collect())
         if self._setting.config.sysid is None:
             self._look_for_others()
         if not self._signing_said:
@@ -176,7 +170,7 @@ class LiveSession:
 
     def _settle(self) -> None:
         self.pipeline.feed(self.decoder.finish())
-        self._report(self.pipeline.finish())
+        self._report(*self.pipeline.finish())
         if not self._signing_said:
             self._look_for_signatures()
 
@@ -185,11 +179,9 @@ class LiveSession:
         self._estimating.attempt(partial(self._conclude, until_s), None)
 
     def _conclude(self, until_s: float) -> None:
-        self._report(self.pipeline.collect(until_s=until_s))
-        self._report_lateral(self.pipeline.collect_lateral(until_s=until_s))
+        self._report(*self.pipeline.collect(until_s=until_s))
         missing = self.pipeline.leave_out(until_s)
-        self._report(self.pipeline.collect())
-        self._report_lateral(self.pipeline.collect_lateral())
+        self._report(*self.pipeline.collect())
         self._say_late(missing)
 
     def _say_late(self, missing: list[str]) -> None:
@@ -272,12 +264,10 @@ class LiveSession:
         self.abort()
         return None if tlog is None else tlog.finish()
 
-    def _report(self, answered: list[Manoeuvre]) -> None:
+    def _report(self, answered: list[Manoeuvre], bares: list[tuple[int, Bare]]) -> None:
         for found in answered:
             self.say(f"manoeuvre {found.n} ({flown(found)}): {says(found)}")
-
-    def _report_lateral(self, found: list[tuple[int, Bare]]) -> None:
-        for n, bare in found:
+        for n, bare in bares:
             if bare.dutch_roll is not None or self._setting.config.lateral is not None:
                 self.say(f"manoeuvre {n}, {lateral_says(bare)}")
 

@@ -28,36 +28,47 @@ class Single:
 
     def __init__(self, setting: Setting) -> None:
         self._setting = setting
-        self._session = LiveSession(setting)
+        self._sessions = {0: LiveSession(setting)}
 
     def feed(self, data: bytes) -> None:
         """Take whole records in."""
-        self._session.feed(data)
+        self._sessions[0].record(data)
+        self._sessions[0].estimate(data)
 
     def tick(self) -> None:
         """Write out and report what is complete; to be called several times each second."""
-        self._session.tick()
+        self._each(LiveSession.tick)
 
     def running(self) -> list[LiveSession]:
         """Return the sessions that are running."""
-        return [self._session]
+        return [*self._sessions.values()]
 
     def facts(self) -> list[VehicleFacts]:
         """Return the state of each session."""
-        return [self._session.facts()]
+        return [session.facts() for session in self.running()]
 
     def finish(self, live: LiveFacts, answers_s: float) -> list[Ended]:
         """Finish all sessions; ``live`` is the tap's part of their summaries.
 
         Answers are waited for ``answers_s``; then the processes that make them are ended.
         """
-        self._session.settle()
-        self._session.conclude(time.monotonic() + answers_s)
+        until_s = time.monotonic() + answers_s
+        self._each(LiveSession.settle)  # the last manoeuvres of all are answered together
+        self._each(partial(LiveSession.conclude, until_s=until_s))
         self._setting.end_fits()
-        return [self._session.finish(live)]
+        return [session.finish(live) for session in self.running()]
+
+    def _each(self, act: Callable[[LiveSession], None]) -> None:
+        """Call ``act`` for each session."""
+        for sysid in self._sessions:
+            self._guard(sysid, act)
+
+    def _guard(self, sysid: int, act: Callable[[LiveSession], None]) -> None:
+        """Call ``act`` for the session of one vehicle."""
+        act(self._sessions[sysid])
 
 
-class Fleet:
+class Fleet(Single):
     """A session for each system whose HEARTBEAT is that of a vehicle, opened with the first one.
 
     Where there is a key the HEARTBEAT must be signed with it.
@@ -67,9 +78,8 @@ class Fleet:
     """
 
     def __init__(self, setting: Setting) -> None:
-        self._setting = setting
+        self._setting, self._sessions = setting, {}
         self._too_many_said = False
-        self._sessions: dict[int, LiveSession] = {}
         self._early: deque[tuple[int, bytes]] = deque(maxlen=KEPT)
         self._refused: set[int] = set()
         self._unsigned: set[int] = set()
@@ -93,30 +103,16 @@ class Fleet:
             for sysid, own_data in joined.items():
                 self._guard(sysid, partial(act, data=own_data))
 
-    def tick(self) -> None:
-        """See :class:`Single`."""
-        for sysid in self._sessions:
-            self._guard(sysid, LiveSession.tick)
-
     def running(self) -> list[LiveSession]:
         """See :class:`Single`."""
         return [s for sysid, s in self._sessions.items() if sysid not in self._refused]
 
-    def facts(self) -> list[VehicleFacts]:
-        """See :class:`Single`."""
-        return [session.facts() for session in self.running()]
-
     def finish(self, live: LiveFacts, answers_s: float) -> list[Ended]:
         """See :class:`Single`; where there was no vehicle, one summary reports that."""
-        until_s = time.monotonic() + answers_s
-        for act in (LiveSession.settle, partial(LiveSession.conclude, until_s=until_s)):
-            for sysid in self._sessions:  # the last manoeuvres of all are answered together
-                self._guard(sysid, act)
-        self._setting.end_fits()
-        if not self.running():
-            quiet = replace(self._setting.outputs, rerun="off")
-            return [LiveSession(self._setting._replace(outputs=quiet)).finish(live)]
-        return [session.finish(live) for session in self.running()]
+        if ended := super().finish(live, answers_s):
+            return ended
+        quiet = replace(self._setting.outputs, rerun="off")
+        return [LiveSession(self._setting._replace(outputs=quiet)).finish(live)]
 
     def _may_open(self, frame: bytes) -> bool:
         """Return whether the frame is a HEARTBEAT for which a session is to be opened."""

@@ -75,7 +75,6 @@ class FitWorker(WorkThread):
     def __init__(self, name: str, say: Callable[[str], None]) -> None:
         super().__init__(name)
         self._say = say
-        self._is_spread = False
         self._children: list[_ByChild] = []
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
@@ -86,9 +85,8 @@ class FitWorker(WorkThread):
 
     def spread(self) -> None:
         """Start a child for each core; only the first call of this does anything."""
-        if self._is_spread:
+        if self._children:
             return
-        self._is_spread = True
         self._calls.put(None)  # the thread ends after the calls that it has
         self._calls = queue.SimpleQueue()
         self._children = [_ByChild(self._say) for _ in range(min(cores(), MOST_CHILDREN))]
