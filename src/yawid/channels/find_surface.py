@@ -182,7 +182,7 @@ def no_surface(what: str, vehicle: Vehicle, table: ParameterTable) -> Reason:
     if vehicle.type in WITHOUT_RUDDER:
         return Reason(
             "no_rudder",
-            f"the vehicle is a {vehicle.type_name} on {vehicle.autopilot_name}, which has no "
+            f"the vehicle is a {vehicle.numbered_type} on {vehicle.autopilot_name}, which has no "
             f"{what}, whatever channel is named",
             OTHER_LOG,
         )
@@ -196,6 +196,6 @@ def no_surface(what: str, vehicle: Vehicle, table: ParameterTable) -> Reason:
         )
     return Reason(
         "no_rudder",
-        f"no parameter or message names a {what}; the vehicle is a {vehicle.type_name} "
+        f"no parameter or message names a {what}; the vehicle is a {vehicle.numbered_type} "
         f"on {vehicle.autopilot_name}{torn}",
     )

@@ -53,8 +53,7 @@ class Readings(Columns):
     def at(self, order: Ints) -> Ints:
         """Return the newest reading (m,) at or before each place (m,), else the first reading."""
         rows = np.maximum(np.searchsorted(self.order, order, side="right") - 1, 0)
-        newest: Ints = self.us[rows]
-        return newest
+        return self.us[rows]
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,8 +108,7 @@ class Latest:
 
     def at(self, order: Ints) -> Floats:
         """Return the newest values (n, columns) before each place (n,)."""
-        held: Floats = self.values[np.searchsorted(self.order, order) - 1]
-        return held
+        return self.values[np.searchsorted(self.order, order) - 1]
 
 
 def boot_us(fields: Array) -> Ints:
@@ -128,5 +126,4 @@ def unwrap_uint32_us(raw: Ints, order: Ints, boot_us: Ints, boot_order: Ints) ->
     """
     last = np.maximum(np.searchsorted(boot_order, order) - 1, 0)
     turns = np.rint((boot_us[last] - raw) / 2.0**32).astype(np.int64)
-    unwrapped: Ints = raw + turns * 2**32
-    return unwrapped
+    return raw + turns * 2**32

@@ -22,7 +22,7 @@ from yawid.channels.segments import Boots, Segmenter
 from yawid.channels.series import END, Piece, Series
 from yawid.channels.surface import OUTPUTS, STICKS, Surface
 from yawid.channels.surface_reader import SurfaceReader, record_surfaces, record_values
-from yawid.channels.vehicle import VehicleLock
+from yawid.channels.vehicle import Vehicle, VehicleLock
 from yawid.channels.yaw_reader import ROW, SOURCES, YawReader
 from yawid.config.run import RunConfig
 from yawid.errors import ConfigError
@@ -43,9 +43,8 @@ class Channels:
     """The way from messages (``feed_frames``) or records (``feed_rows``) to samples.
 
     ``watch`` is called with the rows of yaw and surfaces in the order received, and changes
-    nothing. ``used`` counts the samples that update the estimators, ``held`` says why others did
-    not, ``fast`` counts those whose yaw rate is beyond ``FAST_RAD_S``, and ``twins`` compares the
-    outputs of one function.
+    nothing. ``used`` counts the samples that update the estimators, ``fast`` those whose yaw rate
+    is beyond ``FAST_RAD_S``, and ``twins`` compares the outputs of one function.
 
     Raises:
         ConfigError: the rate asked for is above the log's own.
@@ -63,7 +62,7 @@ class Channels:
         self.surfaces: tuple[Surface, ...] = ()
         self.aileron: Surface | None = None
         self.surface_rows = 0
-        self.used, self.held, self.fast = 0, Held.NONE, 0
+        self.used = self.fast = 0
         self.flows = Flow(), Flow()
         self._used: tuple[Surface, ...] = ()
         self.received: frozenset[str] = frozenset()
@@ -171,18 +170,17 @@ class Channels:
 
         While one of the inputs is missing there are no surfaces.
         """
-        assert self.lock.vehicle is not None
-        found = [self._find(name) for name in self.config.inputs]
+        vehicle = self.lock.vehicle
+        assert vehicle is not None
+        found = [self._find(name, vehicle) for name in self.config.inputs]
         surfaces = tuple(surface for surface in found if surface is not None)
         if len({surface.message for surface in surfaces}) > 1:
             raise ConfigError("--rudder and --aileron must come from the same message")
-        lift = lift_motors(self.lock.vehicle, self.parameters)
-        return surfaces if len(surfaces) == len(found) else (), self._find("aileron"), lift
+        aileron, lift = self._find("aileron", vehicle), lift_motors(vehicle, self.parameters)
+        return surfaces if len(surfaces) == len(found) else (), aileron, lift
 
-    def _find(self, name: str) -> Surface | None:
+    def _find(self, name: str, vehicle: Vehicle) -> Surface | None:
         """Return the surface ``rudder`` or ``aileron`` to read from now on, None if unknown."""
-        vehicle = self.lock.vehicle
-        assert vehicle is not None
         selector = getattr(self.config, name)
         surface = find_surface(name, selector, vehicle, self.parameters, self.received)
         sign = -1.0 if self.config.rudder_sign == "nose-left" else 1.0
@@ -261,7 +259,6 @@ class Channels:
         chosen = block if rows.all() else block.select(rows)
         self.used += int((chosen.held == 0).sum())
         self.fast += int((np.abs(chosen.y) > FAST_RAD_S).sum())
-        self.held |= Held(int(np.bitwise_or.reduce(chosen.held)))
         return [chosen]
 
 

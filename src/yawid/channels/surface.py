@@ -95,8 +95,7 @@ class Surface:
             if len(self.parts) > 1:
                 value = np.where(np.abs(value) < STOPS, value, np.nan)
             total = total + part.weight * value
-        deflection: Floats = self.scale * total
-        return deflection
+        return self.scale * total
 
     def normalised(self, part: SurfacePart, block: MessageBlock) -> Floats:
         """Return one output (n,) scaled to -1..1, NaN where it is off or absent."""

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from yawid.answers.heard import VehicleSeen
 from yawid.blocks import FrameBlock, MessageBlock
 from yawid.quantities.vehicles import (
     AUTOPILOT_INVALID,
@@ -16,30 +17,19 @@ from yawid.quantities.vehicles import (
     NOT_A_VEHICLE,
     TYPE_NAMES,
     VTOL_TYPES,
-    autopilot_name,
     type_name,
 )
 
 
-@dataclass(frozen=True, slots=True)
-class Vehicle:
+class Vehicle(VehicleSeen, frozen=True):
     """The aircraft found: its address, type, autopilot, and the place of its first HEARTBEAT."""
 
-    sysid: int
-    compid: int
-    type: int
-    autopilot: int
     order: int
 
     @property
-    def type_name(self) -> str:
+    def numbered_type(self) -> str:
         """The type in words, with its number."""
         return f"{TYPE_NAMES.get(self.type, 'unknown')} (type {self.type})"
-
-    @property
-    def autopilot_name(self) -> str:
-        """The autopilot in words."""
-        return autopilot_name(self.autopilot)
 
 
 def has_wings(vehicle: Vehicle) -> bool:

@@ -175,5 +175,4 @@ def _turn_rate(airspeed: Floats, roll: Floats, pitch: Floats) -> Floats:
     ``airspeed`` is in m/s; the rate is NaN where that is unknown or too low to fly.
     """
     speed = np.where(airspeed > LEAST_AIRSPEED, airspeed, np.nan)
-    turn: Floats = GRAVITY / speed * np.sin(roll) * np.cos(pitch)
-    return turn
+    return GRAVITY / speed * np.sin(roll) * np.cos(pitch)

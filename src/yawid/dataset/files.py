@@ -15,9 +15,9 @@ column name, with times in microseconds since 1970.
 import json
 import sqlite3
 from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, closing, contextmanager, suppress
+from contextlib import AbstractContextManager, ExitStack, closing, contextmanager, suppress
 from pathlib import Path
-from typing import Final, Self
+from typing import Final
 
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -93,7 +93,7 @@ def table_of(table: Table, rows: Sequence[ReadRow]) -> pa.Table:
     return pa.Table.from_pylist(clean, pa.schema(fields))
 
 
-class DataSet:
+class DataSet(AbstractContextManager["DataSet"]):
     """The data set of one running fleet, locked against other fleets until its context ends.
 
     Its folder is made where there is none. The Parquet files are written when the context ends,
@@ -118,10 +118,6 @@ class DataSet:
                 self._rows.executescript(f"BEGIN; {_MAKE} COMMIT")
             self._rows.commit()
             stack.pop_all()  # it stays open
-
-    def __enter__(self) -> Self:
-        """Return itself."""
-        return self
 
     def __exit__(self, *_: object) -> None:
         """Write the Parquet files where something has changed, and release the lock.

@@ -8,7 +8,6 @@ from yawid.answers.reasons import ASK_HZ
 from yawid.blocks import Held, words
 from yawid.pipeline import Pipeline
 from yawid.quantities.link import LinkStats
-from yawid.quantities.vehicles import type_name
 from yawid.results.judge_samples import message_rate_reasons
 from yawid.runs.can import facts_of_bare
 from yawid.runs.live.running_answer import Answer, said
@@ -53,16 +52,12 @@ class Gatherer:
         progress, unanswered = pipeline.progress()
         verdict = answer.verdict if answer.flights else None
         status = state(pipeline)
-        name = ""
-        if vehicle is not None:
-            kind = type_name(vehicle.type)
-            name = f"{vehicle.sysid}/{vehicle.compid} {kind} on {vehicle.autopilot_name}"
         reasons = () if verdict is None else verdict.reasons
         fatal = [reason for reason in reasons if reason.weight == "fatal"]
         return VehicleFacts(
             sysid=0 if vehicle is None else vehicle.sysid,
             label=label,
-            name=name,
+            name="" if vehicle is None else f"{vehicle.sysid}/{vehicle.compid} {vehicle.kind}",
             rudder=", ".join(
                 f"{each.source}{ASSUMED if each.how == 'assumed' else ''}"
                 for each in channels.surfaces

@@ -109,13 +109,10 @@ class Tap(ABC):
         pairs: dict[tuple[int, Address], bool] = {}
         stamp, pack = 0, _STAMP.pack
         for stamp, datagram, address in self.inbox.get():
-            prefix = pack(stamp)
-            if frame_size(datagram) == len(datagram):
-                parts += (prefix, datagram)
-                self._note(pairs, datagram, address)
-                continue
-            frames = list(split_datagram(datagram))
-            self.skipped_bytes += len(datagram) - sum(map(len, frames))
+            prefix, frames = pack(stamp), [datagram]
+            if frame_size(datagram) != len(datagram):
+                frames = list(split_datagram(datagram))
+                self.skipped_bytes += len(datagram) - sum(map(len, frames))
             for frame in frames:
                 parts += (prefix, frame)
                 self._note(pairs, frame, address)

@@ -5,7 +5,7 @@ can report. Times have 64 bits of microseconds in all of them, since the logs ar
 ACCELERATION, in m/s^2, is no MAVLink message: one of an IMU would be a source of the yaw rate, too.
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +22,10 @@ STRAY_US = 10_000_000
 """A time that is further than this from its neighbours' is damaged."""
 ANGLES_GAP_US = 1_000_000
 """The longest stretch without attitude over which angles are interpolated."""
+FIX_3D = 3
+"""GPS_FIX_TYPE from which on a ground speed or a date of GPS is believed."""
+NONE = np.zeros(0, np.int64)
+"""The places of a message that a log does not have."""
 
 _TIME = ("time_usec", "<u8")
 DTYPES = {
@@ -95,8 +99,6 @@ def steady(t_us: Ints) -> Bools:
     """
     from scipy.ndimage import median_filter  # takes 0.1 s: a telemetry log must not pay for it
 
-    if len(t_us) == 0:
-        return np.zeros(0, bool)
     away: Ints = np.abs(t_us - median_filter(t_us, 5, mode="reflect"))
     return away <= STRAY_US
 
@@ -118,14 +120,18 @@ def hold_last(opening: tuple[float, ...], *parts: tuple[Ints, Floats]) -> tuple[
     return places, columns
 
 
-def merged(name: str, before: float, **columns: tuple[Ints, Floats]) -> PlacedFields:
+def merged(
+    name: str, before: float, /, common: Mapping[str, float] | None = None,
+    **columns: tuple[Ints, Floats],
+) -> PlacedFields:  # fmt: skip
     """Return a message at each place at which one of its columns is reported, the others held.
 
-    Each column has places (n,) and values (n,) of its own, and is ``before`` until its first value.
+    Each column has places (n,) and values (n,) of its own, and is ``before`` until its first value;
+    those in ``common`` are the same at all places.
     """
     places, values = hold_last((before,) * len(columns), *columns.values())
     known = {column: own[1:] for column, own in zip(columns, values, strict=True)}
-    return places[1:], table(name, len(places) - 1, **known)
+    return places[1:], table(name, len(places) - 1, **known, **(common or {}))
 
 
 def forward(t_us: Ints) -> Bools:
@@ -153,12 +159,15 @@ def between(
     return found
 
 
-def angles_at(t_us: Ints, known_us: Ints, roll: Floats, pitch: Floats, yaw: Floats) -> Floats:
-    """Return roll, pitch and yaw in rad (3, n) at the instants ``t_us`` (n,): see :func:`between`.
+def angles_at(
+    t_us: Ints, known_us: Ints, roll: Floats, pitch: Floats, yaw: Floats
+) -> dict[str, Floats]:
+    """Return roll, pitch and yaw in rad (n,) at the instants ``t_us`` (n,): see :func:`between`.
 
     They are NaN where two attitudes (m,) are more than a second apart.
     """
     of = t_us, known_us
-    found = [between(*of, angle, ANGLES_GAP_US) for angle in (roll, pitch)]
+    level = {"roll": roll, "pitch": pitch}
+    found = {name: between(*of, angle, ANGLES_GAP_US) for name, angle in level.items()}
     turned = between(*of, yaw, ANGLES_GAP_US, is_angle=True)
-    return np.stack([*found, (turned + np.pi) % (2.0 * np.pi) - np.pi])
+    return found | {"yaw": (turned + np.pi) % (2.0 * np.pi) - np.pi}

@@ -31,6 +31,8 @@ from yawid.quantities.vehicles import AIRSPEED_GIVEN, ARDUPILOT, ARMED, IN_AIR, 
 from yawid.sources.logs.as_mavlink import (
     COMPID,
     DTYPES,
+    FIX_3D,
+    NONE,
     PlacedFields,
     angles_at,
     frame_block,
@@ -57,8 +59,6 @@ _SYSID = (b"MAV_SYSID", b"SYSID_THISMAV")
 _EV_ARMED, _EV_DISARMED = 10, 11
 _GPS_EPOCH_S = 315_964_800  # 1980-01-06 in Unix time
 _LEAP_S = 18  # GPS minus UTC since 2017
-_FIX_3D = 3
-_NONE = np.zeros(0, np.int64)
 
 
 class DataflashReader:
@@ -86,14 +86,14 @@ class DataflashReader:
         self._sysid = _system_id(first)
         self._shift = len(first) + 1
         order = np.arange(1, self._shift)
-        self._first = self._untimed("PARAM_VALUE", order - self._shift, first)
+        self._first = self._placed("PARAM_VALUE", order - self._shift, first)
         beats, states = _heartbeats(index)
         self._context = [
             # The state before the log's first byte gets the place at which order becomes 0.
-            self._untimed("HEARTBEAT", np.where(beats < 0, -self._shift, beats), states),
-            self._untimed("VFR_HUD", *_hud(index)),
-            self._untimed("EXTENDED_SYS_STATE", *_system_state(index)),
-            self._untimed("PARAM_VALUE", changed, values),
+            self._placed("HEARTBEAT", np.where(beats < 0, -self._shift, beats), states),
+            self._placed("VFR_HUD", *_hud(index)),
+            self._placed("EXTENDED_SYS_STATE", *_system_state(index)),
+            self._placed("PARAM_VALUE", changed, values),
         ]
 
     @property
@@ -136,19 +136,20 @@ class DataflashReader:
 
     def _between(self, name: str, low: int, high: int, more: int = 0) -> Ints:
         """Return where messages of this name start in [low, high), plus ``more`` on each side."""
-        offsets = self._index.offsets.get(name, _NONE)
+        offsets = self._index.offsets.get(name, NONE)
         first, stop = np.searchsorted(offsets, (low, high))
         return offsets[max(first - more, 0) : stop + more]
 
-    def _untimed(self, name: str, offsets: Ints, fields: Array) -> MessageBlock:
-        received = np.full(len(offsets), self._unix_us)
+    def _placed(
+        self, name: str, offsets: Ints, fields: Array, t_us: Ints | int = 0
+    ) -> MessageBlock:
+        received = np.full(len(offsets), t_us + self._unix_us)
         return message(name, offsets + self._shift, received, fields, self._sysid)
 
     def _timed(self, name: str, log: str, offsets: Ints, **columns: Any) -> MessageBlock:
         t_us = self._index.times(log, offsets)
         fields = table(name, len(offsets), time_usec=t_us, **columns)
-        received = t_us + self._unix_us
-        return message(name, offsets + self._shift, received, fields, self._sysid)
+        return self._placed(name, offsets, fields, t_us)
 
     def _outputs(self, name: str, prefix: str, log: str, offsets: Ints) -> MessageBlock:
         rows = self._index.rows(log, offsets)
@@ -162,18 +163,18 @@ class DataflashReader:
         rows = index.rows(log, offsets)
         p, q, r = (index.si(log, rows, name) for name in _RATES[log])
         angles = self._angles(index.times(log, offsets), low, high)
-        known = dict(zip(("roll", "pitch", "yaw"), angles, strict=True))
-        return self._timed("ATTITUDE", log, offsets, rollspeed=p, pitchspeed=q, yawspeed=r, **known)
+        rates = {"rollspeed": p, "pitchspeed": q, "yawspeed": r}
+        return self._timed("ATTITUDE", log, offsets, **rates, **angles)
 
     def _acceleration(self, offsets: Ints) -> MessageBlock:
         lateral = self._index.si("IMU", self._index.rows("IMU", offsets), "AccY")
         made = self._timed("ACCELERATION", "IMU", offsets, yacc=lateral)
         return replace(made, order=made.order + 1)  # after the ATTITUDE of the same row
 
-    def _angles(self, t_us: Ints, low: int, high: int) -> Floats:
+    def _angles(self, t_us: Ints, low: int, high: int) -> dict[str, Any]:
         index = self._index
         if not index.has("ATT", "Roll", "Pitch", "Yaw"):
-            return np.full((3, len(t_us)), np.nan)
+            return dict.fromkeys(("roll", "pitch", "yaw"), np.nan)
         offsets = self._between("ATT", low, high, more=2)
         rows = index.rows("ATT", offsets)
         roll, pitch, yaw = (index.si("ATT", rows, name) for name in ("Roll", "Pitch", "Yaw"))
@@ -184,7 +185,7 @@ class DataflashReader:
         index = self._index
         known = [name for name, columns in _RATES.items() if index.has(name, *columns)]
         times = {name: index.times(name, index.offsets[name]) for name in known}
-        seconds = {name: len(np.unique(times.get(name, _NONE) // 1_000_000)) for name in _RATES}
+        seconds = {name: len(np.unique(times.get(name, NONE) // 1_000_000)) for name in _RATES}
         if not any(seconds.values()):
             return ""
         return "RATE" if seconds["RATE"] >= _ENOUGH * seconds["IMU"] else "IMU"
@@ -201,7 +202,7 @@ class DataflashReader:
 def _unix_minus_boot_us(index: DataflashIndex) -> int:
     """Return Unix time minus boot time in us from GPS, 0 without a 3D fix."""
     offsets, rows = index.found("GPS", "Status", "GWk", "GMS")
-    fixed = (rows["Status"] >= _FIX_3D) & (rows["GWk"] > 0)
+    fixed = (rows["Status"] >= FIX_3D) & (rows["GWk"] > 0)
     if not fixed.any():
         return 0
     ms = rows["GWk"].astype(np.int64) * 604_800_000 + rows["GMS"]
@@ -257,11 +258,10 @@ def _hud(index: DataflashIndex) -> PlacedFields:
     air, height = _first_of(index, _AIRSPEED), _first_of(index, _ALTITUDE)
     kind = next((AIRSPEED_GIVEN[each] for each in _AIRSPEED if index.has(*each)), np.nan)
     offsets, rows = index.found("GPS", "Spd", "Status")
-    fixed = rows["Status"] >= _FIX_3D
+    fixed = rows["Status"] >= FIX_3D
     ground = offsets, np.where(fixed, index.si("GPS", rows, "Spd"), np.nan)
-    places, fields = merged("VFR_HUD", np.nan, airspeed=air, groundspeed=ground, alt=height)
-    fields["airspeed_kind"] = kind
-    return places, fields
+    columns = {"airspeed": air, "groundspeed": ground, "alt": height}
+    return merged("VFR_HUD", np.nan, {"airspeed_kind": kind}, **columns)
 
 
 def _first_of(index: DataflashIndex, wanted: tuple[tuple[str, str], ...]) -> tuple[Ints, Floats]:

@@ -48,6 +48,8 @@ from yawid.quantities.vehicles import (
 )
 from yawid.sources.logs.as_mavlink import (
     COMPID,
+    FIX_3D,
+    NONE,
     PlacedFields,
     angles_at,
     frame_block,
@@ -74,11 +76,9 @@ _TOPICS = (
 )
 _ARMED_STATE = 2
 _ROTARY_WING, _FIXED_WING = 1, 2  # vehicle_status.vehicle_type
-_FIX_3D = 3
-_NONE = np.zeros(0, np.int64)
-_NOTHING = _NONE, np.zeros(0)
+_NOTHING = NONE, np.zeros(0)
 UlogTopic = Mapping[str, Array]
-_NO_ROWS: UlogTopic = {"timestamp": _NONE}
+_NO_ROWS: UlogTopic = {"timestamp": NONE}
 _OLDEST_SAMPLE_US = 1_000_000  # no sample is published later than this
 
 
@@ -139,15 +139,13 @@ class UlogReader:
         yield "ACCELERATION", self._acceleration()
         yield "SERVO_OUTPUT_RAW", self._servos()
         yield "ACTUATOR_CONTROL_TARGET", self._controls()
-        simulated = self._topics.get(("actuator_outputs_sim", 0))
-        if simulated is not None:
-            name, controls = "HIL_ACTUATOR_CONTROLS", array(simulated, "output", 16)
-            yield name, _timed(name, simulated, controls=controls)
-        stick = self._topics.get(("input_rc", 0))
-        if stick is not None:
-            values = array(stick, "values", 18)
-            columns = {f"chan{i + 1}_raw": values[:, i] for i in range(18)}
-            yield "RC_CHANNELS", _timed("RC_CHANNELS", stick, **columns)
+        simulated = self._topics.get(("actuator_outputs_sim", 0), _NO_ROWS)
+        name, controls = "HIL_ACTUATOR_CONTROLS", array(simulated, "output", 16)
+        yield name, _timed(name, simulated, controls=controls)
+        stick = self._topics.get(("input_rc", 0), _NO_ROWS)
+        values = array(stick, "values", 18)
+        columns = {f"chan{i + 1}_raw": values[:, i] for i in range(18)}
+        yield "RC_CHANNELS", _timed("RC_CHANNELS", stick, **columns)
 
     def _in_order(self, parts: Mapping[str, PlacedFields]) -> Iterator[MessageBlock]:
         """Yield the blocks; each row's ``order`` is its rank among all rows by time.
@@ -173,7 +171,7 @@ class UlogReader:
 
     def _vehicle_type(self) -> int:
         kind = self._first("system_type", "MAV_TYPE")
-        flies_as = self._status.get("vehicle_type", _NONE)
+        flies_as = self._status.get("vehicle_type", NONE)
         return kind or (FIXED_WING if (flies_as == _FIXED_WING).any() else 0)
 
     def _heartbeats(self) -> PlacedFields:
@@ -213,9 +211,8 @@ class UlogReader:
         heights = ("vehicle_global_position", "alt"), ("vehicle_air_data", "baro_alt_meter")
         height, _ = next(self._known(*heights), (_NOTHING, ""))
         ground = self._over_ground()
-        places, fields = merged("VFR_HUD", np.nan, airspeed=air, groundspeed=ground, alt=height)
-        fields["airspeed_kind"] = kind
-        return places, fields
+        columns = {"airspeed": air, "groundspeed": ground, "alt": height}
+        return merged("VFR_HUD", np.nan, {"airspeed_kind": kind}, **columns)
 
     def _having(self, *wanted: Sequence[str]) -> Iterator[tuple[UlogTopic, Sequence[str]]]:
         """Yield those of the topics that have the columns named after them."""
@@ -262,7 +259,7 @@ class UlogReader:
             if is_known.any():
                 return t_us, np.where(is_known, np.hypot(position["vx"], position["vy"]), np.nan)
         for topic, _ in self._having(*((name, "vel_m_s", "fix_type") for name in _GPS)):
-            fixed = topic["fix_type"] >= _FIX_3D
+            fixed = topic["fix_type"] >= FIX_3D
             return published(topic), np.where(fixed, topic["vel_m_s"], np.nan).astype(float)
         return _NOTHING
 
@@ -274,33 +271,30 @@ class UlogReader:
             ("vehicle_attitude", *names),
             ("sensor_combined", *(f"gyro_rad[{i}]" for i in range(3))),
         ):
-            angles = angles_at(
+            known = {rate: topic[c] for rate, c in zip(names, columns, strict=True)}
+            known |= angles_at(
                 sampled(topic), sampled(attitude), *euler(*array(attitude, "q", 4).T)
             )
-            known = dict(zip(("roll", "pitch", "yaw"), angles, strict=True))
-            known |= {rate: topic[c] for rate, c in zip(names, columns, strict=True)}
             return _timed("ATTITUDE", topic, sampled(topic), **known)
-        return _NONE, table("ATTITUDE", 0)
+        return NONE, table("ATTITUDE", 0)
 
     def _acceleration(self) -> PlacedFields:
         wanted = ("vehicle_acceleration", "xyz[1]"), ("sensor_combined", "accelerometer_m_s2[1]")
         for topic, (column,) in self._having(*wanted):
             return _timed("ACCELERATION", topic, sampled(topic), yacc=topic[column])
-        return _NONE, table("ACCELERATION", 0)
+        return NONE, table("ACCELERATION", 0)
 
     def _servos(self) -> PlacedFields:
-        parts = []
+        parts = [(NONE, table("SERVO_OUTPUT_RAW", 0))]
         for (name, port), topic in self._topics.items():
             if name == "actuator_outputs":
                 values = array(topic, "output", 16)
                 columns = {f"servo{i + 1}_raw": values[:, i] for i in range(16)}
                 parts.append(_timed("SERVO_OUTPUT_RAW", topic, port=port, **columns))
-        if not parts:
-            return _NONE, table("SERVO_OUTPUT_RAW", 0)
         return np.concatenate([t for t, _ in parts]), np.concatenate([f for _, f in parts])
 
     def _controls(self) -> PlacedFields:
-        is_vtol = self._status.get("is_vtol", _NONE).any() or self._vehicle_type() in VTOL_TYPES
+        is_vtol = self._status.get("is_vtol", NONE).any() or self._vehicle_type() in VTOL_TYPES
         for own in (1, 0) if is_vtol else (0,):
             # Roll, pitch and yaw have the same indices in both.
             wanted = (
@@ -311,7 +305,7 @@ class UlogReader:
                 if (topic := self._topics.get((name, instance))) is not None:
                     controls = array(topic, column, 8)
                     return _timed("ACTUATOR_CONTROL_TARGET", topic, controls=controls)
-        return _NONE, table("ACTUATOR_CONTROL_TARGET", 0)
+        return NONE, table("ACTUATOR_CONTROL_TARGET", 0)
 
     def _unix_minus_boot_us(self) -> int:
         for topic, _ in self._having(*((name, "time_utc_usec") for name in _GPS)):

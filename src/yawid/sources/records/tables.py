@@ -92,13 +92,12 @@ class Table(ABC):
         """
         text, values, scale = self._text(column), self._columns.pop(column), 1.0
         if isinstance(values, np.ndarray):
-            found: Floats = values
-            return found
+            return np.asarray(values, np.float64)
         values = values if text is None else self._parsed(column, text)
         if pa.types.is_duration(values.type):
             values, scale = values.cast(pa.duration("ns")).cast(pa.int64()), 1e9
         try:
-            found = _plain(values.cast("float64"), _NAN)
+            found: Floats = _plain(values.cast("float64"), _NAN)
         except (pa.ArrowException, ValueError, TypeError) as error:
             said = f"{self._place(column)}: {values.type} is not a number"
             raise SourceError(said) from error
