@@ -5,7 +5,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, TypeAlias, cast
 
 from yawid.blocks import FrameBlock, RecordBlock
 from yawid.errors import SourceError
@@ -88,12 +88,7 @@ class Log:
     @property
     def record(self) -> "Record | None":
         """The record, whose columns must be settled before it is read; None for MAVLink logs."""
-        if not self.format.has_columns:
-            return None
-        from yawid.sources.records.record import Record  # a log needs nothing of it
-
-        assert isinstance(self._reader, Record)
-        return self._reader
+        return cast("Record", self._reader) if self.format.has_columns else None
 
     @property
     def sha256(self) -> str:

@@ -52,8 +52,6 @@ class Gatherer:
         progress, unanswered = pipeline.progress()
         verdict = answer.verdict if answer.flights else None
         status = state(pipeline)
-        reasons = () if verdict is None else verdict.reasons
-        fatal = [reason for reason in reasons if reason.weight == "fatal"]
         return VehicleFacts(
             sysid=0 if vehicle is None else vehicle.sysid,
             label=label,
@@ -83,7 +81,7 @@ class Gatherer:
             stream=status if answer.known or not status else f"{said(answer)}, {status}",
             state=SILENT if quiet else status,
             verdict=None if verdict is None else verdict.usable,
-            why=tuple(map(str, fatal or reasons)),
+            why=() if verdict is None else tuple(map(str, verdict.fatal or verdict.reasons)),
             lacks=_lacks(pipeline, answer),
         )
 
