@@ -197,9 +197,9 @@ class Pipeline:
             self._manoeuvres.laterals.store.feed(motion)
         if self._ordinary is not None:
             self._ordinary.store.feed(motion)
-        self._pass_on(motion)
+        self.pass_on(motion)
 
-    def _pass_on(self, event: Event) -> None:
+    def pass_on(self, event: Event) -> None:
         """Give every sink an event."""
         for sink in self.sinks:
             sink.take(event)
@@ -238,12 +238,12 @@ class Pipeline:
             return [], bares
         answered = list(stage.ready(until_s=until_s))
         for each in answered:
-            self._pass_on(Found(each, stage.spans_ns[each.n]))
+            self.pass_on(Found(each, stage.spans_ns[each.n]))
         if stage.laterals is not None:
             numbers = {each.n for each in stage.answered}
             bares = list(stage.laterals.ready(numbers, until_s=until_s))
         for n, bare in bares:
-            self._pass_on(FoundBare(n, bare, stage.spans_ns[n]))
+            self.pass_on(FoundBare(n, bare, stage.spans_ns[n]))
         return answered, bares
 
     def leave_out(self, until_s: float) -> list[str]:
@@ -272,7 +272,7 @@ class Pipeline:
         self.newest, self.samples = samples, self.samples + len(samples)
         self._used += int(np.count_nonzero(samples.held == 0))
         self._held |= Held(int(np.bitwise_or.reduce(samples.held)))
-        self._pass_on(RunRows(samples, estimates, self.modes))
+        self.pass_on(RunRows(samples, estimates, self.modes))
         if self._ordinary is not None:
             self._ordinary.feed(samples)
             self._flown.feed(samples)
@@ -319,7 +319,7 @@ class Pipeline:
             self.config.unit_of_rudder,
             *modes_of,
         )
-        self._pass_on(grid)
+        self.pass_on(grid)
         waiting, self._motion = self._motion, []
         for motion in waiting:
             self._move(motion)

@@ -227,8 +227,7 @@ def finish(
         "parameters.txt": parameters,
         "summary.json": json.dumps(summary.to_json()).encode(),
     }
-    for sink in pipeline.sinks:
-        sink.take(Done(summary, attachments))
+    pipeline.pass_on(Done(summary, attachments))
     return summary
 
 

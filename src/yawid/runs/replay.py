@@ -83,9 +83,8 @@ def to_files(source: Recording, config: RunConfig, outputs: Outputs, stop: StopF
         try:
             if not job.is_whole:
                 files = keep_as_interrupted(sinks, outputs)
-            for sink in sinks:
-                for line in source.log_lines:
-                    sink.take(line)
+            for line in source.log_lines:
+                job.pipeline.pass_on(line)
             return finish(job.pipeline, summary, files, source.parameters(job.pipeline))
         except SinkError as error:
             raise UnwrittenError(str(error), summary) from error

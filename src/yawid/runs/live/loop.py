@@ -310,8 +310,7 @@ class _Loop:
         )
         ended = self._sessions.finish(live, self._answers_s)
         if self._has_failed or failed:
-            least = SinkError.exit_code
-            ended = [e._replace(exit_code=max(e.exit_code, least)) for e in ended]
+            ended = [e._replace(exit_code=max(e.exit_code, SinkError.exit_code)) for e in ended]
         if failed:
             names, code = ", ".join(part.what for part in failed), max(e.exit_code for e in ended)
             self._console.say(f"failed in this session: {names}; exit code {code}")

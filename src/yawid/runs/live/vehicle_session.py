@@ -153,8 +153,7 @@ class LiveSession:
         if self._tlog is not None:
             self._tlog.look()
         self._estimating.attempt(self._look, None)
-        for sink in self._sinks:
-            sink.take(Flush())
+        self.pipeline.pass_on(Flush())
 
     def _look(self) -> None:
         """Report new manoeuvres, further vehicles, and signatures that are not checked."""
@@ -255,8 +254,7 @@ class LiveSession:
         """Close what is open; files keep their unfinished names and what was recorded."""
         if self._tlog is not None:
             self._tlog.abort()
-        for sink in self._sinks:
-            sink.take(Abort())
+        self.pipeline.pass_on(Abort())
 
     def give_up(self) -> Path | None:
         """End a session that does not fit what was asked for; return its finished tlog, if any."""

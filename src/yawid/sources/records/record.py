@@ -6,6 +6,7 @@ it, unless a column has a name of the table and its values fit the unit of the t
 
 import tomllib
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Final
@@ -66,11 +67,9 @@ class Record:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        try:
-            with path.open("rb") as file:
-                is_parquet = file.read(len(MAGIC)) == MAGIC
-        except OSError as error:
-            raise SourceError(f"cannot read {path}: {error.strerror}") from error
+        is_parquet = False  # of an unreadable file, too: the table of texts says what is wrong
+        with suppress(OSError), path.open("rb") as file:
+            is_parquet = file.read(len(MAGIC)) == MAGIC
         self._table: Table = ParquetTable(path) if is_parquet else CsvTable(path)
         self._rows: Rows | None = None
         self.link = LinkStats()
