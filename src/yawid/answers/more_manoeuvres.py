@@ -9,7 +9,7 @@ import math
 from collections.abc import Iterator
 from typing import Final
 
-import msgspec
+from msgspec.structs import replace
 
 from yawid.answers.flight_test_card import Expected
 from yawid.answers.run_summary import TAU_WN_SHARE, TAU_ZETA, Flight
@@ -65,7 +65,6 @@ def of_mean(flight: Flight, more: int = 0) -> Flight:
         # The scatter is a part of the mean's noise: no tau is left, and no floor.
         return sigma_after(n, more, whole, math.hypot(noise, tau / math.sqrt(n)), 0.0, 0.0)
 
-    change = msgspec.structs.replace
     wn_std = mean(roll.wn_std, roll.wn_std_noise, between.wn_rad_s)
     zeta_std = mean(roll.zeta_std, roll.zeta_std_noise, between.zeta)
-    return change(flight, dutch_roll=change(roll, wn_std=wn_std, zeta_std=zeta_std))
+    return replace(flight, dutch_roll=replace(roll, wn_std=wn_std, zeta_std=zeta_std))

@@ -81,7 +81,7 @@ class FitWorker(WorkThread):
         """See :class:`WorkThread`; with ``cancel_futures`` hung children are killed, too."""
         super().shutdown(wait, cancel_futures=cancel_futures)
         for each in self._children if cancel_futures else ():
-            each.end()
+            each.child.end()  # its call gets no answer
 
     def spread(self) -> None:
         """Start a child for each core; only the first call of this does anything."""
@@ -99,29 +99,25 @@ class _ByChild:
 
     def __init__(self, say: Callable[[str], None]) -> None:
         self._say = say
-        self._child = Worker("yawid.pipeline")
+        self.child = Worker("yawid.pipeline")
         self._is_lost = False
-
-    def end(self) -> None:
-        """Kill the child from another thread; its call gets no answer."""
-        self._child.end()
 
     def run(self, calls: _Calls) -> None:
         """Start the child, make the calls, and end it."""
         block(SIGNALS)  # the child inherits that: no Ctrl-C in the terminal reaches it
-        self._tried(self._child.start)
+        self._tried(self.child.start)
         while (call := calls.get()) is not None:
             future, act = call
             _do(future, partial(self._made, act))
         calls.put(None)  # for the other threads
-        self._child.close()
+        self.child.close()
 
     def _made(self, act: Callable[[], _T]) -> _T:
         if not self._is_lost:
-            found = self._tried(lambda: (self._child.call(act, FIT_S),))
+            found = self._tried(lambda: (self.child.call(act, FIT_S),))
             if found is not None:
                 return found[0]
-            if self._child.is_over:
+            if self.child.is_over:
                 raise CancelledError
         return act()
 
@@ -132,7 +128,7 @@ class _ByChild:
         except (DiedError, OSError) as error:
             self._is_lost = True
             how = f"cannot be started ({error})" if isinstance(error, OSError) else error
-            if not self._child.is_over:
+            if not self.child.is_over:
                 self._say(f"a process that answers manoeuvres {how}: {HERE}")
             return None
 
