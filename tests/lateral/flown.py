@@ -49,13 +49,17 @@ def flown(
     damper: float = 0.0,
     pitch: float = 0.0,
     ramp_s: float = 0.08,
+    stall_rad: float = np.inf,
+    limited: tuple[float, float] = (0.0, 0.0),
     **changed: Any,
 ) -> Motion:
     """Return a motion; without a seed it has no noise. ``hold`` are the roll hold's two gains.
 
     The state is exact for commands on lines between the points of their grid. Gusts have the
     sideslip ``gust`` in rad. The roll hold hears what is measured, the roll angle behind a lag,
-    and so does a yaw damper with the gain ``damper``. With a ``pitch`` it climbs as steeply.
+    and so does a yaw damper with the gain ``damper``. With a ``pitch`` it climbs as steeply. The
+    fin's sideslip a is stall_rad tanh(a / stall_rad), and a yaw damper that is in no record moves
+    the rudder by ``limited``, which are its gain and the most that it moves.
     """
     lead, every = round(1.0 / COMMAND_STEP_S), round(1.0 / rate_hz / COMMAND_STEP_S)
     n = lead + round(seconds / COMMAND_STEP_S) + 1
@@ -93,6 +97,10 @@ def flown(
         slope = np.zeros(2) if held else (after - now) / COMMAND_STEP_S
         x = step @ np.concatenate([x, now, slope])
         x[[B, W]] += kicks * rng.normal(size=2)
+        a, damps = x[BETA] + x[B], min(max(limited[0] * x[R], -limited[1]), limited[1])
+        if stall_rad < np.inf:
+            x[:3] += COMMAND_STEP_S * A[:3, BETA] * (stall_rad * np.tanh(a / stall_rad) - a)
+        x[:4] -= COMMAND_STEP_S * controls[:, 1] * damps
     p, r, roll = np.array(seen).T
     given: dict[str, Any] = {
         "sample_time_s": 1.0 / rate_hz, "p": p, "r": r, "roll": roll,

@@ -12,10 +12,13 @@ from lateral.flown import DERIVATIVES, ROLL, P, R, flown
 from linear_flights import airframe, modes
 from scipy.linalg import expm
 
+from yawid.lateral import fit_airframe as fit_airframe_room
+from yawid.lateral import large
 from yawid.lateral.criterion import Criterion
 from yawid.lateral.fit import fit, guesses
 from yawid.lateral.fit_airframe import autocorrelation, fit_airframe
-from yawid.lateral.gates import GATES, failed_gates
+from yawid.lateral.gates import GATES, MOST_LOST, failed_gates
+from yawid.lateral.large import small_motion
 from yawid.lateral.model import System
 from yawid.lateral.motion import COMMAND_STEP_S, Motion
 from yawid.lateral.predictor import Predictor, exponential, innovations, unused
@@ -239,6 +242,52 @@ def test_the_airframe_is_found_with_noise_lag_and_gusts(
     for name, true in (of or {}).items():
         known = found.derivatives[name]
         assert abs(known.value - true) < 3.0 * known.std, (name, known, true)
+
+
+@pytest.mark.parametrize(
+    ("stall_rad", "limited", "gust"),
+    [(0.2, (0.0, 0.0), 0.0), (np.inf, (0.5, 0.03), 0.0), (np.inf, (0.5, 0.03), 0.02),
+     (0.25, (0.5, 0.06), 0.0)],
+    ids=["a fin that stalls", "a damper at its limits", "the same in gusts", "both"],
+)  # fmt: skip
+def test_the_airframe_is_that_of_small_motion(
+    stall_rad: float, limited: tuple[float, float], gust: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A linear fit of the same motion is between small and large motion, five sigmas away."""
+    A, controls = airframe(DERIVATIVES)
+    wn, zeta, _ = modes(A - limited[0] * np.outer(controls[:, 1], np.eye(4)[R]))
+    motion = flown(3, amplitude=0.3, stall_rad=stall_rad, limited=limited, gust=gust)
+
+    def away() -> list[float]:
+        found = fit_airframe([motion], servo_lag_s=0.0)
+        assert not found.failed
+        pairs = ((found.wn_rad_s, wn), (found.zeta, zeta))
+        return [abs(known.value - true) / known.std for known, true in pairs]
+
+    assert max(away()) < 2.0
+    monkeypatch.setattr(fit_airframe_room, "small_motion", lambda best: best)
+    assert max(away()) > 5.0
+
+
+def test_an_airframe_is_refused_where_the_fin_loses_most_of_its_effect() -> None:
+    """At the largest sideslip of .17 rad a fin that stalls at .1 has lost 45 % of it."""
+    found = fit_airframe([flown(3, amplitude=0.3, stall_rad=0.1)], servo_lag_s=0.0)
+
+    assert found.failed["not_proportional"] > MOST_LOST
+
+
+@pytest.mark.parametrize("stall_rad", [np.inf, 0.5])
+def test_what_large_motion_explains_is_known_without_its_fit(stall_rad: float) -> None:
+    """Of a linear aircraft it is nothing, and the fit is the same."""
+    record = Record(flown(3, amplitude=0.3, stall_rad=stall_rad))
+    best = fit(Criterion([record], guesses([record], 0.0)[0], {"servo_lag": (0.0, 0.005)}))
+    columns = [large.columns(record, best.at.parts[0], (0.0, 0.0))]
+
+    with_fin = large.fitted_with(best, [columns[0][:, :1]], large.INTO[:1])
+
+    gain = large.gains(best, columns)[0]
+    assert gain == pytest.approx(best.criterion - with_fin.criterion, rel=0.1, abs=0.5)
+    assert (small_motion(best) is best) == (stall_rad == np.inf)
 
 
 def test_pitch_and_angle_of_attack_are_two_things() -> None:

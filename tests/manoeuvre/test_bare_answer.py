@@ -146,14 +146,9 @@ def test_as_it_was_flown_the_airframe_must_be_within_one_and_a_half_times_both_s
 
 @pytest.mark.parametrize(
     ("reason", "known"),
-    [
-        ("not_excited", False),
-        ("mode_not_driven", False),
-        ("not_converged", True),
-        ("not_proportional", False),
-    ],
+    [("not_excited", False), ("mode_not_driven", False), ("not_converged", True)],
 )
-def test_a_rudder_that_did_not_drive_the_yaw_or_not_in_proportion_shows_no_airframe(
+def test_a_rudder_that_did_not_drive_the_yaw_shows_no_airframe(
     reason: str, known: bool, monkeypatch: pytest.MonkeyPatch
 ):
     """Rudder and aileron together often leave the yaw alone unresolved, and the airframe known."""
@@ -166,9 +161,7 @@ def test_a_rudder_that_did_not_drive_the_yaw_or_not_in_proportion_shows_no_airfr
 
     assert told.verdict.usable == known
     if not known:
-        is_bent = reason == "not_proportional"
-        cause = "and the airframe is linear" if is_bent else f"the answer as flown is {reason}"
-        assert told.verdict.reasons[0].text.endswith(cause)
+        assert told.verdict.reasons[0].text.endswith(f"the answer as flown is {reason}")
 
 
 @pytest.mark.parametrize(
@@ -218,7 +211,7 @@ def test_a_fit_that_fails_and_a_motion_that_is_missing_are_causes_and_no_errors(
 
 FOLLOWED = flown(4, seconds=20.0, hold=(1.0, 0.3), aileron=0.0)
 TEN_HZ = flown(seconds=20.0, rate_hz=10.0)
-SLOW = "attitude and servo outputs come at 10 Hz, and a mode of 3 rad/s needs 12 Hz"
+SLOW = "attitude and servo outputs come at 10 Hz, and a mode of 7.2 rad/s needs 12 Hz"
 
 
 @pytest.mark.parametrize(
@@ -233,8 +226,8 @@ SLOW = "attitude and servo outputs come at 10 Hz, and a mode of 3 rad/s needs 12
          "the aileron never moves, although the autopilot holds the roll"),
         (FOLLOWED, {}, "with_roll_loop", 2.4, "the aileron only follows the roll hold"),
         (MOTION_OF_20_S, {"aileron": 0.0 * MOTION_OF_20_S.aileron}, "airframe", 2.4, ""),
-        (TEN_HZ, {}, "airframe", 3.0, SLOW),
-        (TEN_HZ, {}, "airframe", 2.8, ""),  # less three sigmas it may be slow enough
+        (TEN_HZ, {}, "airframe", 7.2, SLOW),
+        (TEN_HZ, {}, "airframe", 6.3, ""),  # less three sigmas it may be slow enough
     ],
 )  # fmt: skip
 def test_what_a_record_and_its_answer_as_flown_lack_refuses_the_airframe_without_a_fit(

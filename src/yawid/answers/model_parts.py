@@ -51,8 +51,9 @@ class Fit(Part, frozen=True):
     spr_margin: Number | None = None
 
 
-MOST_TURN: Final = 0.25
-"""The most, in rad, by which the fastest mode of an airframe may turn or decay in one sample."""
+MOST_TURN: Final = 0.6
+"""The most, in rad, by which the fastest mode of an airframe may turn or decay in one sample: of
+JSBSim's aircraft of the seed 701 L_p was 2 % off up to it and 5 to 25 % at .8 to 1.2, at 10 Hz."""
 
 
 class DutchRoll(Part, frozen=True, kw_only=True):

@@ -113,10 +113,10 @@ class Criterion:
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """One manoeuvre at a point: its predictor, its start, trims and times ``own`` (8 + j,).
+    """One manoeuvre at a point: predictor; start, trims, times, factors ``own`` (8 + j + m,).
 
     ``e`` (3 n + j,) are the innovations and those times over their sigma, ``columns``
-    (3 n + j, 8 + j) what a unit of ``own`` adds to them, and ``power`` their products.
+    (3 n + j, 8 + j + m) what a unit of ``own`` adds to them, and ``power`` their products.
     """
 
     predictor: Predictor
@@ -150,29 +150,33 @@ class Point:
 
 def _part(record: Record, theta: Floats) -> Part:
     """Return one manoeuvre at the parameters ``theta`` (1, len(PARAMETERS))."""
-    pair = _pair(theta[0])
+    pair = pair_of(theta[0])
     model = system(theta, record.motion.airspeed_m_s, record.pitch)
     predictor = Predictor.of(model, record.sample_time_s)
     count, n = len(record.jumps), len(record.y)
     surface, first, added = record.later(*pair)
     fades = np.exp(-record.sample_time_s / max(pair[0], LEAST_LAG_S)) ** np.arange(n)
-    known = np.column_stack([record.inputs(*pair), record.y, np.ones(n), fades])
-    # A run of the record, then of each unit of start, trim, gust, and of commands that fade.
-    into, seen, start = np.zeros((15, 6, 13)), np.zeros((15, 3, 13)), np.zeros((6, 15))
+    known = np.column_stack([record.inputs(*pair), record.y, np.ones(n), fades, record.large])
+    # A run of the record, then of each unit of start, trim, gust, of commands that fade, and of c.
+    k = record.large.shape[1]
+    into, seen = np.zeros((15 + k, 6, 13 + k)), np.zeros((15 + k, 3, 13 + k))
+    start = np.zeros((6, 15 + k))
     into[0, :, :8], into[0, :, 8:11], seen[0, :, 8:11] = (
         predictor.drive[0],
         predictor.K[0],
         np.eye(3),
     )
     into[5:9, :, 11] = predictor.trim[0].T
-    into[11:, :, 12] = predictor.drive[0][:, COMMANDS].T
+    into[11:15, :, 12] = predictor.drive[0][:, COMMANDS].T
+    into[range(15, 15 + k), :, range(13, 13 + k)] = predictor.drive[0][:, record.large_into].T
     start[range(6), STATE_RUNS] = 1.0
     runs = innovations(predictor, known, into, seen, start)
     units = np.ascontiguousarray(runs[:, :, [*STATE_RUNS, *range(11, 15)]])
-    columns = np.dstack([runs[:, :, 1:9], _moved(predictor, units, surface, first, added)])
+    moved = _moved(predictor, units, surface, first, added)
+    columns = np.dstack([runs[:, :, 1:9], moved, runs[:, :, 15:]])
     for each in (runs, columns):
         each[record.unused] = 0.0
-    e, columns = runs[:, :, 0].ravel(), columns.reshape(-1, 8 + count)
+    e, columns = runs[:, :, 0].ravel(), columns.reshape(-1, 8 + count + k)
     power, slope = cross(columns, columns), cross(columns, e)
     power += np.diag(_RIDGE * np.diag(power) + np.finfo(float).tiny)
     noise = math.sqrt(float(np.mean((e - columns @ np.linalg.solve(power, slope)) ** 2)))
@@ -204,7 +208,8 @@ def _moved(of: Predictor, runs: Floats, surface: Ints, first: Ints, added: Float
     return found
 
 
-def _pair(theta: Floats) -> tuple[float, float]:
+def pair_of(theta: Floats) -> tuple[float, float]:
+    """Return servo lag and delay in s of parameters (n,)."""
     return float(theta[AT["servo_lag"]]), float(theta[AT["delay"]])
 
 
@@ -216,12 +221,12 @@ def _slopes(record: Record, theta: Floats, part: Part) -> Floats:
     into = np.concatenate([predictor.drive, predictor.K, trim], axis=2)
     start, seen = np.append(part.own[:4], [0.0, 0.0])[:, None], np.eye(3, 12, 8)
     runs = np.empty((*record.y.shape, len(theta)))
-    pairs = [_pair(each) for each in theta]
+    pairs = [pair_of(each) for each in theta]
     for pair in sorted(set(pairs), key=pairs.count, reverse=True):
         # The inputs that most variants have are given to all, so that few are run by themselves.
         which = [i for i, each in enumerate(pairs) if each == pair]
         run = slice(None) if len(which) > 1 else slice(which[0], which[0] + 1)
-        inputs = record.inputs(*pair, part.own[8:].tolist())
+        inputs = record.inputs(*pair, part.own[8:])
         known = np.column_stack([inputs, record.y, np.ones(len(inputs))])
         states = start.repeat(len(into[run]), axis=1)
         runs[:, :, run] = innovations(predictor.some(run), known, into[run], seen, states)

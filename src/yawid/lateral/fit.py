@@ -30,9 +30,9 @@ parameters, and by all."""
 class Fit:
     """Where the steps ended: the point in scales (n,), its covariance (n, n), and the criterion.
 
-    ``criterion`` is twice the negative logarithm of likelihood and priors. ``errors`` are each
-    record's innovations (3 n,) over their scale; ``noise_scale`` is that of all sizes of noise in
-    ``x``.
+    ``criterion`` is twice the negative logarithm of likelihood and priors. ``noise_scale`` is that
+    of all sizes of noise in ``x``. ``at`` is the criterion's point there, and ``slopes`` (l, n) are
+    those of its innovations.
     """
 
     of: Criterion
@@ -40,8 +40,9 @@ class Fit:
     covariance: Floats
     criterion: float
     noise_scale: float
-    errors: list[Floats]
     settled: bool
+    at: Point
+    slopes: Floats
 
 
 def guesses(records: Sequence[Record], servo_lag_s: float | None) -> list[Guess]:
@@ -89,7 +90,7 @@ def _fine(x: Floats) -> float:
     return float(1.4826 * np.median(np.abs(d - np.median(d)))) if len(d) else 0.0
 
 
-def fit(criterion: Criterion) -> Fit:
+def fit(criterion: Criterion, most_steps: int = ITERATIONS) -> Fit:
     """Return the fit from the criterion's start, at the least criterion that the steps reach.
 
     A step is -(H + damping diag H)^-1 score (Marquardt 1963) of the free parameters: those at their
@@ -99,14 +100,14 @@ def fit(criterion: Criterion) -> Fit:
         numpy.linalg.LinAlgError: there is no predictor at the start.
     """
     at, damping = criterion.at(criterion.start()), _DAMPING
-    for step in range(ITERATIONS + 1):
+    for step in range(most_steps + 1):
         variance = at.power / criterion.count
-        H, score = _curvature(criterion, at, variance)
+        J, H, score = _curvature(criterion, at, variance)
         free = (at.x > criterion.least) | (score <= 0.0)
         while (below := free & (at.x <= criterion.least) & (_step(H, score, free) < 0.0)).any():
             free &= ~below
         settled = _is_settled(H[np.ix_(free, free)], score[free], criterion.is_noise[free])
-        if settled or step == ITERATIONS:
+        if settled or step == most_steps:
             break
         tried, loss = at, at.loss(variance)
         while damping < _MOST and not tried.loss(variance) < loss:
@@ -118,35 +119,32 @@ def fit(criterion: Criterion) -> Fit:
         if not tried.loss(variance) < loss:
             break
         at, damping = tried, max(damping / _HARDER / _SOFTER, _LEAST)
-    return _ended(criterion, at, H, settled)
+    return _ended(criterion, at, J, H, settled)
 
 
-def _ended(criterion: Criterion, at: Point, H: Floats, settled: bool) -> Fit:
+def _ended(criterion: Criterion, at: Point, J: Floats, H: Floats, settled: bool) -> Fit:
     variance, n = at.power / criterion.count, len(at.x)
     size = np.sqrt(np.diag(H))
     inverse = np.linalg.inv(H / np.outer(size, size) + 1e-12 * np.eye(n))
     unbiased = criterion.count / max(criterion.count - n, 1)
     covariance = unbiased * inverse / np.outer(size, size)
     total = criterion.count * math.log(variance) + float(at.surprise @ at.surprise)
-    scale = math.sqrt(variance)
-    noise_scale = scale / math.exp(float(at.parts[0].predictor.log_det[0]) / 3.0)
-    errors = [part.e[: each.y.size] / scale
-              for each, part in zip(criterion.records, at.parts, strict=True)]  # fmt: skip
-    return Fit(criterion, at.x, covariance, total, noise_scale, errors, settled)
+    noise_scale = math.sqrt(variance) / math.exp(float(at.parts[0].predictor.log_det[0]) / 3.0)
+    return Fit(criterion, at.x, covariance, total, noise_scale, settled, at, J)
 
 
-def _curvature(criterion: Criterion, at: Point, variance: float) -> tuple[Floats, Floats]:
-    """Return the Hessian (n, n) and the slope (n,) of half the criterion, over the variance.
+def _curvature(criterion: Criterion, at: Point, variance: float) -> tuple[Floats, Floats, Floats]:
+    """Return the innovations' slopes; the Hessian (n, n) and slope (n,) of half the criterion.
 
-    The Hessian's block of the noise parameters is doubled: Gauss and Newton's has half of their
-    information.
+    The latter are over the variance. The Hessian's block of the noise parameters is doubled: Gauss
+    and Newton's has half of their information.
     """
     J = criterion.slopes(at)
     H, score = cross(J, J) / variance, cross(J, at.e) / variance
     H[np.ix_(criterion.is_noise, criterion.is_noise)] *= 2.0
     H += np.diag(1.0 / (criterion.spread / criterion.scale) ** 2)
     score += at.surprise * criterion.scale / criterion.spread
-    return H, score
+    return J, H, score
 
 
 def _step(H: Floats, score: Floats, free: np.ndarray) -> Floats:

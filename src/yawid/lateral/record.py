@@ -46,7 +46,8 @@ class Record:
     the aileron on roll and p. An aileron that a hold moves is an input like any other: it depends
     on the past alone. ``jumps`` are those of the commands: aileron or rudder, what it adds (m,) if
     it is later by 1 s, and its size; ``jump_std_s`` is sigma of its time, of which only its sample
-    is known.
+    is known. ``large`` (n, m) are what large motion adds to the inputs ``large_into`` (m,), each by
+    a factor of its own, as means over each step: none until a fit asks for them.
     """
 
     def __init__(self, motion: Motion) -> None:
@@ -71,6 +72,7 @@ class Record:
         aileron, heard = self.commanded(0.0, 0.0)[:, 0], self.y[:, [0, 2]]
         self.fed_back = explained(aileron, heard) if self.aileron_moves else 0.0
         self.jump_std_s = self.sample_time_s / math.sqrt(12.0)
+        self.large, self.large_into = np.zeros((len(self.y), 0)), np.zeros(0, int)
 
     @cached_property
     def jumps(self) -> list[tuple[int, Floats, float]]:
@@ -157,17 +159,20 @@ class Record:
                     float(abs(change[at])),
                 )
 
-    def inputs(self, lag_s: float, delay_s: float, later_s: Sequence[float] = ()) -> Floats:
+    def inputs(self, lag_s: float, delay_s: float, own: Sequence[float] | Floats = ()) -> Floats:
         """Return the inputs (n, 8) over each step: aileron, rudder, f1 and f2, then their slopes.
 
-        Each is the line with the input's area and first moment over the step. The first jumps come
-        so much later.
+        Each is the line with the input's area and first moment over the step. ``own`` are by how
+        much later each jump comes, and the factors of ``large``, or nothing.
         """
-        commands = self.commands.copy()
-        for by_s, (surface, late, _) in zip(later_s, self.jumps, strict=False):
+        commands, factors = self.commands.copy(), own[len(self.jumps) :]
+        for by_s, (surface, late, _) in zip(own, self.jumps, strict=False):
             commands[surface] += by_s * late
         mean, slope = self._lines(commands, lag_s, self._cells(delay_s)[None])
-        return np.hstack([mean.T, self.turn[0], slope.T, self.turn[1]])
+        found = np.hstack([mean.T, self.turn[0], slope.T, self.turn[1]])
+        for factor, into, c in zip(factors, self.large_into, self.large.T, strict=False):
+            found[:, into] += factor * c
+        return found
 
     def later(self, lag_s: float, delay_s: float) -> tuple[Ints, Ints, Floats]:
         """Return what jumps that are later by 1 s add to their surfaces, for each jump.

@@ -108,21 +108,18 @@ def fitted(n: int, motion: Motion | str, servo_lag_s: float | None, flown: Manoe
 def against_flown(found: Fitted, flown: Manoeuvre) -> Fitted:
     """Return a fit, refused where it is not the aircraft of a usable answer as flown.
 
-    As flown it must answer in proportion. It must be that itself where only the sticks flew, else
-    closed with the roll law, if one is found.
+    It must be that itself where only the sticks flew, else closed with the roll law, if one is
+    found.
     """
     airframe, roll = found.airframe, flown.dutch_roll
     if airframe is None:
         return found
-    against: dict[str, float] = {
-        "not_proportional": any(each.id == "not_proportional" for each in flown.verdict.reasons)
-    }
     own: tuple[Known, Known] | None = airframe.wn_rad_s, airframe.zeta
     if flown.loop != AIRFRAME:
         own = airframe.as_flown if flown.inputs == ["rudder"] else None
-    if own is not None and roll is not None and flown.verdict.usable:
-        against["differs_from_flown"] = _away(own, roll)
-    failed = {**airframe.failed, **stopped_by(against)}
+    if own is None or roll is None or not flown.verdict.usable:
+        return found
+    failed = {**airframe.failed, **stopped_by({"differs_from_flown": _away(own, roll)})}
     return replace(found, airframe=replace(airframe, failed=failed))
 
 
