@@ -23,11 +23,14 @@ GIVEN_LAG_STD_S = 0.005
 """How well a servo lag is known that the user gives."""
 FLOORS = {
     "wn_rad_s": (0.008, 0.0), "zeta": (0.03, 0.005), "roll_mode": (0.1, 0.0), "L_p": (0.05, 0.0),
-    "N_p": (0.01, 0.0), "L_delta_a": (0.08, 0.0), "N_delta_a": (0.01, 0.0),
-    "N_delta_r": (0.02, 0.0),
+    "L_beta": (0.02, 0.0), "L_delta_r": (0.02, 0.0), "L_delta_a": (0.08, 0.0),
+    "N_p": (0.01, 0.0), "N_delta_a": (0.01, 0.0), "N_delta_r": (0.02, 0.0),
 }  # fmt: skip
 """Least sigma as a share of the value, and as itself: what a linear model of an aircraft is worth,
 measured on flights of JSBSim. With noise alone L_p was up to 5 sigma off on the seed 701."""
+FAST_S = 0.04
+"""The sample time up to which they hold; beyond it they grow with it. At 10 Hz L_beta, L_p and
+L_delta_r were else up to 5 sigma off, on the seed 701: jumps of the commands are less known."""
 COUPLED = {"N_p": "L_p", "N_delta_a": "L_delta_a"}
 """The numbers of which the least sigma of these is a share: they may be near 0."""
 IN_GUSTS = 1.3
@@ -146,7 +149,8 @@ def _most_apart(found: Fit) -> float:
     except (np.linalg.LinAlgError, ValueError):  # a part without samples or without any motion
         return 0.0
     numbers, at = [_numbers(part) for part in parts], [NUMBERS.index(name) for name in COMPARED]
-    rows = np.array([(values[at], _stds(values, of)[at]) for values, of in numbers])
+    Ts = found.of.records[0].sample_time_s
+    rows = np.array([(values[at], _stds(values, of, Ts)[at]) for values, of in numbers])
     value, std = rows.swapaxes(0, 1)
     weights = std**-2.0
     away = value - (weights * value).sum(axis=0) / weights.sum(axis=0)
@@ -212,10 +216,11 @@ def _numbers(found: Fit, law: Law = NO_LAW) -> tuple[Floats, Floats]:
     return numbers[0], slopes @ found.covariance @ slopes.T
 
 
-def _stds(values: Floats, covariance: Floats) -> Floats:
+def _stds(values: Floats, covariance: Floats, sample_time_s: float) -> Floats:
     """Return sigma (m,) of NUMBERS, with what a linear model is worth."""
     of = [NUMBERS.index(COUPLED[x]) if x in COUPLED else i for i, x in enumerate(NUMBERS)]
     least = [floor(*each) for each in zip(NUMBERS, values[of].tolist(), strict=True)]
+    least = np.array(least) * max(sample_time_s / FAST_S, 1.0)
     return np.asarray(np.sqrt(np.diag(covariance) + np.square(least)), np.float64)
 
 
@@ -241,7 +246,9 @@ def _airframe(fits: Sequence[Fit]) -> Airframe:
     beyond = EXTRAPOLATED * (_numbers(linear, law or NO_LAW)[0] - values)
     covariance += np.outer(beyond, beyond)
     covariance[_THETA, _THETA] += np.outer(side[_THETA], side[_THETA])
-    known = list(map(Known, values.tolist(), _stds(values, covariance).tolist()))
+    known = list(
+        map(Known, values.tolist(), _stds(values, covariance, records[0].sample_time_s).tolist())
+    )
     by_name = dict(zip(NAMES, known[_THETA], strict=True))
     by_name["Y_beta"] = by_name["log_Y_beta"]
     by_name |= dict.fromkeys({"L_delta_a", "N_delta_a"} - set(best.of.names), Known())
