@@ -219,8 +219,8 @@ def _numbers(found: Fit, law: Law = NO_LAW) -> tuple[Floats, Floats]:
 def _stds(values: Floats, covariance: Floats, sample_time_s: float) -> Floats:
     """Return sigma (m,) of NUMBERS, with what a linear model is worth."""
     of = [NUMBERS.index(COUPLED[x]) if x in COUPLED else i for i, x in enumerate(NUMBERS)]
-    least = [floor(*each) for each in zip(NUMBERS, values[of].tolist(), strict=True)]
-    least = np.array(least) * max(sample_time_s / FAST_S, 1.0)
+    slower = max(sample_time_s / FAST_S, 1.0)
+    least = [slower * floor(*each) for each in zip(NUMBERS, values[of].tolist(), strict=True)]
     return np.asarray(np.sqrt(np.diag(covariance) + np.square(least)), np.float64)
 
 
