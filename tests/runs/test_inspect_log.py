@@ -189,7 +189,7 @@ RATES = "SRn_EXTRA1 = 10 and SRn_RC_CHAN = 10"
     ("log", "flown", "bare", "ordinary", "damper"),
     [
         ("c172p_gcs_rates", "",
-         "attitude and servo outputs come at 5 Hz, and a mode of 2.45 rad/s needs 9.8", "290 s of",
+         "attitude and servo outputs come at 5 Hz, and a mode of 2.45 rad/s needs 10 ", "290 s of",
          "SCHED_LOOP_RATE is not in the log: delay and washout depend on it; nor are YAW2SRV_DAMP"),
         ("c172p_damped", "", "the yaw damper (YAW2SRV_DAMP 0.22) moves the rudder", "290 s of", ""),
         ("c172p_damper", "", "", "290 s of", ""),

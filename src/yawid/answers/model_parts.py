@@ -53,7 +53,9 @@ class Fit(Part, frozen=True):
 
 MOST_TURN: Final = 0.6
 """The most, in rad, by which the fastest mode of an airframe may turn or decay in one sample: of
-JSBSim's aircraft of the seed 701 L_p was 2 % off up to it and 5 to 25 % at .8 to 1.2, at 10 Hz."""
+JSBSim's aircraft of the seed 701 L_p was 5 % off up to it, and 13 to 37 % at .8 to 1.2."""
+LEAST_HZ: Final = 10.0
+"""The least rate of attitudes for an airframe: what a lower one costs was not measured."""
 
 
 class DutchRoll(Part, frozen=True, kw_only=True):
@@ -84,8 +86,8 @@ class DutchRoll(Part, frozen=True, kw_only=True):
 
     @property
     def airframe_hz(self) -> float:
-        """The rate of attitudes at which the mode of an airframe turns by MOST_TURN in a sample."""
-        return self.wn_rad_s / MOST_TURN
+        """The rate of attitudes that an airframe with this mode needs."""
+        return max(self.wn_rad_s / MOST_TURN, LEAST_HZ)
 
     @staticmethod
     def of(
