@@ -105,11 +105,10 @@ def _reasons() -> Iterator[tuple[str, str, str]]:
 
 
 def _of_damper() -> Iterator[tuple[str, str]]:
-    from yawid.damper.refusals import EXIT_CODES as REFUSED
-    from yawid.damper.refusals import OF_DAMPER
+    from yawid.damper import refusals
 
-    for word in OF_DAMPER:
-        code = REFUSED.get(word)
+    for word in refusals.OF_DAMPER:
+        code = refusals.EXIT_CODES.get(word)
         yield word, f"Exit code {code}." if code else "A warning."
 
 

@@ -23,7 +23,7 @@ from yawid.dataset.values import FAILED, USAGE, ReadRow, Row, failed, known_date
 from yawid.errors import ConfigError, SourceError, YawidError
 from yawid.fleet.spec import Spec
 from yawid.runs.job import Recording, open_log, run
-from yawid.sinks.base import Event, Grid, RunRows, Sink
+from yawid.sinks.base import Event, RunRows, Sink
 from yawid.sources.open_log import ReadOptions
 from yawid.system.stores import StoredPath, brought
 from yawid.version import __version__
@@ -56,8 +56,6 @@ class Flown(Sink):
 
     def take(self, event: Event) -> None:
         """See :class:`Sink`; the modes are those of the first method."""
-        if isinstance(event, Grid):
-            self._method = event.methods[0]
         if not isinstance(event, RunRows):
             return
         samples, modes = event.samples, event.modes
@@ -74,7 +72,7 @@ class Flown(Sink):
                 {
                     "date": known_date(int(samples.unix_ns[row]) // 1000),
                     "boot_s": float(samples.boot_us[row] / 1e6),
-                    "method": self._method,
+                    "method": next(iter(event.estimates)),
                     "held": bool(samples.held[row]),
                     **dict(zip(names, modes.dutch_roll[row].tolist(), strict=True)),
                 }

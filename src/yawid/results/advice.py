@@ -28,15 +28,14 @@ def _advice(reasons: Iterable[str], report: ChannelReport) -> Iterator[str]:
     vehicle = report.vehicle
     for reason in reasons:
         if reason == "no_rudder" and vehicle is not None:
-            yield _no_rudder(report)
+            yield _no_rudder(vehicle, report)
         elif text := KINDS[reason].to_record(None if vehicle is None else vehicle.autopilot):
             yield text
 
 
-def _no_rudder(report: ChannelReport) -> str:
+def _no_rudder(vehicle: VehicleSeen, report: ChannelReport) -> str:
     """Return what would identify the rudder; this depends on what the log holds."""
-    vehicle, message = report.vehicle, report.rudder_message
-    assert vehicle is not None  # it was asked for
+    message = report.rudder_message
     if message is not None:
         return f"ask for {message} at {ASK_HZ} Hz or more: it holds the position of the rudder"
     if vehicle.type in WITHOUT_RUDDER:

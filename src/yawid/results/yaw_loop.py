@@ -22,17 +22,13 @@ def with_yaw_loop(summary: RunSummary) -> RunSummary:
     is_stick = rudder.source.startswith("RC_CHANNELS")
     with_it = "with" if is_stick else "without"
     held = "the stick does not hold its part" if is_stick else "the servo output holds its part"
-    by_number = {each.n: each for each in summary.manoeuvres or ()}
 
     def said(found: Flight | Manoeuvre) -> Flight | Manoeuvre:
         if found.loop == AIRFRAME:
             return found
-        of = (
-            [found]
-            if isinstance(found, Manoeuvre)
-            else [by_number[n] for n in found.used if n in by_number]
-        )
-        loop = gains_of(rudder, summary.boots, [(each.from_s, each.to_s) for each in of])
+        numbers = [found.n] if isinstance(found, Manoeuvre) else found.used
+        of = [(each.from_s, each.to_s) for each in summary.manoeuvres or () if each.n in numbers]
+        loop = gains_of(rudder, summary.boots, of)
         if loop is None:
             return found
         return replace(found, yaw_loop=f"{with_it} its {name} ({loop}): {held}")

@@ -321,10 +321,11 @@ def _result(a: _Side, b: _Side, facts: list[Fact], notes: list[str]) -> Diff:
         a_numbers, b_numbers = _alike(a, b), _alike(b, a)
     both = {key for key in a_numbers if key in b_numbers}
     pairs = [(key, a_numbers[key], b_numbers[key]) for key in a_numbers if key in both]
-    why = [_not_judged(a, b, key, both) for key, *_ in pairs]
     dofs = [[side.dof.get(key, ALL) for side in (a, b)] for key, *_ in pairs]
-    why = [reason or (None if min(dof) > 0 else "too few days flown")
-           for reason, dof in zip(why, dofs, strict=True)]  # fmt: skip
+    why = [
+        _not_judged(a, b, key, both) or (None if min(dof) > 0 else "too few days flown")
+        for (key, *_), dof in zip(pairs, dofs, strict=True)
+    ]
     count = sum(each is None for each in why)
     numbers = [_difference(*each, count) for each in zip(pairs, why, dofs, strict=True)]
     judged = sum(each.not_judged is None for each in numbers)
@@ -421,9 +422,7 @@ def _of_runs(a: _Side, b: _Side) -> Iterator[Fact]:
 
     A different verdict or channel counts as a change, the others do not.
     """
-    assert a.run is not None
-    assert b.run is not None
-    runs = (a.run, b.run)
+    runs = [side.run for side in (a, b) if side.run is not None]
     verdicts = [run.summary.deciding for run in runs]
     found = [
         ("verdict", [each.word for each in verdicts], True),

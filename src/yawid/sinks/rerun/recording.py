@@ -129,7 +129,6 @@ class RerunView(Sink):
     def __init__(self, target: str | Path, name: str) -> None:
         self._file: FilePipe | None = None
         self._batch: list[Batch] = []
-        self._waiting = 0
         self._boot_offset_us: int | None = None  # boot time minus Unix time
         self._manoeuvres: list[Manoeuvre] = []
         self._bars: set[str] = set()
@@ -192,14 +191,13 @@ class RerunView(Sink):
         primary, *_ = estimates.values()
         rows = group_rows(self._grid.parameters, samples, primary, modes)
         self._batch.append((samples.boot_us, samples.unix_ns, rows))
-        self._waiting += len(samples)
         for lane, row, state, colour in self._marks.changes(samples, primary):
             self._colour(lane, state, colour)
             columns = rr.StateChange.columns(state=[state])
             self._recording.send_columns(f"state/{lane}", _times(samples, np.array([row])), columns)
         for entity, places, columns in self._marks.panels(block):
             self._recording.send_columns(entity, _times(samples, places), columns)
-        if self._waiting >= BATCH_ROWS:
+        if sum(len(boot_us) for boot_us, *_ in self._batch) >= BATCH_ROWS:
             self._send()
 
     def _find(self, found: Manoeuvre, span_ns: tuple[int, int]) -> None:
@@ -319,7 +317,7 @@ class RerunView(Sink):
         if not self._batch:
             return
         boot_us, unix_ns, blocks = zip(*self._batch, strict=True)
-        self._batch, self._waiting = [], 0
+        self._batch = []
         times = [_boot_times(np.concatenate(boot_us)), _unix_times(np.concatenate(unix_ns))]
         for entity in blocks[0]:
             values = np.concatenate([block[entity] for block in blocks])
