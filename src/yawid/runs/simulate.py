@@ -98,8 +98,10 @@ def _columns(simulation: Simulation) -> dict[str, tuple[Floats, str]]:
     found = {name: (getattr(simulation, field), unit) for name, (field, unit) in wanted.items()}
     if simulation.p is not None:
         rest = np.zeros(len(simulation.t))
-        found |= {"aileron": (rest, HALF_TRAVEL), "airspeed": (rest + SPEED_M_S, "m/s")}
-        found |= {"pitch": (rest, "rad"), "q": (rest, "rad/s")}
+        found |= {
+            "aileron": (rest, HALF_TRAVEL), "airspeed": (rest + SPEED_M_S, "m/s"),
+            "pitch": (rest, "rad"), "q": (rest, "rad/s"),
+        }  # fmt: skip
     return found
 
 

@@ -2,7 +2,6 @@
 
 import hashlib
 from collections.abc import Callable
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import NamedTuple, TypeVar
@@ -223,8 +222,7 @@ class LiveSession:
         files |= {} if tlog is None else {"tlog": str(tlog)}
         summary = finish(self.pipeline, summary, files, parameters_of(self.pipeline))
         # A file may fail while it is finished.
-        failed = {n for n, guard in self._guards.items() if guard.failure is not None}
-        files = {name: path for name, path in files.items() if name not in failed}
+        files = {name: path for name, path in files.items() if name not in self._failed()}
         summary = msgspec.structs.replace(summary, files=files, live=self._own(live))
         code = SinkError.exit_code if self._failed() else summary.exit_code
         code = code if self.is_estimated else UNFORESEEN
@@ -350,10 +348,3 @@ class LiveSession:
             latency_ms=self.latency.summary() if self.latency.count else None,
             viewer_skipped=None if self._viewer is None else self._viewer.skipped,
         )
-
-
-def for_vehicle(setting: Setting, sysid: int) -> LiveSession:
-    """Return the session of one of several vehicles; its files have its number."""
-    outputs = replace(setting.outputs, name=f"{setting.outputs.name}-{sysid}")
-    own = setting._replace(config=replace(setting.config, sysid=sysid), outputs=outputs)
-    return LiveSession(own, f"system {sysid}: ")

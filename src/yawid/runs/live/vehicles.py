@@ -9,7 +9,7 @@ from functools import partial
 from yawid.answers.session import LiveFacts
 from yawid.errors import ConfigError
 from yawid.quantities.vehicles import AUTOPILOT_INVALID, NOT_A_VEHICLE
-from yawid.runs.live.vehicle_session import Ended, LiveSession, Setting, for_vehicle
+from yawid.runs.live.vehicle_session import Ended, LiveSession, Setting
 from yawid.sinks.terminal.console import VehicleFacts
 from yawid.sources.link.tap import sysid_of
 from yawid.sources.mavlink.framing import MAGIC_V1, STAMP_SIZE, frame_size
@@ -143,10 +143,13 @@ class Fleet(Single):
         return False
 
     def _open(self, sysid: int) -> None:
-        """Open the session of a vehicle."""
+        """Open the session of a vehicle; its files have its number."""
+        setting = self._setting
         if len(self._sessions) >= FEW:  # their manoeuvres may end at once
-            self._setting.fits.spread()
-        self._sessions[sysid] = for_vehicle(self._setting, sysid)
+            setting.fits.spread()
+        outputs = replace(setting.outputs, name=f"{setting.outputs.name}-{sysid}")
+        own = setting._replace(config=replace(setting.config, sysid=sysid), outputs=outputs)
+        self._sessions[sysid] = LiveSession(own, f"system {sysid}: ")
 
     def _guard(self, sysid: int, act: Callable[[LiveSession], None]) -> None:
         """Call ``act`` for one vehicle; a ConfigError ends its session and no other."""

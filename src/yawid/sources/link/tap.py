@@ -115,18 +115,14 @@ class Tap(ABC):
                 self.skipped_bytes += len(datagram) - sum(map(len, frames))
             for frame in frames:
                 parts += (prefix, frame)
-                self._note(pairs, frame, address)
+                pair = sysid_of(frame), address
+                if not pairs.get(pair):  # whether one of its frames is signed, if there is a key
+                    pairs[pair] = self._key is None or self._key.has_signed(frame)
         self.news.extend(self.senders.observe(pairs, stamp))
         if not parts and self._failure is not None:
             kind = "" if isinstance(self._failure, OSError) else f"{type(self._failure).__name__}: "
             raise SourceError(f"{self.endpoint} failed: {kind}{self._failure}")
         return b"".join(parts)
-
-    def _note(self, pairs: dict[tuple[int, Address], bool], frame: bytes, address: Address) -> None:
-        """Note the sender of a frame, and whether the frame is signed, if there is a key."""
-        pair = sysid_of(frame), address
-        if not pairs.get(pair):
-            pairs[pair] = self._key is None or self._key.has_signed(frame)
 
     def transmit(self, frame: bytes, sysid: int) -> bool:
         """Send a frame to the address of ``sysid`` (see ``senders``); return whether it was sent.
