@@ -109,7 +109,7 @@ def of_record(
     source = open_log(path)
     given: dict[str, Any] = {"rudder_sign": "nose-right", "given": ("rudder_sign",), **settings}
     channels = Channels(source.settled(given))
-    rows = RecordBlock.joined(list(source.record._rows.pieces()))
+    rows = RecordBlock.joined([rows for _, rows in source.record.read() if rows])
     return SampleBlock.joined(channels.feed_rows(rows) + channels.finish()), channels
 
 

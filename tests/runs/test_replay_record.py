@@ -87,7 +87,7 @@ def test_no_sample_depends_on_how_a_record_was_cut(
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
     record = Record(path)
     record.settle(Asked(rudder_is=rudder_is))
-    whole = RecordBlock.joined(list(record._rows.pieces()))
+    whole = RecordBlock.joined([rows for _, rows in record.read() if rows])
 
     expected = channels_fed([whole])
     edges = sorted({0, len(whole), *(cut for cut in cuts if cut < len(whole))})

@@ -120,8 +120,6 @@ class YawReader:
         (n,), and those that the grid adds itself, are left out here, or they would count twice.
         """
         self.column = block.called["r"]
-        if len(block) == 0:
-            return Series.empty(len(ROW) + self.motion * (len(COLUMNS) + 1))
         has_held = block.held >= 0
         rate, unwrapped = _angles(block.r)[0], self._unwrap(block.yaw)
         level = np.where(np.isfinite(block.pitch), block.pitch, 0.0)

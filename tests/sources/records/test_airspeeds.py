@@ -32,7 +32,7 @@ def rows_of(path: Path, head: str, cells: str, asked: Asked | None = None) -> Re
     lines = [f"t,rudder [half-travel],r [rad/s],{head}"]
     lines += [f"{0.02 * k:.2f},{0.1 * k},{0.2 * k},{cells}" for k in range(4)]
     record = settled(path, "\n".join(lines), asked or Asked())
-    return RecordBlock.joined(list(record._rows.pieces()))
+    return RecordBlock.joined([rows for _, rows in record.read() if rows])
 
 
 TRUE_AT_4000_M = KNOT_M_S * np.sqrt(0.81913 / 1.2250)

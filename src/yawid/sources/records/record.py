@@ -129,7 +129,7 @@ class Record:
         for name, has in (("rudder", rows.has_surfaces), ("r", rows.has_yaw)):
             if not has.any():
                 raise ChannelError(f"{place_of(table, found[name])}: it holds no value at all")
-        times = [each.received_us for each in self._rows.pieces()]
+        times = [each.received_us for _, each in self.read() if each is not None]
         first_us, last_us = min(each.min() for each in times), max(each.max() for each in times)
         self.link = LinkStats(first_us=int(first_us), last_us=int(last_us))
         return settled

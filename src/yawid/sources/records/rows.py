@@ -1,6 +1,5 @@
 """From a record's columns to rows of the channels: what each row has, and how long it holds."""
 
-from collections.abc import Iterator
 from dataclasses import replace
 from itertools import pairwise
 from typing import Any, Final
@@ -19,8 +18,6 @@ BRIDGED, JITTER_US = 3.0, 5_000
 """A row holds until the next one, unless more than two rows are lost between them."""
 MARKS: Final = int(Held.GAP | Held.REBOOT)
 """The reasons in a run's export for rows that only mark a break: they were no samples."""
-PIECE: Final = 1 << 16
-"""The number of rows that are made at a time."""
 STRETCH_S: Final = 1.0
 """The length of the stretches by which the largest stroke is found."""
 SLOW, FAST_PCT = 0.5, 90.0
@@ -76,11 +73,6 @@ class Rows:
             received_us=block.received_us + later,
             has_yaw=block.has_yaw & ~is_added,
         )
-
-    def pieces(self) -> Iterator[RecordBlock]:
-        """Yield all rows in pieces."""
-        for low in range(0, len(self), PIECE):
-            yield self.piece(low, min(low + PIECE, len(self)))
 
 
 def _dated(block: RecordBlock) -> RecordBlock:
