@@ -119,10 +119,13 @@ def study(facts: Facts, asked: Asked) -> Study:
         without = without_damper(roll.zeta, roll.zeta_std, asked.aim)
         check_known(flight)
         autopilot = autopilot_of(facts.summary, asked.autopilot)
-        said |= {"autopilot": autopilot.words, "parameter": autopilot.gain}
-        said["mix"] = mix_of(
-            facts.summary, autopilot, known.get(autopilot.mix), facts.config.half_travel
-        )
+        said |= {
+            "autopilot": autopilot.words,
+            "parameter": autopilot.gain,
+            "mix": mix_of(
+                facts.summary, autopilot, known.get(autopilot.mix), facts.config.half_travel
+            ),
+        }
         check_loop(autopilot, known)
         flown, seen = known[autopilot.gain], list[float | None]()
         if autopilot.gain not in asked.parameters:

@@ -116,7 +116,7 @@ class Fleet(Single):
 
     def _may_open(self, frame: bytes) -> bool:
         """Return whether the frame is a HEARTBEAT for which a session is to be opened."""
-        if not self._is_vehicle(frame):
+        if not (is_vehicle(frame) and self._is_signed(frame)):
             return False
         if len(self._sessions) < MOST_VEHICLES:
             return True
@@ -128,9 +128,8 @@ class Fleet(Single):
             )
         return False
 
-    def _is_vehicle(self, frame: bytes) -> bool:
-        if not is_vehicle(frame):
-            return False
+    def _is_signed(self, frame: bytes) -> bool:
+        """Return whether a HEARTBEAT is signed with the key, if there is one; else report it."""
         key = self._setting.read_options.key
         if key is None or key.has_signed(frame):
             return True

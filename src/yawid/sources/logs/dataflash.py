@@ -183,8 +183,11 @@ class DataflashReader:
     def _rate_source(self) -> str:
         """Return RATE, or IMU where that covers more of the flight, or "" without either."""
         index = self._index
-        known = [name for name, columns in _RATES.items() if index.has(name, *columns)]
-        times = {name: index.times(name, index.offsets[name]) for name in known}
+        times = {
+            name: index.times(name, index.offsets[name])
+            for name, columns in _RATES.items()
+            if index.has(name, *columns)
+        }
         seconds = {name: len(np.unique(times.get(name, NONE) // 1_000_000)) for name in _RATES}
         if not any(seconds.values()):
             return ""
