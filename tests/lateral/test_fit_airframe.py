@@ -245,21 +245,27 @@ def test_the_airframe_is_found_with_noise_lag_and_gusts(
 
 
 @pytest.mark.parametrize(
-    ("stall_rad", "limited", "gust"),
-    [(0.2, (0.0, 0.0), 0.0), (np.inf, (0.5, 0.03), 0.0), (np.inf, (0.5, 0.03), 0.02),
-     (0.25, (0.5, 0.06), 0.0)],
-    ids=["a fin that stalls", "a damper at its limits", "the same in gusts", "both"],
+    ("amplitudes", "stall_rad", "limited", "gust"),
+    [((0.3,), 0.2, (0.0, 0.0), 0.0), ((0.3,), np.inf, (0.5, 0.03), 0.0),
+     ((0.3,), np.inf, (0.5, 0.03), 0.02), ((0.3,), 0.25, (0.5, 0.06), 0.0),
+     ((0.3, 0.27), 0.2, (0.0, 0.0), 0.0)],
+    ids=["a fin that stalls", "a damper at its limits", "the same in gusts", "both",
+         "two manoeuvres"],
 )  # fmt: skip
 def test_the_airframe_is_that_of_small_motion(
-    stall_rad: float, limited: tuple[float, float], gust: float, monkeypatch: pytest.MonkeyPatch
-) -> None:
+    amplitudes: tuple[float, ...], stall_rad: float, limited: tuple[float, float], gust: float,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:  # fmt: skip
     """A linear fit of the same motion is between small and large motion, five sigmas away."""
     A, controls = airframe(DERIVATIVES)
     wn, zeta, _ = modes(A - limited[0] * np.outer(controls[:, 1], np.eye(4)[R]))
-    motion = flown(3, amplitude=0.3, stall_rad=stall_rad, limited=limited, gust=gust)
+    motions = [
+        flown(3 + i, amplitude=amplitude, stall_rad=stall_rad, limited=limited, gust=gust)
+        for i, amplitude in enumerate(amplitudes)
+    ]
 
     def away() -> list[float]:
-        found = fit_airframe([motion], servo_lag_s=0.0)
+        found = fit_airframe(motions, servo_lag_s=0.0)
         assert not found.failed
         pairs = ((found.wn_rad_s, wn), (found.zeta, zeta))
         return [abs(known.value - true) / known.std for known, true in pairs]

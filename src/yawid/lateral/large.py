@@ -8,8 +8,8 @@ its own, which is sought as start and trims are:
     r - min(max(r, -l), l), as rudder  a damper beyond its limits, l one of LIMITS times max |r|
 
 r and the sideslip a against the air are the predictor's one sample ahead: what gusts add counts,
-and both depend on the past alone. Of a fin's sideslip a + c that is reduced the equations of p, r
-and a are those of a plain fin, but for the slope of c, which is that side force.
+and both depend on the past alone. With a less c in place of a, the equations of p and r are those
+of a plain fin, and that of the sideslip has the slope of c as one more side force.
 """
 
 import math
@@ -69,7 +69,7 @@ def fin_lost(found: Fit) -> float:
 
 
 def columns(record: Record, part: Part, pair: tuple[float, float]) -> Floats:
-    """Return each c (n, m) as the mean over each step."""
+    """Return each c (n, m) of a record as means over its steps, of a fin as its side force."""
     of, e = part.predictor, part.e[: record.y.size].reshape(-1, 3)
     known = np.column_stack([record.inputs(*pair, part.own[8:]), e, np.ones(len(e))])
     of_e, trim = of.K[0] @ np.linalg.inv(of.whiten[0]), of.trim[0] @ part.own[4:8, None]
