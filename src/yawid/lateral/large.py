@@ -31,8 +31,9 @@ from yawid.quantities.airspeed import GRAVITY
 STALL, LIMITS = 1.5, np.array([0.1, 0.2, 0.4, 0.7])
 """The shapes that are tried. Where two shapes of a fin were, wn of drawn aircraft was up to 15 %
 further off: with the first in the fit, what the second explains is the first one's error."""
-INTO = np.array([TURN_FORCE, *[RUDDER] * len(LIMITS)])
-"""The inputs to which each c is added."""
+INTO, SOUGHT = np.array([(TURN_FORCE, 1), *[(RUDDER, 2)] * len(LIMITS)]).T
+"""The inputs to which each c is added, and what is sought of it: its factor, of a damper also its
+limit."""
 LOST = 1.0 - STALL * math.tanh(1.0 / STALL)
 """The part of the fin's effect that c of the largest sideslip is."""
 STEPS = 10
@@ -42,21 +43,18 @@ EXPLAINED = 1e-3
 
 
 def small_motion(best: Fit) -> Fit:
-    """Return the fit with each c that BIC asks for, the most likely first; the same without any.
-
-    A c is two parameters for BIC: its factor, and the size of motion at which it begins.
-    """
+    """Return the fit with each c that BIC asks for, the most likely first; the same without any."""
     its: list[int] = []
     while True:
         pair = pair_of(best.of.theta(best.x[None])[0])
         c = [columns(*each, pair) for each in zip(best.of.records, best.at.parts, strict=True)]
-        gain = gains(best, c)
-        gain[its] = 0.0
-        further, needed = [*its, int(gain.argmax())], 2.0 * math.log(best.of.count)
-        if gain.max() < needed:
+        over = gains(best, c) - SOUGHT * math.log(best.of.count)
+        over[its] = -math.inf
+        further = [*its, int(over.argmax())]
+        if over.max() < 0.0:
             return best
         found = fitted_with(best, [each[:, further] for each in c], INTO[further])
-        if best.criterion - found.criterion < needed:
+        if best.criterion - found.criterion < SOUGHT[further[-1]] * math.log(best.of.count):
             return best
         best, its = found, further
 

@@ -4,7 +4,7 @@ Eq. 17-21 linearised, in the field's symbols, with two gusts; primed derivatives
 
     beta' = Y_beta (beta + b) + alpha p - r + (g/V) cos(pitch) roll + Y_delta_r dr + c1 + (g/V) f1
     p'    = L_beta (beta + b) + L_p p + L_r r + L_delta_a da + L_delta_r dr + w + c2
-    r'    = N_beta (beta + b) + N_p p + N_r r + N_delta_a da + N_delta_r dr + n + c3
+    r'    = N_beta (beta + b) + N_p (p + w / L_p) + N_r r + N_delta_a da + N_delta_r dr + n + c3
     roll' = p + tan(pitch) r + c4 + n_d + f2                drift of an estimator's roll angle
     b'    = -gust_rate b + sqrt(2 gust_rate) gust n_b       lateral gust, as sideslip
     w'    = -roll_gust_rate w + roll_gust_rate roll_gust n_w      rolling gust
@@ -224,6 +224,7 @@ def airframe(theta: Floats, airspeed_m_s: float) -> tuple[Floats, Floats]:
     A[:, BETA, P], A[:, BETA, R], A[:, BETA, ROLL] = alpha, -1.0, turn * np.cos(alpha)
     A[:, P, P], A[:, P, R], A[:, P, ROLL_GUST] = of["L_p"], of["L_r"], 1.0
     A[:, R, P], A[:, R, R] = of["N_p"], of["N_r"]
+    A[:, R, ROLL_GUST] = of["N_p"] / of["L_p"]  # the air's rolling is felt as p is
     A[:, ROLL, P], A[:, ROLL, R] = 1.0, np.tan(alpha)
     B[:, BETA, RUDDER], B[:, BETA, TURN_FORCE], B[:, ROLL, TURN_ROLL] = of["Y_delta_r"], turn, 1.0
     B[:, P, AILERON], B[:, P, RUDDER] = of["L_delta_a"], of["L_delta_r"]
