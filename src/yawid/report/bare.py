@@ -100,4 +100,4 @@ def spectra_picture(found: OrdinaryAnswer | None) -> Picture | None:
         "autopilot. Shaded: where 95 % of the points should be. The model has the aileron as it "
         "was, so that turns are in it."
     )
-    return Picture("ordinary", "Spectra of ordinary flight", look, draw)
+    return Picture("ordinary", "Spectra of ordinary flight", look, draw, zooms=True)

@@ -90,7 +90,7 @@ def _over_gain(report: DamperReport, predicted: Predicted) -> Picture:
         figure.legend(*axes[0].get_legend_handles_labels(), loc="outside upper right", ncols=3)
 
     look = "Grey: the band aimed at; dashed: the gain to fly next. Bands: 2 sigma."
-    return Picture("over-gain", "Damping and frequency over the gain", look, draw)
+    return Picture("over-gain", "Damping and frequency over the gain", look, draw, zooms=True)
 
 
 def _locus(report: DamperReport, predicted: Predicted) -> Picture:
@@ -149,7 +149,7 @@ def _bode(predicted: Predicted, gain: float, name: str) -> Picture:
         f"With {name} {gain:g} at {speed:.1f} m/s, over the frequencies where the model is known. "
         "Where |L| crosses 0 dB the phase must be within the dotted lines. Bands: 95 %."
     )
-    return Picture("open-loop", "Open loop", look, draw)
+    return Picture("open-loop", "Open loop", look, draw, zooms=True)
 
 
 def _ninety_five(values: Floats) -> tuple[Floats, Floats]:
@@ -181,4 +181,6 @@ def _response(predicted: Predicted, gain: float, name: str) -> Picture:
         figure.legend(loc="outside upper right", ncols=3)
 
     look = "The rudder that the pilot moved, without and with the damper: how the manoeuvre began."
-    return Picture("response", "The manoeuvre flown, without and with the damper", look, draw)
+    return Picture(
+        "response", "The manoeuvre flown, without and with the damper", look, draw, zooms=True
+    )

@@ -1,12 +1,14 @@
-"""The report's page: HTML in a single file without script, fit for paper and for a phone.
+"""The report's page: HTML in a single file, fit for paper and for a phone.
 
 ``page.html`` has its parts as macros of jinja2, which escapes every text: names of parameters and
-files come from logs that anybody may have written. The page's policy lets it load and run nothing,
-whatever it contains.
+files come from logs that anybody may have written. The page's policy lets it load nothing and run
+only the two scripts with which its pictures zoom, whatever it contains; it is whole without them.
 """
 
 import re
+from base64 import b64encode
 from collections.abc import Callable
+from hashlib import sha256
 from importlib.resources import files
 from typing import Any, Final
 
@@ -17,9 +19,29 @@ from yawid.sinks.palette import BAD, CARE, DATA, GOOD
 from yawid.sinks.words import NEXT
 
 _COLOURS: Final = {"data": DATA, "good": GOOD, "care": CARE, "bad": BAD}
+
+
+def _own(name: str) -> str:
+    """Return a text file of this package."""
+    return files("yawid.report").joinpath(name).read_text(encoding="utf-8")
+
+
 STYLE: Final = (
     f":root {{ {' '.join(f'--{name}: {colour};' for name, colour in _COLOURS.items())} }}\n"
-) + files("yawid.report").joinpath("report.css").read_text(encoding="utf-8")
+) + _own("report.css")
+SCRIPTS: Final = (
+    f"{_own('uPlot.iife.min.js')}/*\n{_own('uPlot.LICENSE')}*/\n",
+    _own("chart.js") + _own("zoom.js"),
+)
+"""All that the page runs: uPlot, with its licence, and what makes charts of the pictures by it."""
+NUMBERS: Final = '<script type="application/json">'
+"""The tag before the numbers of a picture; a browser runs nothing of this type."""
+_HASHES: Final = [b64encode(sha256(each.encode()).digest()).decode() for each in SCRIPTS]
+POLICY: Final = (
+    "default-src 'none'; style-src 'unsafe-inline'; img-src data:; "
+    "script-src " + " ".join(f"'sha256-{each}'" for each in _HASHES)
+)
+"""The Content-Security-Policy of the page; the styles are also those of each picture's parts."""
 Cell = tuple[str, str]
 """A cell of a wide table: its text, and the small text below it."""
 _CONTROLS: Final = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\ud800-\udfff\ufffe\uffff]")
@@ -51,7 +73,10 @@ _ENVIRONMENT: Final = Environment(
     lstrip_blocks=True,
 )
 _ENVIRONMENT.filters["prose"] = _prose
-_ENVIRONMENT.globals |= {"STYLE": STYLE, "NEXT": NEXT}
+_ENVIRONMENT.globals |= {
+    "STYLE": STYLE, "ZOOM_STYLE": _own("uPlot.min.css"), "SCRIPTS": SCRIPTS, "POLICY": POLICY,
+    "NUMBERS": NUMBERS, "NEXT": NEXT,
+}  # fmt: skip
 _PARTS: Final[Any] = _ENVIRONMENT.get_template("page.html").module
 Part = Callable[..., str]
 page: Part = _PARTS.page

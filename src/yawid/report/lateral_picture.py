@@ -84,7 +84,7 @@ def lateral_picture(run: McapRun) -> Picture | None:
             f"{100.0 * max(share, 0.0):.0f} % of its variance."
         )
     title = f"Manoeuvre {found.n}: the lateral motion as measured, and of the bare airframe"
-    return Picture("lateral", title, look, draw, (5.6, 5.4))
+    return Picture("lateral", title, look, draw, (5.6, 5.4), zooms=True)
 
 
 def _own(rows: StampedRows, found: Manoeuvre, lead_s: float = 0.0) -> StampedRows:

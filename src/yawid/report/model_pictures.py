@@ -141,7 +141,7 @@ def bode_picture(drawn: Drawn, rudder_unit: str) -> Picture:
         )
     if len(drawn.model.inputs) > 1:
         look += " The points ignore the aileron."
-    return Picture("bode", "Frequency response, rudder to yaw rate", look, draw)
+    return Picture("bode", "Frequency response, rudder to yaw rate", look, draw, zooms=True)
 
 
 def _segment_s(drawn: Drawn) -> float:
@@ -220,7 +220,7 @@ def step_picture(drawn: Drawn, rudder_unit: str) -> Picture:
         f"After the rudder steps by 1 {rudder_unit}, nose right. Band: 2 sigma, over the "
         "first period; later values lean on the spiral mode, which no short record shows."
     )
-    return Picture("step", "Step response", look, draw)
+    return Picture("step", "Step response", look, draw, zooms=True)
 
 
 def step_band(model: Answered, t: Floats) -> tuple[Floats, Floats]:
@@ -262,4 +262,4 @@ def residuals_picture(drawn: Drawn) -> Picture:
         "What the model leaves of the yaw rate, run free: noise, gusts, and motion that the rudder "
         "does not cause. Dashed: ωn, near which the two lines are farthest apart in calm air."
     )
-    return Picture("residuals", "What the model leaves", look, draw)
+    return Picture("residuals", "What the model leaves", look, draw, zooms=True)

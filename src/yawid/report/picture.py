@@ -1,4 +1,4 @@
-"""The report's pictures: matplotlib figures, as SVG within a page."""
+"""The report's pictures: matplotlib figures, as SVG within a page, with numbers to zoom in."""
 
 import io
 import re
@@ -15,6 +15,8 @@ from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
 from yawid.blocks import Floats
 from yawid.report.data import Events
+from yawid.report.html import NUMBERS
+from yawid.report.zoom import SHADE, numbers_of
 from yawid.sinks.palette import NEUTRAL, RUDDER
 
 SIZE_IN: Final = (5.6, 4.4)
@@ -50,17 +52,30 @@ _FONTS: Final = "'DejaVu Sans', Verdana, sans-serif"  # Verdana has nearly the s
 
 @dataclass(frozen=True, slots=True)
 class Picture:
-    """One picture: its id in the page, its title, what to look for, and how to draw it."""
+    """One picture: its id in the page, its title, what to look for, and how to draw it.
+
+    One that ``zooms`` has lines over ascending x, for which a browser makes charts.
+    """
 
     key: str
     title: str
     look: str
     draw: Callable[[Figure], None]
     size_in: tuple[float, float] = SIZE_IN
+    zooms: bool = False
 
     @property
     def svg(self) -> str:
         """The picture as SVG for a page; all ids in it begin with its key."""
+        return self._drawn()[0]
+
+    @property
+    def html(self) -> str:
+        """The picture as SVG, and its numbers where it zooms."""
+        svg, figure = self._drawn()
+        return f"{svg}\n{NUMBERS}{numbers_of(figure)}</script>" if self.zooms else svg
+
+    def _drawn(self) -> tuple[str, Figure]:
         out = io.StringIO()
         with mpl.rc_context():
             mpl.rcdefaults()  # not the user's style: equal runs must give equal reports
@@ -81,9 +96,10 @@ class Picture:
         svg = re.sub(r' d="[^"]*"', lambda path: re.sub(r"(\.\d\d)\d+", r"\1", path[0]), svg)
         svg = re.sub(r"<metadata>.*?</metadata>", "", svg, flags=re.DOTALL)
         svg = svg.replace("'DejaVu Sans'", _FONTS)
-        return re.sub(
+        svg = re.sub(
             r'^<svg ([^>]*?)width="[^"]*" height="[^"]*"', r"<svg \1", svg.strip(), count=1
         )
+        return svg, figure
 
 
 GAP = 3.0
@@ -99,12 +115,14 @@ def traced(ax: Axes, t: Floats, x: Floats, shade: str) -> None:
     usual = np.median(apart) if len(apart) else 0.0
     breaks = np.flatnonzero((apart < 0.0) | (apart > GAP * usual)) + 1
     for rows in np.split(np.arange(len(t)), breaks):
+        # A long line itself is for zooming.
+        ax.plot(t[rows], x[rows], color=shade, linewidth=0.9, visible=step <= 2)
         if step <= 2:
-            ax.plot(t[rows], x[rows], color=shade, linewidth=0.9)
             continue
         starts = np.arange(0, len(rows), step)
         low, high = (each.reduceat(x[rows], starts) for each in (np.fmin, np.fmax))
-        ax.fill_between(t[rows][starts], low, high, color=shade, alpha=0.55, linewidth=0.4)
+        ax.fill_between(t[rows][starts], low, high, color=shade, alpha=0.55, linewidth=0.4,
+                        label=SHADE)  # fmt: skip
 
 
 def log_axis(ax: Axes) -> None:

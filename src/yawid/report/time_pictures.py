@@ -46,7 +46,7 @@ def whole_picture(data: ReportData) -> Picture:
 
     look = "Where does the rudder move on its own? Grey: samples held. Dotted: change of mode."
     look += " Green: manoeuvres, by number; hatched: not usable." if data.events.manoeuvres else ""
-    return Picture("whole", "The whole flight", look, draw)
+    return Picture("whole", "The whole flight", look, draw, zooms=True)
 
 
 def manoeuvre_picture(drawn: Drawn, rudder_unit: str) -> Picture:
@@ -68,18 +68,18 @@ def manoeuvre_picture(drawn: Drawn, rudder_unit: str) -> Picture:
         if not whole:
             _overview(axes[0], judged, rows)
         rudder, yaw, left = axes[-3:]
-        t = judged.t[rows]
-        rudder.plot(t, judged.u[rows, 0], color=RUDDER, drawstyle="steps-post")
-        rudder.set_ylabel(f"rudder\n[{rudder_unit}]")
-        yaw.plot(t, judged.y[rows], color=DATA, linewidth=2.4, label="measured")
-        yaw.plot(t, simulated[rows], color=MODEL, linewidth=1.1, label="model, from the rudder")
+        t = judged.t  # all of it, which zooms; the axes' limits are those of the rows shown
+        rudder.plot(t, judged.u[:, 0], color=RUDDER, drawstyle="steps-post")
+        rudder.set(ylabel=f"rudder\n[{rudder_unit}]", ylim=_limits(judged.u[rows, 0]))
+        yaw.plot(t, judged.y, color=DATA, linewidth=2.4, label="measured")
+        yaw.plot(t, simulated, color=MODEL, linewidth=1.1, label="model, from the rudder")
         yaw.set(ylabel="yaw rate\n[rad/s]", ylim=(low, high))
-        left.plot(t, (judged.y - simulated)[rows], color=NEUTRAL, linewidth=1.0)
+        left.plot(t, judged.y - simulated, color=NEUTRAL, linewidth=1.0)
         left.axhline(0.0, color=MODEL, linewidth=0.8)
         most = np.nanmax(np.abs((judged.y - simulated)[rows]), initial=0.02 * (high - low))
         left.set(xlabel=TIME_LABEL, ylabel="measured\n− model", ylim=(-1.1 * most, 1.1 * most))
         for ax in (rudder, yaw, left):
-            ax.set_xlim(t[0], t[-1])
+            ax.set_xlim(t[rows][0], t[rows][-1])
         for ax in (rudder, yaw):
             ax.tick_params(labelbottom=False)
         figure.align_ylabels(axes)
@@ -93,7 +93,8 @@ def manoeuvre_picture(drawn: Drawn, rudder_unit: str) -> Picture:
             " The box above marks the stretch where the model swings most; the fit is of the whole "
             "record."
         )
-    return Picture(f"manoeuvre{found.n}", title, look, draw, (5.6, 4.4 if whole else 4.9))
+    size_in = (5.6, 4.4 if whole else 4.9)
+    return Picture(f"manoeuvre{found.n}", title, look, draw, size_in, zooms=True)
 
 
 def _overview(ax: Axes, judged: Flown, rows: slice) -> None:
@@ -155,4 +156,4 @@ def modes_picture(data: ReportData) -> Picture:
         "end? Band: 2 sigma of noise alone; a line that leaves its earlier band is moved by more "
         "than noise. What lies far outside is cut off."
     )
-    return Picture("modes", "Dutch roll over time", look, draw)
+    return Picture("modes", "Dutch roll over time", look, draw, zooms=True)

@@ -1,0 +1,119 @@
+// One chart of a picture that zooms, by uPlot: its axes and lines, and what lies behind these.
+"use strict";
+const yawidCharts = (() => {
+  const LEFT_PX = 58, DRAG_PX = 6, FONT = "11px sans-serif";
+  const NONE = { left: 0, top: 0, width: 0, height: 0 };
+  const ink = name => () => getComputedStyle(document.documentElement).getPropertyValue(name);
+
+  function shown(x) {
+    const size = Math.abs(x);
+    return size && (size < 1e-3 || size >= 1e6) ? x.toExponential(2) : String(+x.toPrecision(5));
+  }
+
+  // Draw what lies behind the lines: spans, areas and bars, levels, and numbers of manoeuvres.
+  function decorate(chart, panel) {
+    const { ctx, bbox: { left, top, width, height } } = chart, dot = devicePixelRatio;
+    const X = x => chart.valToPos(x, "x", true), Y = y => chart.valToPos(y, "y", true);
+    function clip(...box) {
+      ctx.save();
+      ctx.beginPath();
+      ctx.rect(...box);
+      ctx.clip();
+    }
+    function path(...points) {
+      ctx.beginPath();
+      for (const [x, y] of points) ctx.lineTo(x, y);
+    }
+    clip(left, top, width, height);
+    ctx.lineWidth = dot;
+    for (const { x, fill, hatch } of panel.spans) {
+      const from = Math.max(X(x[0]), left), to = Math.min(X(x[1]), left + width);
+      if (from >= to) continue;
+      clip(from, top, to - from, height);
+      ctx.fillStyle = fill;
+      ctx.fillRect(from, top, to - from, height);
+      ctx.strokeStyle = ink("--edge")();
+      for (let at = from - height; hatch && at < to; at += 7 * dot) {
+        path([at, top + height], [at + height, top]);
+        ctx.stroke();
+      }
+      ctx.restore();
+    }
+    for (const { x, y, fill, colour } of panel.shapes) {
+      path(...x.map((each, i) => [X(each), Y(y[i])]));
+      ctx.fillStyle = ctx.strokeStyle = colour;
+      if (fill) ctx.fill(); else ctx.stroke();
+    }
+    for (const { at, upright, colour, dash } of panel.levels) {
+      ctx.setLineDash((dash || []).map(x => x * dot));
+      ctx.strokeStyle = colour;
+      if (upright) path([X(at), top], [X(at), top + height]);
+      else path([left, Y(at)], [left + width, Y(at)]);
+      ctx.stroke();
+    }
+    ctx.setLineDash([]);
+    ctx.font = `${11 * dot}px sans-serif`;
+    ctx.textAlign = "center";
+    ctx.fillStyle = ctx.strokeStyle = ink("--ink")();
+    for (const [x, text] of panel.numbers) ctx.fillText(text, X(x), top + 11 * dot);
+    const [from, to] = panel.picture.range.map(X);
+    if (panel.overview) ctx.strokeRect(from, top + dot, to - from, height - 2 * dot);
+    ctx.restore();
+  }
+
+  // A finger across a chart is a mouse to it; up and down it scrolls the page.
+  function touchable(chart) {
+    const kinds = { pointerdown: "mousedown", pointermove: "mousemove", pointerup: "mouseup",
+      pointercancel: "mouseup" };
+    for (const [kind, mouse] of Object.entries(kinds))
+      chart.over.addEventListener(kind, ({ type, pointerType, clientX, clientY }) => {
+        if (pointerType !== "touch") return;
+        if (type === "pointercancel") chart.setSelect(NONE, false);
+        const same = { bubbles: true, clientX, clientY, movementX: 1 };
+        chart.over.dispatchEvent(new MouseEvent(mouse, same));
+      });
+  }
+
+  // Make the chart of a panel; `acts` has what is done at its selection, cursor and double click.
+  function charted(panel, box, last, acts) {
+    const { picture, overview } = panel, grid = { stroke: ink("--rule"), width: 1 };
+    const texts = show => (_, all) => all.map(x => (x === null || !show ? "" : shown(x)));
+    const few = "125", one = x => +x.toPrecision(1) === +x.toPrecision(6);  // one digit
+    const filter = ({ scales: { x: { min, max } } }, all) => all.map(x =>
+      (one(x) && (max < 5 * min || few.includes(x.toExponential()[0])) ? x : null));
+    const axis = { font: FONT, stroke: ink("--soft"), grid, ticks: { ...grid, size: 4 } };
+    const named = { size: 20, label: picture.label, labelSize: 18, labelFont: FONT };
+    const scale = log => ({ time: false, distr: log ? 3 : 1 });
+    const drawn = panel.lines.map(({ colour, width, dash, dots, steps }) => ({
+      stroke: colour, width, dash: dash || undefined,
+      paths: dots ? () => null : steps ? uPlot.paths.stepped({ align: 1 }) : undefined,
+      points: { fill: colour, size: 5, ...(dots && { show: true }) },
+    }));
+    panel.chart = new uPlot({
+      width: 400, height: 100, legend: { show: false }, padding: [4, 8, last ? 0 : 4, 0],
+      scales: {
+        x: { ...scale(panel.logX), range: (_, min, max) => [min, max] },
+        y: { ...scale(panel.logY), range: () => panel.y },
+      },
+      axes: [
+        { ...axis, ...(last ? named : { size: 4 }), values: texts(last),
+          ...(panel.logX && { filter }) },
+        { ...axis, values: texts(!overview), size: LEFT_PX, space: 24 },
+      ],
+      series: [{}, ...drawn],
+      cursor: {
+        drag: { x: true, y: !overview, uni: 30, dist: DRAG_PX, setScale: false },
+        bind: { dblclick: () => () => acts.reset(picture) },
+      },
+      hooks: {
+        drawAxes: [chart => decorate(chart, panel)],
+        setSelect: [chart => acts.selected(chart, panel)],
+        setCursor: [chart => acts.follow(chart, panel)],
+      },
+    }, uPlot.join(panel.lines.map(({ x, y }) => [x, y])), box);
+    panel.chart.setScale("x", { min: panel.home.x[0], max: panel.home.x[1] });
+    touchable(panel.chart);
+  }
+
+  return { charted, shown, DRAG_PX, NONE };
+})();
