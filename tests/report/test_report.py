@@ -14,11 +14,11 @@ from finished_runs import replayed
 from flightlog import FlightLog, fly
 from pictures.browser import chromium, find_chromium, opened
 from places import C172P
-from report_page import Page, first_screen
+from report_page import Page, assert_runs_only_its_own, first_screen
 
 from yawid.blocks import Noted
 from yawid.cli.main import main
-from yawid.report.html import note
+from yawid.report.html import SCRIPTS, note
 from yawid.report.write import report
 from yawid.sinks.mcap.reader import open_run
 
@@ -85,7 +85,8 @@ def test_the_page_stands_alone_and_each_picture_is_drawn_and_says_what_to_look_f
     outside = set(re.findall(r"https?://[^\s\"'<>)]+", html))
     figures = re.findall(r'<figure id="([^"]+)">(.*?)</figure>', html, re.DOTALL)
 
-    assert "script" not in page.tags
+    assert_runs_only_its_own(page, SCRIPTS)
+    assert page.scripts
     assert all(address.startswith(("#", "data:,")) for address in page.addresses)
     assert outside <= {"http://www.w3.org/2000/svg", "http://www.w3.org/1999/xlink"}
     assert not re.search(r"url\((?!#)", html)
@@ -102,7 +103,7 @@ def test_a_run_without_a_rudder_has_a_first_screen_and_no_pictures(tmp_path: Pat
     html = report(open_run(replayed(tmp_path / "copter.tlog", tmp_path)))
 
     assert "Can I use it? No" in first_screen(html)
-    assert "svg" not in Page(html).tags
+    assert {"svg", "script"} & set(Page(html).tags) == set()
 
 
 def test_the_command_writes_the_same_bytes_next_to_the_run(good: Path, html: str) -> None:

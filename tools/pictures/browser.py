@@ -28,13 +28,26 @@ def chromium() -> Iterator[Browser]:
 
 
 def opened(
-    browser: Browser, url: str, width: int = 1280, height: int = 800, *, phone: bool = False
+    browser: Browser,
+    url: str,
+    width: int = 1280,
+    height: int = 800,
+    *,
+    phone: bool = False,
+    dark: bool = False,
+    script: bool = True,
 ) -> tuple[Page, list[str], list[str]]:
     """Open a page in a window of this size in CSS pixels, and wait until it has loaded.
 
     The lists are the URLs that it asks for, and its exceptions and console output.
     """
-    page = browser.new_page(viewport={"width": width, "height": height}, is_mobile=phone)
+    page = browser.new_page(
+        viewport={"width": width, "height": height},
+        is_mobile=phone,
+        has_touch=phone,
+        color_scheme="dark" if dark else "light",
+        java_script_enabled=script,
+    )
     requests, complaints = list[str](), list[str]()
     page.on("request", lambda request: requests.append(request.url))
     page.on("pageerror", lambda error: complaints.append(error.message))

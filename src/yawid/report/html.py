@@ -29,11 +29,12 @@ def _own(name: str) -> str:
 STYLE: Final = (
     f":root {{ {' '.join(f'--{name}: {colour};' for name, colour in _COLOURS.items())} }}\n"
 ) + _own("report.css")
+_UPLOT: Final = _own("uPlot.iife.min.js").partition("\n")[2]  # without its first line, an address
 SCRIPTS: Final = (
-    f"{_own('uPlot.iife.min.js')}/*\n{_own('uPlot.LICENSE')}*/\n",
+    f"/* uPlot 1.6.32\n\n{_own('uPlot.LICENSE')}*/\n{_UPLOT}",
     _own("chart.js") + _own("zoom.js"),
 )
-"""All that the page runs: uPlot, with its licence, and what makes charts of the pictures by it."""
+"""All that the page runs: uPlot with its licence, and what makes charts of the pictures by it."""
 NUMBERS: Final = '<script type="application/json">'
 """The tag before the numbers of a picture; a browser runs nothing of this type."""
 _HASHES: Final = [b64encode(sha256(each.encode()).digest()).decode() for each in SCRIPTS]

@@ -25,6 +25,7 @@
 
   function setRange(picture, range) {
     picture.range = range;
+    picture.box.setAttribute("aria-label", `${picture.label}, ${range.map(shown).join(" to ")}`);
     for (const { chart, overview } of picture.panels) {
       if (overview) chart.redraw(false);
       else chart.setScale("x", { min: range[0], max: range[1] });
@@ -105,11 +106,12 @@
   function zoomable(figure, { label, xs, panels }) {
     const times = xs.map(instants), last = panels[panels.length - 1], home = last.x;
     const box = document.createElement("div"), top = element("p", box);
-    const picture = { label, panels, home, range: home, hint: element("b", top, HINT) };
+    const picture = { box, label, panels, home, range: home, hint: element("b", top, HINT) };
     picture.all = element("button", top, "all");
     picture.all.hidden = true;
     picture.all.addEventListener("click", () => reset(picture));
     box.className = "zoom";
+    box.setAttribute("role", "group");
     figure.querySelector("svg").after(box);
     for (const panel of panels) {
       const apart = panel.x.some((end, i) => Math.abs(end - home[i]) > 1e-6 * (home[1] - home[0]));
@@ -123,6 +125,7 @@
     const ends = panels.flatMap(({ lines }) => lines.flatMap(({ x }) => [x[0], x[x.length - 1]]));
     picture.first = Math.min(home[0], ...ends);
     picture.last = Math.max(home[1], ...ends);
+    setRange(picture, home);
     pictures.push(picture);
     figure.classList.add("zooms");
     new ResizeObserver(([{ contentRect }]) => {

@@ -38,11 +38,13 @@ def numbers_of(figure: Figure) -> str:
     A list of numbers begins with its unit, whose multiples follow, or 0 before plain numbers; null
     is a gap. Of an instant its step from the one before is kept. Lines share the lists ``xs``.
     """
-    handles = [each for ax in figure.axes for each in (*ax.lines, *ax.containers)]
+    named = [
+        pair for ax in figure.axes for pair in zip(*ax.get_legend_handles_labels(), strict=True)
+    ]
     names = {
-        _shade(each[0] if isinstance(each, tuple) else each): label
-        for each in handles
-        if (label := str(each.get_label())) and not label.startswith("_")
+        to_hex(line.get_color()): label
+        for handle, label in named
+        if isinstance(line := handle[0] if isinstance(handle, tuple) else handle, Line2D)
     }
     width, height = figure.get_size_inches()
     xs: list[list[float | None]] = []
@@ -50,7 +52,8 @@ def numbers_of(figure: Figure) -> str:
     for ax, panel in zip(figure.axes, panels, strict=True):
         panel["tall"] = round(float(ax.get_position().height * height / width), 3)
     known = {"label": figure.axes[-1].get_xlabel(), "xs": xs, "panels": panels}
-    return json.dumps(known, separators=(",", ":")).replace("<", "\\u003c")
+    text = json.dumps(known, separators=(",", ":"))
+    return text.replace("<", "\\u003c").replace(">", "\\u003e")
 
 
 def thinned(y: Floats, most: int = MOST_POINTS) -> Ints:
@@ -100,7 +103,7 @@ def _pieces(
     ax: Axes, line: Line2D, names: dict[str, str], xs: list[list[float | None]]
 ) -> Iterator[Part]:
     """Yield a line, in pieces where its x goes back, as a chart needs it to ascend."""
-    x, y = np.asarray(line.get_xydata(), np.float64).T
+    colour, (x, y) = to_hex(line.get_color()), np.asarray(line.get_xydata(), np.float64).T
     for piece in np.split(np.arange(len(x)), np.flatnonzero(np.diff(x) < 0.0) + 1):
         rows = piece[thinned(y[piece])]
         along = _multiples(ax, x[rows], "x")
@@ -109,10 +112,10 @@ def _pieces(
         if along not in xs:
             xs.append(along)
         yield {
-            "name": names.get(_shade(line), ""),
-            "colour": _shade(line),
+            "name": names.get(colour, ""),
+            "colour": colour,
             "width": round(float(line.get_linewidth()), 2),
-            "dash": _DASHES.get(line.get_linestyle()),
+            "dash": _DASHES.get(str(line.get_linestyle())),
             "steps": line.get_drawstyle() == "steps-post",
             "dots": line.get_linestyle() == "None",
             "x": xs.index(along),
@@ -135,8 +138,8 @@ def _shapes(ax: Axes, drawn: Collection) -> Iterator[Part]:
 
 def _level(line: Line2D, *, upright: bool) -> Part:
     at = np.asarray(line.get_xdata() if upright else line.get_ydata(), np.float64)
-    dash = _DASHES.get(line.get_linestyle())
-    return {"at": float(at[0]), "upright": upright, "colour": _shade(line), "dash": dash}
+    look = {"colour": to_hex(line.get_color()), "dash": _DASHES.get(str(line.get_linestyle()))}
+    return {"at": float(at[0]), "upright": upright, **look}
 
 
 def _span(drawn: Rectangle) -> Part:
@@ -159,7 +162,3 @@ def _multiples(ax: Axes, values: Floats, axis: str) -> list[float | None]:
     whole = np.rint(np.clip(np.where(known, values, 0.0) / unit, -_FARTHEST, _FARTHEST))
     multiples = whole.astype(np.int64).tolist()
     return [unit, *(each if ok else None for each, ok in zip(multiples, known, strict=True))]
-
-
-def _shade(line: Line2D) -> str:
-    return to_hex(line.get_color())
