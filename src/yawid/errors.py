@@ -71,7 +71,7 @@ def without_viewer(error: BaseException) -> str | None:
     A companion computer may do without both.
     """
     name = str(getattr(error, "name", None)).partition(".")[0]
-    if not isinstance(error, ModuleNotFoundError) or name not in ("rerun", "pyarrow"):
+    if not isinstance(error, ModuleNotFoundError) or name not in ("rerun", "rerun_cli", "pyarrow"):
         return None
     return (
         f"{name} is not installed here: it is needed for the viewer, Parquet and data sets: "

@@ -46,6 +46,7 @@ OFFERED = {
     "replay --method =": {"els", "rml"},
     "replay --rerun = s": {"save", "spawn"},
     "replay --rerun s": {"save", "spawn"},
+    "live --rerun s": {"save", "serve", "spawn"},
     "replay --also ": {"els", "rml", "none"},
     "inspect --inputs ": {"rudder", "rudder,aileron"},
     "fleet ": {"a.tlog", "b.BIN", "c.mcap", "d.mcap.part", "replay_logs"},

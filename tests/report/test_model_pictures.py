@@ -22,9 +22,9 @@ from yawid.estimation.fit import fit_percent
 from yawid.estimation.grids import as_held
 from yawid.models.flown import Flown
 from yawid.report.data import Drawn, ReportData, gather
-from yawid.report.likelihood_picture import likelihood_picture
 from yawid.report.model_pictures import (
     bode_picture,
+    likelihood_picture,
     poles_picture,
     residuals_picture,
     step_band,

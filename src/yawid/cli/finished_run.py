@@ -32,7 +32,9 @@ Airspeeds = Annotated[tuple[float, float], Meta(description="be LO,HI in m/s")]
 
 
 @command(
-    "RUN.mcap", "yawid view yawid-out/flight.mcap\nyawid view yawid-out/flight.mcap -o flight.rrd"
+    "RUN.mcap",
+    "yawid view yawid-out/flight.mcap\nyawid view yawid-out/flight.mcap --web\n"
+    "yawid view yawid-out/flight.mcap -o flight.rrd",
 )
 def view(
     mcap: Mcap,
@@ -44,12 +46,17 @@ def view(
         like(r"rerun\+http.*", "be rerun+http://HOST:PORT/proxy"),
         said("URL", "send it to a viewer: rerun+http://HOST:PORT/proxy"),
     ] = None,
+    web: Annotated[bool, said("", "show it in the browser, until Ctrl-C", "--web")] = False,
 ) -> int:
     """Show a run in Rerun."""
     from yawid.runs.view import view as view_run
+    from yawid.runs.view import view_in_browser
 
-    if out is not None and to is not None:
-        raise ConfigError("give --out or --to, not both")
+    if (out is not None) + (to is not None) + web > 1:
+        raise ConfigError("give one of --out, --to and --web")
+    if web:
+        view_in_browser(mcap)
+        return 0
     view_run(mcap, out, to or "spawn", force=force)
     if out is not None:
         print_line(str(out.absolute()))

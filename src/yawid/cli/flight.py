@@ -49,6 +49,10 @@ _REQUEST = (
     "(default: transmit nothing)"
 )
 _VIEWER = "a Rerun recording, or a viewer: rerun+http://HOST:PORT/proxy (default: off)"
+_LIVE_VIEWER = (
+    "a Rerun recording, or a viewer: spawn its window, serve it to this machine's browser, or "
+    "rerun+http://HOST:PORT/proxy (default: off)"
+)
 _REPORT = "write a report next to each answer; on a terminal, open one log's in the browser"
 Log = Annotated[Path, said("LOG", recorded())]
 Out = Annotated[Path, said("DIR", f"folder of the files (default: {DEFAULT_OUT})", group=WRITTEN)]
@@ -58,6 +62,11 @@ Viewer = Annotated[
     str,
     like(r"off|save|spawn|rerun\+http.*", "be off, save, spawn or rerun+http://..."),
     said("off|save|spawn|URL", _VIEWER, group=WRITTEN),
+]
+LiveViewer = Annotated[
+    str,
+    like(r"off|save|spawn|serve|rerun\+http.*", "be off, save, spawn, serve or rerun+http://..."),
+    said("off|save|spawn|serve|URL", _LIVE_VIEWER, group=WRITTEN),
 ]
 
 
@@ -159,13 +168,13 @@ def live(
     out: Out = Path(DEFAULT_OUT),
     force: ForceAll = False,
     as_json: EachAsJson = False,
-    rerun: Viewer = "off",
+    rerun: LiveViewer = "off",
 ) -> int:
     """Run a live session; print the result of each vehicle's and return the highest exit code."""
     from yawid.config.run import RunConfig
     from yawid.runs.live import LiveOptions, session_name
     from yawid.runs.live import live as live_session
-    from yawid.runs.outputs import Outputs
+    from yawid.runs.outputs import Outputs, served
     from yawid.sinks.terminal.console import console_for
 
     if Path(endpoint).is_file():
@@ -182,7 +191,7 @@ def live(
         endpoint, seconds, request_rates, every_vehicle=every_vehicle, publish=tuple(publish)
     )
     read, console = read_options_of(arguments), console_for(sys.stderr)
-    with StopFlag().installed() as stop:
+    with StopFlag().installed() as stop, served(outputs) as outputs:
         ended = live_session(options, config, outputs, stop, console, read)
     for session in ended:
         print_answer(session.summary, _page_of, as_json=as_json)

@@ -1,4 +1,4 @@
-"""Pictures of a manoeuvre's model: poles and zeros, frequency and step response, what it leaves.
+"""Pictures of a manoeuvre's model: its likelihood, poles and zeros, responses, what it leaves.
 
 Their sigmas are those of the answer's numbers, by the delta method; they are drawn where the model
 holds.
@@ -12,12 +12,17 @@ from typing import Final
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from matplotlib.patches import Ellipse
+from scipy.interpolate import RectBivariateSpline
 from scipy.signal import welch
 
 from yawid.answers.run_summary import DutchRoll
 from yawid.blocks import Floats, Ints
 from yawid.errors import YawidError
+from yawid.manoeuvre.fit import best_alone, fits_of
+from yawid.manoeuvre.likelihood import surface
+from yawid.manoeuvre.responses import Record
 from yawid.models.answered import Answered, changes_of
 from yawid.models.linear import COHERENT
 from yawid.physics.continuous import pole_of
@@ -36,6 +41,56 @@ PERIODS: Final = 10.0
 """The length of a segment of a spectral estimate, in periods of the Dutch roll."""
 STEP_PERIODS, KNOWN_PERIODS = 2.0, 1.0
 """How long the response to a step is drawn, and how long with its band, in periods."""
+NATS = (0.5, 2.0, 4.5)
+"""How far the contours of 1, 2 and 3 sigma lie below the top."""
+SMOOTH = 80
+"""The points over wn and over zeta between which a contour is straight."""
+REACH, ROOM = 3.0, 1.2
+"""How far the picture reaches in sigmas of the answer, and beyond a structure that counts."""
+
+
+def likelihood_picture(drawn: Drawn) -> Picture | None:
+    """Return the picture of a manoeuvre's likelihood over wn and zeta.
+
+    None where they are too few for a fit, or the answer has no structures.
+    """
+    answer = drawn.found.answer
+    if answer is None or answer.structures is None:
+        return None
+    measured = drawn.measured
+    record = Record.of(drawn.model.sample_time_s, measured.held, measured.y)
+    fit = best_alone(fits_of(record))
+    if fit is None:
+        return None
+    found, structures, name = surface(fit), answer.structures, fit.structure.name
+    at, std = drawn.answered.x[:2], drawn.answered.std[:2]
+
+    def draw(figure: Figure) -> None:
+        ax = figure.subplots()
+        wn, zeta = (np.linspace(x[0], x[-1], SMOOTH) for x in found[:2])
+        nats = RectBivariateSpline(found.zeta, found.wn_rad_s, found.nats)(zeta, wn)
+        ax.contour(wn, zeta, nats, NATS, colors=DATA, linewidths=1.0)
+        ax.plot([], color=DATA, label=f"likelihood, structure {name}")
+        ellipse(ax, complex(*at), drawn.answered.covariance[:2, :2])
+        ax.plot(*at, "+", color=MODEL, markersize=11, markeredgewidth=2, label="answer, 2σ")
+        reach = REACH * std
+        for (key, each), mark in zip(structures.items(), Line2D.filled_markers, strict=False):
+            point = each.wn_rad_s, each.zeta
+            ax.errorbar(*point, each.zeta_std, each.wn_std, fmt=mark, color=NEUTRAL, markersize=5,
+                        label=f"structure {key}: {100.0 * each.weight:.0f} %")  # fmt: skip
+            if each.weight > 0.0:
+                reach = np.maximum(reach, ROOM * np.abs(np.array(point) - at))
+        (low, bottom), (high, top) = at - reach, at + reach
+        ax.set(xlim=(low, high), ylim=(bottom, top), xlabel="ωn [rad/s]", ylabel="ζ")
+        figure.legend(loc="outside right upper")
+
+    look = (
+        f"Contours: 1, 2 and 3 sigma of what noise alone leaves open if structure {name} is the "
+        "aircraft. Grey: what each structure found, ± 1 sigma of noise, and its weight in the "
+        "answer; one without a vote may lie outside. Ellipse: 2 sigma in total, to which belongs "
+        "how far the structures are apart."
+    )
+    return Picture("likelihood", "How well ωn and ζ are known", look, draw)
 
 
 def poles_picture(drawn: Drawn, bare: DutchRoll | None = None) -> Picture:

@@ -11,9 +11,14 @@ from yawid.report.bare import bare_section, ordinary_section, spectra_picture
 from yawid.report.data import Drawn, ReportData, gather
 from yawid.report.html import first_screen, note, page, pictures, tables
 from yawid.report.lateral_picture import lateral_picture
-from yawid.report.likelihood_picture import likelihood_picture
 from yawid.report.manoeuvres import flight_numbers, flight_section
-from yawid.report.model_pictures import bode_picture, poles_picture, residuals_picture, step_picture
+from yawid.report.model_pictures import (
+    bode_picture,
+    likelihood_picture,
+    poles_picture,
+    residuals_picture,
+    step_picture,
+)
 from yawid.report.picture import Picture
 from yawid.report.run_tables import (
     channel_tables,

@@ -21,6 +21,7 @@ from yawid.sinks.base import Abort, Done, Sink
 from yawid.sinks.door import say
 from yawid.sinks.mcap.sink import McapSink
 from yawid.sinks.rerun.sink import RerunSink
+from yawid.sinks.rerun.web import web_viewer
 from yawid.system.part_file import Disk, check_free
 from yawid.system.stores import Place
 
@@ -204,6 +205,20 @@ def open_rerun(outputs: Outputs) -> list[Sink]:
             force=outputs.force,
         )
     ]
+
+
+@contextmanager
+def served(outputs: Outputs) -> Iterator[Outputs]:
+    """Serve Rerun's web viewer while the context lasts, where that is asked for; it is the viewer.
+
+    Raises:
+        SinkError: it does not start.
+    """
+    if outputs.rerun != "serve":
+        yield outputs
+        return
+    with web_viewer() as (address, _):
+        yield replace(outputs, rerun=address)
 
 
 def _make_folder(folder: Path) -> None:

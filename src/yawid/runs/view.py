@@ -1,5 +1,6 @@
 """A finished run in Rerun, as it is drawn during a run."""
 
+from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Final
@@ -10,8 +11,10 @@ from yawid.answers.run_summary import Manoeuvre
 from yawid.blocks import Ints
 from yawid.errors import SourceError
 from yawid.sinks.base import Abort, Done, Found, FoundBare
+from yawid.sinks.door import say
 from yawid.sinks.mcap.reader import McapRun, open_run
 from yawid.sinks.rerun.sink import RerunSink
+from yawid.sinks.rerun.web import web_viewer
 
 NEAR_S: Final = 2.0
 """A manoeuvre's first and last sample lie at most this far from its date; boot time selects them.
@@ -42,6 +45,19 @@ def view(
     except BaseException:
         sink.take(Abort(discard=True))
         raise
+
+
+def view_in_browser(mcap: Path) -> None:
+    """Show a run in Rerun's own web viewer, which is served until Ctrl-C.
+
+    Raises:
+        SourceError: the MCAP cannot be read, was not finished or is not the file of a run.
+        SinkError: there is no viewer.
+    """
+    with web_viewer() as (address, wait), suppress(KeyboardInterrupt):
+        view(mcap, target=address)
+        say("Ctrl-C ends it")
+        wait()
 
 
 def _show(run: McapRun, sink: RerunSink) -> None:

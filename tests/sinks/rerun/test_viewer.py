@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import os
 import shutil
+import signal
 import socket
 import subprocess
 import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
+from urllib.parse import parse_qs, quote, urlsplit
+from urllib.request import urlopen
 
 import numpy as np
 import pytest
@@ -21,6 +25,7 @@ from places import C172P
 from sinks.rerun.rerun_reading import VIEWER, fail, recorded, values
 from sinks.sink_blocks import GRID, ROWS, START_NS, SUMMARY, make_blocks, run
 
+from yawid.runs.outputs import Outputs, open_rerun, served
 from yawid.sinks.base import Abort, Done, Flush, LogLine, RunRows
 from yawid.sinks.rerun.sink import RerunSink
 
@@ -119,6 +124,57 @@ def wait_until(wanted: bool) -> bool:
     while listens() is not wanted and time.monotonic() < deadline:
         time.sleep(0.1)
     return listens() is wanted
+
+
+def answers(host: str, port: int) -> bool:
+    with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as probe:
+        return probe.connect_ex((host, port)) == 0
+
+
+NEIGHBOUR = "127.0.0.2"  # an address of this machine that is not the one served
+
+
+def test_the_web_viewer_is_served_to_this_address_only_takes_a_run_and_ends_at_ctrl_c(
+    tmp_path: Path,
+) -> None:
+    run = str(replayed(C172P, tmp_path, "--rate", 10))
+    environment = {k: v for k, v in os.environ.items() if k not in ("DISPLAY", "BROWSER")}
+    environment |= {"PYTHONPATH": os.pathsep.join(sys.path)}
+    command = [sys.executable, "-m", "yawid", "view", run, "--web"]
+    with child(command, env=environment, stderr=subprocess.PIPE) as process:
+        line = process.stderr.readline().decode()
+        url = line.split()[-1]
+        where, viewer = urlsplit(url), urlsplit(parse_qs(urlsplit(url).query)["url"][0])
+        assert process.stderr.readline() == b"yawid: Ctrl-C ends it\n"  # the run was taken
+        with urlopen(f"http://{where.netloc}/", timeout=60.0) as page:
+            assert b"web viewer" in page.read()
+        for port in (where.port, viewer.port):
+            assert answers("127.0.0.1", port)
+            if sys.platform == "linux":
+                assert not answers(NEIGHBOUR, port)
+        process.send_signal(signal.SIGINT)
+        assert process.wait(60.0) == 0
+    assert not answers("127.0.0.1", where.port)
+    assert not answers("127.0.0.1", viewer.port)
+
+
+def test_a_live_session_that_serves_hands_its_rows_to_the_web_viewer_and_others_serve_nothing(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("yawid.sinks.rerun.web.has_desktop", lambda: False)
+    outputs = Outputs(tmp_path, "flight", rerun="serve")
+    with served(outputs) as given:
+        assert given == replace(outputs, rerun=given.rerun)
+        assert given.has_viewer
+        (sink,) = open_rerun(given)
+        run(sink, make_blocks(n=300), [100])
+        sink.take(Done(SUMMARY, {}))
+        said = capsys.readouterr().err
+        assert said.count("\n") == 1  # no viewer failed
+        assert quote(given.rerun, safe="") in said
+    with served(replace(outputs, rerun="off")) as given:
+        assert given.rerun == "off"
+    assert capsys.readouterr().err == ""
 
 
 @pytest.fixture
