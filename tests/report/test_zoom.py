@@ -16,6 +16,8 @@ from playwright.sync_api import Page as Tab
 from report_page import Page
 
 from yawid.report.data import gather
+from yawid.report.html import page as whole_page
+from yawid.report.html import pictures
 from yawid.report.picture import Picture
 from yawid.report.write import report
 from yawid.report.zoom import MOST_POINTS, thinned
@@ -220,6 +222,34 @@ def test_on_a_phone_a_finger_zooms_and_nothing_is_wider_than_the_screen(page: st
         assert max(tab.evaluate(boxes)) <= 390
         tab.locator("#step .zoom button").click()
         assert span(tab, "step") == before
+        assert complaints == []
+
+
+@WITHIN
+def test_logarithmic_axes_may_begin_anywhere_and_zoom_to_less_than_a_tick(tmp_path: Path) -> None:
+    """The chart's library never ends on an axis that begins just below a decade."""
+    lows = 0.0998, 0.00999, 0.97, 1.0, 3.3e-9, 999.0
+
+    def shown(i: int, low: float) -> Picture:
+        x = np.geomspace(low, 45.0 * low, 50)
+
+        def draw(figure: Figure) -> None:
+            ax = figure.subplots()
+            ax.loglog(x, x**-2.0)
+            ax.set(xlim=(x[0], x[-1]), ylim=(x[-1] ** -2.0, x[0] ** -2.0), xlabel=f"x{i}")
+
+        return Picture(f"log{i}", "", "", draw, zooms=True)
+
+    path = tmp_path / "page.html"
+    drawn = pictures("", [shown(i, low) for i, low in enumerate(lows)])
+    path.write_text(whole_page("logarithmic", [drawn]), encoding="utf-8")
+    with chromium() as browser:
+        tab, _, complaints = opened(browser, path.as_uri())
+        for i, low in enumerate(lows):
+            assert span(tab, f"log{i}") == pytest.approx([low, 45.0 * low], rel=0.01)
+        dragged(tab, at(tab, "log0", 0, 0.5), at(tab, "log0", 0, 0.55))
+        wanted = [0.0998 * 45.0**part for part in (0.5, 0.55)]
+        assert span(tab, "log0") == pytest.approx(wanted, rel=0.02)
         assert complaints == []
 
 

@@ -74,13 +74,28 @@ const yawidCharts = (() => {
       });
   }
 
+  // The ticks of a logarithmic axis. uPlot's own never end where one begins just below a decade.
+  function decades(_, axis, min, max) {
+    const all = [];
+    for (let e = Math.floor(Math.log10(min)); 10 ** e <= max; e += 1)
+      for (const digit of "123456789") all.push(Number(`${digit}e${e}`));
+    const inside = all.filter(x => x >= min && x <= max);
+    const even = [1, 3, 5, 7].map(k => +(min + (max - min) * k / 8).toPrecision(5));
+    return inside.length > 2 ? inside : even;
+  }
+
+  function logarithmic(key) {
+    const filter = ({ scales: { [key]: { min, max } } }, all) => {
+      const digits = max < 5 * min ? "123456789" : max < 1000 * min ? "125" : "1";
+      return all.map(x => (digits.includes(x.toExponential()[0]) ? x : null));
+    };
+    return { splits: decades, filter };
+  }
+
   // Make the chart of a panel; `acts` has what is done at its selection, cursor and double click.
   function charted(panel, box, last, acts) {
     const { picture, overview } = panel, grid = { stroke: ink("--rule"), width: 1 };
     const texts = show => (_, all) => all.map(x => (x === null || !show ? "" : shown(x)));
-    const few = "125", one = x => +x.toPrecision(1) === +x.toPrecision(6);  // one digit
-    const filter = ({ scales: { x: { min, max } } }, all) => all.map(x =>
-      (one(x) && (max < 5 * min || few.includes(x.toExponential()[0])) ? x : null));
     const axis = { font: FONT, stroke: ink("--soft"), grid, ticks: { ...grid, size: 4 } };
     const named = { size: 20, label: picture.label, labelSize: 18, labelFont: FONT };
     const scale = log => ({ time: false, distr: log ? 3 : 1 });
@@ -90,15 +105,16 @@ const yawidCharts = (() => {
       points: { fill: colour, size: 5, ...(dots && { show: true }) },
     }));
     panel.chart = new uPlot({
-      width: 400, height: 100, legend: { show: false }, padding: [4, 8, last ? 0 : 4, 0],
+      width: 400, height: 100, legend: { show: false }, padding: [8, 12, last ? 0 : 4, 0],
       scales: {
         x: { ...scale(panel.logX), range: (_, min, max) => [min, max] },
         y: { ...scale(panel.logY), range: () => panel.y },
       },
       axes: [
         { ...axis, ...(last ? named : { size: 4 }), values: texts(last),
-          ...(panel.logX && { filter }) },
-        { ...axis, values: texts(!overview), size: LEFT_PX, space: 24 },
+          ...(panel.logX && logarithmic("x")) },
+        { ...axis, values: texts(!overview), size: LEFT_PX, space: 18,
+          ...(panel.logY && logarithmic("y")) },
       ],
       series: [{}, ...drawn],
       cursor: {

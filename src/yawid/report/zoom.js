@@ -55,14 +55,18 @@
     }
   }
 
+  // Whether a range is wide enough to be shown: numbers have only so many digits.
+  const isWide = (range, home) => range[1] - range[0] > 1e-5 * (home[1] - home[0]);
+
   function selected(chart, panel) {
     const { left, top, width, height } = chart.select, { clientWidth, clientHeight } = chart.over;
     const ends = [left, left + width].map(x => chart.posToVal(x, "x"));
     const heights = [top + height, top].map(y => chart.posToVal(y, "y"));
     chart.setSelect(NONE, false);
-    if (height > DRAG_PX && height < clientHeight - 1 && !panel.overview) setHeight(panel, heights);
+    const high = height > DRAG_PX && height < clientHeight - 1 && !panel.overview;
+    if (high && isWide(heights, panel.home.y)) setHeight(panel, heights);
     const across = width > DRAG_PX && width < clientWidth - 1;
-    if (across) zoom(panel.picture, ...ends);
+    if (across && isWide(ends, panel.picture.home)) zoom(panel.picture, ...ends);
     else setRange(panel.picture, panel.picture.range);
   }
 
