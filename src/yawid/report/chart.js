@@ -7,7 +7,8 @@ const yawidCharts = (() => {
 
   function shown(x) {
     const size = Math.abs(x);
-    return size && (size < 1e-3 || size >= 1e6) ? x.toExponential(2) : String(+x.toPrecision(5));
+    if (!size || (size >= 1e-3 && size < 1e6)) return String(+x.toPrecision(5));
+    return x.toExponential(2).replace(/\.?0+e/, "e");
   }
 
   // Draw what lies behind the lines: spans, areas and bars, levels, and numbers of manoeuvres.
@@ -76,20 +77,12 @@ const yawidCharts = (() => {
 
   // The ticks of a logarithmic axis. uPlot's own never end where one begins just below a decade.
   function decades(_, axis, min, max) {
-    const all = [];
+    const all = [], digits = max < 5 * min ? "123456789" : max < 1000 * min ? "125" : "1";
     for (let e = Math.floor(Math.log10(min)); 10 ** e <= max; e += 1)
-      for (const digit of "123456789") all.push(Number(`${digit}e${e}`));
+      for (const digit of digits) all.push(Number(`${digit}e${e}`));
     const inside = all.filter(x => x >= min && x <= max);
     const even = [1, 3, 5, 7].map(k => +(min + (max - min) * k / 8).toPrecision(5));
-    return inside.length > 2 ? inside : even;
-  }
-
-  function logarithmic(key) {
-    const filter = ({ scales: { [key]: { min, max } } }, all) => {
-      const digits = max < 5 * min ? "123456789" : max < 1000 * min ? "125" : "1";
-      return all.map(x => (digits.includes(x.toExponential()[0]) ? x : null));
-    };
-    return { splits: decades, filter };
+    return inside.length > 1 ? inside : even;
   }
 
   // Make the chart of a panel; `acts` has what is done at its selection, cursor and double click.
@@ -98,6 +91,7 @@ const yawidCharts = (() => {
     const texts = show => (_, all) => all.map(x => (x === null || !show ? "" : shown(x)));
     const axis = { font: FONT, stroke: ink("--soft"), grid, ticks: { ...grid, size: 4 } };
     const named = { size: 20, label: picture.label, labelSize: 18, labelFont: FONT };
+    const logarithmic = { splits: decades, filter: (_, all) => all };
     const scale = log => ({ time: false, distr: log ? 3 : 1 });
     const drawn = panel.lines.map(({ colour, width, dash, dots, steps }) => ({
       stroke: colour, width, dash: dash || undefined,
@@ -112,9 +106,9 @@ const yawidCharts = (() => {
       },
       axes: [
         { ...axis, ...(last ? named : { size: 4 }), values: texts(last),
-          ...(panel.logX && logarithmic("x")) },
+          ...(panel.logX && logarithmic) },
         { ...axis, values: texts(!overview), size: LEFT_PX, space: 18,
-          ...(panel.logY && logarithmic("y")) },
+          ...(panel.logY && logarithmic) },
       ],
       series: [{}, ...drawn],
       cursor: {
