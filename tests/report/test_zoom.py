@@ -226,6 +226,19 @@ def test_on_a_phone_a_finger_zooms_and_nothing_is_wider_than_the_screen(page: st
 
 
 @WITHIN
+def test_a_script_that_is_not_its_own_does_not_run_in_the_page(html: str, tmp_path: Path) -> None:
+    path, foreign = tmp_path / "page.html", "<script>document.title = 'foreign'</script>"
+    guarded = html.replace("</body>", f"{foreign}</body>")
+    bare = re.sub("<meta http-equiv=.*?>", "", guarded, count=1)
+    with chromium() as browser:
+        for text, title in ((guarded, "log.tlog - yawid report"), (bare, "foreign")):
+            path.write_text(text, encoding="utf-8")
+            tab, *_ = opened(browser, path.as_uri())
+            assert tab.title() == title
+            assert len(span(tab, "whole")) == 2  # its own run
+
+
+@WITHIN
 def test_logarithmic_axes_may_begin_anywhere_and_zoom_to_less_than_a_tick(tmp_path: Path) -> None:
     """The chart's library never ends on an axis that begins just below a decade."""
     lows = 0.0998, 0.00999, 0.97, 1.0, 3.3e-9, 999.0

@@ -54,6 +54,7 @@ def view_in_browser(mcap: Path) -> None:
         SourceError: the MCAP cannot be read, was not finished or is not the file of a run.
         SinkError: there is no viewer.
     """
+    open_run(mcap)  # it raises before a browser opens
     with web_viewer() as (address, wait), suppress(KeyboardInterrupt):
         view(mcap, target=address)
         say("Ctrl-C ends it")
