@@ -121,7 +121,7 @@ def platforms() -> str:
     for platform, version in product(PLATFORMS, VERSIONS):
         compiled(
             f"--python-platform={platform}", f"--python-version={version}",
-            "--extra=ulog", "--extra=serial", "--extra=fleet",
+            "--extra=ulog", "--extra=serial", "--extra=fleet", "--extra=serve",
         )  # fmt: skip
     return f"wheels for {', '.join(PLATFORMS)}, each with Python {', '.join(VERSIONS)}"
 

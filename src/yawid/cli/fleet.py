@@ -1,9 +1,10 @@
-"""The commands on many flights: ``yawid fleet``, ``trend`` and ``diff``."""
+"""The commands on many flights: ``yawid fleet``, ``trend``, ``diff`` and ``serve``."""
 
 import argparse
 import sys
+import webbrowser
 from collections import Counter
-from contextlib import closing
+from contextlib import closing, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -19,8 +20,8 @@ from yawid.cli.options import (
     settings_of,
 )
 from yawid.config.fields import Positive, like
-from yawid.errors import ConfigError, SinkError
-from yawid.runs.stop import StopFlag
+from yawid.errors import ConfigError, SinkError, SourceError
+from yawid.runs.stop import Interrupted, StopFlag
 from yawid.sinks.door import print_answer, print_line, say
 from yawid.system.stores import Place, place_of
 
@@ -72,12 +73,10 @@ def fleet(
     from yawid.fleet import run_fleet
     from yawid.fleet.spec import Spec
 
-    key = read_options_of(arguments).key_file
     for one, other in ("workers", "scheduler"), ("vehicle", "vehicle_from"):
         if getattr(arguments, one) is not None and getattr(arguments, other) is not None:
             raise ConfigError(f"give --{one} or --{other.replace('_', '-')}, not both")
-    key_file = None if key is None else str(key.absolute())
-    spec = Spec(settings_of(arguments), key_file, modes, vehicle, vehicle_from)
+    spec = Spec(settings_of(arguments), _key_file(arguments), modes, vehicle, vehicle_from)
     run = run_fleet.FleetRun(
         paths=paths, out=out, spec=spec, workers=workers, scheduler=scheduler, retry=retry,
         timeout_s=timeout,
@@ -88,6 +87,11 @@ def fleet(
         print_line(f"to run: {size}; known already: {planned.known}")
         return 0
     return _run(run)
+
+
+def _key_file(arguments: argparse.Namespace) -> str | None:
+    key = read_options_of(arguments).key_file
+    return None if key is None else str(key.absolute())
 
 
 def _run(run: "FleetRun") -> int:
@@ -169,3 +173,40 @@ def _code(report: "Trend | Diff") -> int:
     if report.changed:
         return CHANGED
     return 0 if report.judged else NOTHING_COMPARED
+
+
+@command("[FOLDER]", "yawid serve\nyawid serve logs --port 8041 --no-browser", RUN_OPTIONS)
+def serve(
+    arguments: argparse.Namespace,
+    folder: Annotated[
+        Path, said("DIR", "folder of the logs (default: the current one)", nargs="?")
+    ] = Path(),
+    *,
+    port: Annotated[
+        int,
+        Meta(ge=0, le=65535, description="be a port, or 0 for a free one"),
+        said("N", "port of the page (default: 8040)"),
+    ] = 8040,
+    no_browser: Annotated[bool, said("", "open no browser, only print the address")] = False,
+) -> int:
+    """Serve a folder's flights as pages, on this machine alone, until a signal ends it."""
+    from yawid.fleet.spec import Spec
+    from yawid.system.processes import has_desktop
+
+    if not folder.is_dir():
+        raise SourceError(f"{folder} is no folder: make it, or give the folder of the logs")
+    try:
+        from yawid.serve import server
+    except ImportError as error:
+        raise ConfigError(f"{error}: pip install 'yawid[serve]'") from error
+    from yawid.serve.flights import Flights
+
+    flights = Flights(folder.absolute(), Spec(settings_of(arguments), _key_file(arguments)))
+    with closing(server.opened(port)) as listening:
+        address = f"http://{server.HERE}:{listening.getsockname()[1]}/"
+        print_line(f"{address} shows the flights in {flights.folder}; Ctrl-C ends it")
+        if not no_browser and has_desktop():
+            webbrowser.open(address)
+        with suppress(Interrupted):
+            server.run(flights, listening)
+    return 0

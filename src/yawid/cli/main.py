@@ -69,6 +69,7 @@ GROUPS: Final[dict[str, tuple[str, dict[str, str]]]] = {
         "fleet": "replay thousands of logs into one data set",
         "trend": "what changed over a fleet's flights",
         "diff": "what changed between runs or data sets",
+        "serve": "a page in the browser to drop logs on, of this machine alone",
     }),
     "paper": ("the paper's plants and step responses", {
         "simulate": "fly a reference plant of the paper to a file",

@@ -80,7 +80,12 @@ def print_json(answer: object) -> None:
     Raises:
         OSError: stdout takes no more.
     """
-    print_text(json.dumps(answer).replace("\x7f", "\\u007f") + "\n")
+    print_text(json_line(answer))
+
+
+def json_line(answer: object) -> str:
+    """Return an answer as one line of JSON, in ASCII."""
+    return json.dumps(answer).replace("\x7f", "\\u007f") + "\n"
 
 
 def print_answer(answer: _Answer, page: "Callable[[_Answer], Page]", *, as_json: bool) -> None:
