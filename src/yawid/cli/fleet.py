@@ -4,7 +4,7 @@ import argparse
 import sys
 import webbrowser
 from collections import Counter
-from contextlib import closing, suppress
+from contextlib import ExitStack, closing, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -201,12 +201,14 @@ def serve(
         raise ConfigError(f"{error}: pip install 'yawid[serve]'") from error
     from yawid.serve.flights import Flights
 
-    flights = Flights(folder.absolute(), Spec(settings_of(arguments), _key_file(arguments)))
-    with closing(server.opened(port)) as listening:
+    folder = folder.absolute()
+    spec = Spec(settings_of(arguments), _key_file(arguments))
+    with closing(server.opened(port)) as listening, ExitStack() as stack:
         address = f"http://{server.HERE}:{listening.getsockname()[1]}/"
-        print_line(f"{address} shows the flights in {flights.folder}; Ctrl-C ends it")
+        print_line(f"{address} shows the flights in {folder}; Ctrl-C ends it")
         if not no_browser and has_desktop():
             webbrowser.open(address)
+        flights = Flights(folder, spec, stack)
         with suppress(Interrupted):
-            server.run(flights, listening)
+            server.server_of(flights).run(sockets=[listening])
     return 0

@@ -9,7 +9,7 @@ address only looks up a row of the list; the name of an upload is made safe befo
 import asyncio
 import re
 from collections.abc import AsyncIterator
-from contextlib import ExitStack, asynccontextmanager
+from contextlib import asynccontextmanager, suppress
 from importlib.resources import files
 from pathlib import Path
 from typing import Any, Final
@@ -29,7 +29,7 @@ from yawid.errors import SinkError, YawidError
 from yawid.report.html import STYLE
 from yawid.serve.flights import Flights, Row
 from yawid.serve.tasks import CARD, EXPORTS, MADE, MODELS, REPORT, RUN, SUMMARY
-from yawid.sinks.door import plain
+from yawid.sinks.door import plain, say, show_traceback
 from yawid.sources.formats import WITH_RECORDS
 from yawid.system.part_file import Part, sync
 
@@ -46,7 +46,6 @@ MOST_TYPED: Final = 4096
 LOOK_S: Final = 1.0
 """The time in s after which the folder is looked at again."""
 _HOST: Final = re.compile(r"(127\.0\.0\.1|localhost)(:\d{1,5})?")
-_POLICY: Final = re.compile(r'Content-Security-Policy" content="([^"]+)"')
 _ENDS: Final = "frame-ancestors 'none'; base-uri 'none'; form-action 'self'"
 _OWN: Final = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src data:; connect-src 'self'; "
@@ -126,22 +125,21 @@ class Pages:
                 Route("/flights/{name}", self._typed, methods=["POST"]),
                 Route("/flights/{name}/{what}", self._file),
             ],
-            exception_handlers={HTTPException: _said, YawidError: _said},
+            exception_handlers={HTTPException: _said, YawidError: _said, Exception: _said},
             lifespan=self._lifespan,
         ))  # fmt: skip
 
     @asynccontextmanager
     async def _lifespan(self, _: Starlette) -> AsyncIterator[None]:
-        with ExitStack() as stack:
-            watch = asyncio.create_task(self._watch(stack))
-            yield
-            watch.cancel()
+        watch = asyncio.create_task(self._watch())
+        yield
+        watch.cancel()
 
-    async def _watch(self, stack: ExitStack) -> None:
-        """Start the processes, then look at the folder again and again."""
-        await run_in_threadpool(self._flights.start, stack)
+    async def _watch(self) -> None:
+        """Look at the folder again and again."""
         while True:
-            self._flights.look()
+            with suppress(OSError):  # it may be away for a while
+                self._flights.look()
             await asyncio.sleep(LOOK_S)
 
     async def _list(self, _: Request) -> Response:
@@ -169,15 +167,19 @@ class Pages:
             return Response(text, media_type="text/html")
         if what in MADE:
             future = self._flights.make(row.name, what)
-            if future is None:
-                return Response("yawid starts\n", 202, {"refresh": "1"})
             made = (await asyncio.shield(asyncio.wrap_future(future)))["logs"][0]
             if made["outcome"] != "ok":
                 raise HTTPException(404, f"{row.name}: {made['text'] if row.wn else row.text}")
         path = self._flights.out / f"{row.name}.{what}"
         if what not in (SUMMARY, RUN, *MADE) or not path.is_file():
             raise HTTPException(404, f"{row.name}: there is no {what} of it")
-        return _sent(path, what, f"{Path(row.name).stem}.{what}")
+        return FileResponse(
+            path, media_type=_TYPES.get(what, "application/octet-stream"),
+            filename=f"{Path(row.name).stem}.{what}",
+            content_disposition_type="inline" if what in _TYPES else "attachment",
+            # A report has a policy of its own, as it may be opened without a server.
+            headers={"content-security-policy": _ENDS} if what == REPORT else None,
+        )  # fmt: skip
 
     def _row(self, request: Request) -> Row:
         row = self._flights.rows.get(request.path_params["name"])
@@ -241,25 +243,13 @@ async def _received(request: Request, part: Part) -> None:
         await run_in_threadpool(part.stream.write, body)
 
 
-def _sent(path: Path, what: str, name: str) -> Response:
-    """Return a file as a response: what a browser shows, or what it saves by ``name``."""
-    is_shown = what in _TYPES
-    headers = {}
-    if what == REPORT:  # it has its own policy, as it may be opened without a server
-        with path.open(encoding="utf-8") as page:
-            found = _POLICY.search(page.read(4096))
-        own = "default-src 'none'" if found is None else found[1]
-        headers["content-security-policy"] = f"{own}; {_ENDS}"
-    return FileResponse(
-        path, headers=headers, filename=name,
-        media_type=_TYPES.get(what, "application/octet-stream"),
-        content_disposition_type="inline" if is_shown else "attachment",
-    )  # fmt: skip
-
-
 async def _said(_: Request, error: Exception) -> Response:
     """Return an error as a line of text."""
     status, headers = 507 if isinstance(error, SinkError) else 400, _CLOSE
     if isinstance(error, HTTPException):
         status, headers = error.status_code, dict(error.headers or {})
+    elif not isinstance(error, YawidError):
+        status = 500
+        say(f"unforeseen, a fault of yawid: {type(error).__name__}: {error}: please report it")
+        show_traceback(error)
     return Response(f"{plain(getattr(error, 'detail', str(error)))}\n", status, headers)

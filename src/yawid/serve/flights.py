@@ -12,6 +12,7 @@ from concurrent.futures import Future
 from contextlib import ExitStack, suppress
 from dataclasses import replace
 from datetime import UTC, datetime
+from itertools import islice
 from pathlib import Path
 from typing import Any, Final
 
@@ -100,20 +101,26 @@ def typed_settings(line: str) -> dict[str, Any]:
 
 
 class Flights:
-    """The flights of ``folder``; ``spec`` is how each is read."""
+    """The flights of ``folder``; ``spec`` is how each is read. ``stack`` ends the processes.
 
-    def __init__(self, folder: Path, spec: Spec) -> None:
+    Raises:
+        SinkError: the folder cannot be written.
+    """
+
+    def __init__(self, folder: Path, spec: Spec, stack: ExitStack) -> None:
         self.folder, self.out, self._spec = folder, folder / OUT, spec
         self.rows: dict[str, Row] = {}
         self._waiting: dict[str, bool] = {}
         self._reading: dict[str, tuple[str, Future[Any]]] = {}
         self._made: dict[tuple[str, str], Future[Any]] = {}
-        self._reads: Here | None = None
-        self._pages: Here | None = None
         self._made_by = f"{spec.config_hash} {ANALYSIS_VERSION}"
         self._with_records = any(name in spec.settings for name in OF_RECORDS)
         with os_errors_as_sink_error(self.out):
             self.out.mkdir(exist_ok=True)
+        copies = self.out / "copies"
+        self._reads = stack.enter_context(workers_here(None, copies))
+        self._pages = Here(1, copies)
+        stack.callback(self._pages.end)
         for left in folder.glob(f"*{UPLOAD}"):  # of a server that was killed
             with suppress(SinkError):
                 Part(left.with_suffix(""), force=True, suffix=UPLOAD).remove()
@@ -124,14 +131,6 @@ class Flights:
                 is_known = made_by == self._made_by and row.outcome != UNREAD
                 again = Row(row.name, row.key, row.modified, row.typed)
                 self.rows[row.name] = row if is_known else again
-
-    def start(self, stack: ExitStack) -> None:
-        """Start the processes; until they have, logs wait. ``stack`` ends them."""
-        copies = self.out / "copies"
-        reads = stack.enter_context(workers_here(None, copies))
-        self._pages = Here(1, copies)
-        stack.callback(self._pages.end)
-        self._reads = reads
 
     @property
     def is_full(self) -> bool:
@@ -195,22 +194,21 @@ class Flights:
                     self._waiting.setdefault(name, False)
         if done or gone:
             self._keep()
-        reads = self._reads
-        while reads is not None and self._waiting and len(self._reading) < reads.threads:
-            name = next(iter(self._waiting))
+        ready = (name for name in [*self._waiting] if name not in self._reading)
+        for name in islice(ready, max(self._reads.threads - len(self._reading), 0)):
             del self._waiting[name]
             self._made = {key: made for key, made in self._made.items() if key[0] != name}
             row = self.rows[name]
             task = Read(str(self.folder / name), self._spec_with(row.typed), TIMEOUT_S, self.out)
-            self._reading[name] = row.key, reads.submit(task)
+            self._reading[name] = row.key, self._reads.submit(task)
 
-    def make(self, name: str, what: str) -> "Future[Any] | None":
-        """Have a file of a flight made, once; None where the processes have not started yet."""
-        if (name, what) not in self._made and self._pages is not None:
+    def make(self, name: str, what: str) -> "Future[Any]":
+        """Have a file of a flight made, once; return the future of that."""
+        if (name, what) not in self._made:
             spec = self._spec_with(self.rows[name].typed)
             task = Make(str(self.folder / name), spec, TIMEOUT_S, self.out, what)
             self._made[name, what] = self._pages.submit(task)
-        return self._made.get((name, what))
+        return self._made[name, what]
 
     def _found(self) -> Iterator[tuple[str, os.stat_result]]:
         """Yield each log in the folder; CSV and Parquet only where they were dropped or asked for.

@@ -49,11 +49,13 @@ def opened(port: int) -> socket.socket:
         ) from error
 
 
-def run(flights: Flights, listening: socket.socket) -> None:
-    """Answer requests until a signal comes, which is raised again."""
+def server_of(flights: Flights) -> uvicorn.Server:
+    """Return the server of these flights; a signal ends it, and is raised again."""
     config = uvicorn.Config(
         Pages(flights).app, http=Impatient, ws="none", loop="asyncio", lifespan="on",
-        log_config=None, access_log=False, server_header=False, proxy_headers=False,
+        log_config=None,
+        log_level="critical",  # a fault has its line by app.py; that a client left is none
+        access_log=False, server_header=False, proxy_headers=False,
         limit_concurrency=MOST_CONNECTIONS, timeout_graceful_shutdown=END_S,
     )  # fmt: skip
-    uvicorn.Server(config).run(sockets=[listening])
+    return uvicorn.Server(config)

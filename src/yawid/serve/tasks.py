@@ -69,15 +69,13 @@ def answered(log: Path, spec: Spec, out: Path) -> Row:
     from yawid.sinks.answers import cards
     from yawid.sinks.door import json_line
     from yawid.sources.formats import format_of
-    from yawid.system.part_file import write_whole
 
     has_columns = format_of(log).has_columns
     settings = {name: value for name, value in spec.settings.items()
                 if has_columns or name not in OF_RECORDS}  # fmt: skip
     outputs = Outputs(out, log.name, force=True)
     summary = replay(log, settings, outputs, StopFlag(), spec.read_options())
-    text = json_line(summary.to_json())
-    write_whole({out / f"{log.name}.{SUMMARY}": text.encode()}, force=True)
+    (out / f"{log.name}.{SUMMARY}").write_text(json_line(summary.to_json()), encoding="ascii")
     wn, zeta, _ = cards(summary)
     flight, verdict = summary.flight, summary.deciding
     speed_m_s = None if flight is None else flight.airspeed_m_s
@@ -107,10 +105,9 @@ def make(log: Path, spec: Spec, out: Path, what: str) -> None:
         from yawid.runs.inspect_log import inspect
         from yawid.sinks.pages import to_text
         from yawid.sinks.terminal.inspection import card_page
-        from yawid.system.part_file import write_whole
 
         report = inspect(log, spec.settings, spec.read_options(), with_card=True)
-        write_whole({path: to_text(card_page(report)).encode()}, force=True)
+        path.write_text(to_text(card_page(report)), encoding="utf-8")
     elif what in EXPORTS:
         from yawid.tables.export import export
 
