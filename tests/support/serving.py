@@ -39,7 +39,7 @@ class Served(NamedTuple):
     def read(self) -> None:
         """Wait until every log is read."""
         end_s = time.monotonic() + LIMIT_S
-        while self.client.get("/progress").json() or "waits" in self.client.get("/").text:
+        while self.client.get("/progress").json()["logs"]:
             assert time.monotonic() < end_s
             time.sleep(0.05)
 

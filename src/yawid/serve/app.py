@@ -144,16 +144,14 @@ class Pages:
 
     async def _list(self, _: Request) -> Response:
         self._flights.look()
-        states = self._flights.states()
         text = _ENVIRONMENT.get_template("list.html").render(
-            folder=self._flights.folder, rows=self._flights.listed(), states=states,
-            suffixes=WITH_RECORDS,
+            flights=self._flights, states=self._flights.states(), suffixes=WITH_RECORDS,
         )  # fmt: skip
         return Response(text, media_type="text/html")
 
     async def _progress(self, _: Request) -> Response:
         self._flights.look()
-        return JSONResponse(self._flights.states())
+        return JSONResponse({"version": self._flights.version, "logs": self._flights.states()})
 
     async def _file(self, request: Request) -> Response:
         """Return a file of a flight, which is made where that has not been done."""

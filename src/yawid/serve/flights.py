@@ -103,6 +103,8 @@ def typed_settings(line: str) -> dict[str, Any]:
 class Flights:
     """The flights of ``folder``; ``spec`` is how each is read. ``stack`` ends the processes.
 
+    ``version`` is another number whenever a row has changed.
+
     Raises:
         SinkError: the folder cannot be written.
     """
@@ -110,6 +112,7 @@ class Flights:
     def __init__(self, folder: Path, spec: Spec, stack: ExitStack) -> None:
         self.folder, self.out, self._spec = folder, folder / OUT, spec
         self.rows: dict[str, Row] = {}
+        self.version = 0
         self._waiting: dict[str, bool] = {}
         self._reading: dict[str, tuple[str, Future[Any]]] = {}
         self._made: dict[tuple[str, str], Future[Any]] = {}
@@ -177,22 +180,23 @@ class Flights:
 
     def look(self) -> None:
         """Take the answers there are, find logs that are new or changed, and have them read."""
-        done = [name for name, (_, future) in self._reading.items() if future.done()]
-        for name in done:
+        changed = [name for name, (_, future) in self._reading.items() if future.done()]
+        for name in changed:
             self._take(name, *self._reading.pop(name))
         found = dict(self._found())
-        gone = self.rows.keys() - found.keys()
-        for name in gone:
+        for name in self.rows.keys() - found.keys():
+            changed.append(name)
             del self.rows[name]
             self._waiting.pop(name, None)
         for name, about in found.items():
             before = self.rows.get(name)
             row = _unread(name, about, "" if before is None else before.typed)
-            if before is None or before.key != row.key or not before.outcome:
+            if before is None or before.key != row.key:
+                changed.append(name)
                 self.rows[name] = row
-                if name not in self._reading:
-                    self._waiting.setdefault(name, False)
-        if done or gone:
+            if not self.rows[name].outcome and name not in self._reading:
+                self._waiting.setdefault(name, False)
+        if changed:
             self._keep()
         ready = (name for name in [*self._waiting] if name not in self._reading)
         for name in islice(ready, max(self._reads.threads - len(self._reading), 0)):
@@ -241,6 +245,8 @@ class Flights:
             self.rows[name] = msgspec.structs.replace(row, **known, asks=rows.get("asks", ""))
 
     def _keep(self) -> None:
+        """Write the list, which has changed."""
+        self.version += 1
         kept = self._made_by, [*self.rows.values()]
         with suppress(SinkError):  # a full disk: the logs are read again at the next start
             write_whole({self.out / INDEX: msgspec.json.encode(kept)}, force=True)

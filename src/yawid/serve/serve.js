@@ -38,26 +38,17 @@ async function take(file) {
   });
 }
 
-async function refresh() {
-  const answer = await fetch("/");
-  const page = new DOMParser().parseFromString(await answer.text(), "text/html");
-  const [now, then] = [document.querySelector("#flights tbody"), page.querySelector("#flights tbody")];
-  if (!now || !then) {
-    if (then) location.reload();
-    return;
-  }
-  const typing = document.activeElement;
-  if (!(typing && typing.name === "options")) now.replaceWith(document.adoptNode(then));
-}
-
-let shown = null;
 async function look() {
-  const states = await (await fetch("/progress")).json();
-  const names = Object.keys(states).sort().join("\n");
-  if (shown !== null && names !== shown) await refresh();
-  shown = names;
+  const { version, logs } = await (await fetch("/progress")).json();
+  const list = document.getElementById("list");
+  const isTyped = list.contains(document.activeElement) && document.activeElement.name === "options";
+  if (list.dataset.version !== String(version) && !isTyped) {
+    const text = await (await fetch("/")).text();
+    const page = new DOMParser().parseFromString(text, "text/html");
+    list.replaceWith(document.adoptNode(page.getElementById("list")));
+  }
   for (const cell of document.querySelectorAll(".state")) {
-    if (cell.dataset.name in states) cell.textContent = states[cell.dataset.name];
+    cell.textContent = logs[cell.dataset.name] || cell.textContent;
   }
 }
 

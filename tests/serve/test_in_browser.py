@@ -1,0 +1,68 @@
+"""The page of ``yawid serve`` in a real browser: logs dropped at once, dark, on a phone's width."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+from pictures.browser import chromium, find_chromium, opened
+from places import C172P, REPLAY_LOGS
+from serving import served
+
+OVERFLOW = "document.documentElement.scrollWidth - document.documentElement.clientWidth"
+DROPPED = """(logs) => {
+  const given = new DataTransfer();
+  for (const [name, bytes] of Object.entries(logs))
+    given.items.add(new File([new Uint8Array(bytes)], name));
+  document.dispatchEvent(new DragEvent("drop", { dataTransfer: given, cancelable: true }));
+}"""
+SHADE = """(of) => {
+  const [r, g, b] = getComputedStyle(document.querySelector(of.place))[of.name].match(/\\d+/g);
+  return 0.2126 * r + 0.7152 * g + 0.0722 * b;
+}"""
+
+
+@pytest.mark.skipif(find_chromium() is None, reason="no chromium is installed")
+def test_three_logs_dropped_at_once_are_answered_on_the_page_and_junk_has_its_line(
+    tmp_path: Path,
+) -> None:
+    """YAWID_TEST_PICTURES names a folder for pictures of the page, to be looked at."""
+    (tmp_path / "junk.tlog").write_bytes(bytes(range(7, 256)) * 40)
+    (tmp_path / "one.tlog").write_bytes(C172P.read_bytes())
+    (tmp_path / "two.tlog").write_bytes((REPLAY_LOGS / "no_rudder" / "log.tlog").read_bytes())
+    folder = tmp_path / "flights"
+    folder.mkdir()
+    logs = sorted(tmp_path.glob("*.tlog"))
+    with served(folder) as of, chromium() as browser:
+        address = str(of.client.base_url)
+        page, requests, complaints = opened(browser, address)
+        page.evaluate(DROPPED, {each.name: list(each.read_bytes()) for each in logs})
+        page.locator("tr.pale .bad").first.wait_for(timeout=60_000.0)
+        page.locator(".good").wait_for(timeout=60_000.0)
+        page.locator("tr", has_text="two.tlog").locator(".bad").wait_for(timeout=60_000.0)
+
+        assert sorted(each.name for each in folder.glob("*.tlog")) == [each.name for each in logs]
+        assert "2.400 ± 0.054" in page.locator("tr", has_text="one.tlog").inner_text()
+        junk = page.locator("tr", has_text="junk.tlog")
+        assert "holds no intact MAVLink record" in junk.inner_text()
+        assert page.locator("#sent li").count() == 0
+
+        assert all(each.startswith(address) for each in requests if not each.startswith("data:"))
+        for name, width, phone in (("wide", 1280, False), ("phone", 360, True)):
+            for scheme in ("light", "dark"):
+                shown, _, complaints_there = opened(browser, address, width, phone=phone)
+                shown.emulate_media(color_scheme=scheme)
+                assert shown.evaluate(OVERFLOW) == 0
+                ground = shown.evaluate(SHADE, {"place": "body", "name": "backgroundColor"})
+                text = shown.evaluate(SHADE, {"place": ".good", "name": "color"})
+                assert abs(ground - text) > 70.0
+                assert (ground < 60.0) is (scheme == "dark")
+                assert complaints_there == []
+                if pictures := os.environ.get("YAWID_TEST_PICTURES"):
+                    path = Path(pictures) / f"serve_{name}_{scheme}.png"
+                    shown.screenshot(path=path, full_page=True)
+        assert complaints == []
+        page.get_by_role("link", name="one.tlog").click()
+        page.locator("h1", has_text="one.tlog").wait_for(timeout=60_000.0)
+        assert complaints == []
