@@ -20,7 +20,7 @@ from yawid.fleet.spec import Spec
 from yawid.serve import server
 from yawid.serve.flights import Flights
 
-LIMIT_S = 60.0
+LIMIT_S = 240.0
 """How long an answer may take, on a machine that does other things as well."""
 
 

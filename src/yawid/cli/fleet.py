@@ -201,14 +201,13 @@ def serve(
         raise ConfigError(f"{error}: pip install 'yawid[serve]'") from error
     from yawid.serve.flights import Flights
 
-    folder = folder.absolute()
     spec = Spec(settings_of(arguments), _key_file(arguments))
     with closing(server.opened(port)) as listening, ExitStack() as stack:
         address = f"http://{server.HERE}:{listening.getsockname()[1]}/"
-        print_line(f"{address} shows the flights in {folder}; Ctrl-C ends it")
+        print_line(f"{address} shows the flights in {folder.absolute()}; Ctrl-C ends it")
         if not no_browser and has_desktop():
             webbrowser.open(address)
-        flights = Flights(folder, spec, stack)
+        running = server.server_of(Flights(folder.absolute(), spec, stack))
         with suppress(Interrupted):
-            server.server_of(flights).run(sockets=[listening])
+            running.run(sockets=[listening])
     return 0

@@ -24,6 +24,7 @@ from yawid.dataset.schema import ANALYSIS_VERSION
 from yawid.errors import ConfigError, SinkError
 from yawid.fleet.pools import Here, workers_here
 from yawid.fleet.spec import Spec
+from yawid.fleet.worker import Task
 from yawid.serve.tasks import UNREAD, Make, Read
 from yawid.sources.formats import IN_FOLDERS, WITH_RECORDS
 from yawid.system.part_file import Part, os_errors_as_sink_error, write_whole
@@ -122,6 +123,8 @@ class Flights:
             self.out.mkdir(exist_ok=True)
         copies = self.out / "copies"
         self._reads = stack.enter_context(workers_here(None, copies))
+        for _ in range(self._reads.threads):  # a folder has no answer, but its process is there
+            self._reads.submit(Task(str(folder), spec, TIMEOUT_S))
         self._pages = Here(1, copies)
         stack.callback(self._pages.end)
         for left in folder.glob(f"*{UPLOAD}"):  # of a server that was killed
@@ -146,8 +149,7 @@ class Flights:
 
     def states(self) -> dict[str, str]:
         """Return a line for each log that is not read yet."""
-        first = {name: f"waits, {i} before it" for i, name in enumerate(self._waiting)}
-        return first | {
+        return {name: f"waits, {i} before it" for i, name in enumerate(self._waiting)} | {
             name: "is being read" if future.running() else "is next"
             for name, (_, future) in self._reading.items()
         }

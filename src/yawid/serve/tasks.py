@@ -73,8 +73,9 @@ def answered(log: Path, spec: Spec, out: Path) -> Row:
     has_columns = format_of(log).has_columns
     settings = {name: value for name, value in spec.settings.items()
                 if has_columns or name not in OF_RECORDS}  # fmt: skip
-    outputs = Outputs(out, log.name, force=True)
-    summary = replay(log, settings, outputs, StopFlag(), spec.read_options())
+    summary = replay(
+        log, settings, Outputs(out, log.name, force=True), StopFlag(), spec.read_options()
+    )
     (out / f"{log.name}.{SUMMARY}").write_text(json_line(summary.to_json()), encoding="ascii")
     wn, zeta, _ = cards(summary)
     flight, verdict = summary.flight, summary.deciding
