@@ -169,7 +169,7 @@ class Flights:
         raise SinkError(f"{name}: there are too many files of this name")
 
     def add(self, name: str, typed: str = "") -> None:
-        """Have a log read before those that nobody waits for, with these options of its own.
+        """Have a log read before those that only lie in the folder, with options of its own.
 
         Raises:
             ConfigError: the options are not understood, or do not fit together.
