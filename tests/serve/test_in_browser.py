@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from pictures.browser import chromium, find_chromium, opened
 from places import C172P, REPLAY_LOGS
-from serving import served
+from serving import LIMIT_S, served
 
 OVERFLOW = "document.documentElement.scrollWidth - document.documentElement.clientWidth"
 DROPPED = """(logs) => {
@@ -37,10 +37,11 @@ def test_three_logs_dropped_at_once_are_answered_on_the_page_and_junk_has_its_li
     with served(folder) as of, chromium() as browser:
         address = str(of.client.base_url)
         page, requests, complaints = opened(browser, address)
+        page.set_default_timeout(1000.0 * LIMIT_S)
         page.evaluate(DROPPED, {each.name: list(each.read_bytes()) for each in logs})
-        page.locator("tr.pale .bad").first.wait_for(timeout=60_000.0)
-        page.locator(".good").wait_for(timeout=60_000.0)
-        page.locator("tr", has_text="two.tlog").locator(".bad").wait_for(timeout=60_000.0)
+        page.locator("tr.pale .bad").first.wait_for(timeout=1000.0 * LIMIT_S)
+        page.locator(".good").wait_for(timeout=1000.0 * LIMIT_S)
+        page.locator("tr", has_text="two.tlog").locator(".bad").wait_for(timeout=1000.0 * LIMIT_S)
 
         assert sorted(each.name for each in folder.glob("*.tlog")) == [each.name for each in logs]
         assert "2.400 ± 0.054" in page.locator("tr", has_text="one.tlog").inner_text()
@@ -64,5 +65,5 @@ def test_three_logs_dropped_at_once_are_answered_on_the_page_and_junk_has_its_li
                     shown.screenshot(path=path, full_page=True)
         assert complaints == []
         page.get_by_role("link", name="one.tlog").click()
-        page.locator("h1", has_text="one.tlog").wait_for(timeout=60_000.0)
+        page.locator("h1", has_text="one.tlog").wait_for(timeout=1000.0 * LIMIT_S)
         assert complaints == []
