@@ -28,7 +28,8 @@ FIRST = "yawid replay flight.tlog --config settings.toml --force"
 QUICK = (FIRST, "yawid simulate yaw --input 3211", "yawid replay own.csv", "yawid explain")
 """Beginnings of lines that always run here, the first of them before the others."""
 ELSEWHERE = (
-    "yawid live", "yawid view", "yawid serve", "s3://", "tcp://", "yawid damper", " --of ", "today/",
+    "yawid live", "yawid view", "yawid serve", "s3://", "tcp://", "yawid damper", " --of ",
+    "today/",
 )  # fmt: skip
 """What needs a link, a viewer, a browser, a store, a cluster or another flight: only parsed."""
 
