@@ -8,9 +8,11 @@ a socket.
 """
 
 import math
+import weakref
 from collections.abc import Sequence
 from concurrent.futures import Executor, Future
 from dataclasses import replace
+from functools import partial
 from typing import Final
 
 import msgspec
@@ -307,9 +309,9 @@ class Pipeline:
                 yaw_us, rudder_us = self.channels.intervals_us
                 rates_hz = 1e6 / yaw_us, 1e6 / rudder_us
             setting = ManoeuvreSetting(self.config, sample_time_s, rates_hz, modes_of)
-            self._manoeuvres = Manoeuvres(
-                setting, self._worker, self._lateral_worker, self.yaw_loop
-            )
+            # In a circle with its stage the pipeline would keep all samples when it has ended.
+            yaw_loop = partial(Pipeline.yaw_loop, weakref.proxy(self))
+            self._manoeuvres = Manoeuvres(setting, self._worker, self._lateral_worker, yaw_loop)
         names = parameter_names(self.config.armax_orders(), self.config.inputs, bias=True)
         grid = Grid(
             names,

@@ -78,7 +78,8 @@ APART, ITSELF = "do not show one airframe", "Replay each manoeuvre by itself wit
         ),
         # At 10 Hz a fit of a held aileron neither settles nor shows the lag, in the calmest air.
         pytest.param(
-            [Leg()], {"lag_s": 0.1, "rate_hz": 10, "aileron": 0.0, "hold": (0.6, 0.2)},
+            [Leg(LIGHT | {"L_p": -9.0})],
+            {"lag_s": 0.1, "rate_hz": 10, "aileron": 0.0, "hold": (0.6, 0.2)},
             "attitude and servo outputs come at 0.",
             "Send the attitude at a higher rate.", id="10 Hz, and more causes",
         ),
