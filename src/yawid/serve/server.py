@@ -54,7 +54,7 @@ def server_of(flights: Flights) -> uvicorn.Server:
     config = uvicorn.Config(
         Pages(flights).app, http=Impatient, ws="none", loop="asyncio", lifespan="on",
         log_config=None,
-        log_level="critical",  # a fault has its line by app.py; that a client left is none
+        log_level="critical",  # a fault has its line by app.py, and a client may leave
         access_log=False, server_header=False, proxy_headers=False,
         limit_concurrency=MOST_CONNECTIONS, timeout_graceful_shutdown=END_S,
     )  # fmt: skip
