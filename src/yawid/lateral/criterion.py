@@ -220,7 +220,8 @@ def _slopes(record: Record, theta: Floats, part: Part) -> Floats:
     trim = predictor.trim @ part.own[4:8, None]
     into = np.concatenate([predictor.drive, predictor.K, trim], axis=2)
     start, seen = np.append(part.own[:4], [0.0, 0.0])[:, None], np.eye(3, 12, 8)
-    runs = np.empty((*record.y.shape, len(theta)))
+    slopes = np.zeros((len(part.e), len(theta)))  # those of the times' distances stay 0
+    runs = slopes[: record.y.size].reshape(*record.y.shape, -1)
     pairs = [pair_of(each) for each in theta]
     for pair in sorted(set(pairs), key=pairs.count, reverse=True):
         # The inputs that most variants have are given to all, so that few are run by themselves.
@@ -231,8 +232,7 @@ def _slopes(record: Record, theta: Floats, part: Part) -> Floats:
         states = start.repeat(len(into[run]), axis=1)
         runs[:, :, run] = innovations(predictor.some(run), known, into[run], seen, states)
     runs[record.unused] = 0.0
-    found = (runs.reshape(-1, len(theta)) - part.e[: record.y.size, None]) / _DIFFERENCE
-    slopes = np.pad(
-        found, ((0, len(record.jumps)), (0, 0))
-    )  # times stay: their distances have none
-    return slopes - part.columns @ np.linalg.solve(part.power, cross(part.columns, slopes))
+    runs -= part.e[: record.y.size].reshape(*record.y.shape, 1)
+    slopes /= _DIFFERENCE
+    slopes -= part.columns @ np.linalg.solve(part.power, cross(part.columns, slopes))
+    return slopes

@@ -44,10 +44,10 @@ class Record:
 
     ``turn`` are means and slopes (n, 2) of f1 and f2 over each step; ``fed_back`` the R squared of
     the aileron on roll and p. An aileron that a hold moves is an input like any other: it depends
-    on the past alone. ``jumps`` are those of the commands: aileron or rudder, what it adds (m,) if
-    it is later by 1 s, and its size; ``jump_std_s`` is sigma of its time, of which only its sample
-    is known. ``large`` (n, m) are what large motion adds to the inputs ``large_into`` (m,), each by
-    a factor of its own, as means over each step: none until a fit asks for them.
+    on the past alone. ``jumps`` are those of the commands: aileron or rudder, the step of their
+    grid in which it begins, and its size; ``jump_std_s`` is sigma of its time, of which only its
+    sample is known. ``large`` (n, m) are what large motion adds to the inputs ``large_into`` (m,),
+    each by a factor of its own, as means over each step: none until a fit asks for them.
     """
 
     def __init__(self, motion: Motion) -> None:
@@ -75,11 +75,24 @@ class Record:
         self.large, self.large_into = np.zeros((len(self.y), 0)), np.zeros(0, int)
 
     @cached_property
-    def jumps(self) -> list[tuple[int, Floats, float]]:
+    def jumps(self) -> list[tuple[int, int, float]]:
         """The largest jumps, as ``_jumps`` yields them: only a fit pays for them."""
         its = [RUDDER] if self.fed_back > FOLLOWS else [AILERON, RUDDER]
         jumps = [jump for surface in its for jump in self._jumps(surface)]
-        return sorted(jumps, key=lambda jump: -jump[2])[:MOST_JUMPS]
+        return sorted(jumps, key=lambda jump: -abs(jump[2]))[:MOST_JUMPS]
+
+    @cached_property
+    def late(self) -> Floats:
+        """What a jump by 1 adds (m,) to its command, from its step on, if it is later by 1 s.
+
+        The jump may be anywhere in a sample. The step that is expected for a jump that is known to
+        be late differs from the line by a parabola over that sample.
+        """
+        width = round(self.sample_time_s / COMMAND_STEP_S)
+        from_middle_s = COMMAND_STEP_S * (np.arange(width + 1) - width // 2)
+        within = np.clip(from_middle_s / self.sample_time_s + 0.5, 0.0, 1.0)
+        parabola = within * (1.0 - within)
+        return np.asarray(-parabola / (COMMAND_STEP_S * parabola.sum()), np.float64)
 
     def _fill(self, x: Floats) -> Floats:
         """Return x with lines over its gaps.
@@ -137,12 +150,8 @@ class Record:
         mean, slope = 0.5 * (both + after), (after - both) / self.sample_time_s
         return np.asarray(mean, np.float64), np.asarray(slope, np.float64)
 
-    def _jumps(self, surface: int) -> Iterator[tuple[int, Floats, float]]:
-        """Yield the surface of each jump in a sample, what it adds (m,) if later by 1 s, its size.
-
-        The jump may be anywhere in a sample. The step that is expected for a jump that is known to
-        be late differs from the line by a parabola over that sample.
-        """
+    def _jumps(self, surface: int) -> Iterator[tuple[int, int, float]]:
+        """Yield the surface of each jump in a sample, the step in which it begins, and its size."""
         width, u = round(self.sample_time_s / COMMAND_STEP_S), self.commands[surface]
         change = np.where(self._inside[:-width], u[width:] - u[:-width], 0.0)
         large = np.abs(change) > JUMP * np.ptp(u[self._inside])
@@ -150,14 +159,7 @@ class Record:
         for start, stop in pairwise(edges.tolist()):
             if large[start]:
                 at = start + int(np.abs(change[start:stop]).argmax())
-                from_middle_s = COMMAND_STEP_S * (np.arange(len(u)) - at - width // 2)
-                within = np.clip(from_middle_s / self.sample_time_s + 0.5, 0.0, 1.0)
-                parabola = within * (1.0 - within) / COMMAND_STEP_S
-                yield (
-                    surface,
-                    -change[at] * parabola / (within * (1.0 - within)).sum(),
-                    float(abs(change[at])),
-                )
+                yield surface, at, float(change[at])
 
     def inputs(self, lag_s: float, delay_s: float, own: Sequence[float] | Floats = ()) -> Floats:
         """Return the inputs (n, 8) over each step: aileron, rudder, f1 and f2, then their slopes.
@@ -166,8 +168,8 @@ class Record:
         much later each jump comes, and the factors of ``large``, or nothing.
         """
         commands, factors = self.commands.copy(), own[len(self.jumps) :]
-        for by_s, (surface, late, _) in zip(own, self.jumps, strict=False):
-            commands[surface] += by_s * late
+        for by_s, (surface, at, size) in zip(own, self.jumps, strict=False):
+            commands[surface, at : at + len(self.late)] += by_s * size * self.late
         mean, slope = self._lines(commands, lag_s, self._cells(delay_s)[None])
         found = np.hstack([mean.T, self.turn[0], slope.T, self.turn[1]])
         for factor, into, c in zip(factors, self.large_into, self.large.T, strict=False):
@@ -181,16 +183,16 @@ class Record:
         what it adds to the surface's mean and slope (2, j, s); beyond the last of these steps that
         fades with the lag.
         """
-        width = round(self.sample_time_s / COMMAND_STEP_S)
-        steps = 3 + math.ceil(4 / width)
-        late = np.array([row for _, row, _ in self.jumps]).reshape(-1, self.commands.shape[1])
-        wide, cells = (steps + 1) * (width + 1), self._cells(delay_s)
-        begin = np.maximum((late != 0.0).argmax(axis=1) - 2, 0)[:, None]
-        late = np.pad(late, ((0, 0), (0, wide)))
+        jumps = np.array(self.jumps).reshape(-1, 3)
+        (surface, at), size = jumps[:, :2].astype(int).T, jumps[:, 2:]
+        width, begin = len(self.late), np.maximum(at - 1, 0)[:, None]
+        steps = 3 + math.ceil(4 / (width - 1))
+        rows, cells = np.zeros((len(at), (steps + 1) * width)), self._cells(delay_s)
+        within = at[:, None] - begin + np.arange(width)
+        np.put_along_axis(rows, within, size * self.late, axis=1)
         first = np.clip(np.searchsorted(cells, begin, "right") - 1, 0, len(cells) - 1 - steps)
-        rows = np.take_along_axis(late, begin + np.arange(wide), axis=1)
         added = self._lines(rows, lag_s, cells[first + np.arange(steps + 1)] - begin)
-        return np.array([at for at, *_ in self.jumps], int), first[:, 0], np.stack(added)
+        return surface, first[:, 0], np.stack(added)
 
     def _cells(self, delay_s: float) -> Floats:
         """Return the edges of the steps (n + 1,), in steps of the commands' grid from its begin."""
