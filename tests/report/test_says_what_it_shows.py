@@ -58,19 +58,22 @@ def test_a_warning_is_called_one_wherever_it_stands(tmp_path: Path, capsys) -> N
     assert "warning rate_low" in page
 
 
-@pytest.mark.parametrize("name", ["rerun", "report"])
+@pytest.mark.parametrize("name", ["rerun", "report", "serve"])
 def test_a_picture_of_the_readmes_shows_the_answer_that_is_given_today(
     name: str, tmp_path: Path
 ) -> None:
-    """The one command that draws both writes into each what it shows: case, options, answer."""
+    """The one command that draws them writes into each what it shows: case, options, answer."""
     with Image.open(ROOT / "tools" / "pictures" / f"{name}.png") as image:
-        source = json.loads(image.info["yawid"])
-    run = open_run(replayed(REPLAY_LOGS / source["case"] / "log.tlog", tmp_path))
+        sources = [json.loads(line) for line in image.info["yawid"].splitlines()]
+    assert sources
+    for source in sources:
+        case = source["case"]
+        run = open_run(replayed(REPLAY_LOGS / case / "log.tlog", tmp_path / case))
 
-    shown, mode = source["dutch_roll"], run.summary.flight.dutch_roll
-    assert source["options"] == {}
-    for key in ("wn_rad_s", "wn_std", "zeta", "zeta_std"):
-        assert shown[key] == pytest.approx(getattr(mode, key), rel=2e-3)
+        shown, mode = source["dutch_roll"], run.summary.flight.dutch_roll
+        assert source["options"] == {}
+        for key in ("wn_rad_s", "wn_std", "zeta", "zeta_std"):
+            assert shown[key] == pytest.approx(getattr(mode, key), rel=2e-3), (case, key)
 
 
 def test_a_run_says_the_unit_of_its_rudder_and_its_modes_wherever_it_is_read(

@@ -169,7 +169,9 @@ def test_a_drag_zooms_every_picture_over_the_same_axis_and_a_double_click_shows_
         assert span(tab, "manoeuvre1") == pytest.approx(span(tab, "whole"), abs=1e-3)
         assert {key: span(tab, key) for key in keys[2:]} == {key: before[key] for key in keys[2:]}
 
-        # The values at the cursor are the run's.
+        # The instant is that of the drag's end; the values at the cursor are the run's.
+        ended = tab.locator("#whole .zoom p").first.inner_text().split()[4]
+        assert float(ended) == pytest.approx(expected[1], abs=0.01 * (high - low))
         tab.mouse.move(*at(tab, "whole", 1, 0.5))
         said = tab.locator("#whole .zoom p").all_inner_texts()
         numbers = [re.findall(r" (-?[\d.]+(?:e-\d+)?)", each)[-1] for each in said]

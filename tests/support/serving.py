@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import os
 import socket
 import subprocess
-import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -14,7 +12,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import httpx
-from checks.children import child
+from checks.children import flights_page
 
 from yawid.fleet.spec import Spec
 from yawid.serve import server
@@ -78,14 +76,10 @@ def served(folder: Path) -> Iterator[Served]:
 
 
 @contextmanager
-def commanded(folder: Path, *options: str) -> Iterator[tuple[Served, subprocess.Popen[str]]]:
+def commanded(folder: Path) -> Iterator[tuple[Served, subprocess.Popen[str]]]:
     """Serve a folder by the command; yield its process, too."""
-    command = [sys.executable, "-m", "yawid", "serve", str(folder), "--port=0", "--no-browser"]
-    env = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
-    with child(
-        [*command, *options], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=env
-    ) as process:
-        assert process.stdout is not None
-        address = process.stdout.readline().split(" ")[0]
-        with httpx.Client(base_url=address, timeout=LIMIT_S) as client:
-            yield Served(int(address.strip("/").rpartition(":")[2]), client), process
+    with (
+        flights_page(folder) as (address, process),
+        httpx.Client(base_url=address, timeout=LIMIT_S) as client,
+    ):
+        yield Served(int(address.strip("/").rpartition(":")[2]), client), process

@@ -72,6 +72,17 @@ def child(
                 stream.close()
 
 
+@contextmanager
+def flights_page(
+    folder: Path, within_s: float = LIMIT_S
+) -> Iterator[tuple[str, subprocess.Popen[str]]]:
+    """Serve a folder by ``yawid serve``; yield the address of the page, and the process."""
+    command = [sys.executable, "-m", "yawid", "serve", str(folder), "--port=0", "--no-browser"]
+    pipe = subprocess.PIPE
+    with child(command, within_s, stdout=pipe, stderr=pipe, text=True) as process:
+        yield next(iter(process.stdout or ()), "").partition(" ")[0], process
+
+
 def free_udp_port() -> int:
     """Return a free UDP port of this machine."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:

@@ -27,6 +27,7 @@
     picture.range = range;
     picture.box.setAttribute("aria-label", `${picture.label}, ${range.map(shown).join(" to ")}`);
     for (const { chart, overview } of picture.panels) {
+      chart.setCursor({ left: -10, top: -10 }, false);  // what it pointed at is elsewhere now
       if (overview) chart.redraw(false);
       else chart.setScale("x", { min: range[0], max: range[1] });
     }
