@@ -56,6 +56,7 @@ BENCHES: dict[str, tuple[str, dict[str, Any]]] = {
     "start": ("programs", {"rounds": 5}),
     "live": ("programs", {}),
     "fleet": ("programs", {"count": 2000, "workers": 2}),
+    "serve": ("programs", {"rounds": 3, "count": 1000}),
 }  # fmt: skip
 """The module of each bench, and its options with their defaults; False is a flag."""
 PLACES = {

@@ -1,8 +1,9 @@
-"""Benches of the program in processes of its own: its start, a live session, a fleet.
+"""Benches of the program in processes of its own: its start, a live session, a fleet, its page.
 
 python tools/bench.py start [--rounds 5]
 python tools/bench.py live
 python tools/bench.py fleet [--count 2000] [--workers 2]
+python tools/bench.py serve [--rounds 3] [--count 1000]
 """
 
 from __future__ import annotations
@@ -23,15 +24,25 @@ from itertools import cycle, islice, product, takewhile
 from multiprocessing import get_context
 from pathlib import Path
 
+import httpx
 import numpy as np
 import psutil
-from checks.children import LEAVE_S, LONG_S, child, cost_of, free_udp_port
+from checks.children import (
+    LEAVE_S,
+    LONG_S,
+    Cost,
+    child,
+    cost_of,
+    flights_page,
+    free_udp_port,
+)
 from flights.long_log import START_US, write_log
 from flights.surgery import Record, split
 from flights.telemetry import send
 from mcap.records import Metadata
 
 from bench.frame import NOT_MET, ROOT, best, table
+from bench.speed import MB_AN_HOUR, MEGABYTES
 from yawid.channels.stage import WANTED
 from yawid.dataset.files import read_table
 from yawid.estimation.machine.runner import RUNNER
@@ -300,3 +311,59 @@ def fleet(options: Namespace) -> list[Iterable[str]]:
         "MB a worker": f"{max(memory_mb):.0f}", "again, s": f"{again.wall_s:.1f}",
         "wrong": len(wrong),
     }}), (f"{NOT_MET}{each}" for each in wrong)]  # fmt: skip
+
+
+POLL_S, MOST_TIMES, MOST_LIST_S = 0.2, 1.5, 1.0
+"""Limits: the first answer by the page over the command's; the time in s of the whole list."""
+
+
+def cpu_s(server: int) -> float:
+    """Return the CPU time of a process with that of its children, also those that have ended."""
+    whole = psutil.Process(server)
+    return float(sum(sum(each.cpu_times()[:4]) for each in [whole, *whole.children(True)]))
+
+
+def dropped(log: Path, address: str, server: int) -> Cost:
+    """Drop a log on the page of a process; return what it cost until every log had its answer."""
+    start_s, before_s = time.perf_counter(), cpu_s(server)
+    httpx.put(f"{address}flights/{log.name}", content=log.read_bytes()).raise_for_status()
+    while httpx.get(f"{address}progress").json()["logs"]:
+        time.sleep(POLL_S)
+    return Cost(time.perf_counter() - start_s, cpu_s(server) - before_s)
+
+
+def serve(options: Namespace) -> list[Iterable[str]]:
+    """Measure a log's answer by the page and by the command, and the list of many flights.
+
+    The log is of 20 MB, with manoeuvres of 30 s in every 300 s. Page and command take turns, and
+    the least of all rounds counts; in brackets is its ratio to the command's. The page's CPU time
+    is that of the server and its processes. Its folder has ``--count`` logs of 1 to 4 minutes that
+    were read before. Their list is asked for after another start, for the second time.
+    """
+    with tempfile.TemporaryDirectory() as name:
+        long, logs = Path(name, "long.tlog"), Path(name, "logs")
+        make(logs, options.count)
+        write_log(long, MEGABYTES[0] / MB_AN_HOUR, moved_s=30.0, every_s=300.0)
+        command = ["-m", "yawid", "replay", str(long), "--out", name, "--force", "--json"]
+        with flights_page(logs, LONG_S) as (address, process):
+            dropped(SHORT_LOG, address, process.pid)
+            turns = [(dropped(long, address, process.pid), cost_of(*command, allowed=(0, 5)))
+                     for _ in range(options.rounds)]  # fmt: skip
+        with flights_page(logs) as (address, _):
+            httpx.get(address)
+            start_s = time.perf_counter()
+            with httpx.stream("GET", address) as answer:
+                first_s = time.perf_counter() - start_s
+                usable = answer.read().count(b'"good">usable')
+            whole_s = time.perf_counter() - start_s
+    page, own = np.min(turns, axis=0)
+    found = {f"by the page, {of}": f"{s:.3g} ({times:.2f})"
+             for of, s, times in zip(("wall", "CPU"), page, page / own, strict=True)}  # fmt: skip
+    return [table("", {"s": found | {
+        "the list's first byte": f"{first_s:.3f}", "whole": f"{whole_s:.3f}",
+        "usable in it": str(usable),
+    }}), (
+        f"{NOT_MET}{what}: {s:.2f}; {most:g} is allowed"
+        for what, s, most in (("the answer over the command's", max(page / own), MOST_TIMES),
+                              ("s of the list", whole_s, MOST_LIST_S)) if s > most
+    )]  # fmt: skip

@@ -58,13 +58,12 @@ def small(picture: Path, width: int, *runs: Path) -> None:
         whole = image.convert("RGB")
     whole.thumbnail((width, whole.height), Image.Resampling.LANCZOS)
     few = whole.quantize(COLOURS, Image.Quantize.MAXCOVERAGE, kmeans=3, dither=Image.Dither.NONE)
-    shown = {
-        mcap.name.split(".")[0]: open_run(mcap).summary.to_json().get("flight") for mcap in runs
-    }
-    lines = [json.dumps({"case": case, "options": {}, "dutch_roll": flight["dutch_roll"]})
-             for case, flight in shown.items() if flight]  # fmt: skip
+    flights = {mcap.name.split(".")[0]: open_run(mcap).summary.flight for mcap in runs}
     told = PngInfo()
-    told.add_text("yawid", "\n".join(lines))
+    told.add_text("yawid", "\n".join(
+        json.dumps({"case": case, "options": {}, "dutch_roll": flight.to_json()["dutch_roll"]})
+        for case, flight in flights.items() if flight is not None
+    ))  # fmt: skip
     few.save(picture, optimize=True, pnginfo=told)
     print(f"{picture}: {few.width} x {few.height}, {picture.stat().st_size / 1e3:.0f} kB")
 
