@@ -160,6 +160,11 @@ def test_the_report_is_that_of_the_command_and_the_exports_are_files(
     written = write_report(mcap).read_text(encoding="utf-8")
     assert report.text == written
     assert "frame-ancestors 'none'" in report.headers["content-security-policy"]
+    (made,) = Path(page.client.get(f"{of}/summary.json").json()["files"]["mcap"]).parent.glob(
+        f"{name}.report.html"
+    )
+    made.unlink()
+    assert page.client.get(of).text == written
     assert """Content-Security-Policy" content="default-src 'none'; """ in written
 
     main(["inspect", str(C172P), "--card"])
@@ -298,21 +303,27 @@ def test_a_name_of_an_upload_is_one_component_of_bounded_length() -> None:
     )
 
 
-def test_slow_and_torn_requests_are_ended_and_leave_nothing(tmp_path: Path, monkeypatch) -> None:
+def test_slow_and_torn_requests_are_ended_and_leave_nothing(
+    tmp_path: Path, monkeypatch, capsys
+) -> None:
     monkeypatch.setattr(app, "MOST_SILENT_S", 0.4)
     monkeypatch.setattr(server, "MOST_SILENT_S", 0.4)
+    (tmp_path / "a.tlog").write_bytes(JUNK)
     begun = b"PUT /flights/x.tlog HTTP/1.1\r\n" + HOST + b"Content-Length: 900000\r\n\r\n" + JUNK
+    typed = b"POST /flights/a.tlog HTTP/1.1\r\n" + HOST + b"Content-Length: 90\r\n\r\noptions="
     with served(tmp_path) as page:
         page.read()
-        for raw in (begun, begun[:40], b"", b"GET / HT"):
+        for raw in (begun, typed, begun[:40], b"", b"GET / HT"):
             began_s = time.monotonic()
             found = page.answer(raw, within_s=20.0)
             assert time.monotonic() - began_s < 10.0, raw[:40]
             assert found[:13] in (b"HTTP/1.1 408 ", b""), found
-        with closing(socket.create_connection((server.HERE, page.port), timeout=5.0)) as torn:
-            torn.sendall(begun)
+        for raw in (begun, typed):
+            with closing(socket.create_connection((server.HERE, page.port), timeout=5.0)) as torn:
+                torn.sendall(raw)
         wait_until(lambda: not [*tmp_path.glob("x*")])
         assert page.client.get("/").status_code == 200
+    assert capsys.readouterr().err == ""
 
 
 def wait_until(holds: Any, within_s: float = 20.0) -> None:
@@ -395,6 +406,42 @@ def test_a_killed_server_leaves_no_half_log_after_the_next_start_and_ctrl_c_ends
         assert process.stderr is not None
         assert process.stderr.read() == ""
     assert {each.name for each in tmp_path.iterdir()} == {"live.tlog.part", OUT}
+
+
+def test_files_that_are_not_its_own_stay_and_a_name_that_is_no_text_is_left_out(
+    tmp_path: Path,
+) -> None:
+    own = {"notes.txt": b"precious", "notes.upload": b"of another program"}
+    for name, data in own.items():
+        (tmp_path / name).write_bytes(data)
+    (tmp_path / "x.tlog.upload").symlink_to(tmp_path / "notes.txt")
+    (tmp_path / "log\udcff.tlog").write_bytes(JUNK)
+    (tmp_path / "new\nline '\"&%2F.tlog").write_bytes(JUNK)
+    with served(tmp_path) as page:
+        page.read()
+        (link,) = re.findall(r'class="name"><a href="(.+?)"', page.client.get("/").text)
+        assert "no intact MAVLink" in page.client.get(link).text
+    assert {name: (tmp_path / name).read_bytes() for name in own} == own
+
+
+def test_a_folder_that_vanishes_is_a_line_and_the_pages_are_back_when_it_is(
+    tmp_path: Path, capsys
+) -> None:
+    folder, away = tmp_path / "flights", tmp_path / "away"
+    folder.mkdir()
+    (folder / "a.tlog").write_bytes(JUNK)
+    with served(folder) as page:
+        page.read()
+        folder.rename(away)
+        asked = [page.client.get("/"), page.client.get("/progress")]
+        asked += [page.client.put("/flights/x.tlog", content=JUNK)]
+        asked += [page.client.post("/flights/a.tlog", data={"options": "--rate 5"})]
+        for answer in asked:
+            assert answer.status_code == 507
+            assert "No such file or directory" in answer.text
+        away.rename(folder)
+        assert page.client.get("/").text.count('<td class="name">') == 1
+    assert capsys.readouterr().err == ""
 
 
 def test_a_port_in_use_and_a_folder_that_is_not_there_are_a_line_each(

@@ -191,7 +191,7 @@ def serve(
 ) -> int:
     """Serve a folder's flights as pages, on this machine alone, until a signal ends it."""
     from yawid.fleet.spec import Spec
-    from yawid.system.processes import has_desktop
+    from yawid.system.processes import HERE, has_desktop
 
     if not folder.is_dir():
         raise SourceError(f"{folder} is no folder: make it, or give the folder of the logs")
@@ -203,7 +203,7 @@ def serve(
 
     spec = Spec(settings_of(arguments), _key_file(arguments))
     with closing(server.opened(port)) as listening, ExitStack() as stack:
-        address = f"http://{server.HERE}:{listening.getsockname()[1]}/"
+        address = f"http://{HERE}:{listening.getsockname()[1]}/"
         print_line(f"{address} shows the flights in {folder.absolute()}; Ctrl-C ends it")
         if not no_browser and has_desktop():
             webbrowser.open(address)

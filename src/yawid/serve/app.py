@@ -11,8 +11,9 @@ import re
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager, suppress
 from importlib.resources import files
+from io import BytesIO
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, BinaryIO, Final
 from urllib.parse import parse_qs, quote
 
 from jinja2 import Environment, PackageLoader
@@ -21,7 +22,13 @@ from starlette.applications import Starlette
 from starlette.concurrency import run_in_threadpool
 from starlette.exceptions import HTTPException
 from starlette.requests import Request
-from starlette.responses import FileResponse, JSONResponse, RedirectResponse, Response
+from starlette.responses import (
+    FileResponse,
+    JSONResponse,
+    PlainTextResponse,
+    RedirectResponse,
+    Response,
+)
 from starlette.routing import Route
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
@@ -31,7 +38,7 @@ from yawid.serve.flights import Flights, Row
 from yawid.serve.tasks import CARD, EXPORTS, MADE, MODELS, REPORT, RUN, SUMMARY
 from yawid.sinks.door import plain, say, show_traceback
 from yawid.sources.formats import WITH_RECORDS
-from yawid.system.part_file import Part, sync
+from yawid.system.part_file import sync
 
 MOST_BYTES: Final = 2 * 1024**3
 """The largest log that is taken."""
@@ -102,7 +109,7 @@ class Guard:
         if _HOST.fullmatch(host) and origin == f"http://{host}":
             await self._app(scope, receive, safely)
         else:
-            refused = Response("refused: the request is not from this page\n", 403, _CLOSE)
+            refused = PlainTextResponse("refused: the request is not from this page\n", 403, _CLOSE)
             await refused(scope, receive, safely)
 
 
@@ -125,7 +132,9 @@ class Pages:
                 Route("/flights/{name}", self._typed, methods=["POST"]),
                 Route("/flights/{name}/{what}", self._file),
             ],
-            exception_handlers={HTTPException: _said, YawidError: _said, Exception: _said},
+            exception_handlers={
+                HTTPException: _said, YawidError: _said, OSError: _said, Exception: _said,
+            },
             lifespan=self._lifespan,
         ))  # fmt: skip
 
@@ -158,7 +167,7 @@ class Pages:
         row, what = self._row(request), request.path_params.get("what", REPORT)
         if not row.outcome:
             state = self._flights.states().get(row.name, "waits")
-            return Response(f"{row.name} {state}\n", 202, {"refresh": "1"})
+            return PlainTextResponse(f"{row.name} {state}\n", 202, {"refresh": "1"})
         if what == "files":
             names = (SUMMARY, RUN, *EXPORTS, *MODELS)
             text = _ENVIRONMENT.get_template("files.html").render(row=row, names=names)
@@ -187,13 +196,9 @@ class Pages:
 
     async def _typed(self, request: Request) -> Response:
         """Read a log again with the options that were typed."""
-        row, body = self._row(request), b""
-        async with asyncio.timeout(MOST_SILENT_S):
-            async for piece in request.stream():
-                body += piece
-                if len(body) > MOST_TYPED:
-                    raise HTTPException(413, "the line is too long", _CLOSE)
-        line = parse_qs(body.decode("utf-8", "replace")).get("options", [""])[0]
+        row, body = self._row(request), BytesIO()
+        await _received(request, body, MOST_TYPED)
+        line = parse_qs(body.getvalue().decode("utf-8", "replace")).get("options", [""])[0]
         self._flights.add(row.name, line)
         return RedirectResponse("/", 303)
 
@@ -207,13 +212,9 @@ class Pages:
         self._uploads += 1
         try:
             async with asyncio.timeout(MOST_S):
-                await _received(request, part)
+                await _received(request, part.stream, MOST_BYTES)
             await run_in_threadpool(sync, part.stream)
             part.take_name(path)
-        except TimeoutError:
-            raise HTTPException(408, "the upload was too slow", _CLOSE) from None
-        except OSError as error:
-            raise HTTPException(507, f"{path.name}: {error.strerror}", _CLOSE) from error
         finally:
             self._uploads -= 1
             part.remove()
@@ -221,11 +222,11 @@ class Pages:
         return JSONResponse({"name": path.name}, 201)
 
 
-async def _received(request: Request, part: Part) -> None:
-    """Write the body of a request into a part.
+async def _received(request: Request, into: BinaryIO, most: int) -> None:
+    """Write the body of a request into a stream.
 
     Raises:
-        HTTPException: it is too large, or was cut off.
+        HTTPException: it has more than ``most`` bytes, or was cut off.
         TimeoutError: nothing came for too long.
     """
     size, more = 0, True
@@ -233,21 +234,25 @@ async def _received(request: Request, part: Part) -> None:
         async with asyncio.timeout(MOST_SILENT_S):
             message = await request.receive()
         if message["type"] == "http.disconnect":
-            raise HTTPException(400, "the upload was cut off", _CLOSE)
+            raise HTTPException(400, "the request was cut off", _CLOSE)
         body, more = message.get("body", b""), message.get("more_body", False)
         size += len(body)
-        if size > MOST_BYTES:
-            raise HTTPException(413, f"a log may have {MOST_BYTES / 1e9:.1f} GB", _CLOSE)
-        await run_in_threadpool(part.stream.write, body)
+        if size > most:
+            raise HTTPException(413, f"at most {most} bytes are taken", _CLOSE)
+        await run_in_threadpool(into.write, body)
 
 
 async def _said(_: Request, error: Exception) -> Response:
     """Return an error as a line of text."""
-    status, headers = 507 if isinstance(error, SinkError) else 400, _CLOSE
+    status, headers, text = 400, _CLOSE, str(error)
     if isinstance(error, HTTPException):
-        status, headers = error.status_code, dict(error.headers or {})
+        status, headers, text = error.status_code, dict(error.headers or {}), error.detail
+    elif isinstance(error, TimeoutError):
+        status, text = 408, "the request was too slow"
+    elif isinstance(error, SinkError | OSError):  # the folder is away, or its disk is full
+        status, text = 507, re.sub(r"^\[Errno \d+\] ", "", text)
     elif not isinstance(error, YawidError):
         status = 500
         say(f"unforeseen, a fault of yawid: {type(error).__name__}: {error}: please report it")
         show_traceback(error)
-    return Response(f"{plain(getattr(error, 'detail', str(error)))}\n", status, headers)
+    return PlainTextResponse(f"{plain(text)}\n", status, headers)

@@ -69,8 +69,9 @@ class Row(msgspec.Struct, frozen=True):
 
 
 def is_log(name: str) -> bool:
-    """Return whether a file's name is one of a log."""
-    return name.lower().endswith(WITH_RECORDS) and not name.startswith(".")
+    """Return whether a file's name is one of a log, and a text: others could not be shown."""
+    is_text = not re.search("[\ud800-\udfff]", name)
+    return is_text and name.lower().endswith(WITH_RECORDS) and not name.startswith(".")
 
 
 def safe_name(name: str) -> str:
@@ -128,8 +129,9 @@ class Flights:
         self._pages = Here(1, copies)
         stack.callback(self._pages.end)
         for left in folder.glob(f"*{UPLOAD}"):  # of a server that was killed
-            with suppress(SinkError):
-                Part(left.with_suffix(""), force=True, suffix=UPLOAD).remove()
+            if is_log(left.stem) and not left.is_symlink():
+                with suppress(SinkError):
+                    Part(left.with_suffix(""), force=True, suffix=UPLOAD).remove()
         with suppress(OSError, msgspec.DecodeError):
             kept = (self.out / INDEX).read_bytes()
             made_by, rows = msgspec.json.decode(kept, type=tuple[str, list[Row]])
@@ -210,7 +212,8 @@ class Flights:
 
     def make(self, name: str, what: str) -> "Future[Any]":
         """Have a file of a flight made, once; return the future of that."""
-        if (name, what) not in self._made:
+        made = self._made.get((name, what))
+        if made is None or (made.done() and not (self.out / f"{name}.{what}").is_file()):
             spec = self._spec_with(self.rows[name].typed)
             task = Make(str(self.folder / name), spec, TIMEOUT_S, self.out, what)
             self._made[name, what] = self._pages.submit(task)

@@ -32,9 +32,11 @@ async function take(file) {
       line.remove();
       await look();
     } else {
-      line.className = "failed";
-      line.textContent = `${file.name}: ${request.responseText.trim() || "not sent"}`;
+      throw new Error(request.responseText.trim() || "not sent");
     }
+  }).catch((error) => {  // the next one is sent all the same
+    line.className = "failed";
+    line.textContent = `${file.name}: ${error.message}`;
   });
 }
 

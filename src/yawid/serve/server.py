@@ -9,8 +9,8 @@ from uvicorn.protocols.http.h11_impl import H11Protocol
 from yawid.errors import SinkError
 from yawid.serve.app import Pages
 from yawid.serve.flights import Flights
+from yawid.system.processes import HERE
 
-HERE: Final = "127.0.0.1"
 MOST_CONNECTIONS: Final = 64
 """Connections at once; a browser has six. Each may hold 64 kB of a request."""
 MOST_SILENT_S: Final = 10.0

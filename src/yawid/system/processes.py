@@ -12,6 +12,8 @@ from typing import Final
 
 OWN_GROUP: Final = getattr(subprocess, "CREATE_NEW_PROCESS_GROUP", 0)
 """``creationflags`` of a process that a Ctrl-C in Windows' console must not reach."""
+HERE: Final = "127.0.0.1"
+"""The address of this machine that no other machine reaches."""
 _DIE_WITH_PARENT = 1  # PR_SET_PDEATHSIG of prctl(2)
 _STEADY = getattr(time, "CLOCK_BOOTTIME", getattr(time, "CLOCK_MONOTONIC", 0))
 _MOST_PROCESSES = 60  # Windows waits for 63 at a time

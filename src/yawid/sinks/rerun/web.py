@@ -13,9 +13,8 @@ from urllib.parse import quote
 
 from yawid.errors import SinkError
 from yawid.sinks.door import say
-from yawid.system.processes import OWN_GROUP, has_desktop
+from yawid.system.processes import HERE, OWN_GROUP, has_desktop
 
-HERE: Final = "127.0.0.1"
 START_S: Final = 20.0
 LOOK_S: Final = 0.1
 
