@@ -91,6 +91,7 @@ def fit_airframe(motions: Sequence[Motion], *, servo_lag_s: float | None = None)
     priors = {} if servo_lag_s is None else {"servo_lag": (servo_lag_s, GIVEN_LAG_STD_S)}
     starts = guesses(records, servo_lag_s)
     fits: list[Fit] = []
+    law = roll_law(records[0]) if len(records) == 1 else None
     for guess in starts:
         of = Criterion(records, guess, priors)
         if fits:
@@ -100,7 +101,7 @@ def fit_airframe(motions: Sequence[Motion], *, servo_lag_s: float | None = None)
         if not fits:
             continue
         fits.sort(key=lambda each: each.criterion - 2.0 * NATS * each.settled)
-        airframe = _airframe(fits)
+        airframe = _airframe(fits, law)
         failed = failed_gates(airframe, records, fits[0].settled)
         alone = stopped_by(
             {"several_minima" if given else "lag_unknown": _agreeing(fits, airframe)}
@@ -111,7 +112,7 @@ def fit_airframe(motions: Sequence[Motion], *, servo_lag_s: float | None = None)
         raise ValueError("the fit of the bare airframe found no predictor from any start")
     failed = failed or alone
     if not failed and (small := small_motion(fits[0])) is not fits[0]:
-        airframe = _airframe([small, *fits])
+        airframe = _airframe([small, *fits], law)
         failed = failed_gates(airframe, records, small.settled)
         failed |= stopped_by({"not_proportional": fin_lost(small)})
         fits[:0] = [small]
@@ -226,7 +227,7 @@ def _stds(values: Floats, covariance: Floats, sample_time_s: float) -> Floats:
     return np.asarray(np.sqrt(np.diag(covariance) + np.square(least)), np.float64)
 
 
-def _airframe(fits: Sequence[Fit]) -> Airframe:
+def _airframe(fits: Sequence[Fit], law: Law | None) -> Airframe:
     """Return the airframe of the first fit; sigma has the ends of the others that are as likely.
 
     What large motion changed, from the first fit without it, counts in sigma as well.
@@ -237,7 +238,6 @@ def _airframe(fits: Sequence[Fit]) -> Airframe:
     right. The rudder mix has the scatter between rolls of different lengths.
     """
     best, records = fits[0], fits[0].of.records
-    law = roll_law(records[0]) if len(records) == 1 else None
     values, covariance = _numbers(best, law or NO_LAW)
     side = -covariance[:, _Y_DELTA_R] / covariance[_Y_DELTA_R, _Y_DELTA_R] * values[_Y_DELTA_R]
     side[_Y_BETA] = values[_Y_BETA] * np.expm1(side[_Y_BETA] / values[_Y_BETA])  # of a logarithm
