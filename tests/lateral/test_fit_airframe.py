@@ -292,7 +292,7 @@ def test_what_large_motion_explains_is_known_without_its_fit(stall_rad: float) -
     with_fin = large.fitted_with(best, [columns[0][:, :1]], large.INTO[:1])
 
     gain = large.gains(best, columns)[0]
-    assert gain == pytest.approx(best.criterion - with_fin.criterion, rel=0.1, abs=0.5)
+    assert gain == pytest.approx(best.criterion - with_fin.criterion, rel=0.15, abs=0.5)
     assert (small_motion(best) is best) == (stall_rad == np.inf)
 
 

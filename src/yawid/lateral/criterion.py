@@ -100,15 +100,17 @@ class Criterion:
         surprise = np.asarray((x * self.scale - self.mean) / self.spread, np.float64)
         return Point(x, e, surprise, parts)
 
-    def slopes(self, point: "Point") -> Floats:
+    def slopes(self, point: "Point") -> tuple[Floats, Floats]:
         """Return the slopes (l, n) of the innovations at a point, with its own start and the rest.
 
         What they would change in start, trims and times is left out, which changes neither the
-        slope of the criterion nor the information (Kaufman 1975).
+        slope of the criterion nor the information (Kaufman 1975). The information (n, n) that the
+        innovations' sizes have further is returned as well.
         """
         theta = self.theta(point.x + _DIFFERENCE * np.eye(len(point.x)))
         pairs = zip(self.records, point.parts, strict=True)
-        return np.vstack([_slopes(record, theta, part) for record, part in pairs])
+        slopes, informations = zip(*(_slopes(*pair, theta) for pair in pairs), strict=True)
+        return np.vstack(slopes), np.sum(informations, axis=0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -213,8 +215,12 @@ def pair_of(theta: Floats) -> tuple[float, float]:
     return float(theta[AT["servo_lag"]]), float(theta[AT["delay"]])
 
 
-def _slopes(record: Record, theta: Floats, part: Part) -> Floats:
-    """Return the slopes (3 n + j, v) of one manoeuvre's innovations to the parameters (v, ...)."""
+def _slopes(record: Record, part: Part, theta: Floats) -> tuple[Floats, Floats]:
+    """Return the slopes (3 n + j, v) of one manoeuvre's innovations to the parameters (v, ...).
+
+    The information (v, v) of their sizes: with M the change of L over L, the innovations' squares
+    have the sum of M_ij^2, and Fisher's is the sum of M_ij^2 + M_ij M_ji. M is triangular.
+    """
     model = system(theta, record.motion.airspeed_m_s, record.pitch)
     predictor = Predictor.of(model, record.sample_time_s, part.predictor)
     trim = predictor.trim @ part.own[4:8, None]
@@ -235,4 +241,6 @@ def _slopes(record: Record, theta: Floats, part: Part) -> Floats:
     runs -= part.e[: record.y.size].reshape(*record.y.shape, 1)
     slopes /= _DIFFERENCE
     slopes -= part.columns @ np.linalg.solve(part.power, cross(part.columns, slopes))
-    return slopes
+    its, here = (np.diagonal(of.whiten, axis1=1, axis2=2) for of in (predictor, part.predictor))
+    sizes = np.log(its / here)
+    return slopes, np.count_nonzero(~record.unused) * (sizes @ sizes.T) / _DIFFERENCE**2

@@ -136,12 +136,10 @@ def _ended(criterion: Criterion, at: Point, J: Floats, H: Floats, settled: bool)
 def _curvature(criterion: Criterion, at: Point, variance: float) -> tuple[Floats, Floats, Floats]:
     """Return the innovations' slopes; the Hessian (n, n) and slope (n,) of half the criterion.
 
-    The latter are over the variance. The Hessian's block of the noise parameters is doubled: Gauss
-    and Newton's has half of their information.
+    The latter are over the variance.
     """
-    J = criterion.slopes(at)
-    H, score = cross(J, J) / variance, cross(J, at.e) / variance
-    H[np.ix_(criterion.is_noise, criterion.is_noise)] *= 2.0
+    J, of_sizes = criterion.slopes(at)
+    H, score = cross(J, J) / variance + of_sizes, cross(J, at.e) / variance
     H += np.diag(1.0 / (criterion.spread / criterion.scale) ** 2)
     score += at.surprise * criterion.scale / criterion.spread
     return J, H, score
