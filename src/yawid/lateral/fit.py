@@ -1,4 +1,4 @@
-"""The fit: Levenberg's and Marquardt's steps to the parameters of largest likelihood."""
+"""The fit: Levenberg's steps to the parameters of largest likelihood."""
 
 import math
 from collections.abc import Sequence
@@ -93,8 +93,8 @@ def _fine(x: Floats) -> float:
 def fit(criterion: Criterion, most_steps: int = ITERATIONS) -> Fit:
     """Return the fit from the criterion's start, at the least criterion that the steps reach.
 
-    A step is -(H + damping diag H)^-1 score (Marquardt 1963) of the free parameters: those at their
-    least value stay there while the criterion would push them on.
+    A step is -(H + damping I)^-1 score (Levenberg 1944), in scales, of the free parameters: those
+    at their least value stay there while the criterion would push them on.
 
     Raises:
         numpy.linalg.LinAlgError: there is no predictor at the start.
