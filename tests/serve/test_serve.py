@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import errno
 import json
+import os
 import re
 import signal
 import socket
@@ -450,6 +452,7 @@ def test_a_port_in_use_and_a_folder_that_is_not_there_are_a_line_each(
     with closing(server.opened(0)) as other:
         port = other.getsockname()[1]
         assert main(["serve", str(tmp_path), "--no-browser", f"--port={port}"]) == 6
-    assert f"cannot serve at 127.0.0.1:{port}: " in capsys.readouterr().err
+    said = f"cannot serve at 127.0.0.1:{port}: {os.strerror(errno.EADDRINUSE)}: choose another"
+    assert said in capsys.readouterr().err
     assert main(["serve", str(tmp_path / "x")]) == 6
     assert "is no folder" in capsys.readouterr().err

@@ -37,6 +37,7 @@ TESTS = (
     "tests/sinks/mcap",
     "tests/cli/test_completion.py",
     "tests/report/test_report.py",
+    "tests/serve",
 )
 VERSIONS = ("3.11", "3.12", "3.13")
 PLATFORMS = ("aarch64-manylinux_2_28", "x86_64-pc-windows-msvc", "aarch64-apple-darwin")
@@ -112,7 +113,7 @@ def mb(*paths: str | Path) -> str:
 
 def oldest() -> str:
     """Run the tests with the oldest libraries allowed; those have wheels for the oldest Python."""
-    compiled("--resolution=lowest-direct", f"--python-version={VERSIONS[0]}")
+    compiled("--resolution=lowest-direct", f"--python-version={VERSIONS[0]}", "--extra=serve")
     return tested(f"--python={VERSIONS[0]}", "--with-requirements=locked.txt")
 
 
@@ -138,9 +139,9 @@ def tested(*options: str) -> str:
     """Run the cases of replay_logs/ and some tests with the wheel, in an environment of uv's."""
     run([
         "uv", "run", "--quiet", "--isolated", "--no-project", "--no-build", *options,
-        f"--with={next(Path('dist').glob('*.whl')).resolve()}",
+        f"--with=yawid[serve] @ {next(Path('dist').glob('*.whl')).resolve().as_uri()}",
         "--with=pytest>=9", "--with=hypothesis>=6.100", "--with=jsonschema>=4.18",
-        "--with=playwright>=1.50",
+        "--with=playwright>=1.50", "--with=httpx==0.27.*",
         "python", "-m", "pytest", "-q", "-p", "no:cacheprovider", "-m", "not slow and not long",
         "-o", "filterwarnings=",  # old libraries warn when they use newer ones
         *TESTS,

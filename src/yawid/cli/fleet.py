@@ -203,11 +203,11 @@ def serve(
 
     spec = Spec(settings_of(arguments), _key_file(arguments))
     with closing(server.opened(port)) as listening, ExitStack() as stack:
+        running = server.server_of(Flights(folder.absolute(), spec, stack))
         address = f"http://{HERE}:{listening.getsockname()[1]}/"
         print_line(f"{address} shows the flights in {folder.absolute()}; Ctrl-C ends it")
         if not no_browser and has_desktop():
             webbrowser.open(address)
-        running = server.server_of(Flights(folder.absolute(), spec, stack))
         with suppress(Interrupted):
             running.run(sockets=[listening])
     return 0

@@ -44,9 +44,8 @@ def opened(port: int) -> socket.socket:
     try:
         return socket.create_server((HERE, port), backlog=256)
     except OSError as error:
-        raise SinkError(
-            f"cannot serve at {HERE}:{port}: {error.strerror}: choose another --port"
-        ) from error
+        why = str(error.strerror).partition(" (")[0]  # Python adds the address
+        raise SinkError(f"cannot serve at {HERE}:{port}: {why}: choose another --port") from error
 
 
 def server_of(flights: Flights) -> uvicorn.Server:
