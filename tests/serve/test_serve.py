@@ -446,7 +446,7 @@ def test_a_folder_that_vanishes_is_a_line_and_the_pages_are_back_when_it_is(
     assert capsys.readouterr().err == ""
 
 
-def test_a_port_in_use_and_a_folder_that_is_not_there_are_a_line_each(
+def test_a_port_or_a_folder_in_use_and_a_folder_that_is_not_there_are_a_line_each(
     tmp_path: Path, capsys
 ) -> None:
     with closing(server.opened(0)) as other:
@@ -456,3 +456,7 @@ def test_a_port_in_use_and_a_folder_that_is_not_there_are_a_line_each(
     assert said in capsys.readouterr().err
     assert main(["serve", str(tmp_path / "x")]) == 6
     assert "is no folder" in capsys.readouterr().err
+    with served(tmp_path):
+        assert main(["serve", str(tmp_path), "--no-browser", "--port=0"]) == 6
+    assert "another run is writing" in capsys.readouterr().err
+    assert [each.name for each in tmp_path.rglob("*") if each.is_file()] == []

@@ -108,7 +108,7 @@ class Flights:
     ``version`` is another number whenever a row has changed.
 
     Raises:
-        SinkError: the folder cannot be written.
+        SinkError: the folder cannot be written, or another server has it.
     """
 
     def __init__(self, folder: Path, spec: Spec, stack: ExitStack) -> None:
@@ -122,6 +122,8 @@ class Flights:
         self._with_records = any(name in spec.settings for name in OF_RECORDS)
         with os_errors_as_sink_error(self.out):
             self.out.mkdir(exist_ok=True)
+        own = Part(self.out / INDEX, force=True, suffix=".lock")  # two would write the same runs
+        stack.callback(own.remove)
         copies = self.out / "copies"
         self._reads = stack.enter_context(workers_here(None, copies))
         for _ in range(self._reads.threads):  # a folder has no answer, but its process is there
