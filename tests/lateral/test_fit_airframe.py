@@ -335,9 +335,7 @@ def test_all_starts_end_at_one_likelihood() -> None:
     records = [Record(flown(seed=3, seconds=12.0, lag_s=0.1))]
 
     ends = [fit(Criterion(records, each, {})) for each in guesses(records, None)]
-    later = Criterion(records, guesses(records, None)[2], {})
-    later.begin_with_noise_of(ends[0].of, ends[0].x)
-    ends.append(fit(later))
+    ends.append(fit(Criterion(records, guesses(records, None)[2], {}), before=ends[0]))
 
     assert all(each.settled for each in ends)
     assert np.ptp([each.criterion for each in ends]) < 1.0

@@ -100,6 +100,11 @@ class Criterion:
         surprise = np.asarray((x * self.scale - self.mean) / self.spread, np.float64)
         return Point(x, e, surprise, parts)
 
+    def total(self, point: "Point") -> float:
+        """Return twice the negative logarithm of likelihood and priors at a point."""
+        variance = point.power / self.count
+        return self.count * math.log(variance) + float(point.surprise @ point.surprise)
+
     def slopes(self, point: "Point") -> tuple[Floats, Floats]:
         """Return the slopes (l, n) of the innovations at a point, with its own start and the rest.
 

@@ -14,6 +14,9 @@ from yawid.lateral.model import NAMES, Guess
 from yawid.lateral.record import Record
 from yawid.lateral.start import N_R, equation_error, middle_of
 
+NATS = 3.0
+"""Starts whose log-likelihood is this near to the best one's count as answers, too, and one that
+settled goes before one that did not."""
 START_LAGS_S = (0.04, 0.1, 0.16)
 """Servo lags from which the fit starts. The aircraft of the second start is a plain one."""
 ITERATIONS = 100
@@ -90,8 +93,12 @@ def _fine(x: Floats) -> float:
     return float(1.4826 * np.median(np.abs(d - np.median(d)))) if len(d) else 0.0
 
 
-def fit(criterion: Criterion, most_steps: int = ITERATIONS) -> Fit:
+def fit(criterion: Criterion, most_steps: int = ITERATIONS, before: "Fit | None" = None) -> Fit:
     """Return the fit from the criterion's start, at the least criterion that the steps reach.
+
+    Another start ended ``before``: its noise is kept until the motion has settled. Where that is as
+    likely the steps end there, and else they go on with the noise free. Where it moves from the
+    beginning, a start that is far away may end where noise explains the motion.
 
     A step is -(H + damping I)^-1 score (Levenberg 1944), in scales, of the free parameters: those
     at their least value stay there while the criterion would push them on.
@@ -99,14 +106,21 @@ def fit(criterion: Criterion, most_steps: int = ITERATIONS) -> Fit:
     Raises:
         numpy.linalg.LinAlgError: there is no predictor at the start.
     """
+    if before is not None:
+        criterion.begin_with_noise_of(before.of, before.x)
     at, damping = criterion.at(criterion.start()), _DAMPING
+    kept = criterion.is_noise & (before is not None)
+    enough = math.inf if before is None else before.criterion + 2.0 * NATS
     for step in range(most_steps + 1):
         variance = at.power / criterion.count
         J, H, score = _curvature(criterion, at, variance)
-        free = (at.x > criterion.least) | (score <= 0.0)
+        free = ~kept & ((at.x > criterion.least) | (score <= 0.0))
         while (below := free & (at.x <= criterion.least) & (_step(H, score, free) < 0.0)).any():
             free &= ~below
         settled = _is_settled(H[np.ix_(free, free)], score[free], criterion.is_noise[free])
+        if settled and kept.any() and criterion.total(at) > enough:
+            kept[:] = False
+            continue
         if settled or step == most_steps:
             break
         tried, loss = at, at.loss(variance)
@@ -128,9 +142,8 @@ def _ended(criterion: Criterion, at: Point, J: Floats, H: Floats, settled: bool)
     inverse = np.linalg.inv(H / np.outer(size, size) + 1e-12 * np.eye(n))
     unbiased = criterion.count / max(criterion.count - n, 1)
     covariance = unbiased * inverse / np.outer(size, size)
-    total = criterion.count * math.log(variance) + float(at.surprise @ at.surprise)
     noise_scale = math.sqrt(variance) / math.exp(float(at.parts[0].predictor.log_det[0]) / 3.0)
-    return Fit(criterion, at.x, covariance, total, noise_scale, settled, at, J)
+    return Fit(criterion, at.x, covariance, criterion.total(at), noise_scale, settled, at, J)
 
 
 def _curvature(criterion: Criterion, at: Point, variance: float) -> tuple[Floats, Floats, Floats]:

@@ -10,7 +10,7 @@ import numpy as np
 from yawid.blocks import Floats
 from yawid.lateral.airframe import Airframe, Known
 from yawid.lateral.criterion import Criterion
-from yawid.lateral.fit import Fit, fit, guesses
+from yawid.lateral.fit import NATS, Fit, fit, guesses
 from yawid.lateral.gates import failed_gates, stopped_by
 from yawid.lateral.large import fin_lost, small_motion
 from yawid.lateral.mix import ROLLS_S, rudder_mixes
@@ -40,9 +40,6 @@ OTHERS_IN_GUSTS = {"zeta": 1.1}
 """Errors over the sigma of noise in JSBSim's turbulence of severity 2, seeds 701 and 812. The
 innovations are white there, and a covariance that allows for colour is no larger: gusts also change
 airspeed and angle of attack, and with them the airframe that is sought; zeta changes least."""
-NATS = 3.0
-"""Starts whose log-likelihood is this near to the best one's count as answers, too, and one that
-settled goes before one that did not."""
 AGREES_SIGMAS = 1.0
 """Starts that end within this of the best one are of its minimum: false ones are 8 sigma and more
 away, and steps in the likelihood, where a jump passes a sample's edge, hold some 0.6 away."""
@@ -94,10 +91,8 @@ def fit_airframe(motions: Sequence[Motion], *, servo_lag_s: float | None = None)
     law = roll_law(records[0]) if len(records) == 1 else None
     for guess in starts:
         of = Criterion(records, guess, priors)
-        if fits:
-            of.begin_with_noise_of(fits[0].of, fits[0].x)
         with suppress(np.linalg.LinAlgError):  # there is no predictor at this start
-            fits.append(fit(of))
+            fits.append(fit(of, before=fits[0] if fits else None))
         if not fits:
             continue
         fits.sort(key=lambda each: each.criterion - 2.0 * NATS * each.settled)
