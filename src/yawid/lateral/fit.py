@@ -24,7 +24,7 @@ ITERATIONS = 100
 LONGEST_STEP = 2.0
 """Of a parameter in its scales: beyond it the slopes are those of another model."""
 _DAMPING, _HARDER, _SOFTER, _LEAST, _MOST = 1.0, 10.0, 3.0, 1e-5, 1e9
-_SMALL_GAIN, _OF_NOISE = 0.02, 1.0
+_SMALL_GAIN, _OF_NOISE = 0.02, 0.1
 """The expected gain of twice the log-likelihood below which the steps end: by the motion's
 parameters, and by all."""
 
