@@ -101,6 +101,17 @@ def test_three_logs_dropped_at_once_are_answered_and_the_junk_among_them_says_wh
     assert (answer.status_code, "no intact MAVLink" in answer.text) == (404, True)
 
 
+def test_a_refused_flight_shows_no_number_but_what_else_can_be_used(page: Served) -> None:
+    """The answer as flown, which no report trusts, would be 19.3 ± 3.5 rad/s."""
+    name = page.put("turns.tlog", (REPLAY_LOGS / "turns_calm" / "log.tlog").read_bytes())
+    page.read()
+
+    row = " ".join(row_of(page, name).split())
+    ordinary = "ωn 2.284 ± 0.058 rad/s, ζ 0.151 ± 0.020, from ordinary flight: the aircraft"
+    assert f"not usable By itself this can be used: {ordinary}" in row
+    assert ("– – " in row, "19.3" in row) == (True, False)
+
+
 def test_a_log_of_the_same_name_gets_a_number_and_the_first_one_stays(page: Served) -> None:
     names = [page.put("same.tlog", JUNK + bytes([i])) for i in range(3)]
 

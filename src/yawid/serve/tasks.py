@@ -15,6 +15,7 @@ from yawid.fleet.spec import Spec
 from yawid.fleet.worker import Task
 from yawid.tables.export import FORMATS
 
+NO_NUMBER: Final = "–"
 UNREAD: Final = "not read"
 """The outcome of a log whose reading failed for a reason that may pass."""
 EXPORTS: Final = tuple(f"{what}{end}" for what in ("samples", "manoeuvres", "modes")
@@ -66,7 +67,7 @@ def answered(log: Path, spec: Spec, out: Path) -> Row:
     """Replay a log; write its run and its summary, and return its row of the list."""
     from yawid.runs.outputs import Outputs
     from yawid.runs.replay import StopFlag, replay
-    from yawid.sinks.answers import cards
+    from yawid.sinks.answers import cards, elsewhere
     from yawid.sinks.door import json_line
     from yawid.sources.formats import format_of
 
@@ -77,15 +78,19 @@ def answered(log: Path, spec: Spec, out: Path) -> Row:
         log, settings, Outputs(out, log.name, force=True), StopFlag(), spec.read_options()
     )
     (out / f"{log.name}.{SUMMARY}").write_text(json_line(summary.to_json()), encoding="ascii")
-    wn, zeta, _ = cards(summary)
     flight, verdict = summary.flight, summary.deciding
+    wn, zeta = (f"{card.answer.removesuffix(' rad/s')} {card.spread}".strip()
+                for card in cards(summary)[:2])  # fmt: skip
+    why = "; ".join(str(reason) for reason in verdict.fatal or verdict.reasons)
+    if verdict.fatal:  # a number that cannot be trusted is in the report, with why
+        wn, zeta, why = NO_NUMBER, NO_NUMBER, f"{elsewhere(summary)} {why}".strip()
     speed_m_s = None if flight is None else flight.airspeed_m_s
     return {
         "outcome": "not judged" if summary.verdict is None else verdict.word,
-        "text": "; ".join(str(reason) for reason in verdict.fatal or verdict.reasons),
+        "text": why,
         "usable": verdict.usable,
-        "wn": f"{wn.answer.removesuffix(' rad/s')} {wn.spread}".strip(),
-        "zeta": f"{zeta.answer} {zeta.spread}".strip(),
+        "wn": wn,
+        "zeta": zeta,
         "airspeed": "" if speed_m_s is None else f"{speed_m_s:.1f} m/s",
         "date": (flight and flight.date) or "",
     }

@@ -91,7 +91,7 @@ def headline(summary: RunSummary, stretch: Stretch = (None, None)) -> str:
         why = next((reason.text for reason in summary.deciding.fatal), "the reasons are below")
         what = _stretch(stretch) or ("This flight" if flight is not None else "This log")
         said = f"{what} cannot say how the yaw answers the rudder: {why.rstrip('.')}."
-        return " ".join(filter(None, (said, _elsewhere(summary))))
+        return " ".join(filter(None, (said, elsewhere(summary))))
     wn, zeta = mode.wn_rad_s, mode.zeta
     said = (
         f"The yaw answers the rudder with a Dutch roll of {wn:.3g} rad/s "
@@ -117,8 +117,8 @@ def _stretch(stretch: Stretch) -> str:
     return f"This stretch of the log, {' '.join(ends)}," if ends else ""
 
 
-def _elsewhere(summary: RunSummary) -> str:
-    """Return a sentence on the part of a refused log that is usable by itself, "" without any."""
+def elsewhere(summary: RunSummary) -> str:
+    """Return a sentence on what of a refused log is usable by itself, "" without any."""
     found = summary.manoeuvres or ()
     usable = [of_loop(each, found, GREEK) for each in summary.by_loop if each.verdict.usable]
     alone = [
@@ -126,7 +126,11 @@ def _elsewhere(summary: RunSummary) -> str:
         for each in found
         if each.verdict.usable
     ]
-    said = "; ".join(usable or alone)
+    alone = usable or alone
+    for each, of in ((summary.bare, "the bare airframe"), (summary.ordinary, OF_ORDINARY)):
+        if each is not None and each.dutch_roll is not None and each.verdict.usable:
+            alone.append(f"{dutch_roll(each.dutch_roll, GREEK)}, {of}")
+    said = "; ".join(alone)
     return f"By itself this can be used: {said}." if said else ""
 
 
