@@ -102,7 +102,7 @@ LAST = "c172p_three_speeds"
 
 def serve(picture: Path, folder: Path) -> None:
     """Drop logs on the page of ``yawid serve``; below its list are a flight's pictures, zoomed."""
-    logs, zoomed = folder / "logs", folder / "zoomed.png"
+    logs, zoomed = folder / "flights", folder / "zoomed.png"
     logs.mkdir()
     with flights_page(logs) as (address, _), chromium() as browser:
         page, _, complaints = opened(browser, address, height=100)
@@ -110,6 +110,7 @@ def serve(picture: Path, folder: Path) -> None:
         page.locator(".good, .bad").nth(len(DROPPED) - 1).wait_for(timeout=120_000.0)
         page.set_input_files("#choose", log_of(LAST, folder))
         page.get_by_text("being read").wait_for()
+        page.locator(".origin").evaluate("it => (it.textContent = 'flights')")  # no path from here
         page.screenshot(path=picture, full_page=True)
         flight, _, more = opened(browser, f"{address}flights/{DROPPED[0]}.tlog")
         over = flight.locator("#whole .u-over").last
