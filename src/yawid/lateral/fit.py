@@ -119,7 +119,7 @@ def fit(criterion: Criterion, most_steps: int = ITERATIONS, before: "Fit | None"
             free &= ~below
         settled = _is_settled(H[np.ix_(free, free)], score[free], criterion.is_noise[free])
         if settled and kept.any() and criterion.total(at) > enough:
-            kept[:] = False
+            kept[:] = settled = False
             continue
         if settled or step == most_steps:
             break

@@ -12,7 +12,7 @@ from yawid.answers.run_summary import Bare, RunSummary
 from yawid.report.html import grid, note, tables
 from yawid.report.picture import Picture, band, log_axis
 from yawid.sinks.palette import BARE, DATA, NEUTRAL
-from yawid.sinks.words import NONE, bare_rows, of_value, ordinary_rows
+from yawid.sinks.words import GREEK, NONE, bare_rows, of_value, ordinary_rows
 
 SYMBOLS: Final = {
     "Y_beta": ("Y_β/V", "−a_z^β", "1/s"),
@@ -37,9 +37,9 @@ def bare_section(summary: RunSummary) -> Iterator[str]:
     bare = summary.bare
     if bare is None:
         return
-    first, *others = [row.text for row in bare_rows(summary)]
-    yield note("The bare airframe", f"{first[0].upper()}{first[1:]}.")
-    yield from (note("", f"{text[0].upper()}{text[1:].rstrip('.')}.") for text in others)
+    first, *others = [_sentence(row.text) for row in bare_rows(summary, GREEK)]
+    yield note("The bare airframe", first)
+    yield from (note("", text) for text in others)
     if bare.dutch_roll is None:
         return
     rows = [
@@ -57,6 +57,12 @@ def bare_section(summary: RunSummary) -> Iterator[str]:
     )
 
 
+def _sentence(text: str) -> str:
+    """Return a text that begins with a capital letter, unless it begins with a symbol."""
+    begin = text[0].upper() if text[0].isascii() else text[0]
+    return f"{begin}{text[1:].rstrip('.')}."
+
+
 def _from_prior(bare: Bare) -> str:
     """Return a sentence on the derivatives that the flight does not show, "" without any."""
     symbols = [SYMBOLS[name][0] for name in bare.from_prior or () if name in SYMBOLS]
@@ -67,7 +73,7 @@ def _from_prior(bare: Bare) -> str:
 
 def ordinary_section(summary: RunSummary) -> Iterator[str]:
     """Yield the section on ordinary flight; nothing where it was not looked for."""
-    said = [row.text for row in ordinary_rows(summary)]
+    said = [row.text for row in ordinary_rows(summary, GREEK)]
     if said:
         yield note("Ordinary flight", f"{'; '.join(said)}.")
 

@@ -6,6 +6,7 @@ from typing import Final
 
 import numpy as np
 
+from yawid.answers.heard import PARAMETERS
 from yawid.answers.model_parts import Fit
 from yawid.answers.run_summary import MethodSummary, RunSummary, Value
 from yawid.blocks import Held, Noted, words
@@ -134,7 +135,7 @@ def is_of(page: Path, run: McapRun) -> bool:
 
 def folded(run: McapRun) -> str:
     """Return the folded tables of details: the vehicle's parameters, the log's lines, the units."""
-    lines = run.attachments.get("parameters.txt", b"").decode("utf-8", "replace").splitlines()
+    lines = run.attachments.get(PARAMETERS, b"").decode("utf-8", "replace").splitlines()
     seen = dict(line.rsplit(" ", 1) for line in lines if " " in line)
     log = {f"{i + 1}. {line.level}": line.text for i, line in enumerate(run.log)}
     shown = (("parameters seen", seen), ("log of the run", log),

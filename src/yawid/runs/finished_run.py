@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from yawid.answers.heard import PARAMETERS
 from yawid.answers.reasons import KINDS
 from yawid.answers.run_summary import RunSummary
 from yawid.blocks import MotionBlock, SampleBlock
@@ -91,7 +92,7 @@ class FinishedRun:
 
     def parameters(self, pipeline: Pipeline) -> bytes:
         """Return the parameters that the file holds."""
-        return self._run.attachments.get("parameters.txt", b"")
+        return self._run.attachments.get(PARAMETERS, b"")
 
     @property
     def reading(self) -> Mapping[str, str]:

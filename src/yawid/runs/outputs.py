@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
+from yawid.answers.heard import PARAMETERS
 from yawid.answers.reasons import Reason, Verdict
 from yawid.answers.run_summary import RunSummary
 from yawid.config.run import RunConfig
@@ -239,7 +240,7 @@ def finish(
     summary = msgspec.structs.replace(summary, files=files or None)
     attachments = {
         "configuration.toml": pipeline.config.to_toml().encode(),
-        "parameters.txt": parameters,
+        PARAMETERS: parameters,
         "summary.json": json.dumps(summary.to_json()).encode(),
     }
     pipeline.pass_on(Done(summary, attachments))

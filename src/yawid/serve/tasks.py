@@ -15,7 +15,6 @@ from yawid.fleet.spec import Spec
 from yawid.fleet.worker import Task
 from yawid.tables.export import FORMATS
 
-NO_NUMBER: Final = "–"
 UNREAD: Final = "not read"
 """The outcome of a log whose reading failed for a reason that may pass."""
 EXPORTS: Final = tuple(f"{what}{end}" for what in ("samples", "manoeuvres", "modes")
@@ -69,6 +68,7 @@ def answered(log: Path, spec: Spec, out: Path) -> Row:
     from yawid.runs.replay import StopFlag, replay
     from yawid.sinks.answers import cards, elsewhere
     from yawid.sinks.door import json_line
+    from yawid.sinks.words import NONE
     from yawid.sources.formats import format_of
 
     has_columns = format_of(log).has_columns
@@ -83,7 +83,7 @@ def answered(log: Path, spec: Spec, out: Path) -> Row:
                 for card in cards(summary)[:2])  # fmt: skip
     why = "; ".join(str(reason) for reason in verdict.fatal or verdict.reasons)
     if verdict.fatal:  # a number that cannot be trusted is in the report, with why
-        wn, zeta, why = NO_NUMBER, NO_NUMBER, f"{elsewhere(summary)} {why}".strip()
+        wn, zeta, why = NONE, NONE, f"{elsewhere(summary)} {why}".strip()
     speed_m_s = None if flight is None else flight.airspeed_m_s
     return {
         "outcome": "not judged" if summary.verdict is None else verdict.word,

@@ -250,7 +250,7 @@ def flight_rows(
     yield Row("flown", ", ".join(_flown(flight, manoeuvres, vehicle)))
 
 
-def bare_rows(summary: RunSummary) -> Iterator[Row]:
+def bare_rows(summary: RunSummary, names: tuple[str, str] = LATIN) -> Iterator[Row]:
     """Yield the rows of the bare airframe, nothing where it was not looked for."""
     bare = summary.bare
     if bare is None:
@@ -259,7 +259,7 @@ def bare_rows(summary: RunSummary) -> Iterator[Row]:
         yield from _unknown("bare", "the bare airframe is not known", bare.verdict)
         return
     level = "" if bare.dutch_roll.level is None else f", level {bare.dutch_roll.level}"
-    yield Row("bare", f"{dutch_roll(bare.dutch_roll)}{level}")
+    yield Row("bare", f"{dutch_roll(bare.dutch_roll, names)}{level}")
     modes = ("roll mode", bare.roll_mode), ("spiral", bare.spiral)
     said = [f"{n} {plus_minus(m.time_constant_s, m.std)} s" for n, m in modes if m is not None]
     if bare.servo_lag_s is not None:
@@ -280,7 +280,7 @@ def _unknown(name: str, text: str, verdict: Verdict) -> Iterator[Row]:
         yield Row("", f"{NEXT} {verdict.next} (yawid explain {name}_unknown)")
 
 
-def ordinary_rows(summary: RunSummary) -> Iterator[Row]:
+def ordinary_rows(summary: RunSummary, names: tuple[str, str] = LATIN) -> Iterator[Row]:
     """Yield the rows of ordinary flight, nothing where it was not looked for.
 
     Next to a usable answer it is no news that there was none.
@@ -292,7 +292,7 @@ def ordinary_rows(summary: RunSummary) -> Iterator[Row]:
         text = "from ordinary flight the aircraft's mode is not known"
         yield from _unknown(ORDINARY, text, found.verdict)
         return
-    yield Row(ORDINARY, dutch_roll(found.dutch_roll))
+    yield Row(ORDINARY, dutch_roll(found.dutch_roll, names))
     turns = f"{found.turns} turn{'s' * (found.turns != 1)}"
     kind = GROUND_SPEED if found.airspeed_source == GROUND_SPEED else "true airspeed"
     where = f"at {found.airspeed_m_s:.1f} m/s ({kind})"
