@@ -342,7 +342,7 @@ def test_all_starts_end_at_one_likelihood() -> None:
 
 
 def test_the_covariance_is_that_of_the_criterions_curvature_for_motion_and_noise() -> None:
-    """Where half of the noise's information was left out, that of gusts was 1.7 times too large."""
+    """With the noise's block of Gauss and Newton's doubled, gusts had 1.7 times what they have."""
     record = Record(flown(4, seconds=60.0, gust=1.0))
     best = fit(Criterion([record], guesses([record], 0.0)[0], {"servo_lag": (0.0, 0.005)}))
     information, centre = np.linalg.inv(best.covariance), best.at
